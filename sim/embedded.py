@@ -1,7 +1,7 @@
 """A simulated cell served on loopback inside this process, as if it stood in the next room."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Literal
 
 from sim.cell import Cell
@@ -13,11 +13,10 @@ from sim.servers.emscon_instrument import EmsconInstrument
 from sim.servers.emscon_server import EmsconSession
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
-from sim.servers.peers import ServedSession, SessionFactory
+from sim.servers.peers import SessionFactory
 from sim.servers.robotline_server import RobotlineSession
 from sim.servers.server import CellServer
 
-Send = Callable[[bytes], None]
 LOOK_EVERY_S = 0.01
 """Real seconds between looks at joints that somebody else moves: shorter than any stop.
 
@@ -83,31 +82,24 @@ class EmbeddedCell:
         """URL of a controller that answers; of nowhere for a robot that follows a real one."""
         if self._follows:
             return ""
+        controller = self.cell.controller
+        assert isinstance(controller, SimulatedController), "no other is served"
+        robotline: SessionFactory = lambda send, _: RobotlineSession(controller, send)  # noqa: E731
         if controller_on == "pty":
-            return self._server.serve_pty(self._robotline, "controller")
-        return self._server.serve_tcp(self._robotline, "controller", port)
+            return self._server.serve_pty(robotline, "controller")
+        return self._server.serve_tcp(robotline, "controller", port)
 
     def _speaking(self, protocol: str) -> SessionFactory:
         """Sessions of a tracker that speaks it."""
-        sessions: Mapping[str, SessionFactory] = {"emscon": self._emscon, "geocom": self._geocom}
+        tracker, instrument, faults = self.cell.tracker, self._instrument, self.cell.faults
+        sessions: Mapping[str, SessionFactory] = {
+            "emscon": lambda send, already_open: EmsconSession(
+                tracker, send, instrument=instrument, is_second=already_open > 0, faults=faults
+            ),
+            "geocom": lambda send, _: GeocomSession(self._station, send),
+        }
         if protocol not in sessions:
             raise SimError(
                 f"no simulated tracker speaks '{protocol}'", remedy=f"use {' or '.join(sessions)}"
             )
         return sessions[protocol]
-
-    def _robotline(self, send: Send, already_open: int) -> ServedSession:  # noqa: ARG002 - takes several
-        assert isinstance(self.cell.controller, SimulatedController), "no other is served"
-        return RobotlineSession(self.cell.controller, send)
-
-    def _emscon(self, send: Send, already_open: int) -> ServedSession:
-        return EmsconSession(
-            self.cell.tracker,
-            send,
-            instrument=self._instrument,
-            is_second=already_open > 0,
-            faults=self.cell.faults,
-        )
-
-    def _geocom(self, send: Send, already_open: int) -> ServedSession:  # noqa: ARG002 - takes several
-        return GeocomSession(self._station, send)

@@ -35,9 +35,9 @@ def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
 
 def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
     """A parameter's standard deviation of manufacture, in its unit."""
-    stem, unit = parameter.field
+    arm, (stem, unit) = parameter
     if stem in {"x", "y", "z"} or (stem == "joint_offset" and unit == "mm"):
-        return 0.0 if parameter.arm == 0 else tolerances.position_mm
+        return 0.0 if arm == 0 else tolerances.position_mm
     if stem == "joint_offset":
         return tolerances.joint_offset_deg
     if stem == "azimuth":

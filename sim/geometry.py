@@ -29,17 +29,8 @@ class Field(NamedTuple):
         return f"{self.stem}_{self.unit}"
 
 
-class KindParameter(NamedTuple):
-    """Parameter of a kind of mechanism: an arm's, or the platform's."""
-
-    arm: int | None
-    field: Field
-
-    @property
-    def name(self) -> str:
-        """Flat name: `arm2.arm_mm`, `plate_mm`."""
-        return self.field.key if self.arm is None else f"arm{self.arm}.{self.field.key}"
-
+KindParameter = tuple[int | None, Field]
+"""Parameter of a kind of mechanism: its arm, None of the platform's, and its field."""
 
 PLACES = (Field("x", "mm"), Field("y", "mm"), Field("z", "mm"))
 LENGTHS = ("arm", "forearm", "plate", "pinion")
@@ -98,10 +89,11 @@ class Kind:
     def parameters(self) -> Mapping[str, KindParameter]:
         """Its parameters by flat name."""
         fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
-        every = [KindParameter(arm, field) for arm in range(self.arms) for field in fields]
+        of_arms = ((arm, field) for arm in range(self.arms) for field in fields)
+        every: dict[str, KindParameter] = {f"arm{arm}.{f.key}": (arm, f) for arm, f in of_arms}
         if self.turn is not None:
-            every.append(KindParameter(None, self.turn.parameter))
-        return {each.name: each for each in every}
+            every[self.turn.parameter.key] = None, self.turn.parameter
+        return every
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -231,7 +223,7 @@ def problem_with(
         if not math.isfinite(flat[name]):
             return f"{name} is {flat[name]}, not a finite number"
         known = kind.parameters.get(name)
-        if known is not None and known.field.stem in LENGTHS and flat[name] <= 0.0:
+        if known is not None and known[1].stem in LENGTHS and flat[name] <= 0.0:
             return f"{name} is {flat[name]:g} mm, and a length is above 0"
     return ""
 

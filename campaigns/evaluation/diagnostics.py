@@ -13,7 +13,7 @@ from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
 from campaigns.evaluation.region import FARTHER_OFF, Region
 from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
-from campaigns.robots.robot import Tolerance
+from campaigns.robots.schema import Tolerance
 
 COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR = (
     "common-scale",

@@ -20,7 +20,7 @@ from campaigns.estimation.information import Uncertainty
 from campaigns.estimation.rigid_transforms import best_rotation
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
-from campaigns.robots.robot import Tolerance
+from campaigns.robots.schema import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, SIGMA, TEMPERATURE

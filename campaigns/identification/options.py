@@ -12,7 +12,7 @@ from campaigns.estimation.robust import TUNING_CONSTANT, Loss
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
 from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
-from campaigns.robots.robot import Tolerance
+from campaigns.robots.schema import Tolerance
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -20,9 +20,9 @@ from campaigns.files.wording import suggestion
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
-from campaigns.mechanisms.parameters import Parameter, Parameters, ParameterSpace, Role
+from campaigns.mechanisms.parameters import Parameters, ParameterSpace, Role
 from campaigns.mechanisms.parasitic_rotation import PlateGeometry
-from campaigns.robots.schema import SCHEMA, RobotContents, contents_model
+from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
 from drivers.texts import nearest_word
 from drivers.values import Pose, Vector3
@@ -34,18 +34,6 @@ FOR_SOME_CONTROLLERS = (
     "pkmkins does; for any other: export --format plain, or `pkmcal correct`"
 )
 """Remark where such a set is found and where it is written."""
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerance:
-    """Largest believable change of a parameter from its nominal value."""
-
-    length_mm: float = 10.0
-    angle_deg: float = 5.0
-
-    def of(self, parameter: Parameter) -> float:
-        """Limit for a parameter, in its file unit."""
-        return self.angle_deg if parameter.is_angle else self.length_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +49,7 @@ class RobotFile:
     limits: Limits
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
-    tolerance: Tolerance = Tolerance()
+    tolerance: Tolerance = field(default_factory=Tolerance)
 
     @classmethod
     def of(
@@ -237,7 +225,7 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
         _limits(mechanism, contents.limits),
         contents.provenance,
         contents.workspace_centre_mm,
-        Tolerance(contents.tolerance.length_mm, contents.tolerance.angle_deg),
+        contents.tolerance,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(

@@ -16,7 +16,7 @@ from campaigns.files.yaml_file import FileModel, broken_rule
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
-from campaigns.mechanisms.parameters import ParameterField
+from campaigns.mechanisms.parameters import Parameter, ParameterField
 
 SCHEMA = "pkmcal/robot/1"
 
@@ -43,11 +43,15 @@ JOINTS_ON_PLATE = "where each arm's bar sits on its part of the plate, [x, y, z]
 COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
 
-class ToleranceContents(FileModel):
-    """Largest believable changes from the nominal values."""
+class Tolerance(FileModel):
+    """Largest believable change of a parameter from its nominal value."""
 
     length_mm: float = Field(default=10.0, gt=0.0, description="of a length or place, mm")
     angle_deg: float = Field(default=5.0, gt=0.0, description="of an angle, deg")
+
+    def of(self, parameter: Parameter) -> float:
+        """Limit for a parameter, in its file unit."""
+        return self.angle_deg if parameter.is_angle else self.length_mm
 
 
 class RobotContents(FileModel):
@@ -68,8 +72,8 @@ class RobotContents(FileModel):
         description="the reflector on the plate, [x, y, z] mm from the controlled point; may be "
         "left out",
     )
-    tolerance: ToleranceContents = Field(
-        default=ToleranceContents(),
+    tolerance: Tolerance = Field(
+        default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",
     )
     uncertainty: Deviations | None = Field(

@@ -202,12 +202,8 @@ ADM_READY = 2
 """State of the absolute distance meter."""
 
 
-class WeatherMonitor(IntEnum):
-    """Use that the instrument makes of its weather station."""
-
-    NOT_CONNECTED = 0
-    READ_ONLY = 1
-    READ_AND_REFRACT = 2
+READ_AND_REFRACT = 2
+"""Use that the instrument makes of its weather station."""
 
 
 class Statistics(IntEnum):

@@ -85,7 +85,7 @@ def _fit_robot(section: CommentedMap, robot: OtherRobot, before: Kind) -> None:
 
 
 def _is_same(kind: Kind, flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    within = {name: SAME_WITHIN[each.field.unit] for name, each in kind.parameters.items()}
+    within = {name: SAME_WITHIN[field.unit] for name, (_, field) in kind.parameters.items()}
     return all(abs(flat[name] - other[name]) <= within[name] for name in flat)
 
 
@@ -113,7 +113,7 @@ def _spread_errors(section: CommentedMap, kind: Kind) -> None:
         return
     sizes: dict[str, list[float]] = {}
     for name, value in errors.items():
-        sizes.setdefault(_tolerance_of(kind.parameters[name].field), []).append(float(value))
+        sizes.setdefault(_tolerance_of(kind.parameters[name][1]), []).append(float(value))
     tolerances = section.setdefault("tolerances", CommentedMap())
     for key, values in sizes.items():
         tolerances[key] = round(math.sqrt(sum(v * v for v in values) / len(values)), 3)

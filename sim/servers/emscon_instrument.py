@@ -11,6 +11,7 @@ from drivers.wire.emscon import NOTHING, EmsconRequest
 from drivers.wire.emscon_constants import (
     ADM_READY,
     FACE_1,
+    READ_AND_REFRACT,
     RIGHT_HANDED_RECTANGULAR,
     STATIONARY,
     Command,
@@ -20,12 +21,11 @@ from drivers.wire.emscon_constants import (
     Statistics,
     StatusBit,
     SystemChange,
-    WeatherMonitor,
 )
 from sim.servers.emscon_units import POWER_ON_UNITS, Scale, first_unknown
 from sim.tracker.instrument import SimulatedTracker, TrackerShot
 
-POWER_ON_SETTINGS = said.SystemSettings(WeatherMonitor.READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
+POWER_ON_SETTINGS = said.SystemSettings(READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
 POWER_ON_REFRACTION = said.Refraction(1.000271, 1.000275)
 """About those of 20 °C, 1013 hPa and 50 % at the wavelengths of the two distance meters."""
 LEAST_INDEX, MOST_INDEX = 1.000150, 1.000331

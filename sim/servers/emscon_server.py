@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import hypot
 
+from typing_extensions import override
+
 from drivers.values import DISTANCE
 from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
@@ -11,6 +13,7 @@ from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, T
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome
 from sim.servers.emscon_units import POWER_ON_UNITS
+from sim.servers.peers import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64
@@ -31,7 +34,7 @@ EVENT_CHANGES = {
 }
 
 
-class EmsconSession:
+class EmsconSession(ServedSession):
     """Answers one client, one command at a time; `WireError` means that it must be closed.
 
     A second client is refused every command. The instrument keeps its settings longer than a
@@ -62,6 +65,7 @@ class EmsconSession:
         self._straggler: tuple[bytes, float] | None = None
         """Result that comes after its measurement has been told to have failed, and when."""
 
+    @override
     def received(self, data: bytes, now_s: float) -> None:
         """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
 
@@ -71,6 +75,7 @@ class EmsconSession:
             self._catch_up(now_s)
             self._obey(request, now_s)
 
+    @override
     def advance(self, now_s: float) -> None:
         """End what is due, and tell what has happened by now."""
         self._catch_up(now_s)
@@ -78,6 +83,7 @@ class EmsconSession:
             self._show(self._light(now_s))
             self._tell_position(now_s)
 
+    @override
     def next_due_s(self) -> float | None:
         """Time of the next thing that happens by itself."""
         if self._is_second:
@@ -90,7 +96,8 @@ class EmsconSession:
         ]
         return min((time_s for time_s in times if time_s is not None), default=None)
 
-    def closed(self, now_s: float) -> None:  # noqa: ARG002 - a session is told the time
+    @override
+    def closed(self, now_s: float) -> None:
         """Forget what was under way; the head finishes its motion."""
         self._pending = None
 

@@ -3,17 +3,20 @@
 from collections import deque
 from collections.abc import Callable
 
+from typing_extensions import override
+
 from drivers.errors import WireError
 from drivers.wire import geocom
 from drivers.wire.geocom_constants import Result
 from sim.servers.geocom_instrument import GeocomOutcome, Later, Value
 from sim.servers.geocom_station import GeocomStation
+from sim.servers.peers import ServedSession
 
 MOST_WAITING = 100
 """Requests that are kept while one is under way; what comes above is lost, as in a full buffer."""
 
 
-class GeocomSession:
+class GeocomSession(ServedSession):
     """Answers one client, one call after another; settings are the station's and stay with it."""
 
     def __init__(self, station: GeocomStation, send: Callable[[bytes], None]) -> None:
@@ -24,6 +27,7 @@ class GeocomSession:
         self._pending: tuple[geocom.GeocomRequest, Later] | None = None
         """The one call that is under way."""
 
+    @override
     def received(self, data: bytes, now_s: float) -> None:
         """Obey every line that these bytes complete; what takes time is answered by `advance`."""
         for line in self._lines.feed(data):
@@ -31,6 +35,7 @@ class GeocomSession:
                 self._take(line, now_s)
         self.advance(now_s)
 
+    @override
     def advance(self, now_s: float) -> None:
         """End what is due, and go on with what waits behind it."""
         self._station.advance(now_s)
@@ -40,12 +45,14 @@ class GeocomSession:
         while self._waiting and self._pending is None:
             self._begin(self._waiting.popleft(), now_s)
 
+    @override
     def next_due_s(self) -> float | None:
         """Time of the next thing that happens by itself."""
         times = [self._station.next_due_s(), self._pending[1].due_s if self._pending else None]
         return min((time_s for time_s in times if time_s is not None), default=None)
 
-    def closed(self, now_s: float) -> None:  # noqa: ARG002 - a session is told the time
+    @override
+    def closed(self, now_s: float) -> None:
         """Forget what was under way; the telescope stays where it looks."""
         self._pending = None
         self._waiting.clear()

@@ -3,10 +3,11 @@
 import os
 import selectors
 import socket
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol, Self
+from typing import Self
 
 from drivers.errors import WireError
 from sim.faults import Fault
@@ -149,24 +150,23 @@ def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
     return []  # silent
 
 
-class ServedSession(Protocol):
+class ServedSession(ABC):
     """A simulated device's side of one connection, without any I/O."""
 
+    @abstractmethod
     def received(self, data: bytes, now_s: float) -> None:
         """Bytes from the client; may raise `WireError` to hang up."""
-        ...
 
-    def advance(self, now_s: float) -> None:
+    def advance(self, now_s: float) -> None:  # noqa: B027 - not every protocol says things unasked
         """Say what is due by now."""
-        ...
 
     def next_due_s(self) -> float | None:
         """Time of the next call of `advance`; None when nothing is pending."""
-        ...
+        return None
 
+    @abstractmethod
     def closed(self, now_s: float) -> None:
         """The client has gone."""
-        ...
 
 
 SessionFactory = Callable[[Callable[[bytes], None], int], ServedSession]

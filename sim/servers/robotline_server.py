@@ -3,10 +3,13 @@
 from collections.abc import Callable
 from math import radians
 
+from typing_extensions import override
+
 from drivers.values import Coordinate
 from drivers.wire import robotline as wire
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
+from sim.servers.peers import ServedSession
 
 
 def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
@@ -15,11 +18,11 @@ def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
     task = [Coordinate(name, is_angle=False) for name in "xyz"]
     if kind.turn is not None:
         task.append(Coordinate("theta", is_angle=True))
-    known = [(name, each.arm, each.field.stem) for name, each in kind.parameters.items()]
+    known = [(name, arm, field.stem) for name, (arm, field) in kind.parameters.items()]
     return wire.RobotLayout.of(joints, task, known, extensions)
 
 
-class RobotlineSession:
+class RobotlineSession(ServedSession):
     """Answers one client. What is staged, and the motion that it started, end with it."""
 
     def __init__(self, controller: SimulatedController, send: Callable[[bytes], None]) -> None:
@@ -30,19 +33,14 @@ class RobotlineSession:
         self._staged: dict[str, float] = {}
         self._has_moved = False
 
+    @override
     def received(self, data: bytes, now_s: float) -> None:
         """Obey every line that these bytes complete, and answer each."""
         for line in self._lines.feed(data):
             if line and (reply := self._reply(line, now_s)) is not None:
                 self._send(wire.encode_reply(reply))
 
-    def advance(self, now_s: float) -> None:
-        """Do nothing: this protocol says nothing unasked."""
-
-    def next_due_s(self) -> float | None:
-        """Return None: nothing is ever due."""
-        return None
-
+    @override
     def closed(self, now_s: float) -> None:
         """Stop the motion that nobody watches any more."""
         self._staged.clear()

@@ -11,7 +11,8 @@ from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation import plausibility
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
-from campaigns.robots.robot import Tolerance, find_robot, pose_of
+from campaigns.robots.robot import find_robot, pose_of
+from campaigns.robots.schema import Tolerance
 from campaigns.studies.study import planned_shots
 from sim.scenarios.scenario import load_scenario
 

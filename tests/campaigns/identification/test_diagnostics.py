@@ -14,7 +14,7 @@ from campaigns.identification.identify import identify
 from campaigns.identification.observations import Inputs, distance_observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.robots.robot import Tolerance
+from campaigns.robots.schema import Tolerance
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import between, held_out
 
