@@ -29,6 +29,8 @@ class ControllerState:
     form: ReducedForm | None = None
     targets: bool = False
     """Whether targets were corrected with it for a controller that keeps the nominal set."""
+    superseded: bool = False
+    """Whether the campaign was identified again since."""
     declared: str = ""
     """File by which somebody says so; "": it was read from the controller."""
 
@@ -37,6 +39,7 @@ class ControllerState:
         """What the controller holds."""
         known = "targets corrected with " if self.targets else ""
         known += self.form.says if self.form else self._named
+        known += ", before the latest identification" if self.superseded else ""
         return f"{known} (declared by {self.declared}, not read)" if self.declared else known
 
     @property
@@ -101,7 +104,9 @@ class KnownSets:
         if digest == self.nominal.digest():
             return ControllerState("nominal", digest)
         if digest in self.identified:
-            return ControllerState("identified", digest, digest)
+            superseded = digest != self.identified[-1]
+            return ControllerState("identified", digest, digest, superseded=superseded)
         if form is not None and form.of in self.identified:
-            return ControllerState("form", digest, form.of, form)
+            superseded = form.of != self.identified[-1]
+            return ControllerState("form", digest, form.of, form, superseded=superseded)
         return ControllerState("other", digest)

@@ -106,6 +106,16 @@ def test_states_are_told_by_digests(identified: PaperCampaign, plain: Evaluation
     assert sets.held(rounded).digest() == whole.digest(), "read back in other units"
 
 
+def test_what_was_identified_again_since_is_told(plain: Evaluation) -> None:
+    sets = plain.evidence.sets
+    again = replace(sets, identified=(*sets.identified, "1" * 64))
+    whole, form = sets.identified[-1], next(iter(sets.forms))
+    for digest in (whole, form):
+        assert again.state(digest).superseded
+        assert again.state(digest).says.endswith(", before the latest identification")
+        assert not sets.state(digest).superseded
+
+
 def test_an_exported_form_says_what_it_is_and_loses(identified: PaperCampaign) -> None:
     path = export_projected(identified.campaign, "plain", identified.folder / "again.yaml").path
     form = form_of(read_robot(path).robot.provenance, path.name)

@@ -194,6 +194,26 @@ def test_rows_without_a_set_are_pairs_of_a_validation(paper: PaperCampaign, caps
     assert document["campaign"]["decision"] == document["decision"] == "not decided"
 
 
+@pytest.mark.slow
+def test_terminal_program_and_page_tell_one_verdict(
+    paper: PaperCampaign, capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr("app.report.rendering.drawn", lambda *_, **__: "")  # figures take seconds
+    path = paper.folder / "after.csv"
+    write_shots(path, rows(paper, identified(paper)), NOMINAL.robot.mechanism)
+    assert run_command(["import", str(paper.folder), str(path), "--stage", "after", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert run_command(["report", str(paper.folder), "--json"]) == 0
+    ended = capsys.readouterr()
+    reported = json.loads(ended.out)
+    assert told["decision"] == told["campaign"]["decision"] == reported["decision"] == "pass"
+    assert told["campaign"]["reasons"] == reported["reasons"]
+    assert "verdict: pass: " in ended.err
+    page = (paper.folder / "report.html").read_text(encoding="utf-8")
+    assert '<p class="decision">Pass</p>' in page
+    assert "declared by robot-compensated.yaml, not read" in page
+
+
 def test_a_measured_validation_takes_up_no_imported_one(paper: PaperCampaign) -> None:
     taken_in(paper, "before", rows(paper, NOMINAL.robot.kinematics))
     work, _ = validation_work(paper.campaign, "before", dict(NOMINAL.robot.parameters))
