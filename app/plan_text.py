@@ -84,6 +84,7 @@ def forecast_document(planned: PlannedCampaign) -> dict[str, object]:
     assert seen is not None, "it is a plan's"
     return {
         "placement": planned.placement,
+        "model": planned.model.value,
         "estimator": planned.estimator.value,
         "criterion": planned.criterion,
         "seed": planned.seed,

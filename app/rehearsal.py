@@ -8,26 +8,27 @@ from app.report.validation_text import show_gain
 from app.wiring import connected_robot, scenario_of
 from campaigns import workflow
 from campaigns.campaign import Campaign
-from campaigns.estimation.estimators import Model
 from campaigns.evaluation.validation import ValidationResult
+from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
+from campaigns.next_step import state_of
 from campaigns.options import PlanOptions
+from campaigns.workflow.reduced_export import PLAIN, export_projected
 from campaigns.workflow.validation import Validated, ValidationStage
 
 STAGES = 8
 
 
 def rehearse(
-    campaign: Campaign, terminal: Terminal, options: IdentificationOptions | None = None
+    campaign: Campaign, terminal: Terminal, options: IdentificationOptions
 ) -> tuple[dict[str, object], tuple[str, ...]]:
     """The whole workflow but its report; gives what `--json` prints, and what speaks against it.
 
-    `options` say how to identify, if not as `pkmcal identify` does by itself.
+    `options` say how to identify, and their model what to plan for.
     """
     document = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
-    model = Model.STANDARD if options is None else options.model
-    checked = workflow.plan(campaign, PlanOptions(model=model)).checked
+    checked = workflow.plan(campaign, PlanOptions(model=options.model)).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
     before = _validated(campaign, terminal, "before")
@@ -45,6 +46,9 @@ def rehearse(
     terminal.say(path.name)
     document["parameter_file"] = str(path)
     heading(terminal, 6, "load")
+    if state_of(evaluate(campaign)).form == "needed":
+        path = export_projected(campaign, PLAIN).path
+        terminal.say(f"the controller takes no tilts and skews: {path.name}")
     kept = workflow.load(campaign, connected_robot(campaign), path).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")

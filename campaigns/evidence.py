@@ -16,6 +16,7 @@ from campaigns.arrays import Array, Mask
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
+from campaigns.controllers.export import WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.estimation.residuals import arm_joints
@@ -124,6 +125,8 @@ class Evidence:
     parameter_file: RobotFile | None = None
     sets: KnownSets | None = None
     """Parameter sets that the journal knows."""
+    written: WrittenSet | None = None
+    """What `export` or `correct` wrote last."""
     unreadable: tuple[str, ...] = ()
     """What is there and cannot be read, and why."""
 
@@ -305,6 +308,7 @@ def gather(campaign: Campaign) -> Evidence:
                 campaign.robot,
                 (each.record for each in entries if isinstance(each.record, Finding)),
             ),
+            written=next(written_sets(journal), None),
             unreadable=tuple(unreadable),
         )
 

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, Model
-from campaigns.identification.options import Fixed, Freed, ModelChoice, Selection
+from campaigns.estimation.estimators import Estimator
+from campaigns.identification.options import Fixed, Freed, ModelChoice, ModelToPlan, Selection
 from campaigns.planning.plans import Placement
-from campaigns.settings.option import Option
+from campaigns.settings.option import Option, typed_words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class PlanOptions(Selection):
             "those of pairs, as in the paper."
         ),
     ] = Estimator.POINTS
-    model: ModelChoice = Model.STANDARD
+    model: ModelToPlan = None
     free: Freed = ()
     fix: Fixed = ()
     scatter_mm: Annotated[
@@ -114,7 +114,7 @@ class RunOptions(Selection):
     estimator: Annotated[Estimator, Option("What will identify, and so says what is known.")] = (
         Estimator.POINTS
     )
-    model: ModelChoice = Model.STANDARD
+    model: ModelChoice = None
     free: Freed = ()
     fix: Fixed = ()
     skip: Annotated[
@@ -138,7 +138,4 @@ class RunOptions(Selection):
 
     def run_words(self) -> list[str]:
         """The options again, as they are typed; not `--anyway`, which is said each time."""
-        until = [] if self.until is None else ["--until", self.until]
-        skip = [word for shot in self.skip for word in ("--skip", str(shot))]
-        retry = [] if self.retry is None else ["--retry", str(self.retry)]
-        return [*until, *skip, *retry, *self.words()]
+        return typed_words(self, {each.name for each in fields(self)} - {"anyway"})

@@ -7,6 +7,7 @@ import numpy as np
 import typer
 
 from app.console import terminal_of
+from app.next import tell_next
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
 from campaigns.controllers.gcode_correction import TOLERANCE_MM
@@ -86,7 +87,9 @@ def command(
         f"{done}, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most{_sigma(std_mm)}"
     )
     size_mm = {"mean": mean_mm, "max": max_mm}
-    terminal.document({"path": path, **counts, "correction_mm": size_mm, "position_std_mm": std_mm})
+    found_mm = {"correction_mm": size_mm, "position_std_mm": std_mm}
+    document = {"path": path, **counts, **found_mm}
+    terminal.document(document | tell_next(terminal, campaign))
 
 
 def _sigma(std_mm: float | None) -> str:

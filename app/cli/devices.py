@@ -10,6 +10,7 @@ import typer
 
 from app.byte_log import byte_log
 from app.console import terminal_of
+from app.next import tell_next
 from app.options import Folder, Json
 from app.wiring import connections
 from campaigns.campaign import Campaign, open_campaign
@@ -50,7 +51,7 @@ def command(
     for facts in asked.values():
         if isinstance(facts, DriverError):
             raise facts
-    terminal.document(asked)
+    terminal.document(asked | tell_next(terminal, campaign, answered=True))
 
 
 def _asked(

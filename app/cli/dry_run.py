@@ -10,12 +10,13 @@ from app.cli.report import report
 from app.console import BAD, GOOD, terminal_of
 from app.exits import Exit
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_simulated
+from app.next import tell_next
 from app.options import Json, Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
-from campaigns.identification.options import IdentificationOptions, ModelChoice
+from campaigns.identification.options import IdentificationOptions, ModelToFind
 from drivers.bounded_files import is_there
 
 NewFolder = Annotated[
@@ -44,7 +45,7 @@ def command(
     *,
     scenario: Scenario = None,
     robot: Robot = None,
-    model: ModelChoice = Model.STANDARD,
+    model: ModelToFind = None,
     seed: Seed = None,
     json: Json = False,
 ) -> None:
@@ -52,8 +53,8 @@ def command(
 
     Plan, validate before, run, identify, export, load, validate after. Controller and tracker
     are simulated, but reached through the same drivers, protocols and sockets as real ones, and
-    what the simulated robot's errors are, the identification has to find out. With a --model beyond
-    the paper's the new cell's controller computes plate tilt.
+    what the simulated robot's errors are, the identification has to find out. Unless --model is the
+    paper's, the new cell's controller computes plate tilt.
 
     DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing was
     measured yet: then its settings hold.
@@ -61,8 +62,7 @@ def command(
     terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()
     campaign = prepared(folder or _free_folder(), scenario, seed, robot, model)
-    options = None if model is Model.STANDARD else IdentificationOptions(model=model)
-    document, against = rehearse(campaign, terminal, options)
+    document, against = rehearse(campaign, terminal, IdentificationOptions(model=model))
     heading(terminal, STAGES, "report")
     _, path = report(campaign)
     terminal.say(path.name)
@@ -75,7 +75,8 @@ def command(
             "good: the loaded parameters make the robot better where it never fitted", GOOD
         )
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
-    terminal.document(document | {"seconds": seconds})
+    following = tell_next(terminal, campaign, reported=True)
+    terminal.document(document | {"seconds": seconds} | following)
     if against:
         raise typer.Exit(Exit.NOT_GOOD)
 
@@ -85,7 +86,7 @@ def prepared(
     scenario: str | None,
     seed: int | None,
     robot: str | None = None,
-    model: Model = Model.STANDARD,
+    model: Model | None = None,
 ) -> Campaign:
     """New campaign on a simulated cell, or one that stands ready.
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from app.console import Terminal, terminal_of
+from app.next import tell_next
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
 from campaigns.controllers.model_reduction import ResidualError
@@ -54,7 +55,7 @@ def command(
     For a controller with fewer parameters it is the values that leave the least mean square error
     of position over the workspace, and what they leave is said beside what all parameters leave.
     """
-    terminal, next_step = terminal_of(context, as_json=json), ""
+    terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     if shots:
         path, exported = export_shots(campaign, to, overwrite=overwrite)
@@ -65,19 +66,14 @@ def command(
     elif format_ != "yaml":
         found = export_projected(campaign, str(format_), to, overwrite=overwrite)
         _show(terminal, found)
-        if format_ == "plain":
-            terminal.note(f"next: pkmcal load {folder} --file {found.path}")
-        terminal.document(found.document())
+        terminal.document(found.document() | tell_next(terminal, campaign))
         return
     else:
         path, robot = export(campaign, to, overwrite=overwrite)
-        next_step = f"next: pkmcal load {folder}"
         if robot.is_extended:
             terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")
-    if next_step:
-        terminal.note(next_step)
-    terminal.document({"path": str(path)})
+    terminal.document({"path": str(path)} | tell_next(terminal, campaign))
 
 
 def _show(terminal: Terminal, found: ReducedExport) -> None:

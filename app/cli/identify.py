@@ -4,6 +4,7 @@ import typer
 
 from app.console import terminal_of
 from app.exits import Exit
+from app.next import tell_next
 from app.options import Folder, Json, Plot
 from app.report.identification_text import show
 from campaigns.campaign import open_campaign
@@ -22,10 +23,9 @@ def command(
     """Find the parameters that explain what was measured.
 
     Takes the latest run or import. The fit sees the shots of the set "identification" and is
-    judged by the pairs of the set "validation", which it never sees. Unless told otherwise it
-    finds all parameters but the first motor's place, which holds the frame, and the azimuths,
-    which stay nominal. A PATTERN is a parameter's name or a shell's pattern; a whole name outranks
-    it.
+    judged by the pairs of the set "validation", which it never sees. The first motor's place, which
+    holds the frame, and the azimuths stay nominal unless told otherwise. A PATTERN is a parameter's
+    name or a shell's pattern; a whole name outranks it.
 
     Exit code 1: it was computed, but must not be used; the reasons are given.
     """
@@ -38,7 +38,6 @@ def command(
 
         plot_residuals(plot, found)
         terminal.say(f"drawn: {plot}")
-    terminal.document(found.document())
+    terminal.document(found.document() | tell_next(terminal, campaign))
     if found.verdict != "pass":
         raise typer.Exit(Exit.NOT_GOOD)
-    terminal.note(f"next: pkmcal export {folder}")

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from app.console import terminal_of
+from app.next import tell_next
 from app.options import Folder, Json
 from app.report.validation_text import show_validation
 from campaigns.campaign import open_campaign
@@ -122,9 +123,9 @@ def command(
         terminal.say(f"taken in: {len(rows)} shots as '{stage}'")
         state = done.evaluation.evidence.held(stage)
         terminal.say(f"the controller held {state.says if state else held.declared}")
-        show_validation(terminal, done)
+        show_validation(terminal, done, campaign)
         return
     series = import_shots(campaign, rows, str(file), files, tell=terminal.note, anyway=anyway)
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
-    terminal.note(f"next: pkmcal identify {folder}")
-    terminal.document({"series": series, "shots": len(rows)})
+    taken = {"series": series, "shots": len(rows)}
+    terminal.document(taken | tell_next(terminal, campaign))

@@ -12,10 +12,11 @@ import typer
 from app.console import GOOD, Terminal, terminal_of
 from app.interrupt import StopRequest, asking, stop_on_signals, suspend
 from app.measuring import goes_on
+from app.next import tell_next
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
 from app.wiring import OperatorCallbacks, connected_cell, connected_robot, prepare
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load import Change
 from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
@@ -120,7 +121,7 @@ def command(
         done = load(campaign, cell, file, watched, setup)
     else:
         done = load(campaign, connected_robot(campaign), file, terms)
-    _tell(terminal, done)
+    _tell(terminal, campaign, done)
     if wish.suspends:
         suspend()
     elif wish():
@@ -145,7 +146,7 @@ def _goes_on(wish: StopRequest, display: RunDisplay, terminal: Terminal) -> bool
     return answer
 
 
-def _tell(terminal: Terminal, done: LoadResult) -> None:
+def _tell(terminal: Terminal, campaign: Campaign, done: LoadResult) -> None:
     """What was done, for people and for programs."""
     found = done.verification
     if done.outcome == "dry":
@@ -171,6 +172,7 @@ def _tell(terminal: Terminal, done: LoadResult) -> None:
             "held": done.state,
             "verification": found,
         }
+        | tell_next(terminal, campaign)
     )
 
 

@@ -6,7 +6,9 @@ import typer
 
 from app.console import terminal_of
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_for_devices, create_simulated
+from app.next import tell_next
 from app.options import Folder, Json
+from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
 
 Robot = Annotated[
@@ -57,11 +59,9 @@ def command(
     terminal = terminal_of(context, as_json=json)
     if controller is not None and tracker is not None:
         config = create_for_devices(folder, robot, controller, tracker)
-        todo = f"look through campaign.yaml (tracker.place_mm!), then: pkmcal devices {folder}"
     else:
         config = create_simulated(folder, robot, scenario or DEFAULT_SCENARIO)
-        todo = f"pkmcal plan {folder}"
     urls = {"controller": config.controller.url, "tracker": config.tracker.url}
     terminal.say(f"made: {folder}, with {urls['controller']} and {urls['tracker']}")
-    terminal.note(f"next: {todo}")
-    terminal.document({"folder": str(folder), **urls})
+    following = tell_next(terminal, open_campaign(folder))
+    terminal.document({"folder": str(folder), **urls} | following)

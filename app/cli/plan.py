@@ -6,6 +6,7 @@ from dataclasses import asdict
 import typer
 
 from app.console import WARNING, Terminal, terminal_of
+from app.next import tell_next
 from app.options import Folder, Json, Plot
 from app.plan_text import forecast_document, plan_line, plate_warning, refusals_lines, show_forecast
 from app.terminal_picture import plan_picture
@@ -44,10 +45,13 @@ def command(
         own = planned.forecast
         plot_plan(plot, planned.checked.shots, own, planned.curve, campaign.space)
         terminal.say(f"drawn: {plot}")
-    validation = shlex.join(["pkmcal", "validate", str(folder), "--stage", "before"])
-    run = shlex.join(["pkmcal", "run", str(folder), *options.words()])
-    terminal.note(f"next: {validation}, {run}")
-    terminal.document(plan_document(campaign, planned))
+    if planned.note:
+        terminal.note(planned.note, WARNING)
+    words = options.words()
+    following = tell_next(terminal, campaign, words=words)
+    if words and " run " not in str(following["next"]):
+        terminal.note(f"then: {shlex.join(['pkmcal', 'run', str(folder), *words])}")
+    terminal.document(plan_document(campaign, planned) | following)
 
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:

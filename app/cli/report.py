@@ -7,6 +7,7 @@ import typer
 
 from app.console import BAD, terminal_of
 from app.exits import Exit
+from app.next import tell_next
 from app.options import Folder, Json
 from app.report.page import Page, page_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
@@ -49,7 +50,7 @@ def command(
     for text in page.outline.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
-    terminal.document(report_document(page, path))
+    terminal.document(report_document(page, path) | tell_next(terminal, campaign, reported=True))
     if verdict.decision == "fail":
         raise typer.Exit(Exit.NOT_GOOD)
 

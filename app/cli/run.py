@@ -1,12 +1,11 @@
 """pkmcal run: measure the plan, or as much of it as the goal takes."""
 
-import shlex
-
 import typer
 
 from app.console import Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import found_measured, measure_plan
+from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
@@ -59,9 +58,7 @@ def command(
         preview = run_preview(campaign, checked, work, anew=anew)
         ran = measure_plan(campaign, preview, work, terminal, options, yes=yes, anew=anew)
     show_run(terminal, ran)
-    next_step = shlex.join(["pkmcal", "identify", str(folder), *options.words()])
-    terminal.note(f"next: {next_step}")
-    terminal.document(run_document(ran))
+    terminal.document(run_document(ran) | tell_next(terminal, campaign, words=options.words()))
     if not ran.good:
         raise typer.Exit(Exit.NOT_GOOD)
 
@@ -90,4 +87,4 @@ def show_preview(
         terminal.say(f"for goal {work.goal}, {predicted.shots} shots to identify from will do")
         answer["goal"] = {"std_mm": work.goal.std_mm, "shots": predicted.shots}
         answer["knowledge"] = knowledge(predicted.whole)
-    terminal.document(answer)
+    terminal.document(answer | tell_next(terminal, campaign))

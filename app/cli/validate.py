@@ -108,4 +108,4 @@ def command(
         anew=anew,
         by=by,
     )
-    show_validation(terminal, found)
+    show_validation(terminal, found, campaign)

@@ -4,7 +4,9 @@ import typer
 
 from app.console import BAD, GOOD, OPEN, Terminal
 from app.exits import Exit
+from app.next import tell_next
 from app.report.results_sections import BEFORE_AND_AFTER, limits
+from campaigns.campaign import Campaign
 from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.validation import ValidationResult
@@ -38,12 +40,12 @@ def validation_document(found: Validated) -> dict[str, object]:
     }
 
 
-def show_validation(terminal: Terminal, found: Validated) -> None:
-    """Results for people and for programs; raises `Exit` for what is not good."""
+def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) -> None:
+    """Results for people and for programs, and the next command; raises `Exit` unless good."""
     _show(terminal, found.stage, found)
     if found.stage == "after" and found.evaluation.before is not None:
         show_gain(terminal, found.evaluation)
-    terminal.document(validation_document(found))
+    terminal.document(validation_document(found) | tell_next(terminal, campaign))
     if found.verdict.decision not in {None, "pass"}:
         raise typer.Exit(Exit.NOT_GOOD)
 

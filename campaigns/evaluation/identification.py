@@ -12,6 +12,16 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.mechanisms.parameters import ParameterSpace
 
+NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE = (
+    "nothing-unseen",
+    "too-few-shots",
+    "untold-parameters",
+    "contradicted-prior",
+    "many-outliers",
+    "unseen-not-taken",
+    "unseen-worse",
+)
+"""Names of what stands against a result beside diagnostics."""
 Combination = tuple[str, ...]
 """Parameters that move together without any effect on what was measured."""
 
@@ -54,18 +64,24 @@ class IdentificationEvidence:
     """Part of the workspace that it is for, in words."""
 
 
-def identification_verdict(evidence: IdentificationEvidence) -> tuple[Decision, tuple[str, ...]]:
-    """Decision whether the result may be used; the reasons against it, or for it."""
+def identification_verdict(
+    evidence: IdentificationEvidence,
+) -> tuple[Decision, tuple[str, ...], tuple[str, ...]]:
+    """Decision whether the result may be used; the reasons against it, or for it, in words.
+
+    Last the names of what stands against it: of diagnostics, or those above.
+    """
     against = tuple(_reasons_against(evidence))
     if against:
-        return "fail", against
+        return "fail", tuple(says for _, says in against), tuple(name for name, _ in against)
     if evidence.unseen is None:
-        return "not decided", (NOTHING_SHOWN,)
+        return "not decided", (NOTHING_SHOWN,), (NOTHING_UNSEEN,)
     if not evidence.std:
-        return "not decided", (NO_SIGMA,)
-    open_ones = tuple(each.says for each in evidence.doubts if each.affects_verdict)
+        return "not decided", (NO_SIGMA,), (TOO_FEW,)
+    open_ones = tuple(each for each in evidence.doubts if each.affects_verdict)
     if open_ones:
-        return "not decided", open_ones
+        names = tuple(each.name for each in open_ones)
+        return "not decided", tuple(each.says for each in open_ones), names
     before, after = evidence.unseen.before, evidence.unseen.after
     gain = (
         f"unseen pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
@@ -73,7 +89,8 @@ def identification_verdict(evidence: IdentificationEvidence) -> tuple[Decision, 
     )
     left = evidence.residuals
     fitted = f"fitted {evidence.kind}: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"
-    return "pass", (gain, fitted, *([evidence.region] if evidence.region else []))
+    region = (evidence.region,) if evidence.region else ()
+    return "pass", (gain, fitted, *region), ()
 
 
 def noise_in_words(
@@ -128,36 +145,36 @@ def _scatter_in_words(noise: ChiSquareTest, ratio: float) -> str:
     return f"the scatter is {ratio:.2g} times what the tracker states"
 
 
-def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
-    """Why the result must not be used."""
+def _reasons_against(evidence: IdentificationEvidence) -> Iterator[tuple[str, str]]:
+    """Why the result must not be used: name and words."""
     if not evidence.fit.converged:
-        yield evidence.fit.message
+        yield TOO_FEW, evidence.fit.message
     for names in evidence.unobservable:
         prefix = "the data cannot tell apart: " if len(names) > 1 else ""
-        yield f"{prefix}{combination_in_words(names)}"
+        yield UNTOLD, f"{prefix}{combination_in_words(names)}"
     space, std = evidence.space, evidence.std
     worthless = {name: WORTHLESS_DEG if space[name].is_angle else WORTHLESS_MM for name in std}
     barely_known = {name: std[name] for name in std if std[name] > worthless[name]}
     if barely_known:
         name = max(barely_known, key=barely_known.__getitem__)
         worst = f"±{barely_known[name]:.3g} {space[name].unit}"
-        yield (
-            f"the data hardly tell {name}, {worst}: measure at more "
-            "different poses, or hold it with --fix"
-        )
+        more = "measure at more different poses, or hold it with --fix"
+        yield UNTOLD, f"the data hardly tell {name}, {worst}: {more}"
     yield from (
-        each.says for each in evidence.doubts if each.affects_verdict and each.decision == "fail"
+        (each.name, each.says)
+        for each in evidence.doubts
+        if each.affects_verdict and each.decision == "fail"
     )
-    yield from evidence.contradicted
+    yield from ((PRIOR, says) for says in evidence.contradicted)
     if evidence.outliers > MANY_OUTLIERS:
-        yield (
-            f"{100.0 * evidence.outliers:.0f} % of the {evidence.kind} were left out, "
-            f"limit {100.0 * MANY_OUTLIERS:.0f} %: so many are no single mistakes"
-        )
-    yield from evidence.lost
+        share = f"{100.0 * evidence.outliers:.0f} % of the {evidence.kind} were left out"
+        limit = f"limit {100.0 * MANY_OUTLIERS:.0f} %"
+        yield MANY_LEFT_OUT, f"{share}, {limit}: so many are no single mistakes"
+    yield from ((LOST, says) for says in evidence.lost)
     errors = evidence.unseen
     if errors is not None and not errors.after.rms <= errors.before.rms:
-        yield f"unseen pairs got worse: rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
+        worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
+        yield WORSE, f"unseen pairs got worse: {worse}"
 
 
 def scatter_in_words(components: VarianceComponents, unit: str, scale: float) -> str:

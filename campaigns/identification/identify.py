@@ -97,7 +97,7 @@ def _result(
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
     )
     outliers = fit.left_out.found if fit.left_out else found
-    verdict, reasons = identification.identification_verdict(
+    verdict, reasons, obstacles = identification.identification_verdict(
         identification.IdentificationEvidence(
             space=space,
             kind=fitted.kind,
@@ -157,6 +157,7 @@ def _result(
         sessions=_sessions(inputs.shots, fitted, frames) if options.sessions else (),
         verdict=verdict,
         reasons=reasons,
+        obstacles=obstacles,
     )
 
 

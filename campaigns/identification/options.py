@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from campaigns.arrays import Array
@@ -13,21 +13,22 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
 from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
 from campaigns.robots.schema import Tolerance
-from campaigns.settings.option import Option
+from campaigns.settings.option import Option, typed_words
 from campaigns.settings.sections import KnownLengthConfig
 
 MOST_HELD_OUT = 0.5
 RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 
-ModelChoice = Annotated[
-    Model,
-    Option(
-        "paper, standard: lengths, places and joint offsets. rods: unequal rods too, which "
-        "tilt the plate. full: tilted axes too, which do so as well. auto: the smallest that "
-        "unseen pairs and BIC don't reject. extended: as auto, of where axes point and what gears "
-        "lose."
-    ),
-]
+_MODEL = Option(
+    "paper, standard: lengths, places and joint offsets. rods: unequal rods too, which tilt the "
+    "plate. full: tilted axes too, which do so as well. auto: the smallest that unseen pairs and "
+    "BIC don't reject. extended: as auto, of where axes point and what gears lose.",
+    default="the plan's",
+)
+ModelChoice = Annotated[Model | None, _MODEL]
+"""None: the model that the plan was made for."""
+ModelToPlan = Annotated[Model | None, replace(_MODEL, default="full")]
+ModelToFind = Annotated[Model | None, replace(_MODEL, default="auto, or the plan's")]
 Freed = Annotated[
     tuple[str, ...],
     Option(
@@ -65,17 +66,13 @@ class Selection:
     """Selection of parameters: patterns to free and to hold, and how they are estimated."""
 
     estimator: Estimator = Estimator.POINTS
-    model: ModelChoice = Model.STANDARD
+    model: ModelChoice = None
     free: Freed = ()
     fix: Fixed = ()
 
     def words(self) -> list[str]:
         """Words as they are typed, for the next step's command."""
-        by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
-        model = [] if self.model is Model.STANDARD else ["--model", self.model.value]
-        freed = [word for pattern in self.free for word in ("--free", pattern)]
-        fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
-        return [*by, *model, *freed, *fixed]
+        return typed_words(self, {"estimator", "model", "free", "fix"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -89,7 +86,7 @@ class IdentificationOptions(Selection):
         Estimator,
         Option("points: all coordinates of every shot. distances: of pairs, as in the paper."),
     ] = Estimator.POINTS
-    model: ModelChoice = Model.STANDARD
+    model: ModelToFind = None
     free: Freed = ()
     fix: Fixed = ()
     prior: Annotated[
@@ -166,6 +163,10 @@ class IdentificationOptions(Selection):
         """Whether ranges may be too long by one constant, which is no robot's parameter."""
         return REFLECTOR_CONSTANT in self.free
 
+    def words(self) -> list[str]:
+        """All options that are not as they are by default, as they are typed."""
+        return typed_words(self)
+
     @property
     def robust_loss(self) -> Loss:
         """Loss by its shape and where it bends."""
@@ -179,6 +180,6 @@ class IdentificationOptions(Selection):
 
 
 AS_THE_PAPER = IdentificationOptions(
-    estimator=Estimator.DISTANCES, outliers=Outliers.KEEP, weights=Weights.EQUAL
+    estimator=Estimator.DISTANCES, model=Model.PAPER, outliers=Outliers.KEEP, weights=Weights.EQUAL
 )
 """Plain least squares of the distances of all pairs."""

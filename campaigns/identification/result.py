@@ -282,6 +282,8 @@ class IdentificationResult:
     """Empty where all shots share one frame."""
     verdict: Decision
     reasons: tuple[str, ...]
+    obstacles: tuple[str, ...] = ()
+    """Names of what stands against it; empty for a pass, and in results of older software."""
     seconds: float = 0.0
     """What the solution took."""
 
@@ -330,6 +332,10 @@ class RecordedIdentification(IdentificationResult):
 
     series: int
     shots: int = 0
+    model: str = ""
+    """Word of the model that was looked for; empty in results of older software."""
+    asked: tuple[str, ...] = ()
+    """Options that it was asked for with, as they are typed."""
     robot_digest: str
     plan_digest: str
     journal_digest: str

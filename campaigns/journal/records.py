@@ -42,6 +42,8 @@ class SeriesStarted:
 
     `declared`: the file by which somebody says what the controller held while shots were measured
     elsewhere for a validation; "" where it was read from the controller.
+    `model` is what the shots were planned to tell, by the word of `--model`; `lacks` what the
+    controller's kinematics has no parameters for. Empty and None in older files: nobody said so.
     """
 
     stage: Stage
@@ -53,6 +55,8 @@ class SeriesStarted:
     tracker: Identity | None
     weather: Weather | None
     declared: str = ""
+    model: str = ""
+    lacks: tuple[str, ...] | None = None
 
     @property
     def imported(self) -> bool:

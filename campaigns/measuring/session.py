@@ -93,6 +93,8 @@ def measure_series(
         robot,
         tracker,
         cell.tracker.weather(),
+        model=work.model,
+        lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.extensions)),
     )
     found = None if anew else resume.series_to_take_up(journal, work)
     if found is not None:

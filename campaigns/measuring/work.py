@@ -66,6 +66,8 @@ class Work:
     """Shots that shall not be measured, nor the partners of their pairs."""
     override: bool = False
     """Whether to go on although poses have moved since the last session."""
+    model: str = ""
+    """What the shots were planned to tell, by the word of `--model`; of a run."""
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
 

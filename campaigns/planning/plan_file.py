@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
+from campaigns.estimation.estimators import Model
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
+from campaigns.files.wording import shown, suggestion
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.robots.robot import pose_of
 from campaigns.shots import columns
@@ -16,13 +18,16 @@ from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
 
 KEYS = ("shot", "set", "pair")
+MODEL = "model"
+"""Column of the model that a plan was made for; older plans lack it."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedShot:
     """Shot to be taken: where the plate shall be, and the joint values that bring it there.
 
-    The pose is the controlled point in the base frame. `pair` is None for sets without pairs.
+    The pose is the controlled point in the base frame. `pair` is None for sets without pairs,
+    `model`, which the plan was made to tell, in plans that don't say.
     """
 
     shot: int
@@ -30,6 +35,12 @@ class PlannedShot:
     pair: int | None
     pose: Pose
     joints: tuple[float, ...]
+    model: Model | None = None
+
+
+def plan_model(shots: Sequence[PlannedShot]) -> Model:
+    """Model that a plan was made for; the standard one where it says none."""
+    return next((shot.model for shot in shots if shot.model), Model.STANDARD)
 
 
 def plan_columns(mechanism: ClosedChain) -> tuple[str, ...]:
@@ -70,17 +81,23 @@ def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
 
 def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """Text of a plan's file."""
-    return csv_text(plan_columns(mechanism), [_row_of(shot, mechanism) for shot in shots])
+    rows = [_row_of(shot, mechanism) for shot in shots]
+    if not any(shot.model for shot in shots):
+        return csv_text(plan_columns(mechanism), rows)
+    models = [shot.model or "" for shot in shots]
+    named = [[*row, model] for row, model in zip(rows, models, strict=True)]
+    return csv_text((*plan_columns(mechanism), MODEL), named)
 
 
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
-    form = CsvForm(required=plan_columns(mechanism), optional=(), invalid=PlanInvalid)
+    form = CsvForm(required=plan_columns(mechanism), optional=(MODEL,), invalid=PlanInvalid)
     rows = list(parse_csv(text, name, form))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
     _check_numbers(rows, shots)
+    _check_models(rows, shots)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
@@ -110,6 +127,23 @@ def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None
         seen.add(shot.shot)
 
 
+def _check_models(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None:
+    first = plan_model(shots)
+    for row, shot in zip(rows, shots, strict=True):
+        if shot.model not in {None, first}:
+            raise row.wrong(
+                f"{MODEL} is {shot.model}, in rows before {first}",
+                remedy="plan for one model, or leave the column out",
+            )
+
+
+def _model_of(row: CsvRow) -> Model | None:
+    text, known = row.text(MODEL), [each.value for each in Model]
+    if text and text not in known:
+        raise row.wrong(f"{MODEL} is '{shown(text)}'", remedy=suggestion(text, known))
+    return Model(text) if text else None
+
+
 def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
     purpose = columns.shot_set(row)
     return PlannedShot(
@@ -118,6 +152,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
         pair=columns.pair_number(row, purpose),
         pose=pose_of(columns.axis_values(row, mechanism.task)),
         joints=columns.axis_values(row, mechanism.joints),
+        model=_model_of(row),
     )
 
 

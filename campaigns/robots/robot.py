@@ -68,17 +68,15 @@ class RobotFile:
         """Whether a parameter beyond those that every controller knows is not 0."""
         return bool(self.parameters.extended_by)
 
-    def require_known(self, lacking: Collection[str]) -> None:
+    def require_known(self, lacking: Collection[str], remedy: str) -> None:
         """Raise `ConfigInvalid` where an extension that a controller lacks is not 0."""
         values = self.parameters
         beyond = [name for name in lacking if name in values]
         if beyond:
-            fields = [values.space[name].field for name in beyond]
-            held = " ".join(f"--fix 'arm*.{key}'" for key in dict.fromkeys(f.name for f in fields))
             raise ConfigInvalid(
                 f"{self.name}: {beyond[0]} is {values[beyond[0]]:g}, but the controller's "
-                f"kinematics has no {fields[0].words}s",
-                remedy=f"identify again with {held}, and export again",
+                f"kinematics has no {values.space[beyond[0]].field.words}s",
+                remedy=remedy,
             )
 
     @property

@@ -322,6 +322,12 @@ class AcceptanceConfig(FileModel):
         default=None, description="the radius of the sphere of repeated approaches, mm"
     )
 
+    @property
+    def distances_mm(self) -> dict[str, float]:
+        """Limits of distances that are asked for: mean and max."""
+        limits = {"mean": self.distance_mean_mm, "max": self.distance_max_mm}
+        return {name: limit for name, limit in limits.items() if limit is not None}
+
 
 class PeopleConfig(FileModel):
     """People and place, for the record."""

@@ -87,6 +87,7 @@ def append_import(
     stage: records.Stage = "import",
     declared: str = "",
     order: Index | None = None,
+    model: str = "",
 ) -> int:
     """Write rows as a finished series; gives its number.
 
@@ -94,15 +95,15 @@ def append_import(
 
     The names and digests of the files go into the series' settings. The commanded pose is not
     known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
-    what the controller is `declared` to hold. Raises `ShotsInvalid` for joints that such a robot
-    cannot take.
+    what the controller is `declared` to hold. `model` is what they were planned to tell. Raises
+    `ShotsInvalid` for joints that such a robot cannot take.
     """
     poses = _poses(held, rows)
     digest = hashlib.sha256(shots_text(rows, held.mechanism).encode()).hexdigest()
     kept: list[JsonValue] = [asdict(each) for each in files]
     known = {**settings, FILES: kept} if kept else settings
     started = records.SeriesStarted(
-        stage, digest, known, VERSION, robot_digest, None, None, None, declared
+        stage, digest, known, VERSION, robot_digest, None, None, None, declared, model
     )
     series = journal.start_series(started)
     journal.append(records.SessionStarted(VERSION, None, None, None), series=series)

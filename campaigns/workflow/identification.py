@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from campaigns.campaign import Campaign, now_utc
+from campaigns.estimation.estimators import Model
 from campaigns.identification.model_selection import asked_of, candidate_models, select_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
@@ -26,21 +27,26 @@ def identify(
     options = options or IdentificationOptions()
     robot = campaign.robot
     space = robot.mechanism.parameters
-    models = candidate_models(space, options.model, options.free, options.fix, options.prior)
+    chosen = options.free, options.fix, options.prior
+    candidate_models(space, options.model or Model.AUTO, *chosen)  # refused before anything is read
     how = identification_options(campaign, options)
     campaign.require_journal()
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
+        model = options.model or model_to_find(series.started.model)
+        models = candidate_models(space, model, *chosen)
         beside = campaign.known_length_shots(journal)
         shots = shots_of_journal((*journal.shots(series.number), *beside), robot.mechanism)
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
-        found = select_model(robot.kinematics, shots, models, how, asked=asked_of(options.model))
+        found = select_model(robot.kinematics, shots, models, how, asked=asked_of(model))
         recorded = RecordedIdentification.of(
             replace(found, seconds=time.perf_counter() - started_s),
             series=series.number,
             shots=len(shots),
+            model=model.value,
+            asked=tuple(options.words()),
             robot_digest=robot.digest(),
             plan_digest=series.started.plan_digest,
             journal_digest=journal.digest(),
@@ -51,6 +57,18 @@ def identify(
     return recorded
 
 
+def model_to_find(planned: str) -> Model:
+    """Model to look for in shots that were planned for another, by its word.
+
+    Of shots that can tell the full one the smallest that explains them; none is named in a series
+    of older software, which looked for the standard one.
+    """
+    known = [each for each in Model if each.value == planned]
+    if not planned:
+        return Model.STANDARD
+    return known[0] if known and known[0] is not Model.FULL else Model.AUTO
+
+
 def identification_options(
     campaign: Campaign, options: IdentificationOptions
 ) -> IdentificationOptions:
@@ -59,14 +77,7 @@ def identification_options(
         options,
         instrument=campaign.instrument,
         tolerance=campaign.robot.tolerance,
-        limits_mm=_limits_mm(campaign),
+        limits_mm=campaign.config.acceptance.distances_mm,
         known_lengths=campaign.config.known_lengths,
         workspace=campaign.workspace_sample(),
     )
-
-
-def _limits_mm(campaign: Campaign) -> dict[str, float]:
-    """Acceptance limits of distances that are asked for."""
-    asked = campaign.config.acceptance
-    limits = {"mean": asked.distance_mean_mm, "max": asked.distance_max_mm}
-    return {name: limit for name, limit in limits.items() if limit is not None}

@@ -9,7 +9,8 @@ import numpy as np
 from campaigns.arrays import Index
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME, CalibrationRoute, WrittenSet, written_sets
-from campaigns.errors import OptionsInvalid, ShotsInvalid
+from campaigns.errors import OptionsInvalid, PlanInvalid, ShotsInvalid
+from campaigns.estimation.estimators import Model
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import STAGES
@@ -17,6 +18,7 @@ from campaigns.journal.records import Stage
 from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters
+from campaigns.planning.plan_file import plan_model
 from campaigns.robots.robot import read_robot
 from campaigns.shots.import_export import ImportedFile, append_import, first_copy
 from campaigns.shots.shots import shots_of_rows
@@ -53,8 +55,25 @@ def import_shots(
     order = _order(rows, name, tell)
     with campaign.journal() as journal:
         return append_import(
-            journal, rows, robot.kinematics, robot.digest(), settings, files, order=order
+            journal,
+            rows,
+            robot.kinematics,
+            robot.digest(),
+            settings,
+            files,
+            order=order,
+            model=_planned_model(campaign).value,
         )
+
+
+def _planned_model(campaign: Campaign) -> Model:
+    """Model that plan.csv was made for; without a plan the smallest that explains the shots."""
+    if not campaign.plan_path.exists():
+        return Model.AUTO
+    try:
+        return plan_model(campaign.read_plan())
+    except PlanInvalid:  # the shots are not of this plan
+        return Model.AUTO
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -236,7 +236,11 @@ class _Loading:
 
         Also for parameters that its kinematics lacks, which no force can put into it.
         """
-        robot.require_known(self.controller.lacks(robot.parameters.extended_by))
+        here = self.campaign.folder
+        robot.require_known(
+            self.controller.lacks(robot.parameters.extended_by),
+            f"`pkmcal export {here} --format plain` writes the nearest parameters that it takes",
+        )
         found = tuple(
             load_checks.serial_objections(expected_serial, self.controller.identity().serial)
         )

@@ -7,8 +7,8 @@ import numpy as np
 from campaigns.campaign import Campaign
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
-from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator
+from campaigns.errors import OptionsInvalid, PlanInvalid
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.information import Uncertainty
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
@@ -48,15 +48,44 @@ class PlannedCampaign:
     seed: int
     refusals: Refusals | None = None
     """Refusals by the space; None without one."""
+    model: Model = Model.STANDARD
+    note: str = ""
+    """Why it is not for the full model, where no other was asked for."""
 
 
 def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampaign:
     """Make, check and write a plan; an older one is kept.
 
+    For the full model unless told otherwise, or for the standard one where that takes more shots.
     Raises `OptionsInvalid`, `GoalInvalid`, `SelectionInvalid`, `PlanInvalid` or `WriteFailed`.
     """
     options = options or PlanOptions()
-    placement, request = _settled(campaign, options)
+    planned = _largest(campaign, options)
+    with campaign.held():
+        shots = planned.checked.shots
+        write_beside_older(campaign.plan_path, shots, campaign.robot.mechanism)
+    return planned
+
+
+def _largest(campaign: Campaign, options: PlanOptions) -> PlannedCampaign:
+    """Plan for the model asked for, or else for the larger one that its shots can tell."""
+    if options.model is not None:
+        return _made(campaign, options, options.model)
+    try:
+        planned, why = _made(campaign, options, Model.FULL), "the shots are too few"
+    except PlanInvalid as error:
+        planned, why = None, error.problem
+    if planned is not None and planned.forecast.predicted.full_rank:
+        return planned
+    smaller = _made(campaign, options, Model.STANDARD)
+    if not smaller.forecast.predicted.full_rank:
+        return planned or smaller
+    return replace(smaller, note=f"planned for the standard model, not the full one: {why}")
+
+
+def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCampaign:
+    """Plan for a model, checked; nothing is written."""
+    placement, request = _settled(campaign, options, model)
     seed = campaign.config.plan.seed if options.seed is None else options.seed
     rng = np.random.default_rng(seed)
     curve: tuple[tuple[int, Uncertainty], ...] = ()
@@ -65,13 +94,11 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
         shots, curve = made.shots, made.curve
     else:
         shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
-    checked = campaign.checked_plan(shots)
+    checked = campaign.checked_plan(tuple(replace(shot, model=model) for shot in shots))
     robot, view, space = campaign.robot, campaign.view, campaign.space
     sample = judged_positions(robot, campaign.centre, space, request.free, shots)
     setup = EstimationSetup(request.estimator, request.free, request.uncertainty)
     forecast = plan_forecast(shots, robot.kinematics, np.array(view.tracker_mm), setup, sample)
-    with campaign.held():
-        write_beside_older(campaign.plan_path, checked.shots, campaign.robot.mechanism)
     return PlannedCampaign(
         checked,
         forecast,
@@ -81,6 +108,7 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
         request.criterion if placement is Placement.OPTIMAL else None,
         seed,
         _refusals(campaign, rng),
+        model,
     )
 
 
@@ -93,9 +121,11 @@ def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
         return None
 
 
-def _settled(campaign: Campaign, options: PlanOptions) -> tuple[Placement, OptimalRequest]:
+def _settled(
+    campaign: Campaign, options: PlanOptions, model: Model
+) -> tuple[Placement, OptimalRequest]:
     """Options before settings; raises `GoalInvalid`, `SelectionInvalid` or `OptionsInvalid`."""
-    free = free_parameters(campaign, options)
+    free = free_parameters(campaign, options, model)
     lengths = campaign.robot.parameters.space.of_unit("mm", free)
     until_mm = None if options.until is None else _goal_mm(options.until, lengths)
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots

@@ -15,6 +15,7 @@ from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, rea
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
+from campaigns.planning.plan_file import plan_model
 from campaigns.planning.predicted_uncertainty import EstimationSetup, require_identifiable
 from campaigns.planning.steps import groups, joint_steps, shots_of
 from campaigns.workflow.work import engine_work, free_parameters, known_sets
@@ -27,7 +28,8 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     """
     options = options or RunOptions()
     goal = None if options.until is None else read_goal(options.until)
-    free = free_parameters(campaign, options)
+    model = options.model or plan_model(checked.shots)
+    free = free_parameters(campaign, options, model)
     if goal is not None and not campaign.robot.parameters.space.of_unit("mm", free):
         raise OptionsInvalid(
             f"--until {goal} is a goal for lengths, but none of them is free",
@@ -38,8 +40,10 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
     skip = _known_shots(checked, options.skip)
-    work = replace(work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True)
-    if options.free or options.model not in {Model.PAPER, Model.STANDARD}:
+    work = replace(
+        work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True, model=model.value
+    )
+    if options.free or model not in {Model.PAPER, Model.STANDARD}:
         require_identifiable(work.uncertainty_monitor().workspace)
     return work
 

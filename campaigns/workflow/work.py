@@ -4,6 +4,7 @@ from math import dist
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import KnownSets
+from campaigns.estimation.estimators import Model
 from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.options import Selection
 from campaigns.journal.records import Finding, Stage
@@ -16,10 +17,13 @@ from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Step
 
 
-def free_parameters(campaign: Campaign, options: Selection) -> tuple[str, ...]:
-    """Names of the parameters that the shots will be looked at for; raises `SelectionInvalid`."""
+def free_parameters(campaign: Campaign, options: Selection, planned: Model) -> tuple[str, ...]:
+    """Names of the parameters that the shots will be looked at for; raises `SelectionInvalid`.
+
+    By the model that the plan was made for, unless the options name another.
+    """
     space = campaign.robot.mechanism.parameters
-    return select_geometry(space, options.model, options.free, options.fix)
+    return select_geometry(space, options.model or planned, options.free, options.fix)
 
 
 def known_sets(campaign: Campaign) -> KnownSets:

@@ -38,7 +38,7 @@ def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys,
     assert load(folder, "--force") == 2
     said = capsys.readouterr()
     assert "arm1.axis_tilt_deg is 0.02" in said.err
-    assert "identify again with --fix 'arm*.axis_tilt_deg'" in said.err
+    assert f"`pkmcal export {folder} --format plain`" in said.err
     assert said.out == ""
     assert held(folder) == before == dict(open_campaign(folder).robot.parameters)
 

@@ -20,7 +20,13 @@ def test_new_for_a_real_cell(pkmcal, tmp_path):
     words = ("new", folder, "--controller", CONTROLLER, "--tracker", TRACKER, "--json")
     code, out, err = pkmcal(*words)
     assert code == 0
-    assert json.loads(out) == {"folder": str(folder), "controller": CONTROLLER, "tracker": TRACKER}
+    assert json.loads(out) == {
+        "folder": str(folder),
+        "controller": CONTROLLER,
+        "tracker": TRACKER,
+        "next": f"pkmcal devices {folder}",
+        "before_next": "look through campaign.yaml (tracker.place_mm!)",
+    }
     assert "tracker.place_mm" in err
     made = open_campaign(folder)
     assert made.config.name == "cell-3"

@@ -23,6 +23,8 @@ def test_json_is_one_document_on_stdout(pkmcal, whole: PaperCampaign, tmp_path: 
     document = said.document
     assert len(document.pop("figures")) == 10
     assert document.pop("reasons")
+    assert "under acceptance" in document.pop("before_next")
+    assert document.pop("next") == f"pkmcal report {whole.folder}"
     assert document == {"path": str(path), "decision": "not decided", "missing": []}
     assert "verdict: not decided (no limit asked for)" in said.err
 

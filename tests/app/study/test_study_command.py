@@ -309,7 +309,7 @@ def test_shot_at_which_the_robot_cannot_be_assembled_is_named(folder, refused):
     lines = (folder / "plan.csv").read_text().splitlines()
     place = next(n for n, line in enumerate(lines) if ",identification," in line)
     cells = lines[place].split(",")
-    lines[place] = ",".join([*cells[:7], "-170", "170", "-170", "170"])
+    lines[place] = ",".join([*cells[:7], "-170", "170", "-170", "170", *cells[11:]])
     (folder / "plan.csv").write_text("\n".join(lines) + "\n")
     line = refused(folder, "--campaigns", 5)
     assert f"plan.csv: shot {cells[0]}: the nominal robot cannot be assembled" in line

@@ -1,0 +1,35 @@
+"""The next command, as every command says it at its end."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from app.console import Terminal
+from campaigns.campaign import Campaign
+from campaigns.errors import CampaignError
+from campaigns.evidence import evaluate
+from campaigns.next_step import next_step, state_of
+
+
+def tell_next(
+    terminal: Terminal,
+    campaign: Campaign,
+    *,
+    words: Sequence[str] = (),
+    answered: bool = False,
+    reported: bool = False,
+) -> dict[str, object]:
+    """Say which command is next; gives it as a part of what `--json` prints.
+
+    `words`: options that a run or an identification that is next shall get. What cannot be read
+    keeps nobody from the result that is there already: then nothing is said.
+    """
+    try:
+        state = state_of(evaluate(campaign), answered=answered, reported=reported)
+        step = next_step(state)
+    except CampaignError:
+        step = None
+    if step is not None and step.command[0] in {"run", "identify"}:
+        step = replace(step, command=(*step.command, *words))
+    if step is not None:
+        terminal.note(f"next: {step.says}")
+    return {"next": step and step.text, "before_next": (step and step.first) or None}
