@@ -9,7 +9,10 @@ from ruamel.yaml import YAML
 
 from sim.scenarios.scenario import load_scenario
 
+NEXT = {"next", "before_next"}
 PLAN_KEYS = {
+    *NEXT,
+    "model",
     *("shots", "pairs", "predicted_std", "observability", "seconds_estimated", "path"),
     *("placement", "estimator", "criterion", "seed", "worst", "position_error_mm"),
     *("from_below", "curve", "space"),
@@ -21,9 +24,10 @@ IDENTIFICATION_KEYS = {
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
-    "series",
+    *("series", "model", "asked", "obstacles"),
 }
 DRY_RUN_KEYS = {
+    *NEXT,
     *("scenario", "seed", "before", "after", "identification", "parameter_file", "report"),
     "seconds",
 }
@@ -40,7 +44,7 @@ def assert_is_validation(document):
 
 
 def assert_is_identification(document):
-    assert set(document) == IDENTIFICATION_KEYS
+    assert set(document) - NEXT == IDENTIFICATION_KEYS
     assert document["schema"] == "pkmcal/identification/1"
     assert tuple(document["parameters"]) == NAMES
     for entry in document["parameters"].values():

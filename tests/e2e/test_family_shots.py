@@ -139,10 +139,12 @@ def new(tmp_path):
 
 def test_a_deltas_plan_has_three_joints_and_no_turn(pkmcal, new):
     planned = pkmcal("plan", new, "--json").document
-    assert list(planned["predicted_std"]) == list(SPACE.free_by_default)
+    assert list(planned["predicted_std"]) == list(SPACE.free_in_full)
     with (new / "plan.csv").open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
+    *head, model = head
     assert head == ["shot", "set", "pair", "x_mm", "y_mm", "z_mm", "q0_deg", "q1_deg", "q2_deg"]
+    assert (model, {row.pop() for row in rows}) == ("model", {"full"})
     poses, joints_deg = np.split(np.array([row[3:] for row in rows], dtype=float), 2, axis=1)
     judged = DELTA.nominal.feasibility(DELTA.limits, poses)
     assert len(rows) == 40 + 2 * 4 + 3

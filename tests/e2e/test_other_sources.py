@@ -63,7 +63,8 @@ def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tm
     assert not (other / "campaign.db").exists()
     ended = pkmcal(*taking, "--unit", "m", "--json")
     assert ended.code == 0, ended.err
-    assert ended.document == {"series": 1, "shots": len(rows)}
+    following = {"next": f"pkmcal identify {other}", "before_next": None}
+    assert ended.document == {"series": 1, "shots": len(rows)} | following
     assert pkmcal("identify", other, "--json").document["verdict"] == "pass"
 
 
