@@ -36,6 +36,8 @@ Way = Literal[
     "accept scale",
     "more shots",
     "hold",
+    "free",
+    "leave out",
     "keep unseen",
     "no prior",
     "larger model",
@@ -50,8 +52,18 @@ WAYS: Mapping[str, Way] = {
     identification.PRIOR: "no prior",
     identification.MANY_LEFT_OUT: "measure again",
     identification.LOST: "measure again",
+    diagnostics.KNOWN_LENGTH: "measure again",
 }
 """By the name of what stands against it, where that alone says it."""
+FEW = {
+    identification.UNTOLD,
+    identification.TOO_FEW,
+    identification.NOTHING_UNSEEN,
+    diagnostics.EXTRAPOLATION,
+}
+"""What more shots tell."""
+FREED = {"azimuths": "arm*.azimuth_deg", "reflector": "reflector_constant_mm"}
+"""Parameters that have no place in any model, by the cause of a lack of fit."""
 Held = Literal["", "identified", "form"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
 
@@ -148,6 +160,7 @@ def _after_identification(state: CampaignState) -> NextStep:
         "widen limits": "mend what the diagnostics name, or widen acceptance.distance_mean_mm and "
         f"distance_max_mm in campaign.yaml (unseen pairs: {detail})",
         "measure again": "mend what the diagnostics name",
+        "leave out": "leave out what was not measured, under space in campaign.yaml",
     }
     first = by_hand.get(state.way, "")
     more_shots = state.way == "more shots"
@@ -165,6 +178,7 @@ def _after_identification(state: CampaignState) -> NextStep:
         "accept change": (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
         "accept scale": (diagnostics.ACCEPT[diagnostics.COMMON_SCALE],),
         "hold": ("--fix", detail),
+        "free": ("--free", detail),
         "keep unseen": ("--hold-out", "20%"),
         "larger model": ("--model", Model.AUTO.value),
     }
@@ -306,8 +320,11 @@ def way_on(
         return _after_change(found, np.array(numbers), np.array(sessions))
     if names[0] in WAYS:
         return WAYS[names[0]], ""
-    if names[0] in {identification.UNTOLD, identification.TOO_FEW, identification.NOTHING_UNSEEN}:
+    if names[0] in FEW:
         return _with_few_shots(found, names[0], shots)
+    cause = next((each.numbers.get("cause") for each in affecting if each.name == names[0]), "")
+    if (freed := FREED.get(str(cause), "")) and freed not in found.asked:
+        return "free", freed
     return _past_a_lack(found, limits_mm)
 
 
@@ -318,6 +335,8 @@ def _with_few_shots(found: RecordedIdentification, name: str, shots: int) -> tup
         return "keep unseen", ""
     if shots < ENOUGH_SHOTS:
         return "more shots", ""
+    if name == diagnostics.EXTRAPOLATION:
+        return "leave out", ""
     if found.unobservable:
         return "hold", found.unobservable[0][0]
     return "measure again", ""
@@ -340,10 +359,11 @@ def _after_change(
     found: RecordedIdentification, numbers: Index, sessions: Index
 ) -> tuple[Way, str]:
     """Way on after a change between two shots: frames of their own, or the larger part alone."""
-    told = next((each for each in found.doubts if each.name == diagnostics.CHANGE), None)
+    changes = (each for each in found.doubts if each.name == diagnostics.CHANGE)
+    told = next((each for each in changes if each.affects_verdict), None)
     if told is None or not len(numbers) or "--shots" in found.asked:
         return "measure again", ""
-    early = numbers <= float(told.numbers["after_shot"])
+    early = numbers < float(told.numbers["before_shot"])
     apart = {*sessions[early].tolist()}.isdisjoint(sessions[~early].tolist())
     if told.numbers["kind"] == "frame" and "--sessions" not in found.asked and apart:
         return "own frames", ""

@@ -32,6 +32,7 @@ OPEN = (
     identification.TOO_FEW,
     diagnostics.LACK,
     diagnostics.HOLD_OUT,
+    diagnostics.EXTRAPOLATION,
     "another cause",
 )
 CHANGES = ("frame", "joint", "length", "drift")
@@ -42,6 +43,7 @@ OPTIONS = (
     ("--sessions",),
     ("--fix", "held"),
     ("--hold-out", "20%"),
+    ("--free", "reflector_constant_mm"),
     *((option,) for option in diagnostics.ACCEPT.values()),
 )
 """All that a next step may ask an identification for: each changes it once."""
@@ -60,7 +62,8 @@ class Place:
 
 def identified(place: Place, verdict: str, name: str, change: str = "") -> RecordedIdentification:
     """An identification against which one thing stands."""
-    doubts = () if not change else (Doubt(name, "", "fail", {"kind": change, "after_shot": 59.0}),)
+    numbers = {"kind": change, "before_shot": 60.0, "cause": change}
+    doubts = (Doubt(name, "", "fail", numbers),) if change else ()  # type: ignore[arg-type]
     asked = place.state.asked
     return RecordedIdentification(
         estimator=Estimator.POINTS,
@@ -140,10 +143,12 @@ def identifications(place: Place, words: tuple[str, ...]) -> Iterator[Place]:
     cases = [("fail", name, "") for name in FAILING]
     cases += [("fail", diagnostics.CHANGE, change) for change in CHANGES]
     cases += [("not decided", name, "") for name in OPEN]
+    cases += [("not decided", diagnostics.LACK, cause) for cause in ("reflector", "sag")]
     for verdict, name, change in cases:
         lacks = verdict == "not decided" and name not in {
             identification.NOTHING_UNSEEN,
             identification.TOO_FEW,
+            diagnostics.EXTRAPOLATION,
         }
         cannot_be = (
             (name == identification.PRIOR and "--prior" not in words)
@@ -162,14 +167,16 @@ def identifications(place: Place, words: tuple[str, ...]) -> Iterator[Place]:
 def test_no_advice_leads_back_and_all_end() -> None:
     """From an empty folder, over all that may come of each step, to the end of each way."""
     simulated = CampaignState(asked=("--prior", "arm*.arm_mm=1"))
-    under_way, done, longest = set[Place](), dict[Place, int](), 0
+    under_way, done = set[Place](), dict[Place, int]()
 
     def walk(place: Place) -> int:
         if place in done:
             return done[place]
         assert place not in under_way, f"a circle at {place}"
         step = next_step(place.state)
-        if step is None or (step.first and (step.command[0] in MENDED | {"report"})):
+        if step is None or (
+            step.first and (step.command[0] in MENDED | {"report"} or "space" in step.first)
+        ):
             return 0
         under_way.add(place)
         further = list(outcomes(place, step))
@@ -179,12 +186,11 @@ def test_no_advice_leads_back_and_all_end() -> None:
         under_way.remove(place)
         return done[place]
 
-    longest = walk(Place(simulated))
+    walk(Place(simulated))
     walk(Place(CampaignState(answered=False)))
     for state in ("identified", "form", ""):
         walk(Place(replace(simulated, measured="import", shots=60, holds=state)))
     assert len(done) > 300
-    assert longest < 30
 
 
 @pytest.mark.parametrize(

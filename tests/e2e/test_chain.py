@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from command_line import Keyboard, change, contents
-from par4_space import NAMES
+from par4_space import NAMES, SPACE
 from ruamel.yaml import YAML
 
 from sim.scenarios.scenario import load_scenario
@@ -127,7 +127,8 @@ def test_plan_says_what_it_will_tell(pkmcal, planned):
     assert set(ended.document) == PLAN_KEYS
     assert (ended.document["shots"], ended.document["pairs"]) == (60, 30)
     assert set(ended.document["observability"]) == {"O1", "O2", "O3", "O4", "O5", "condition"}
-    assert len(ended.document["predicted_std"]) == 22
+    assert ended.document["model"] == "full"
+    assert len(ended.document["predicted_std"]) == len(SPACE.free_in_full)
     assert all(0.0 < std < 1.0 for std in ended.document["predicted_std"].values())
     assert 60.0 < ended.document["seconds_estimated"] < 600.0
     assert ended.document["path"] == str(planned / "plan.csv")
