@@ -218,7 +218,7 @@ class ClosedChain:
                 half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
         reach_mm = self._arms.reach_mm(values, extensions, limits, centre[:COORDINATES])
         slides = self.platform.points_along_x
-        aside_mm = self.platform.turn_scale(platform).lever_mm if slides else 0.0
+        aside_mm = self.platform.turn_scale(platform, values[:, -1]).lever_mm if slides else 0.0
         half[:COORDINATES] = reach_mm + aside_mm * half[COORDINATES:].sum()
         for place, interval in enumerate(limits.task[:COORDINATES]):
             if interval is not None:
@@ -278,7 +278,8 @@ class ClosedChain:
         swing = configuration.arms.swing_rad(forearms)
         elbow = configuration.arms.leverage(forearms).min(axis=1)
         singular = np.full(len(poses), np.nan)
-        lever_mm = self.platform.turn_scale(configuration.platform).lever_mm
+        forearm_mm = configuration.arms.forearm_mm
+        lever_mm = self.platform.turn_scale(configuration.platform, forearm_mm).lever_mm
         by_pose = configuration.by_pose(poses, forearms)[found]
         singular[found] = _smallest_singular_value(by_pose, lever_mm)
         too_near = (singular < limits.singularity_margin) | (elbow < limits.elbow_margin)
@@ -360,7 +361,7 @@ class ClosedChain:
         wanted = poses[2] < limbs.elbows_mm[2].mean(axis=0)
         wanted &= determinant * limbs.assembly_sign > 0.0
         if self._has_turn:
-            limit_rad = self.platform.turn_scale(limbs.platform).limit_rad
+            limit_rad = self.platform.turn_scale(limbs.platform, limbs.forearm_mm).limit_rad
             wanted &= np.abs(poses[COORDINATES]) < limit_rad
         return np.asarray(wanted)
 
@@ -371,7 +372,7 @@ class ClosedChain:
         good = np.zeros(poses.shape[1], dtype=bool)
         active = np.arange(poses.shape[1])
         some, current = limbs, poses.copy()
-        turn = self.platform.turn_scale(limbs.platform)
+        turn = self.platform.turn_scale(limbs.platform, limbs.forearm_mm)
         for _ in range(ITERATIONS):
             step, determinant, misfit_mm = self.newton_step(some, current)
             move_mm = np.abs(step[:COORDINATES]).max(axis=0)

@@ -33,7 +33,9 @@ class TurnScale:
     """The wanted assembly turns less than that."""
 
 
-HINGE_SCALE = TurnScale(lever_mm=100.0, step_rad=0.35, limit_rad=0.5 * math.pi)
+HINGE_LEVER = 1.0 / 7.0
+"""Lever of a hinged plate's turn over the length of the forearms: robots of one shape are alike."""
+HINGE_STEP_RAD, HINGE_LIMIT_RAD = 0.35, 0.5 * math.pi
 
 
 class Platform(ABC):
@@ -50,9 +52,9 @@ class Platform(ABC):
     points_along_x = False
     """Whether the base frame's x axis is a direction of the platform."""
 
-    def turn_scale(self, values: Array) -> TurnScale:  # noqa: ARG002 - the same for hinged ones
+    def turn_scale(self, values: Array, forearms_mm: Array) -> TurnScale:  # noqa: ARG002
         """Sizes of the turn; beyond 90° a hinged plate has turned over."""
-        return HINGE_SCALE
+        return TurnScale(HINGE_LEVER * float(forearms_mm.mean()), HINGE_STEP_RAD, HINGE_LIMIT_RAD)
 
     @abstractmethod
     def joints_mm(self, values: Array, poses: Array) -> Array:
@@ -162,7 +164,7 @@ class SlidingBars(TwoPartPlatform):
     points_along_x = True
 
     @override
-    def turn_scale(self, values: Array) -> TurnScale:
+    def turn_scale(self, values: Array, forearms_mm: Array) -> TurnScale:
         """A slide of r for a turn of 1 rad; no turn is too far."""
         pinion_mm = float(values[0])
         return TurnScale(pinion_mm, SLIDE_STEP_MM / pinion_mm, math.inf)

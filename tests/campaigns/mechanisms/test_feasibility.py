@@ -10,8 +10,9 @@ from par4_space import TILTS, places_of
 from scipy.optimize import brentq
 
 from campaigns.mechanisms.arms import crank_frames
-from campaigns.mechanisms.mechanism import Violation
+from campaigns.mechanisms.mechanism import Kinematics, Violation
 from campaigns.mechanisms.par4 import PAR4
+from campaigns.robots.robot import find_robot
 
 TURNED = np.array([[100.0, -150.0, -600.0, 0.5]])
 """Joints 13.8…60.9°, forearm 0 swings 31.8° out of its arm's plane."""
@@ -224,3 +225,26 @@ def test_the_workspace_s_centre_is_far_from_every_limit():
     assert judged.feasible[0]
     assert judged.singular_value[0] > 0.4
     assert judged.elbow[0] > 0.5
+
+
+@pytest.mark.parametrize("name", ["par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l"])
+@pytest.mark.parametrize("times", [1.0 / 3.0, 3.0])
+def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name, times):
+    robot = find_robot(name).robot
+    space, rng = robot.mechanism.parameters, np.random.default_rng(1)
+    sizes = {
+        each: value * (times if each in space.of_unit("mm", space.names) else 1.0)
+        for each, value in robot.parameters.items()
+    }
+    joint = robot.mechanism.joints[0]
+    scale = 1.0 if joint.is_revolute else times
+    limits = replace(robot.limits, joint=tuple(scale * end for end in robot.limits.joint))
+    centre = robot.workspace_centre
+    extent = robot.mechanism.search_extent(robot.kinematics.p, robot.limits, centre)
+    poses = centre + rng.uniform(-1.0, 1.0, (400, len(centre))) * extent
+    wanted = robot.kinematics.feasibility(robot.limits, poses)
+    poses[:, :3] *= times
+    found = Kinematics.of(robot.mechanism, sizes).feasibility(limits, poses)
+    assert 20 < wanted.feasible.sum() < 380
+    assert found.violations.tolist() == wanted.violations.tolist()
+    np.testing.assert_allclose(found.singular_value, wanted.singular_value, atol=1e-9)
