@@ -121,8 +121,6 @@ def command(
             campaign, rows, stage, held, str(file), files, tell=terminal.note, anyway=anyway
         )
         terminal.say(f"taken in: {len(rows)} shots as '{stage}'")
-        state = done.evaluation.evidence.held(stage)
-        terminal.say(f"the controller held {state.says if state else held.declared}")
         show_validation(terminal, done, campaign)
         return
     series = import_shots(campaign, rows, str(file), files, tell=terminal.note, anyway=anyway)

@@ -58,6 +58,9 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     rows += tuple((name, number(each), *nothing) for name, each in further.items())
     terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
     _show_series(terminal, stage, found.whole)
+    held = found.evaluation.evidence.held(stage)
+    if held is not None and (held.form or held.declared or held.kind == "other"):
+        terminal.say(f"the controller held {held.says}")
     verdict = found.verdict
     for reason in verdict.reasons:
         terminal.say(f"not good: {reason}", STYLES.get(verdict.decision or "", ""))

@@ -8,12 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import NOMINAL, PaperCampaign, new_campaign, validation_shots
+from paper_campaign import NOMINAL, TRACKER_FROM_BASE, PaperCampaign, new_campaign, validation_shots
+from target_cases import TARGETS
 
 from app.main import run_command
-from campaigns.campaign import open_campaign
+from app.new_campaign import create_simulated
+from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid, ShotsInvalid
+from campaigns.estimation.estimators import Model
 from campaigns.evidence import evaluate
+from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
 from campaigns.measuring.resume import series_to_take_up
 from campaigns.mechanisms.mechanism import Kinematics
@@ -24,7 +28,9 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.correction import CorrectionTerms, correct_poses_file
 from campaigns.workflow.files import export
+from campaigns.workflow.identification import identify
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
+from campaigns.workflow.reduced_export import export_projected
 from campaigns.workflow.validation import replaced, validation_work
 
 LIMITS = AcceptanceConfig(
@@ -77,9 +83,10 @@ def correct(paper: PaperCampaign, to: str = "corrected.csv") -> None:
     correct_poses_file(paper.campaign, targets, paper.folder / to, terms, overwrite=True)
 
 
-def taken_in(paper: PaperCampaign, stage, shots: Sequence[ShotRow], file=None, **options):
-    held = declared_set(paper.campaign, stage, file)
-    return import_validation(paper.campaign, shots, stage, held, **options)
+def taken_in(of: PaperCampaign | Campaign, stage, shots: Sequence[ShotRow], file=None, **options):
+    campaign = of if isinstance(of, Campaign) else of.campaign
+    held = declared_set(campaign, stage, file)
+    return import_validation(campaign, shots, stage, held, **options)
 
 
 def test_the_gain_of_a_closed_controller_is_proved_by_shots_measured_elsewhere(
@@ -192,6 +199,39 @@ def test_rows_without_a_set_are_pairs_of_a_validation(paper: PaperCampaign, caps
     assert document["distances_mm"]["max_abs"] < 0.1
     assert document["held"]["declared"] == "robot-compensated.yaml"
     assert document["campaign"]["decision"] == document["decision"] == "not decided"
+
+
+@pytest.mark.slow
+def test_a_form_for_a_controller_of_few_parameters_is_judged_as_what_it_is(tmp_path: Path) -> None:
+    """A linear Delta: pairs before, to identify, exported for Klipper, pairs after."""
+    member = next(each for each in TARGETS if each.name == "linear-delta")
+    create_simulated(tmp_path / "delta", member.name, "paper-simulation")
+    campaign, rng = open_campaign(tmp_path / "delta"), np.random.default_rng(3)
+
+    def pairs(held: Kinematics, count: int, seed: int, unseen: int) -> list[ShotRow]:
+        joints = held.inverse(member.poses(2 * count, seed)).values_or_raise()
+        points = TRACKER_FROM_BASE.apply(member.perturbed.forward(joints).values[:, :3])
+        points += rng.normal(0.0, 0.005, points.shape)
+        rows = zip(joints.tolist(), points.tolist(), strict=True)
+        sets = [ShotSet.VALIDATION] * 2 * unseen + [ShotSet.IDENTIFICATION] * 2 * (count - unseen)
+        return [
+            ShotRow(place // 2, tuple(joint), tuple(point), purpose)
+            for place, ((joint, point), purpose) in enumerate(zip(rows, sets, strict=True))
+        ]
+
+    before = taken_in(campaign, "before", pairs(member.nominal, 12, 5, 12))
+    import_shots(campaign, pairs(member.nominal, 60, 6, 12))
+    assert identify(campaign, IdentificationOptions(model=Model.STANDARD)).verdict == "pass"
+    left = export_projected(campaign, "klipper-delta").left["these values"]
+    held = declared_set(campaign, "after")
+    robot = Kinematics.of(member.mechanism, held.parameters)
+    after = taken_in(campaign, "after", pairs(robot, 12, 7, 12), campaign.path(held.declared))
+    state = after.evaluation.evidence.held("after")
+    assert (state.kind, state.form.name) == ("form", "klipper-delta")
+    assert state.declared == "klipper-delta.cfg"
+    assert state.form.lost_max_mm == pytest.approx(left.max_mm)
+    assert not [check for check in after.evaluation.checks if check.holds is False]
+    assert after.result.distances.mean.value_mm < 0.2 * before.result.distances.mean.value_mm
 
 
 @pytest.mark.slow
