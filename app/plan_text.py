@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 
 from app.console import WARNING, Terminal
 from app.progress import interval
@@ -21,8 +22,9 @@ Row = tuple[str, ...]
 
 def show_forecast(terminal: Terminal, planned: PlannedCampaign) -> None:
     """All of it, for people."""
-    std = planned.forecast.predicted.std()
-    rows = [(name, _with_unit(name, value)) for name, value in std.items()]
+    predicted = planned.forecast.predicted
+    units = zip(predicted.std().items(), predicted.units, strict=True)
+    rows = [(name, _with_unit(value, unit)) for (name, value), unit in units]
     title = f"What the plan will tell, by {planned.estimator}"
     terminal.table(title, ("parameter", "predicted σ"), rows)
     for line in told_lines(planned.forecast):
@@ -132,16 +134,16 @@ def _point(at: Forecast) -> dict[str, float]:
 
 def _worst(predicted: Uncertainty) -> Iterator[str]:
     """The length and the angle that are known worst, where there are such."""
-    std = predicted.std()
+    every = tuple(zip(predicted.std().items(), predicted.units, strict=True))
     for kind, unit in (("length", "mm"), ("angle", "deg")):
-        named = [name for name in std if name.endswith(f"_{unit}")]
-        if named:
-            worst = max(named, key=std.__getitem__)
-            yield f"worst {kind} {worst} ±{_with_unit(worst, std[worst])}"
+        own = [(std, name) for (name, std), each in every if each == unit]
+        if own:
+            std, worst = max(own, key=itemgetter(0))
+            yield f"worst {kind} {worst} ±{_with_unit(std, unit)}"
 
 
-def _with_unit(name: str, std: float) -> str:
-    return f"{std:.4f} {name.rsplit('_', 1)[1]}" if std < math.inf else "unknown"
+def _with_unit(std: float, unit: str) -> str:
+    return f"{std:.4f} {unit}" if std < math.inf else "unknown"
 
 
 def refusals_lines(space: RestrictedSpace, refusals: Refusals) -> Iterator[str]:

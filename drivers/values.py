@@ -98,13 +98,16 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """Reading of a controller: `fault` is empty without one, `raw` is the answer as sent."""
+    """Reading of a controller: `fault` is empty without one, `raw` is the answer as sent.
+
+    Joints are as its encoders read them, rad or mm.
+    """
 
     joints: tuple[float, ...]
     moving: bool
     fault: str
     emergency_stop: bool
-    raw: str
+    raw: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +135,8 @@ class Measurement:
     point_in_tracker_mm: Vector3
     covariance_mm2: Matrix3
     weather: Weather
-    raw: str
+    raw: str = ""
+    """The answer as sent."""
 
 
 class Readiness(Enum):

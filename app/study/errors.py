@@ -40,7 +40,8 @@ class Compared:
 
     def worst(self, unit: str) -> float | None:
         """Largest standard deviation found of a unit, mm or deg; None when none was free."""
-        own = (p.std for p in self.summary.parameters if p.name.endswith(f"_{unit}"))
+        space = self.combination.setup.nominal.mechanism.parameters
+        own = (p.std for p in self.summary.parameters if space[p.name].unit == unit)
         return max(own, default=None)
 
     def extremes(self, of: Callable[[ParameterSummary], float]) -> tuple[float, float]:

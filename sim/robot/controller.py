@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.values import RobotState
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
@@ -91,16 +92,6 @@ class Refusal(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerState:
-    """Readings of encoders (rad, mm), and whether anything is wrong (`fault` empty: nothing)."""
-
-    joints: tuple[float, ...]
-    moving: bool
-    fault: str
-    emergency_stop: bool
-
-
-@dataclass(frozen=True, slots=True)
 class _Trouble:
     """Reason why the robot stands although nobody stopped it, and until when."""
 
@@ -148,11 +139,11 @@ class SimulatedController:
         if section.emergency_stop:
             self._trouble = _Trouble("emergency_stop", "emergency stop pressed", math.inf)
 
-    def state(self, now_s: float) -> ControllerState:
+    def state(self, now_s: float) -> RobotState:
         """Readings of the encoders now."""
         self._advance(now_s)
         trouble = self._trouble
-        return ControllerState(
+        return RobotState(
             joints=tuple(map(float, self.encoders(now_s))),
             moving=self._motion is not None or trouble.kind == "stall",
             fault=trouble.text if trouble.kind != "stall" else "",

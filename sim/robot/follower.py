@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from drivers.values import RobotState
 from sim.errors import AssemblyLost
 from sim.geometry import PAR4, Array, Kind
 from sim.random_streams import WorkedTime, target_key
-from sim.robot.controller import ControllerState
 from sim.robot.driven_robot import DrivenRobot, Standing
 from sim.robot.linuxcnc_joints import JointsLost, JointSource
 
@@ -46,10 +46,10 @@ class FollowingController:
         self._worked = worked
         self._sleep_s = sleep_s
 
-    def state(self, now_s: float) -> ControllerState:  # noqa: ARG002 - the joints have their time
+    def state(self, now_s: float) -> RobotState:  # noqa: ARG002 - the joints have their time
         """Readings of the joints now."""
         joints, moving = self._follow()
-        return ControllerState(
+        return RobotState(
             joints=tuple(map(float, joints)), moving=moving, fault="", emergency_stop=False
         )
 

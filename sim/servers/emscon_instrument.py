@@ -1,11 +1,11 @@
 """A simulated emScon instrument: its settings, readings and results, in mm, rad, °C and hPa."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from math import isfinite, sqrt
 from typing import cast
 
-from drivers.values import Vector3
+from drivers.values import Measurement, Vector3
 from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import NOTHING, EmsconRequest
 from drivers.wire.emscon_constants import (
@@ -23,7 +23,7 @@ from drivers.wire.emscon_constants import (
     SystemChange,
 )
 from sim.servers.emscon_units import POWER_ON_UNITS, Scale, first_unknown
-from sim.tracker.instrument import SimulatedTracker, TrackerShot
+from sim.tracker.instrument import SimulatedTracker
 
 POWER_ON_SETTINGS = said.SystemSettings(READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
 POWER_ON_REFRACTION = said.Refraction(1.000271, 1.000275)
@@ -124,7 +124,7 @@ class EmsconInstrument:
             return EmsconOutcome(bodies=self._reflectors())
         return self._set(request.command, request.body)
 
-    def result_of(self, shot: TrackerShot) -> said.SingleResult | said.SingleResult2:
+    def result_of(self, shot: Measurement) -> said.SingleResult | said.SingleResult2:
         """Result of a shot, with covariances if they are wanted; the beam points at the centre.
 
         The covariance that it was drawn by stands for the observed and for the a-priori one.
@@ -132,7 +132,7 @@ class EmsconInstrument:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
         std: Vector3 = (sqrt(xx), sqrt(yy), sqrt(zz))
         total = sqrt(sum(value * value for value in std))
-        air = (shot.temperature_degC, shot.pressure_hPa, shot.humidity_percent)
+        air = astuple(shot.weather)
         status, mode = int(ResultStatus.ALL_OK), STATIONARY
         head = (status, mode, 0, shot.point_in_tracker_mm, std, total)
         statistics = cast("said.StatisticMode", self._kept[Command.GET_STATISTIC_MODE])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.values import Matrix3, Vector3, vector
+from drivers.values import Measurement, Vector3, Weather, vector
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import Array
 from sim.random_streams import Attempts, Purpose, WorkedTime, generator
@@ -17,17 +17,6 @@ from sim.tracker.section import TrackerSection
 SLEW_RAD_PER_S = math.radians(90.0)
 FOREVER_S = 1e9
 S_PER_H = 3600.0
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerShot:
-    """Stationary measurement in the tracker's frame, and the covariance it was drawn by."""
-
-    point_in_tracker_mm: Vector3
-    covariance_mm2: Matrix3
-    temperature_degC: float
-    pressure_hPa: float
-    humidity_percent: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +175,7 @@ class SimulatedTracker:
         self._measuring_s = measuring_time_s
         return now_s + measuring_time_s
 
-    def finish_measurement(self, now_s: float) -> TrackerShot | None:
+    def finish_measurement(self, now_s: float) -> Measurement | None:
         """The shot, or nothing when the beam was lost meanwhile."""
         locked, measured_s = self.beam_locked(now_s), self._measuring_s
         self._measuring_s = None
@@ -235,17 +224,18 @@ class SimulatedTracker:
         else:
             self.beam.cut(at_s, FOREVER_S if fault.seconds is None else fault.seconds)
 
-    def _shot(self, now_s: float) -> TrackerShot:
+    def _shot(self, now_s: float) -> Measurement:
+        """Point with noise, and the covariance it was drawn by."""
         true_mm = self.beam.point_in_tracker_mm(now_s)
         spread_mm = self._section.noise.spread_mm(true_mm)
         key = self._scene.robot_target()
         draw = generator(self._seed, Purpose.SHOT, *key, self.attempts.next(key))
         measured_mm = true_mm + spread_mm @ draw.standard_normal(3)
         rows = [vector(row) for row in spread_mm @ spread_mm.T]
-        weather = self.weather(now_s)
+        weather = Weather(*self.weather(now_s))
         assert self.beam.locked_on is not None, "without a lock there is no shot"
         self.taken.append(TakenShot(vector(measured_mm), self.beam.locked_on, key))
-        return TrackerShot(vector(measured_mm), (rows[0], rows[1], rows[2]), *weather)
+        return Measurement(vector(measured_mm), (rows[0], rows[1], rows[2]), weather)
 
 
 def _turn_rad(first_mm: Array, second_mm: Array) -> float:

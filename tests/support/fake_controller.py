@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from math import radians
 
+from drivers.values import RobotState
 from sim.geometry import PAR4, Kind
-from sim.robot.controller import ControllerState, Refusal
+from sim.robot.controller import Refusal
 
 GEOMETRY = {name: float(number) for number, name in enumerate(PAR4.names)}
 
@@ -27,9 +28,7 @@ class FakeController:
     calls: list[tuple[object, ...]] = field(default_factory=list)
 
     def state(self, now_s):
-        return ControllerState(
-            (0.0, radians(45.0), radians(-90.0), 0.5), self.moving, self.fault, False
-        )
+        return RobotState((0.0, radians(45.0), radians(-90.0), 0.5), self.moving, self.fault, False)
 
     def move_joints(self, target_rad, speed_fraction, now_s):
         return self._move("move_joints", tuple(target_rad), speed_fraction, now_s)

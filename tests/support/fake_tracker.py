@@ -1,6 +1,6 @@
 """A tracker without a cell: does at once, or after a second, what a test tells it."""
 
-from sim.tracker.instrument import TrackerShot
+from drivers.values import Measurement, Weather
 from sim.tracker.section import SimulatedReflector
 
 COVARIANCE_MM2 = ((4e-4, 1e-5, -2e-5), (1e-5, 9e-4, 3e-5), (-2e-5, 3e-5, 1e-4))
@@ -90,7 +90,7 @@ class FakeTracker:
     def finish_measurement(self, now_s):
         if not self.is_locked:
             return None
-        return TrackerShot(self.point_mm, COVARIANCE_MM2, 20.0, 1013.25, 50.0)
+        return Measurement(self.point_mm, COVARIANCE_MM2, Weather(20.0, 1013.25, 50.0))
 
     def advance(self, now_s):
         if self._end is not None and now_s >= self._end[0]:

@@ -28,6 +28,7 @@ from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from campaigns.files.yaml_file import read_document, yaml_text
 from campaigns.identification.options import AS_THE_PAPER
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.studies.engine import ResultTable
 from campaigns.version import VERSION
@@ -153,9 +154,8 @@ class TrialResult(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
 
     def missed(self, unit: str) -> list[float]:
         """Sizes of what the parameters of a unit, mm or deg, are missed by."""
-        return [
-            abs(e.missed_by) for name, e in self.parameters.items() if name.endswith(f"_{unit}")
-        ]
+        names = PAR4.parameters.of_unit(unit, tuple(self.parameters))
+        return [abs(self.parameters[name].missed_by) for name in names]
 
 
 def trial_table(path: Path) -> ResultTable[TrialResult]:
