@@ -31,8 +31,8 @@ HOLDS = 0.35
 side."""
 LAGS = 4
 """Order of the autoregressive noise that is allowed for."""
-REMEMBERED = 3.3
-"""Standard deviations of the sum of autocorrelations from which noise has a memory."""
+REMEMBERED, MOST_REMEMBERED = 1.65, 0.95
+"""Standard deviations of the sum of autocorrelations from which noise has a memory; most of one."""
 FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
@@ -117,6 +117,10 @@ def memory(left: Array) -> Array:
     correlation /= square
     if correlation.sum() < REMEMBERED * math.sqrt(LAGS / left.size):
         return np.empty(0)
+    # a mean before a step and one after it hide as much of a long memory (Kendall 1954)
+    first = min(max(float(correlation[0]), 0.0), MOST_REMEMBERED)
+    hidden = min(2.0 * (1.0 + 4.0 * first) / (len(left) * (1.0 - first)), 0.5)
+    correlation += hidden * (1.0 - correlation)
     lags = np.abs(np.subtract.outer(np.arange(LAGS), np.arange(LAGS)))
     coefficients = np.linalg.solve(np.append(1.0, correlation)[lags], correlation)
     innovation = max(1.0 - float(coefficients @ correlation), ROUNDING)

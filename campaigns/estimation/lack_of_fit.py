@@ -159,7 +159,7 @@ def _lack(
         period=group.period,
         size=-solved.size,
         std=np.sqrt(rest * solved.variance),
-        share=max(0.0, solved.gain - solved.rank * rest) / shots.chi2,
+        share=float(max(0.0, solved.gain - solved.rank * rest) / shots.chi2),
         log_p=min(chance, 0.0),
         part=part,
         columns=group.columns[:, :, part],

@@ -1,0 +1,163 @@
+"""Causes by name: what a model lacks, and what changed at the end, by all shots of a campaign."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import NOMINAL
+from identified_cases import (
+    NOISE_MM,
+    TRACKER_FROM_BASE,
+    TRUTH,
+    identified,
+    moved,
+    noisy,
+    simulated,
+    stating,
+)
+from par4_space import SPACE
+
+from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Estimator
+from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.mechanisms.mechanism import Kinematics
+
+BOTH = pytest.mark.parametrize("estimator", list(Estimator))
+PLAIN = simulated(40, 20, seed=2)
+UNSEEN_FROM = 80
+
+
+def with_joints(joints, seed=1, truth=TRUTH):
+    """The same encoder readings, the points of the robot that stands at these joints."""
+    points = TRACKER_FROM_BASE.apply(truth.forward(joints).values_or_raise()[:, :3])
+    return noisy(replace(PLAIN, points_in_tracker_mm=points), seed)
+
+
+def doubts_of(data, name, estimator=Estimator.POINTS):
+    return [each for each in identified(data, estimator).doubts if each.name == name]
+
+
+@BOTH
+def test_an_eccentric_encoder_is_named_with_its_arm_and_size(estimator):
+    joints = PLAIN.joints.copy()
+    joints[:, 2] += np.radians(0.05) * np.sin(joints[:, 2] + 0.7)
+    found = identified(with_joints(joints), estimator)
+    (doubt,) = [each for each in found.doubts if each.name == "lack-of-fit"]
+    assert doubt.says.startswith("arm 2: eccentric encoder")
+    assert doubt.numbers["size"] == pytest.approx(0.05, rel=0.2)
+    assert doubt.numbers["unit"] == "°"
+    assert found.verdict == "not decided"
+
+
+def test_a_gears_ratio_is_told_in_percent():
+    joints = PLAIN.joints.copy()
+    joints[:, 1] *= 1.001
+    (doubt,) = doubts_of(with_joints(joints), "lack-of-fit")
+    assert (doubt.numbers["cause"], doubt.numbers["arm"]) == ("ratio", 1.0)
+    assert doubt.numbers["size"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_what_could_be_freed_is_named_with_the_option_that_frees_it():
+    p = TRUTH.p.copy()
+    p[SPACE.places(["arm1.azimuth_deg", "arm3.azimuth_deg"])] += [1e-3, -1e-3]
+    data = with_joints(PLAIN.joints, truth=Kinematics(TRUTH.mechanism, p))
+    (doubt,) = doubts_of(data, "lack-of-fit")
+    assert doubt.numbers["cause"] == "azimuths"
+    assert "--free 'arm*.azimuth_deg'" in doubt.says
+    freed = identified(data, Estimator.POINTS, free=["arm[123].azimuth_deg"])
+    assert freed.doubts == ()
+
+
+class TestReflectorConstant:
+    DATA = noisy(PLAIN, 3).with_shorter_ranges(12.7)
+
+    def test_of_another_reflector_is_named_with_its_size(self):
+        (doubt,) = doubts_of(self.DATA, "lack-of-fit")
+        assert doubt.numbers["cause"] == "reflector"
+        assert doubt.numbers["size"] == pytest.approx(-12.7, abs=0.2)
+        assert "--free reflector_constant_mm" in doubt.says
+
+    def test_is_fitted_beside_the_robot(self):
+        options = IdentificationOptions(free=("reflector_constant_mm",))
+        selection = select_parameters(SPACE, options.free)
+        found = identify(NOMINAL, self.DATA, selection, options)
+        (told,) = found.doubts
+        assert told.numbers["off_mm"] == pytest.approx(-12.7, abs=5.0 * told.numbers["std_mm"])
+        assert "another type of reflector" in told.says
+        assert found.verdict == "pass"
+        for name, each in found.parameters.items():
+            if each.std is not None:
+                assert each.value == pytest.approx(TRUTH.parameters[name], abs=5.0 * each.std)
+
+    def test_is_no_matter_of_distances(self):
+        with pytest.raises(OptionsInvalid, match="belongs to --estimator points"):
+            IdentificationOptions(estimator=Estimator.DISTANCES, free=("reflector_constant_mm",))
+
+
+class TestChange:
+    def stepped(self, first, offset_deg=0.0, x_mm=0.0, seed=1):
+        p = TRUTH.p.copy()
+        p[SPACE.offsets[2]] += np.radians(offset_deg)
+        p[SPACE.places(["arm2.x_mm"])] += x_mm
+        later = with_joints(PLAIN.joints, seed, Kinematics(TRUTH.mechanism, p))
+        points = noisy(PLAIN, seed).points_in_tracker_mm.copy()
+        points[first:] = later.points_in_tracker_mm[first:]
+        return stating(replace(PLAIN, points_in_tracker_mm=points))
+
+    @pytest.mark.parametrize("first", [UNSEEN_FROM + 20, 115])
+    def test_among_unseen_shots_is_named(self, first):
+        (doubt,) = doubts_of(self.stepped(first, offset_deg=0.1), "change-during-campaign")
+        assert doubt.numbers["cause"] == "arm2.joint_offset_deg"
+        assert abs(doubt.numbers["before_shot"] - first) <= 1
+        assert doubt.decision == "fail"
+
+    def test_of_a_mount_is_no_encoders(self):
+        (doubt,) = doubts_of(self.stepped(50, x_mm=0.5), "change-during-campaign")
+        assert doubt.says.startswith("arm 2's mount moved by 0.5")
+
+    def test_of_an_encoder_below_the_play_of_the_gears_is_only_told(self):
+        play = np.random.default_rng(4).choice([-0.5, 0.5], PLAIN.joints.shape)
+        scatter = with_joints(PLAIN.joints + np.radians(0.1) * play)
+        joints = PLAIN.joints.copy()
+        joints[60:, 2] += np.radians(0.08)
+        points = scatter.points_in_tracker_mm + (
+            with_joints(joints).points_in_tracker_mm - noisy(PLAIN, 1).points_in_tracker_mm
+        )
+        found = identified(replace(scatter, points_in_tracker_mm=points), Estimator.POINTS)
+        assert found.robot_scatter.joint > 0.0
+        (doubt,) = [each for each in found.doubts if each.name == "change-during-campaign"]
+        assert doubt.decision is None
+        assert "less than the play" in doubt.says
+        assert found.verdict == "pass"
+
+
+def test_swapped_neighbours_are_told_and_are_no_change():
+    data = noisy(PLAIN, 1)
+    points = data.points_in_tracker_mm.copy()
+    points[[30, 31]] = points[[31, 30]]
+    found = identified(replace(data, points_in_tracker_mm=points), Estimator.POINTS)
+    (doubt,) = found.doubts
+    assert (doubt.name, doubt.decision) == ("swapped", None)
+    assert doubt.says.startswith("shots 30 and 31 are swapped")
+    assert found.verdict == "pass"
+
+
+def test_wrong_shots_together_at_the_end_of_what_is_fitted_are_a_change():
+    """Each somewhere else, so that no cause explains them."""
+    wrong = moved(noisy(PLAIN, 1), (75, 77, 79), 3.0)
+    assert any(each.decision == "fail" for each in doubts_of(wrong, "change-during-campaign"))
+    apart = moved(noisy(PLAIN, 1), (5, 40, 79), 3.0)
+    assert doubts_of(apart, "change-during-campaign") == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_with_a_memory_is_no_change(seed):
+    rng = np.random.default_rng([5, seed])
+    noise = rng.standard_normal((len(PLAIN), 3))
+    for row in range(1, len(PLAIN)):
+        noise[row] = 0.8 * noise[row - 1] + 0.6 * noise[row]
+    points = PLAIN.points_in_tracker_mm + NOISE_MM * noise
+    found = identified(stating(replace(PLAIN, points_in_tracker_mm=points)), Estimator.POINTS)
+    assert found.doubts == ()
