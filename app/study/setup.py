@@ -196,6 +196,13 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
     plans = dict.fromkeys(asked.plan or [campaign.plan_path])
     names: Iterable[str | None] = dict.fromkeys(asked.scenario) or [None]
     perturbations = asked.perturbations
+    revolute = campaign.robot.mechanism.joints[0].is_revolute
+    for name in perturbations if revolute else ():
+        if name and any(each.period_mm for each in KINDS[name]):
+            raise OptionsInvalid(
+                f"--effects {name}: a {campaign.robot.mechanism.name} has no carriages",
+                remedy="leave it out, or study an i4l or a linear-delta",
+            )
     scenarios = [study_scenario(campaign, name) for name in names]
     unperturbed = [
         (plan, scenario, method, study_setup(campaign, plan, scenario, method, asked))
