@@ -13,6 +13,8 @@ from campaigns.arrays import Array
 LEFT_BEHIND = -0.5
 """What part of the backlash an arm is from its encoder, in the direction of approach."""
 DEGREE = 2
+LEVEL_MM = 1.0
+"""Of a point nearer to the standing axis it is not known which way is sideways."""
 
 
 def of_joints(by_joints: Array, *terms: Array) -> Array:
@@ -57,9 +59,27 @@ def reflector_constant(points_in_tracker_mm: Array) -> Array:
 
 def transit_axis(points_in_tracker_mm: Array) -> Array:
     """Azimuths of a tracker whose axes are 1 rad out of square, (N, 3, 1): by the tangent of ε."""
+    z = points_in_tracker_mm[:, 2]
+    return np.asarray(z[:, None, None] * _sideways(points_in_tracker_mm))
+
+
+def collimation(points_in_tracker_mm: Array) -> Array:
+    """Beams that are 1 rad off the normal of the transit axis, (N, 3, 1)."""
+    ranges_mm = np.linalg.norm(points_in_tracker_mm, axis=1)
+    return np.asarray(ranges_mm[:, None, None] * _sideways(points_in_tracker_mm))
+
+
+def vertical_index(points_in_tracker_mm: Array) -> Array:
+    """Elevations that are larger by 1 rad, (N, 3, 1)."""
+    sideways = _sideways(points_in_tracker_mm)[:, :, 0]
+    return np.asarray(np.cross(points_in_tracker_mm, sideways)[:, :, None])
+
+
+def _sideways(points_in_tracker_mm: Array) -> Array:
+    """Unit vectors across the beam, level, (N, 3, 1); arbitrarily small on the standing axis."""
     x, y, z = points_in_tracker_mm.T
-    across = np.stack([-y, x, np.zeros_like(z)], axis=1)
-    return np.asarray((across * (z / np.hypot(x, y))[:, None])[:, :, None])
+    level_mm = np.maximum(np.hypot(x, y), LEVEL_MM)
+    return np.asarray((np.stack([-y, x, np.zeros_like(z)], axis=1) / level_mm[:, None])[:, :, None])
 
 
 def smooth(joints: Array) -> Array:

@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.estimation import error_columns
 from campaigns.estimation.point_sets import directions
 
 LIMIT_PER_STD = 3**0.5
 """A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""
 MM_PER_UM = 1e-3
 PER_MM_OF_UM_PER_M = 1e-6
-LEVEL_MM = 1.0
-"""Of a point nearer to the standing axis it is not known which way is sideways."""
 WINSORISED_AT = 10.0
 """Times the median: a larger variance of a distance counts as that."""
 
@@ -82,22 +81,15 @@ def common_shifts_mm(
 ) -> dict[str, Array]:
     """Shifts of points, (N, 3) each, by one standard deviation of what all shots have in common.
 
-    Points are given in the instrument's axes, z being its standing axis. Its transit axis out of
-    square turns a point about z by as much as it is high, its beam off the transit axis's normal
-    (collimation) by as much as it is far, its index lifts it.
+    Points are given in the instrument's axes, z being its standing axis.
     """
-    distance = np.linalg.norm(points_from_tracker_mm, axis=1)[:, None]
-    x, y, z = points_from_tracker_mm.T
-    level = np.maximum(np.hypot(x, y), LEVEL_MM)
-    sideways = np.column_stack([-y, x, np.zeros_like(x)]) / level[:, None]
-    upwards = np.cross(points_from_tracker_mm / distance, sideways)
-    by_axes = uncertainty.axes_per_mm
+    points, by_axes = points_from_tracker_mm, uncertainty.axes_per_mm
     return {
-        "scale": uncertainty.scale * points_from_tracker_mm,
-        "transit axis": by_axes * z[:, None] * sideways,
-        "collimation": by_axes * distance * sideways,
-        "vertical index": by_axes * distance * upwards,
-        "reflector": uncertainty.reflector_mm * points_from_tracker_mm / distance,
+        "scale": uncertainty.scale * points,
+        "transit axis": by_axes * error_columns.transit_axis(points)[:, :, 0],
+        "collimation": by_axes * error_columns.collimation(points)[:, :, 0],
+        "vertical index": by_axes * error_columns.vertical_index(points)[:, :, 0],
+        "reflector": uncertainty.reflector_mm * error_columns.reflector_constant(points)[:, :, 0],
     }
 
 

@@ -50,6 +50,10 @@ class Perturbation:
     """By how much ranges are too long."""
     transit_mrad: float = 0.0
     """Of the tracker's transit axis, out of square."""
+    known_length: bool = False
+    """Whether a bar of a metre, put down five times about the workspace, was measured too."""
+    measured: float = 1.0
+    """Part of each axis's range in which shots are, about one of the workspace's sides."""
 
     @property
     def imperfect_parts(self) -> bool:
@@ -87,7 +91,8 @@ class Perturbation:
             f"{60.0 * self.backlash_deg:.2g}′": self.backlash_deg,
             f"rods {self.rods_mm:g} mm": self.rods_mm,
             f"axes {self.axes_mrad:g} mrad": self.axes_mrad,
-            f"× {self.scale:g}": self.scale - 1.0,
+            f"× {self.scale:.6g}{', known length' * self.known_length}": self.scale - 1.0,
+            f"shots in {self.measured:g} of each range": self.measured - 1.0,
             "two swapped": self.swapped,
             f"eccentric {self.eccentric_deg:g}°": self.eccentric_deg,
             f"ratio {self.ratio_ppm:g} ppm": self.ratio_ppm,
@@ -161,10 +166,16 @@ BY_SIZE: Mapping[str, tuple[Perturbation, ...]] = {
     ),
     "moved-mount": tuple(Perturbation(step="mount", size=size) for size in (0.1, 0.3, 1.0)),
     "swapped-neighbours": (Perturbation(swapped=True),),
+    "tracker-scale": tuple(
+        Perturbation(scale=1.0 + 1e-6 * ppm, known_length=known)
+        for known in (False, True)
+        for ppm in (50.0, 100.0, 300.0)
+    ),
+    "part-of-the-workspace": tuple(Perturbation(measured=part) for part in (0.25, 0.5, 0.75)),
 }
 """Not among `all`, and told by size: parts that are never perfect, from none to coarse, of which
 each model leaves something; wrong shots of which bare distances tell nothing but that; small errors
-with a cause each, and changes before the last shots."""
+with a cause each, and changes before the last shots; what no shot can tell."""
 
 KINDS: Mapping[str, tuple[Perturbation, ...]] = {**PERTURBATIONS, **BY_SIZE}
 """Their order is part of what is drawn."""

@@ -5,20 +5,25 @@ estimator), plus noise as the tracker states it, plus the perturbation: no linea
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.information import point_jacobian, predict_points, whitened
 from campaigns.estimation.observability import orthonormal_basis
-from campaigns.estimation.tracker_noise import point_covariance_mm2
+from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.settings.sections import KnownLengthConfig
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.studies.perturbations import Perturbation
 from campaigns.studies.study import Forward, StudySetup, fitted_rows
 
 FEWEST_BEYOND = 8
 """Fitted shots before a step, and after it."""
+BAR = KnownLengthConfig(name="bar", length_mm=1000.0, std_mm=0.005)
+BAR_PLACES, BAR_WITHIN_MM = 5, 400.0
 LATE = (3, 9)
 """Shots after a late step: from so many to one less than so many."""
 BETWEEN_SESSIONS = 1.0 / 3.0
@@ -86,11 +91,10 @@ def perturbed_campaign(
 
     A perturbation beyond the model needs `setup.beyond_model`.
     """
-    shots, mechanism = setup.shots, setup.nominal.mechanism
+    mechanism = setup.nominal.mechanism
     before = Kinematics(mechanism, truth)
     arm = int(rng.integers(mechanism.parameters.arms))
-    if perturbation.late:
-        shots = shots.rows(rng.permutation(len(shots)))
+    shots = _series(setup, perturbation, rng)
     fitted = fitted_rows(shots)
     first = (
         len(shots) - int(rng.integers(*LATE)) if perturbation.late else _first_after(rng, fitted)
@@ -135,12 +139,9 @@ def perturbed_campaign(
     roots = np.linalg.cholesky(stated)
     points = points + np.einsum("nij,nj->ni", roots, rng.standard_normal(points.shape))
     turn = frame.rotation
+    measured = replace(shots, points_in_tracker_mm=points, stated_covariance_mm2=stated)
     return PerturbedCampaign(
-        shots=replace(
-            shots,
-            points_in_tracker_mm=perturbation.scale * points,
-            stated_covariance_mm2=perturbation.scale**2 * stated,
-        ),
+        shots=_as_read(measured, perturbation, setup.options.instrument, rng),
         free=setup.free,
         true=told,
         forward=forward,
@@ -152,6 +153,77 @@ def perturbed_campaign(
         first_after=shots.numbers[first],
         gross=frozenset(shots.numbers[row] for row in wrong.tolist()),
     )
+
+
+def with_known_lengths(
+    shots: Shots, ends_mm: Array, instrument: TrackerUncertainty, rng: np.random.Generator
+) -> Shots:
+    """Shots, and pairs of a known length between true points (M, 3), without the robot."""
+    count, joints = len(ends_mm), np.full((len(ends_mm), shots.joints.shape[1]), np.nan)
+    stated = point_covariance_mm2(ends_mm, instrument)
+    noise = np.linalg.cholesky(stated) @ rng.standard_normal((count, 3, 1))
+    pairs = max((pair for pair in shots.pairs if pair is not None), default=-1) + 1
+    numbers = max(shots.numbers, default=-1) + 1
+    more: dict[str, Any] = {
+        "numbers": tuple(range(numbers, numbers + count)),
+        "purposes": (ShotSet.KNOWN_LENGTH,) * count,
+        "pairs": tuple(pairs + row // 2 for row in range(count)),
+        "joints": joints,
+        "points_in_tracker_mm": ends_mm + noise[:, :, 0],
+        "stated_covariance_mm2": stated,
+        "approach": np.zeros_like(joints),
+        "commanded": np.full((count, shots.commanded.shape[1]), np.nan),
+        "measured_utc": ("",) * count,
+        "temperature_degC": np.full(count, np.nan),
+        "session": np.zeros(count, dtype=np.intp),
+    }
+    joined: dict[str, Any] = {"records": shots.records}
+    for name, added in more.items():
+        own = getattr(shots, name)
+        joined[name] = np.concatenate([own, added]) if isinstance(own, np.ndarray) else own + added
+    return Shots(**joined)
+
+
+def _bar_points(about_mm: Array, rng: np.random.Generator) -> Array:
+    """Ends of a bar put down in any direction about a point (3,), one after the other, (10, 3)."""
+    length_mm = BAR.length_mm + BAR.std_mm * rng.standard_normal()
+    middle_mm = about_mm + rng.uniform(-BAR_WITHIN_MM, BAR_WITHIN_MM, (BAR_PLACES, 3))
+    half_mm = _any_direction(rng, BAR_PLACES, 0.5 * length_mm)
+    return np.stack([middle_mm - half_mm, middle_mm + half_mm], axis=1).reshape(-1, 3)
+
+
+def _as_read(
+    shots: Shots,
+    perturbation: Perturbation,
+    instrument: TrackerUncertainty,
+    rng: np.random.Generator,
+) -> Shots:
+    """Shots as a tracker reads them whose scale is off, beside those of a known length."""
+    if perturbation.known_length:
+        ends_mm = _bar_points(shots.points_in_tracker_mm.mean(axis=0), rng)
+        shots = with_known_lengths(shots, ends_mm, instrument, rng)
+    return replace(
+        shots,
+        points_in_tracker_mm=perturbation.scale * shots.points_in_tracker_mm,
+        stated_covariance_mm2=perturbation.scale**2 * shots.stated_covariance_mm2,
+    )
+
+
+def _series(setup: StudySetup, perturbation: Perturbation, rng: np.random.Generator) -> Shots:
+    """Shots of the plan as they are taken: all of them, or moved together, or in another order.
+
+    Those in a part of the workspace lie about one that is farthest out. Raises `NoSolution`.
+    """
+    shots, part = setup.shots, perturbation.measured
+    if perturbation.late:
+        return shots.rows(rng.permutation(len(shots)))
+    if part == 1.0:
+        return shots
+    poses = shots.commanded
+    away = np.linalg.norm(poses[:, :3] - poses[:, :3].mean(axis=0), axis=1)
+    farthest = poses[int(np.argmax(away))]
+    moved = farthest + part * (poses - farthest)
+    return replace(shots, commanded=moved, joints=setup.nominal.inverse(moved).values_or_raise())
 
 
 def _first_after(rng: np.random.Generator, fitted: Index) -> int:

@@ -1,11 +1,21 @@
 """Verdicts on perturbed campaigns: what identification says, beside what is true."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.evaluation.diagnostics import CHANGE, COMMON_SCALE, HOLD_OUT, LACK, SWAPPED
+from campaigns.evaluation.diagnostics import (
+    CHANGE,
+    COMMON_SCALE,
+    EXTRAPOLATION,
+    HOLD_OUT,
+    KNOWN_LENGTH,
+    LACK,
+    SWAPPED,
+)
 from campaigns.identification.model_selection import select_model
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult
@@ -14,7 +24,7 @@ from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW
 from campaigns.studies import study
 from campaigns.studies.perturbations import KINDS, Perturbation, perturbation_of
-from campaigns.studies.perturbed import PerturbedCampaign, perturbed_campaign
+from campaigns.studies.perturbed import BAR, PerturbedCampaign, perturbed_campaign
 
 NEAR_SHOTS = 5
 """By which the place of a step may be missed."""
@@ -44,7 +54,8 @@ def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVer
     assert workspace is not None, "given to whatever is judged"
     space = nominal.mechanism.parameters
     models = setup.models or {setup.model.value: ParameterSelection(made.free)}
-    found = select_model(nominal, made.shots, dict(models), setup.options)
+    options = replace(setup.options, known_lengths=(BAR,))
+    found = select_model(nominal, made.shots, dict(models), options)
     names = [name for name in found.free if name in space.geometry]
     units, places = space.units(names), space.places(names)
     p, std = nominal.p.copy(), np.full(len(nominal.p), np.nan)
@@ -130,7 +141,9 @@ def _named(
     if perturbation.gross:
         return all_named
     if perturbation.scale != 1.0:
-        return COMMON_SCALE in names
+        return bool(names & {COMMON_SCALE, KNOWN_LENGTH})
+    if perturbation.measured < 1.0:
+        return EXTRAPOLATION in names
     if perturbation.cause:
         return next(iter(_causes(found)), "") == perturbation.cause
     if perturbation.swapped:
@@ -167,5 +180,7 @@ def _false_alarm(
         (bool(change) and not changes)
         or (COMMON_SCALE in doubts and perturbation.scale == 1.0 and not perturbation.drift)
         or (too_many > 0 and not changes and not perturbation.cause)
+        or (KNOWN_LENGTH in doubts and perturbation.scale == 1.0)
+        or (EXTRAPOLATION in doubts and perturbation.measured == 1.0)
         or (LACK in doubts and not (lacking or perturbation.gross))
     )

@@ -20,12 +20,9 @@ from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.settings.sections import KnownLengthConfig
-from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import COLUMNS, Shots
+from campaigns.studies.perturbed import BAR, with_known_lengths
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=1)
-BAR = KnownLengthConfig(name="bar", length_mm=1000.0, std_mm=0.005)
 PPM = 1e-6
 
 
@@ -37,38 +34,17 @@ def doubt(found, name):
     return next((each for each in found.doubts if each.name == name), None)
 
 
-def bar_points(count, scale, rng):
-    """Points of a bar of a metre, put down anywhere about 2.5 m from the tracker."""
+def bar_ends(count, rng):
+    """Ends of a bar of a metre, put down anywhere about 2.5 m from the tracker."""
     middle = rng.uniform([2000.0, -500.0, -500.0], [3000.0, 500.0, 500.0], (count, 3))
     way = rng.standard_normal((count, 3))
     way *= 0.5 * BAR.length_mm / np.linalg.norm(way, axis=1, keepdims=True)
-    points = np.stack([middle - way, middle + way], axis=1).reshape(-1, 3)
-    root = np.linalg.cholesky(point_covariance_mm2(points, TrackerUncertainty()))
-    noise = np.einsum("nij,nj->ni", root, rng.standard_normal(points.shape))
-    return (1.0 + scale) * points + noise
+    return np.stack([middle - way, middle + way], axis=1).reshape(-1, 3)
 
 
-def with_bars(data, points):
-    """The same shots, and pairs of a known length that were measured without the robot."""
-    count = len(points)
-    bars = Shots(
-        numbers=tuple(range(count)),
-        purposes=(ShotSet.KNOWN_LENGTH,) * count,
-        pairs=tuple(row // 2 for row in range(count)),
-        joints=np.full((count, data.joints.shape[1]), np.nan),
-        points_in_tracker_mm=points,
-        stated_covariance_mm2=np.full((count, 3, 3), np.nan),
-        approach=np.zeros((count, data.joints.shape[1])),
-        commanded=np.full((count, data.commanded.shape[1]), np.nan),
-        measured_utc=("",) * count,
-        temperature_degC=np.full(count, np.nan),
-    )
-    joined = {}
-    for name in COLUMNS:
-        own, more = getattr(data, name), getattr(bars, name)
-        is_array = isinstance(own, np.ndarray)
-        joined[name] = np.concatenate([own, more]) if is_array else own + more
-    return Shots(**joined)
+def with_bars(data, places=5):
+    rng = np.random.default_rng(3)
+    return with_known_lengths(data, bar_ends(places, rng), TrackerUncertainty(), rng)
 
 
 @pytest.mark.parametrize("estimator", list(Estimator))
@@ -106,11 +82,12 @@ def test_a_scale_of_100_ppm_is_found_by_a_bar_of_a_metre(scale, least, most):
     first, second = np.arange(0, 10, 2), np.arange(1, 10, 2)
     said = []
     for _ in range(500):
-        points = bar_points(5, scale, rng)
+        points = bar_ends(5, rng)
         covariance = point_covariance_mm2(points, TrackerUncertainty())
         variance = distance_variance_mm2(points, covariance, first, second)
         own = BAR.std_mm * rng.standard_normal()
-        measured = np.linalg.norm(points[second] - points[first], axis=1) + own
+        noise = np.sqrt(variance) * rng.standard_normal(5) + own
+        measured = (1.0 + scale) * known + noise
         together = np.diag(variance) + BAR.std_mm**2
         test = TrackerScale.of(measured - known, known, together, TrackerUncertainty().scale)
         said.append(not test.believable)
@@ -118,7 +95,7 @@ def test_a_scale_of_100_ppm_is_found_by_a_bar_of_a_metre(scale, least, most):
 
 
 def test_known_lengths_contradict_a_tracker_whose_scale_is_off():
-    data = with_bars(CLEAN, bar_points(5, 0.0, np.random.default_rng(3)))
+    data = with_bars(CLEAN)
     good = found_with(data, known_lengths=(BAR,))
     assert good.verdict == "pass"
     assert abs(good.known_lengths.scale.share) < 4.0 * good.known_lengths.scale.std < 60 * PPM
@@ -135,17 +112,18 @@ def test_known_lengths_contradict_a_tracker_whose_scale_is_off():
 
 
 def test_one_wrong_known_length_is_named_and_no_scale():
-    points = bar_points(5, 0.0, np.random.default_rng(3))
-    points[7] += 1.0
-    found = found_with(with_bars(CLEAN, points), known_lengths=(BAR,))
+    data = with_bars(CLEAN)
+    points = data.points_in_tracker_mm.copy()
+    points[-3] += 1.0
+    found = found_with(replace(data, points_in_tracker_mm=points), known_lengths=(BAR,))
     assert "contradict each other" in doubt(found, KNOWN_LENGTH).says
-    assert "bar, pair 3, is off by" in doubt(found, KNOWN_LENGTH).says
+    assert "bar, pair 83, is off by" in doubt(found, KNOWN_LENGTH).says
     assert found.verdict == "fail"
 
 
 def test_a_known_length_makes_a_coarse_tracker_surer():
     coarse = TrackerUncertainty(scale=300 * PPM)
-    data = with_bars(CLEAN, bar_points(5, 0.0, np.random.default_rng(3)))
+    data = with_bars(CLEAN)
     without = found_with(CLEAN, instrument=coarse, workspace=workspace()).position_std_mm
     known = found_with(
         data, instrument=coarse, workspace=workspace(), known_lengths=(BAR,)
@@ -155,9 +133,9 @@ def test_a_known_length_makes_a_coarse_tracker_surer():
 
 
 def test_a_pair_whose_length_nobody_tells_is_refused():
-    data = with_bars(CLEAN, bar_points(2, 0.0, np.random.default_rng(3)))
-    with pytest.raises(ShotsInvalid, match="pair 1 is of the set known-length"):
-        found_with(data, known_lengths=(BAR.model_copy(update={"pairs": (0,)}),))
+    data = with_bars(CLEAN, places=2)
+    with pytest.raises(ShotsInvalid, match="pair 81 is of the set known-length"):
+        found_with(data, known_lengths=(BAR.model_copy(update={"pairs": (80,)}),))
 
 
 def test_a_pass_names_the_region_that_it_is_for():
