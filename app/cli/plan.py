@@ -61,6 +61,7 @@ def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, obj
         "shots": 2 * pairs,
         "pairs": pairs,
         **forecast_document(planned),
+        "fitting_lines_mm": planned.lines_mm,
         "space": found and {**asdict(found), "by_zone": dict(found.by_zone)},
         "seconds_estimated": planned.checked.seconds,
         "path": campaign.plan_path,
@@ -76,6 +77,13 @@ def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> No
             terminal.say(line)
     if warning := plate_warning(campaign.space):
         terminal.say(warning, WARNING)
+    if planned.lines_mm is not None:
+        fitting = ", ".join(f"{mm:g}" for mm in planned.lines_mm)
+        terminal.say(
+            "validation.line_lengths_mm: the lines are too long for robot and space by more than a "
+            f"third; [{fitting}] fit about validation.centre_mm",
+            WARNING,
+        )
     show_forecast(terminal, planned)
     detours = planned.checked.detours
     terminal.say(f"{plan_line(planned.checked)}; {detours} ways go round something")

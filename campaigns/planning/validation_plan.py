@@ -27,6 +27,7 @@ APPROACH_MM = 80.0
 SHRINK = 0.98
 SHRINKS = 20
 """A line or turn that is too long for the robot is shortened about its middle, step by step."""
+SHORTEST_PART = SHRINK ** (SHRINKS - 1)
 LINE_PROBES = 401
 LINE_SPARE = 0.9
 """A line is no longer than that part of what the nominal robot can do."""
@@ -117,13 +118,17 @@ def validation_steps(
 
 
 def fitting_lines(
-    kinematics: Kinematics, limits: Limits, centre: Array, lengths_mm: tuple[float, float, float]
+    kinematics: Kinematics,
+    limits: Limits,
+    centre: Array,
+    lengths_mm: tuple[float, float, float],
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> tuple[float, float, float]:
-    """Lengths of the lines along x, y and z through the centre, the robot being able to do them.
+    """Lengths of the lines along x, y and z through the centre that robot and space allow.
 
     Of those that are too long the longest that fits with something to spare, in whole centimetres.
     """
-    robot = Reachable(kinematics, limits)
+    robot = Reachable(kinematics, limits, space)
 
     def fitting(axis: int) -> float:
         poses = np.tile(centre, (LINE_PROBES, 1))
@@ -131,7 +136,7 @@ def fitting_lines(
         if not robot.first_reason(poses):
             return lengths_mm[axis]
         half = np.abs(poses[:, axis] - centre[axis])
-        beyond = ~kinematics.feasibility(limits, poses).feasible
+        beyond = ~(kinematics.feasibility(limits, poses).feasible & space.allows(poses[:, :3]))
         return max(10.0, 10.0 * math.floor(0.1 * LINE_SPARE * 2.0 * float(half[beyond].min())))
 
     x, y, z = map(fitting, range(len(AXES)))

@@ -27,6 +27,7 @@ from campaigns.planning.predicted_uncertainty import (
     judged_positions,
     plan_forecast,
 )
+from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
 from campaigns.workflow.work import free_parameters
 
 REFUSALS_SAMPLE = 2000
@@ -51,6 +52,8 @@ class PlannedCampaign:
     model: Model = Model.STANDARD
     note: str = ""
     """Why it is not for the full model, where no other was asked for."""
+    lines_mm: tuple[float, float, float] | None = None
+    """Validation lines that would fit, where those of campaign.yaml are too long; else None."""
 
 
 def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampaign:
@@ -109,7 +112,15 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
         seed,
         _refusals(campaign, rng),
         model,
+        lines_mm=_fitting_lines_mm(campaign),
     )
+
+
+def _fitting_lines_mm(campaign: Campaign) -> tuple[float, float, float] | None:
+    robot, asked = campaign.robot, campaign.config.validation.line_lengths_mm
+    fitting = fitting_lines(robot.kinematics, robot.limits, campaign.centre, asked, campaign.space)
+    pairs = zip(fitting, asked, strict=True)
+    return fitting if any(mm < SHORTEST_PART * wanted for mm, wanted in pairs) else None
 
 
 def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:

@@ -35,7 +35,7 @@ from campaigns.planning.plans import (
     with_reserve,
 )
 from campaigns.planning.space_zones import restricted_space
-from campaigns.planning.validation_plan import Reachable, validation_steps
+from campaigns.planning.validation_plan import Reachable, fitting_lines, validation_steps
 from campaigns.settings.sections import ValidationConfig
 from campaigns.settings.space import SpaceConfig
 from campaigns.shots.shot_sets import ShotSet
@@ -199,6 +199,16 @@ def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
     assert FENCED.fault(little, further) is not None, "but no deeper"
     assert FENCED.safe_path(away, little) is not None, "back to where it was read"
     assert FENCED.safe_path(away, further) is None
+
+
+def test_lines_that_fit_the_robot_fit_its_space_too():
+    config = ValidationConfig()
+    asked = config.line_lengths_mm
+    centre = np.array([*config.centre_mm, 0.0])
+    narrow = restricted_space(SpaceConfig(radius_mm=300.0), 100.0)
+    x_mm, y_mm, z_mm = fitting_lines(NOMINAL, LIMITS, centre, asked, narrow)
+    assert (x_mm, y_mm) == (360.0, 360.0), "nine tenths of 200 mm each way"
+    assert z_mm == fitting_lines(NOMINAL, LIMITS, centre, asked)[2]
 
 
 def test_a_line_to_validate_on_is_shortened_or_refused_by_the_zone():

@@ -10,6 +10,7 @@ from drawn_study import FREE, NOMINAL, ROBOT, STD, plan, setup_of
 from app.study.rods import rod_robot
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.datum import datum_sample
+from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
 from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of
 from campaigns.studies.perturbed import perturbed_campaign
@@ -169,3 +170,16 @@ def test_rows_do_not_depend_on_how_campaigns_are_divided_and_are_kept(setup, tmp
 def test_digest_tells_perturbations_apart(setup):
     one, other = (replace(setup, perturbation=name) for name in ("clean", "drift"))
     assert len({each.digest("robots") for each in (setup, one, other)}) == 3
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_trackers_scale_is_told_by_a_known_length_alone(setup, known):
+    found = judged(setup, Perturbation(scale=1.0001, known_length=known))
+    assert (KNOWN_LENGTH in found.doubts) == found.named == known
+    assert found.passed == (not known)
+
+
+def test_shots_in_a_quarter_of_each_range_are_no_pass(setup):
+    found = judged(setup, Perturbation(measured=0.25))
+    assert EXTRAPOLATION in found.doubts
+    assert (found.named, found.passed) == (True, False)
