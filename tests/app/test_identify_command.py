@@ -12,14 +12,14 @@ from app.new_campaign import create_simulated
 from campaigns.campaign import open_campaign
 from campaigns.design.pose_sampling import interior_poses
 from campaigns.errors import SelectionInvalid
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.identification.options import AS_THE_PAPER, IdentificationOptions
 from campaigns.planning.plans import region_of
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
-from campaigns.workflow.identification import identification_options, identify
+from campaigns.workflow.identification import identification_options, identify, model_to_find
 from campaigns.workflow.importing import import_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
@@ -169,6 +169,38 @@ def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
     with pytest.raises(SelectionInvalid, match="matches no parameter"):
         identify(campaign, IdentificationOptions(free=("arm7.*",)))
     assert not campaign.journal_path.exists()
+
+
+@pytest.mark.parametrize(
+    ("planned", "found"),
+    [
+        ("", Model.STANDARD),
+        ("standard", Model.STANDARD),
+        ("rods", Model.RODS),
+        ("full", Model.AUTO),
+        ("of a later version", Model.AUTO),
+    ],
+)
+def test_model_follows_what_the_shots_were_planned_for(planned, found):
+    assert model_to_find(planned) is found
+
+
+def test_import_without_a_plan_gets_the_smallest_model_that_explains_it(clean):
+    found = identify(clean)
+    assert (found.model, found.asked) == ("auto", ())
+    assert [each.name for each in found.models if each.kept] == ["standard"]
+    by_name = identify(clean, IdentificationOptions(model=Model.STANDARD, hold_out=0.25))
+    assert (by_name.model, by_name.models) == ("standard", ())
+    assert by_name.asked == ("--model", "standard", "--hold-out", "0.25")
+
+
+def test_options_are_typed_as_they_were_given():
+    options = IdentificationOptions(
+        estimator=Estimator.DISTANCES, fix=("arm1.*", "arm2.*"), shots=(None, 60), sessions=True
+    )
+    words = "--estimator distances --fix arm1.* --fix arm2.* --shots -60 --sessions"
+    assert sorted(options.words()) == sorted(words.split())
+    assert IdentificationOptions().words() == []
 
 
 def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):

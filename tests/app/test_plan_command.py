@@ -140,6 +140,15 @@ def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
         assert asked_of(campaign, PlanOptions(criterion=letter))[1].criterion == letter
 
 
+def test_plan_is_for_the_full_model_and_for_the_standard_one_where_shots_are_few(campaign, capsys):
+    assert plan(campaign, PlanOptions(shots=40)).model is Model.FULL
+    assert {shot.model for shot in campaign.read_plan()} == {Model.FULL}
+    assert run_command(["plan", str(campaign.folder), "--shots", "10"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "planned for the standard model, not the full one: the shots are too few" in said
+    assert {shot.model for shot in campaign.read_plan()} == {Model.STANDARD}
+
+
 @pytest.mark.slow
 def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign, plan_of):
     assert campaign.instrument == TrackerUncertainty.of_limits(15, 0, 15, 0)

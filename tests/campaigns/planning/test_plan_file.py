@@ -1,12 +1,14 @@
 """plan.csv: what is written is read again; what somebody broke is answered with its line."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.errors import PlanInvalid
+from campaigns.estimation.estimators import Model
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning import plan_file
 from drivers.values import Pose
@@ -50,6 +52,25 @@ def test_rows_are_read_in_their_order_with_angles_in_rad():
         pose=Pose(100.5, -20.0, -600.0, math.radians(15.0)),
         joints=tuple(math.radians(angle) for angle in (1.0, 2.0, 3.0, 4.0)),
     )
+
+
+def test_plan_says_its_model_in_every_row_and_one_without_it_means_the_standard_one():
+    plain = read(PLAN)
+    full = tuple(replace(shot, model=Model.FULL) for shot in plain)
+    text = plan_file.plan_text(full, PAR4)
+    assert [line.rpartition(",")[2] for line in text.splitlines()] == ["model", *["full"] * 5]
+    assert read(text) == full
+    assert plan_file.plan_model(full) is Model.FULL
+    assert plan_file.plan_model(plain) is Model.STANDARD
+    assert plan_file.plan_text(plain, PAR4).startswith(HEADER)
+
+
+@pytest.mark.parametrize(("word", "says"), [("rods", "in rows before full"), ("ful", "model is")])
+def test_plan_of_two_models_or_an_unknown_one_is_refused(word, says):
+    full = tuple(replace(shot, model=Model.FULL) for shot in read(PLAN))
+    lines = plan_file.plan_text(full, PAR4).splitlines()
+    lines[3] = lines[3].replace("full", word)
+    assert says in complaint("\n".join(lines))
 
 
 def test_written_file_begins_with_the_agreed_header(tmp_path):
