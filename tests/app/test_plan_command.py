@@ -141,9 +141,10 @@ def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
 
 
 def test_plan_is_for_the_full_model_and_for_the_standard_one_where_shots_are_few(campaign, capsys):
+    by_distances = ("--estimator", "distances")
     assert plan(campaign, PlanOptions(shots=40)).model is Model.FULL
     assert {shot.model for shot in campaign.read_plan()} == {Model.FULL}
-    assert run_command(["plan", str(campaign.folder), "--shots", "10"]) == 0
+    assert run_command(["plan", str(campaign.folder), "--shots", "50", *by_distances]) == 0
     said = " ".join(capsys.readouterr().err.split())
     assert "planned for the standard model, not the full one: the shots are too few" in said
     assert {shot.model for shot in campaign.read_plan()} == {Model.STANDARD}
