@@ -3,42 +3,22 @@
 Only the one that is asked for is loaded.
 """
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivers.declaration import ControllerDriver, TrackerDriver
 from drivers.errors import AddressInvalid
 
-
-def _emscon() -> TrackerDriver:
-    from drivers.emscon.tracker import DRIVER
-
-    return DRIVER
-
-
-def _geocom() -> TrackerDriver:
-    from drivers.geocom.tracker import DRIVER
-
-    return DRIVER
-
-
-def _robotline() -> ControllerDriver:
-    from drivers.robotline.robot import DRIVER
-
-    return DRIVER
-
-
-def _linuxcnc() -> ControllerDriver:
-    from drivers.linuxcnc.robot import DRIVER
-
-    return DRIVER
-
-
-TRACKERS: Mapping[str, Callable[[], TrackerDriver]] = {"emscon": _emscon, "geocom": _geocom}
-CONTROLLERS: Mapping[str, Callable[[], ControllerDriver]] = {
-    "robotline": _robotline,
-    "linuxcnc": _linuxcnc,
+TRACKERS: Mapping[str, str] = {
+    "emscon": "drivers.emscon.tracker",
+    "geocom": "drivers.geocom.tracker",
 }
+CONTROLLERS: Mapping[str, str] = {
+    "robotline": "drivers.robotline.robot",
+    "linuxcnc": "drivers.linuxcnc.robot",
+}
+"""Modules whose `DRIVER` declares it."""
 
 if TYPE_CHECKING:
     TrackerName: TypeAlias = str
@@ -46,23 +26,25 @@ if TYPE_CHECKING:
 else:  # a choice that settings offer and check
     TrackerName, ControllerName = Literal[tuple(TRACKERS)], Literal[tuple(CONTROLLERS)]
 
-Driver = TypeVar("Driver")
-
 
 def tracker_driver(name: str) -> TrackerDriver:
     """Return a tracker's driver; raises `AddressInvalid` for one that there is not."""
-    return _found("tracker", TRACKERS, name)
+    found = _declared("tracker", TRACKERS, name)
+    assert isinstance(found, TrackerDriver), "listed as a tracker's"
+    return found
 
 
 def controller_driver(name: str) -> ControllerDriver:
     """Return a controller's driver; raises `AddressInvalid` for one that there is not."""
-    return _found("controller", CONTROLLERS, name)
+    found = _declared("controller", CONTROLLERS, name)
+    assert isinstance(found, ControllerDriver), "listed as a controller's"
+    return found
 
 
-def _found(device: str, drivers: Mapping[str, Callable[[], Driver]], name: str) -> Driver:
+def _declared(device: str, drivers: Mapping[str, str], name: str) -> object:
     if name not in drivers:
         raise AddressInvalid(
             f"there is no driver '{name}' for a {device}",
             remedy=f"use one of {', '.join(drivers)}, or another version of pkmcal",
         )
-    return drivers[name]()
+    return import_module(drivers[name]).DRIVER

@@ -4,15 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sim.faults import (
-    ANSWER_FAULTS,
-    ANSWERS_OF,
-    MEASUREMENT_FAULTS,
-    MOVE_FAULTS,
-    RESULT_FAULTS,
-    Counted,
-    Fault,
-)
+from sim import faults as script
 from sim.geometry import problem_with
 from sim.robot.section import ControllerSection, RobotSection, changed
 from sim.section import Count, NotNegative, Positive, Section, nearest
@@ -23,10 +15,10 @@ class FaultSection(Section):
     """Entry of the fault script: exactly one of the keys of `KINDS`; at_answer with a device."""
 
     KINDS: ClassVar[dict[str, tuple[str, ...]]] = {
-        "at_measurement": MEASUREMENT_FAULTS,
-        "at_move": MOVE_FAULTS,
-        "at_answer": ANSWER_FAULTS,
-        "at_result": RESULT_FAULTS,
+        "at_measurement": script.MEASUREMENT_FAULTS,
+        "at_move": script.MOVE_FAULTS,
+        "at_answer": script.ANSWER_FAULTS,
+        "at_result": script.RESULT_FAULTS,
     }
 
     at_measurement: Count | None = None
@@ -44,13 +36,13 @@ class FaultSection(Section):
         """The key that says when."""
         return next(key for key in self.KINDS if getattr(self, key) is not None)
 
-    def fault(self) -> Fault:
+    def fault(self) -> script.Fault:
         """The same with the occurrence that it counts."""
-        counts = {"at_measurement": Counted.MEASUREMENT, "at_move": Counted.MOVE}
-        counts |= {"at_result": Counted.RESULT}
+        counts = {"at_measurement": script.Counted.MEASUREMENT, "at_move": script.Counted.MOVE}
+        counts |= {"at_result": script.Counted.RESULT}
         key = self.counter
-        counted = counts[key] if self.device is None else ANSWERS_OF[self.device]
-        return Fault(counted, getattr(self, key), self.kind, self.seconds)
+        counted = counts[key] if self.device is None else script.ANSWERS_OF[self.device]
+        return script.Fault(counted, getattr(self, key), self.kind, self.seconds)
 
     @model_validator(mode="after")
     def _is_one_fault(self) -> Self:

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Self
 
 from drivers.errors import WireError
 from sim.faults import Fault
@@ -21,73 +20,30 @@ READS_A_TURN = 4
 GIVE_UP_ABOVE_BYTES = 1024 * 1024
 
 
-class Channel:
-    """Pipe of one connection: an accepted socket, or the device's end of a pseudo-terminal."""
+class SerialEnd:
+    """Device's end of a pseudo-terminal, in the words of a socket.
 
-    def __init__(
-        self,
-        fileno: int,
-        receive: Callable[[int], bytes],
-        send: Callable[[bytes], int],
-        *close: Callable[[], None],
-        keeps_open: bool,
-    ) -> None:
-        self._fileno = fileno
-        self._receive = receive
-        self._send = send
-        self._close = close
-        self.keeps_open = keeps_open
-        """Whether it outlives its client, as a serial line does."""
+    The client's end is held open too, as a serial line does not notice who is there.
+    """
 
-    @classmethod
-    def of_socket(cls, accepted: socket.socket) -> Self:
-        """Channel to whoever has connected."""
-        accepted.settimeout(0.0)
-        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return cls(
-            accepted.fileno(), accepted.recv, accepted.send, accepted.close, keeps_open=False
-        )
-
-    @classmethod
-    def of_pty(cls, device_end: int, client_end: int) -> Self:
-        """Serial line: the client's end is held open too, as it does not notice who is there."""
+    def __init__(self, device_end: int, client_end: int) -> None:
         os.set_blocking(device_end, False)
-        return cls(
-            device_end,
-            partial(os.read, device_end),
-            partial(os.write, device_end),
-            partial(os.close, device_end),
-            partial(os.close, client_end),
-            keeps_open=True,
-        )
+        self._ends = device_end, client_end
+        self.recv = partial(os.read, device_end)
+        self.send = partial(os.write, device_end)
 
     def fileno(self) -> int:
         """File descriptor for the selector."""
-        return self._fileno
-
-    def read(self) -> bytes | None:
-        """Bytes that have come, empty if none; None when the client has gone."""
-        try:
-            data = self._receive(CHUNK_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        return data or (b"" if self.keeps_open else None)
-
-    def write(self, data: bytes) -> int | None:
-        """Number of bytes that went out; None when the client has gone."""
-        try:
-            return self._send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            return 0 if self.keeps_open else None
+        return self._ends[0]
 
     def close(self) -> None:
-        """Close all of its ends."""
-        for close in self._close:
-            close()
+        """Close both ends."""
+        for end in self._ends:
+            os.close(end)
+
+
+Channel = socket.socket | SerialEnd
+"""Pipe of one connection, which never waits."""
 
 
 _Item = tuple[float, bytes | None]
@@ -186,6 +142,8 @@ class Peer:
     ) -> None:
         self.channel = channel
         self.is_over = False
+        self._keeps_open = isinstance(channel, SerialEnd)
+        """Whether the pipe outlives its client, as a serial line does."""
         self._outbox = outbox
         self._now_s = now_s
         self._session = factory(self._say, already_open)
@@ -226,11 +184,16 @@ class Peer:
 
     def _take(self) -> bool:
         """Take one piece; false when there is no more."""
-        data = self.channel.read()
-        if data is None:
-            self.hang_up()
-        elif data:
+        try:
+            data = self.channel.recv(CHUNK_BYTES)
+        except BlockingIOError:
+            return False
+        except OSError:
+            data = b""
+        if data:
             self._let(partial(self._session.received, data))
+        elif not self._keeps_open:
+            self.hang_up()  # the client has gone
         return bool(data)
 
     def _is_paused(self) -> bool:
@@ -247,10 +210,12 @@ class Peer:
 
     def _flush(self) -> None:
         if data := self._outbox.due(self._now_s()):
-            count = self.channel.write(data)
-            self._outbox.written(count or 0)
-            if count is None:
-                self.hang_up()
+            try:
+                self._outbox.written(self.channel.send(data))
+            except BlockingIOError:
+                pass
+            except OSError:
+                self._lose()
         if self._outbox.size_bytes > GIVE_UP_ABOVE_BYTES:
             self._give_up()
         elif self._outbox.wants_close:
@@ -259,10 +224,13 @@ class Peer:
     def _give_up(self) -> None:
         """Give up on a client that reads nothing: close a socket, empty a serial line's queue."""
         self._outbox.discard()
-        if not self.channel.keeps_open:
-            self.hang_up()
+        self._lose()
 
     def _close_as_scripted(self) -> None:
         self._outbox.wants_close = False
-        if not self.channel.keeps_open:
+        self._lose()
+
+    def _lose(self) -> None:
+        """Hang up, unless there is a line that stays."""
+        if not self._keeps_open:
             self.hang_up()

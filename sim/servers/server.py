@@ -16,7 +16,7 @@ from typing import TypeVar
 from sim.clock import CellClock
 from sim.errors import SimError
 from sim.faults import ANSWERS_OF, DeviceName, Fault, FaultScript
-from sim.servers.peers import Channel, Peer, SendQueue, SessionFactory
+from sim.servers.peers import Channel, Peer, SendQueue, SerialEnd, SessionFactory
 
 LOOPBACK = "127.0.0.1"
 CLIENTS_LIMIT = 8
@@ -81,7 +81,7 @@ class CellServer:
         device_end, client_end = os.openpty()
         tty.setraw(client_end)
         path = os.ttyname(client_end)
-        self._add(Channel.of_pty(device_end, client_end), factory, device_name)
+        self._add(SerialEnd(device_end, client_end), factory, device_name)
         return f"serial://{path}"
 
     def start(self) -> None:
@@ -168,7 +168,9 @@ class CellServer:
         if self._open_count(device_name) >= CLIENTS_LIMIT:
             accepted.close()
             return
-        self._add(Channel.of_socket(accepted), factory, device_name)
+        accepted.settimeout(0.0)
+        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._add(accepted, factory, device_name)
 
     def _add(self, channel: Channel, factory: SessionFactory, device_name: DeviceName) -> None:
         outbox = SendQueue(partial(self._next_fault, device_name))
