@@ -16,7 +16,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covaria
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.settings.sections import KnownLengthConfig
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots
+from campaigns.shots.shots import COLUMNS, Shots
 from campaigns.studies.perturbations import Perturbation
 from campaigns.studies.study import Forward, StudySetup, fitted_rows
 
@@ -159,29 +159,25 @@ def with_known_lengths(
     shots: Shots, ends_mm: Array, instrument: TrackerUncertainty, rng: np.random.Generator
 ) -> Shots:
     """Shots, and pairs of a known length between true points (M, 3), without the robot."""
-    count, joints = len(ends_mm), np.full((len(ends_mm), shots.joints.shape[1]), np.nan)
-    stated = point_covariance_mm2(ends_mm, instrument)
+    count, stated = len(ends_mm), point_covariance_mm2(ends_mm, instrument)
     noise = np.linalg.cholesky(stated) @ rng.standard_normal((count, 3, 1))
     pairs = max((pair for pair in shots.pairs if pair is not None), default=-1) + 1
-    numbers = max(shots.numbers, default=-1) + 1
-    more: dict[str, Any] = {
-        "numbers": tuple(range(numbers, numbers + count)),
-        "purposes": (ShotSet.KNOWN_LENGTH,) * count,
-        "pairs": tuple(pairs + row // 2 for row in range(count)),
-        "joints": joints,
-        "points_in_tracker_mm": ends_mm + noise[:, :, 0],
-        "stated_covariance_mm2": stated,
-        "approach": np.zeros_like(joints),
-        "commanded": np.full((count, shots.commanded.shape[1]), np.nan),
-        "measured_utc": ("",) * count,
-        "temperature_degC": np.full(count, np.nan),
-        "session": np.zeros(count, dtype=np.intp),
-    }
-    joined: dict[str, Any] = {"records": shots.records}
-    for name, added in more.items():
-        own = getattr(shots, name)
-        joined[name] = np.concatenate([own, added]) if isinstance(own, np.ndarray) else own + added
-    return Shots(**joined)
+    numbers = max(shots.numbers) + 1
+    ends = replace(
+        shots.rows(np.zeros(count, dtype=np.intp)),
+        numbers=tuple(range(numbers, numbers + count)),
+        purposes=(ShotSet.KNOWN_LENGTH,) * count,
+        pairs=tuple(pairs + row // 2 for row in range(count)),
+        joints=np.full((count, shots.joints.shape[1]), np.nan),
+        points_in_tracker_mm=ends_mm + noise[:, :, 0],
+        stated_covariance_mm2=stated,
+    )
+
+    def joined(name: str) -> Any:
+        own, added = getattr(shots, name), getattr(ends, name)
+        return np.concatenate([own, added]) if isinstance(own, np.ndarray) else own + added
+
+    return Shots(**{name: joined(name) for name in COLUMNS})
 
 
 def _bar_points(about_mm: Array, rng: np.random.Generator) -> Array:

@@ -175,7 +175,8 @@ def _false_alarm(
 ) -> bool:
     """Naming of a change, a scale or a wrong shot where there is none."""
     changes = bool(perturbation.step or perturbation.drift or perturbation.swapped)
-    lacking = changes or perturbation.beyond_the_model
+    # carriages know lengths: to them a tracker's scale is a ratio
+    lacking = changes or perturbation.beyond_the_model or perturbation.scale != 1.0
     return (
         (bool(change) and not changes)
         or (COMMON_SCALE in doubts and perturbation.scale == 1.0 and not perturbation.drift)

@@ -178,7 +178,7 @@ TILTS = ("arm2.axis_tilt_deg", "arm3.axis_tilt_deg")
 def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(plan_of, placement):
     few = 200 if placement is Placement.OPTIMAL else None
     plain = PlanOptions(shots=80, placement=placement, candidates=few)
-    usual = plan_of(plain)
+    usual = plan_of(replace(plain, model=Model.STANDARD))
     tilted = plan_of(replace(plain, model=Model.FULL))
     std = predicted(tilted).std_in_file_units
     assert set(std) - set(predicted(usual).std_in_file_units) == {*TILTS, *SKEW_NAMES}
