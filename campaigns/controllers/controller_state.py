@@ -9,11 +9,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from campaigns.controllers.load import differing
 from campaigns.errors import ConfigInvalid, FindingUnreadable
-from campaigns.identification.result import read_identification
+from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm, form_of
 from campaigns.robots.robot import RobotFile
+
+StateKind = Literal["nominal", "identified", "form", "other"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +25,7 @@ class ControllerState:
     `origin`: digest of the identified set that it is, or is a form of; "" for any other.
     """
 
-    kind: Literal["nominal", "identified", "form", "other"]
+    kind: StateKind
     digest: str
     origin: str = ""
     form: ReducedForm | None = None
@@ -57,8 +59,8 @@ class KnownSets:
     """Parameter sets that a controller may hold: nominal, identified, exported and loaded."""
 
     nominal: Parameters
-    identified: tuple[str, ...]
-    """Digests of what the campaign's identifications found, latest last."""
+    identified: Mapping[str, RecordedIdentification]
+    """The campaign's identifications by the digests of what they found, latest last."""
     forms: Mapping[str, ReducedForm]
     """By the digests of sets that were exported or loaded."""
     sets: tuple[Parameters, ...]
@@ -68,15 +70,17 @@ class KnownSets:
     def of(cls, nominal: RobotFile, findings: Iterable[Finding]) -> "KnownSets":
         """Sets that findings tell of; passes over those of another form."""
         space = nominal.mechanism.parameters
-        identified: list[str] = []
+        identified: dict[str, RecordedIdentification] = {}
         forms: dict[str, ReducedForm] = {}
         sets = {nominal.digest(): nominal.parameters}
         for each in findings:
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
                 if each.kind == "identification":
-                    own = Parameters.of(space, read_identification(each.body).flat())
+                    found = read_identification(each.body)
+                    own = Parameters.of(space, found.flat())
                     sets[own.digest()] = own
-                    identified.append(own.digest())
+                    identified.pop(own.digest(), None)
+                    identified[own.digest()] = found
                 elif each.kind in {"load begun", "load", "export"}:
                     wanted, digest = each.body.get("wanted"), str(each.body.get("digest"))
                     if isinstance(wanted, Mapping):
@@ -85,7 +89,7 @@ class KnownSets:
                     form = form_of(each.body, each.kind)
                     if form is not None:
                         forms[digest] = form
-        return cls(nominal.parameters, tuple(identified), forms, tuple(sets.values()))
+        return cls(nominal.parameters, identified, forms, tuple(sets.values()))
 
     def held(self, values: Mapping[str, float]) -> Parameters:
         """Known set that a controller holds, which may keep it in other units; else its own."""
@@ -100,13 +104,12 @@ class KnownSets:
 
     def state(self, digest: str) -> ControllerState:
         """State of a controller that holds the set of this digest."""
-        form = self.forms.get(digest)
+        form = self.forms.get(digest) if digest not in self.identified else None
+        origin = form.of if form else digest
         if digest == self.nominal.digest():
             return ControllerState("nominal", digest)
-        if digest in self.identified:
-            superseded = digest != self.identified[-1]
-            return ControllerState("identified", digest, digest, superseded=superseded)
-        if form is not None and form.of in self.identified:
-            superseded = form.of != self.identified[-1]
-            return ControllerState("form", digest, form.of, form, superseded=superseded)
-        return ControllerState("other", digest)
+        if origin not in self.identified:
+            return ControllerState("other", digest)
+        superseded = origin != [*self.identified][-1]
+        kind: StateKind = "form" if form else "identified"
+        return ControllerState(kind, digest, origin, form, superseded=superseded)

@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Self
 
 from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.journal.journal import Journal, JournalReader
+from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm
@@ -35,17 +35,24 @@ KEPT_AS_PROVENANCE = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class WrittenSet:
-    """Set that `export` or `correct` wrote a file with, as the journal has it; mm and deg."""
+    """Set that `export` or `correct` wrote a file with, as the journal has it; mm and deg.
+
+    `sha256` is that of the file's bytes; "" of corrected targets, of which there are many.
+    """
 
     file: str
     digest: str
     wanted: dict[str, float]
-    by: CalibrationRoute
+    by: CalibrationRoute = "parameters"
     sha256: str = ""
-    """Of the file's bytes; "" of corrected targets, of which there are many."""
     projection: ReducedForm | None = None
+
+    @classmethod
+    def of(cls, file: str, own: Parameters, **more: Any) -> Self:
+        """Set of these parameters. Any: the fields beyond."""
+        return cls(file, own.digest(), dict(own), **more)
 
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
@@ -54,12 +61,6 @@ def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
         if entry.record.kind == "export":
             with suppress(ValidationError):
                 yield TypeAdapter(WrittenSet).validate_python(entry.record.body)
-
-
-def record_written(journal: Journal, written: WrittenSet) -> None:
-    """Write what a controller is meant to hold, unless that is the last word on it."""
-    if next(written_sets(journal), None) != written:
-        journal.append(Finding("export", asdict(written)))
 
 
 def latest_identification(journal: JournalReader) -> RecordedIdentification:

@@ -10,7 +10,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.evaluation.plausibility import beyond_tolerance
 from campaigns.robots.robot import RobotFile
 
-OWN_FILE = "load the file that `pkmcal export` writes for this campaign"
+OWN_FILE = "take the file that `pkmcal export` writes for this campaign"
 
 
 def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[ConfigInvalid]:
@@ -53,7 +53,7 @@ def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -
     """Raise `ConfigInvalid` for the set of another mechanism, of which no controller knows."""
     if robot.mechanism.name != nominal.mechanism.name:
         raise ConfigInvalid(
-            f"{source}: not loaded: it is of a {robot.mechanism.name}, this campaign's robot is a "
+            f"{source}: it is of a {robot.mechanism.name}, this campaign's robot is a "
             f"{nominal.mechanism.name}",
             remedy=OWN_FILE,
         )

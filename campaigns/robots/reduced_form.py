@@ -11,7 +11,7 @@ FORM = "projection"
 """Key of a robot file's provenance, and of a record: the set is a form of an identified one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ReducedForm:
     """Form of an identified set for a controller that takes fewer parameters.
 
@@ -20,10 +20,10 @@ class ReducedForm:
     """
 
     of: str
-    name: str = "plain"
     lost_mean_mm: float
     lost_max_mm: float
     lost_rms_mm: float | None = None
+    name: str = "plain"
 
     @property
     def says(self) -> str:

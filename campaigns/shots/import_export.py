@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -121,42 +121,25 @@ def append_import(
     return series
 
 
-@dataclass(frozen=True, slots=True)
-class Copy:
-    """Row of a file, from 0, whose joints and point are those of another shot to the last digit.
-
-    Of `series`; None: another row of the file.
-    """
-
-    row: int
-    shot: int
-    series: Series | None = None
-
-    def refusal(self, name: str) -> ShotsInvalid:
-        """Refusal of the file of that name."""
-        of = f" of series {self.series.number} ({self.series.started.stage})" if self.series else ""
-        instead = "; --anyway takes a file in the place of an import" if of else ""
-        return ShotsInvalid(
-            f"{name}: shot {self.row} is a copy of shot {self.shot}{of}: its joints and its point "
-            "are equal to the last digit",
-            remedy="leave it out: what was measured once counts once, and proves nothing of itself"
-            + instead,
-        )
-
-
-def first_copy(rows: Sequence[ShotRow], journal: Iterable[Series] = ()) -> Copy | None:
-    """First row of a pair that is another row's copy, or one of a shot in the journal."""
-    seen: dict[tuple[float, ...], Copy] = {}
-    for series in journal:
-        for shot in series.shots:
-            key = _digits(shot.outcome.joints, shot.outcome.point_in_tracker_mm)
-            seen[key] = Copy(0, shot.intent.shot, series)
+def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str) -> None:
+    """Raise `ShotsInvalid` for a row of a pair that is a copy of another or of a journal's shot."""
+    seen = {
+        _digits(shot.outcome.joints, shot.outcome.point_in_tracker_mm): (shot.intent.shot, series)
+        for series in journal
+        for shot in series.shots
+    }
+    own: dict[tuple[float, ...], int] = {}
     for place, row in enumerate(rows):
         key = _digits(row.joints, row.point_in_tracker_mm)
-        if row.purpose.in_pairs and key in seen:
-            return replace(seen[key], row=place)
-        seen.setdefault(key, Copy(0, place))
-    return None
+        shot, series = seen.get(key, (own.setdefault(key, place), None))
+        if row.purpose.in_pairs and (series or shot != place):
+            of = f" of series {series.number} ({series.started.stage})" if series else ""
+            raise ShotsInvalid(
+                f"{name}: shot {place} is a copy of shot {shot}{of}: its joints and its point are "
+                "equal to the last digit",
+                remedy="leave it out: what was measured once counts once, and proves nothing of "
+                "itself" + ("; --anyway takes a file in the place of an import" if of else ""),
+            )
 
 
 def _digits(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, ...]:

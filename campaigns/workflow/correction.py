@@ -1,6 +1,5 @@
 """Correction of targets by a campaign: for controllers that take no parameters."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -12,27 +11,27 @@ from campaigns.controllers.calibrated_workspace import (
     CalibratedWorkspace,
 )
 from campaigns.controllers.corrected_targets import TargetCorrection
-from campaigns.controllers.export import FILE_NAME, WrittenSet, record_written, written_sets
+from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.gcode import read_program
 from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
-from campaigns.controllers.load_checks import file_objections
+from campaigns.controllers.load_checks import file_objections, require_same_mechanism
 from campaigns.controllers.target_poses import (
     CorrectedPoses,
     correct_poses,
     corrected_text,
     read_poses,
 )
-from campaigns.errors import ConfigInvalid, FindingUnreadable
+from campaigns.errors import ConfigInvalid
 from campaigns.estimation.information import Uncertainty
 from campaigns.files.text_file import write_text_unless_there
-from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.journal.journal import JournalReader
-from campaigns.journal.records import Finding
+from campaigns.identification.result import RecordedIdentification
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.settings.option import Option, require_finite
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
+from campaigns.workflow.files import recorded
+from campaigns.workflow.work import known_sets
 from drivers.bounded_files import is_there
 
 
@@ -67,8 +66,8 @@ def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) 
     """
     terms = terms or CorrectionTerms()
     robot = identified_set(campaign, terms.robot)
+    found = known_sets(campaign).identified.get(robot.digest())
     with campaign.journal_reader() as journal:
-        found = _identification_of(journal, robot)
         series = found.series if found else campaign.measured_series(journal).number
         shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
     measured = robot.kinematics.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
@@ -93,12 +92,7 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
             remedy=f"`pkmcal export {campaign.folder}` writes what was identified",
         )
     robot, nominal = read_robot(path).robot, campaign.robot
-    if robot.mechanism.name != nominal.mechanism.name:
-        raise ConfigInvalid(
-            f"{path}: it is of a {robot.mechanism.name}, this campaign's robot is a "
-            f"{nominal.mechanism.name}",
-            remedy=f"take the file that `pkmcal export {campaign.folder}` writes",
-        )
+    require_same_mechanism(path, robot, nominal)
     objections = tuple(file_objections(robot, campaign.config.name, nominal))
     if objections:
         problems = "; ".join(each.problem for each in objections)
@@ -117,10 +111,10 @@ def correct_poses_file(
     Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
     mechanism = campaign.robot.mechanism
-    targets = read_poses(source, mechanism)
+    targets, own = read_poses(source, mechanism), identified_set(campaign, terms.robot).parameters
     found = correct_poses(targets, target_correction(campaign, terms))
-    write_text_unless_there(to, corrected_text(found, mechanism.task), overwrite=overwrite)
-    _record(campaign, to, terms)
+    with recorded(campaign, to, own, "targets"):
+        write_text_unless_there(to, corrected_text(found, mechanism.task), overwrite=overwrite)
     return found
 
 
@@ -138,35 +132,12 @@ def correct_gcode_file(
 
     Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
-    text = read_program(source)
+    text, own = read_program(source), identified_set(campaign, terms.robot).parameters
     correction = target_correction(campaign, terms)
     found = correct_gcode(text, str(source), correction, tolerance_mm=tolerance_mm, rotary=rotary)
-    write_text_unless_there(to, found.text, overwrite=overwrite)
-    _record(campaign, to, terms)
+    with recorded(campaign, to, own, "targets"):
+        write_text_unless_there(to, found.text, overwrite=overwrite)
     return found
-
-
-def _record(campaign: Campaign, to: Path, terms: CorrectionTerms) -> None:
-    """Write with which set targets were corrected, unless that was the last word on it."""
-    own = identified_set(campaign, terms.robot).parameters
-    written = WrittenSet(file=to.name, digest=own.digest(), wanted=dict(own), by="targets")
-    with campaign.journal_reader() as journal:
-        last = next(written_sets(journal), None)
-    if last is None or (last.digest, last.by) != (written.digest, written.by):
-        with campaign.journal() as own_journal:
-            record_written(own_journal, written)
-
-
-def _identification_of(journal: JournalReader, robot: RobotFile) -> RecordedIdentification | None:
-    """Latest identification that found just these parameters."""
-    values = dict(robot.parameters)
-    for entry in reversed(journal.records_of(Finding)):
-        if entry.record.kind == "identification":
-            with suppress(FindingUnreadable):
-                found = read_identification(entry.record.body)
-                if {name: found.flat().get(name) for name in values} == values:
-                    return found
-    return None
 
 
 def _uncertainty(robot: RobotFile, found: RecordedIdentification | None) -> Uncertainty | None:

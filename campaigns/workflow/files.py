@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
+from campaigns.controllers.export import CalibrationRoute, WrittenSet
+from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile
@@ -46,21 +48,27 @@ def export(
 
 @contextmanager
 def recorded(
-    campaign: Campaign, path: Path, own: Parameters, form: ReducedForm | None = None
+    campaign: Campaign,
+    path: Path,
+    own: Parameters,
+    by: CalibrationRoute = "parameters",
+    form: ReducedForm | None = None,
 ) -> Iterator[None]:
-    """While the block writes a file for a controller, hold the journal that then tells of it."""
+    """While the block writes a file for a controller, hold the journal that then tells of it.
+
+    Of corrected targets, of which there are many, the first with a set alone is told and held for.
+    """
+    with campaign.journal_reader() as reader:
+        last = next(parameter_file.written_sets(reader), None)
+    if by == "targets" and last is not None and (last.digest, last.by) == (own.digest(), by):
+        yield
+        return
     with campaign.journal() as journal:
         yield
-        sha256, values = ImportedFile.of(path).sha256, dict(own)
-        written = parameter_file.WrittenSet(
-            file=path.name,
-            digest=own.digest(),
-            wanted=values,
-            by="parameters",
-            sha256=sha256,
-            projection=form,
-        )
-        parameter_file.record_written(journal, written)
+        sha256 = "" if by == "targets" else ImportedFile.of(path).sha256
+        written = WrittenSet.of(path.name, own, by=by, sha256=sha256, projection=form)
+        if written != last:
+            journal.append(Finding("export", asdict(written)))
 
 
 def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = False) -> Path:

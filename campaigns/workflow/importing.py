@@ -1,14 +1,14 @@
 """Import of shots measured with other software: to identify from, or as a validation."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from campaigns.arrays import Index
 from campaigns.campaign import Campaign
-from campaigns.controllers.export import FILE_NAME, CalibrationRoute, WrittenSet, written_sets
+from campaigns.controllers.export import FILE_NAME, WrittenSet, written_sets
+from campaigns.controllers.load_checks import require_same_mechanism
 from campaigns.errors import OptionsInvalid, PlanInvalid, ShotsInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.evaluation.plausibility import check_distances, check_shots
@@ -17,10 +17,9 @@ from campaigns.evidence import STAGES
 from campaigns.journal.records import Stage
 from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import plan_model
 from campaigns.robots.robot import read_robot
-from campaigns.shots.import_export import ImportedFile, append_import, first_copy
+from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow.validation import (
@@ -76,26 +75,18 @@ def _planned_model(campaign: Campaign) -> Model:
         return Model.AUTO
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DeclaredSet:
-    """Set that somebody says a controller held, and by what file; nothing was read from it."""
-
-    parameters: Parameters
-    declared: str
-    by: CalibrationRoute = "parameters"
-
-
 def declared_set(
     campaign: Campaign, stage: ValidationStage, path: Path | None = None
-) -> DeclaredSet:
-    """Set of a robot file, or of whatever `export` or `correct` wrote.
+) -> WrittenSet:
+    """Set that somebody says a controller held; nothing is read from it.
 
-    By default the nominal one before calibration, and after it what they wrote last. Raises
-    `OptionsInvalid` where there is none, `ConfigInvalid` for a file that holds no set.
+    Of a robot file, or of whatever `export` or `correct` wrote. By default the nominal one before
+    calibration, and after it what they wrote last. Raises `OptionsInvalid` where there is none,
+    `ConfigInvalid` for a file that holds no set.
     """
     nominal = campaign.robot
     if path is None and stage == "before":
-        return DeclaredSet(nominal.parameters, campaign.config.robot)
+        return WrittenSet.of(campaign.config.robot, nominal.parameters)
     written: tuple[WrittenSet, ...] = ()
     if campaign.journal_path.exists():
         with campaign.journal_reader() as journal:
@@ -107,8 +98,7 @@ def declared_set(
         found = next(iter(written), None)
         path = campaign.path(FILE_NAME)
     if found is not None:
-        own = Parameters.of(nominal.mechanism.parameters, found.wanted)
-        return DeclaredSet(own, found.file, found.by)
+        return found
     if not is_there(path):
         raise OptionsInvalid(
             f"--stage {stage}: nothing says what the controller held: neither `pkmcal export` nor "
@@ -116,20 +106,15 @@ def declared_set(
             remedy="name the robot file with --with FILE",
         )
     robot = read_robot(path).robot
-    if robot.mechanism.name != nominal.mechanism.name:
-        raise OptionsInvalid(
-            f"--with {path}: it is of a {robot.mechanism.name}, this campaign's robot is a "
-            f"{nominal.mechanism.name}",
-            remedy="name the file of what the controller held",
-        )
-    return DeclaredSet(robot.parameters, path.name)
+    require_same_mechanism(path, robot, nominal)
+    return WrittenSet.of(path.name, robot.parameters)
 
 
 def import_validation(
     campaign: Campaign,
     rows: Sequence[ShotRow],
     stage: ValidationStage,
-    held: DeclaredSet,
+    held: WrittenSet,
     name: str = "shots",
     files: Sequence[ImportedFile] = (),
     *,
@@ -152,7 +137,7 @@ def import_validation(
                 remedy=f"give one of {', '.join(sorted(each.value for each in tests))}",
             )
     by_targets = held.by == "targets" and stage == "after"
-    state = known_sets(campaign).state(held.parameters.digest())
+    state = known_sets(campaign).state(held.digest)
     wrong = None if by_targets else wrong_state(campaign, state, stage)
     if wrong is not None:
         remedy = "say what it held by --with FILE; --anyway takes them in as they are"
@@ -162,17 +147,17 @@ def import_validation(
         require_or_record(campaign, (again, wrong), anyway=False)
     _check(campaign, rows, name, STAGES[stage] if anyway else set())
     require_or_record(campaign, (again, wrong), anyway=anyway)
-    kinematics, order = Kinematics.of(robot.mechanism, held.parameters), _order(rows, name, tell)
+    kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, name, tell)
     with campaign.journal() as journal:
         series = append_import(
             journal,
             rows,
             kinematics,
-            held.parameters.digest(),
+            held.digest,
             settings,
             files,
             stage="after by targets" if by_targets else stage,
-            declared=held.declared,
+            declared=held.file,
             order=order,
         )
         return record_validation(campaign, journal, series, stage, held.by)
@@ -204,9 +189,7 @@ def _check(
     counting = (
         each for each in measured if not (each.started.imported and each.started.stage in replacing)
     )
-    copy = first_copy(rows, counting)
-    if copy is not None:
-        raise copy.refusal(name)
+    refuse_copies(rows, counting, name)
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
     shots = shots.rows(np.flatnonzero([bool(row.joints) for row in rows]))

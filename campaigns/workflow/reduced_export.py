@@ -56,7 +56,7 @@ def export_projected(
     left = found | _full(campaign)
     path = to or campaign.path(made.file_name)
     own = Parameters.of_vector(robot.mechanism.parameters, few.found.kinematics.p)
-    with recorded(campaign, path, own, _form(robot, word, few.found.error)):
+    with recorded(campaign, path, own, form=_form(robot, word, few.found.error)):
         write_text_unless_there(path, configuration_text(few, left, made), overwrite=overwrite)
     return ReducedExport(path, left)
 
@@ -82,16 +82,13 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Re
         {**(robot.provenance or {}), FORM: asdict(form)},
     )
     path = to or campaign.path(PLAIN_FILE)
-    with recorded(campaign, path, plain.robot.parameters, form):
+    with recorded(campaign, path, plain.robot.parameters, form=form):
         write_text_unless_there(path, plain.document.text, overwrite=overwrite)
     return ReducedExport(path, left)
 
 
 def _form(robot: RobotFile, name: str, lost: model_reduction.ResidualError) -> ReducedForm:
-    mean_mm, max_mm, rms_mm = lost.mean_mm, lost.max_mm, lost.rms_mm
-    return ReducedForm(
-        of=robot.digest(), name=name, lost_mean_mm=mean_mm, lost_max_mm=max_mm, lost_rms_mm=rms_mm
-    )
+    return ReducedForm(robot.digest(), lost.mean_mm, lost.max_mm, lost.rms_mm, name)
 
 
 def _poses(campaign: Campaign, robot: RobotFile) -> Array:

@@ -108,8 +108,8 @@ def test_states_are_told_by_digests(identified: PaperCampaign, plain: Evaluation
 
 def test_what_was_identified_again_since_is_told(plain: Evaluation) -> None:
     sets = plain.evidence.sets
-    again = replace(sets, identified=(*sets.identified, "1" * 64))
-    whole, form = sets.identified[-1], next(iter(sets.forms))
+    again = replace(sets, identified={**sets.identified, "1" * 64: None})
+    whole, form = [*sets.identified][-1], next(iter(sets.forms))
     for digest in (whole, form):
         assert again.state(digest).superseded
         assert again.state(digest).says.endswith(", before the latest identification")
@@ -120,7 +120,7 @@ def test_an_exported_form_says_what_it_is_and_loses(identified: PaperCampaign) -
     path = export_projected(identified.campaign, "plain", identified.folder / "again.yaml").path
     form = form_of(read_robot(path).robot.provenance, path.name)
     assert form is not None
-    assert form.of == gather(identified.campaign).sets.identified[-1]
+    assert form.of == [*gather(identified.campaign).sets.identified][-1]
     assert 0.0 <= form.lost_rms_mm <= form.lost_max_mm < 1e-6
     older = {"of": form.of, "lost_mean_mm": 0.02, "lost_max_mm": 0.1}
     assert "(plain), loses 0.020 mm on average" in form_of({FORM: older}, "old").says

@@ -126,7 +126,7 @@ def test_what_export_and_correct_wrote_is_known_again_and_recorded_once(
     correct(paper, "another.csv")
     assert declared_set(paper.campaign, "after").by == "targets"
     held = declared_set(paper.campaign, "after", Path(copied))
-    assert (held.by, held.declared) == ("parameters", "robot-compensated.yaml")
+    assert (held.by, held.file) == ("parameters", "robot-compensated.yaml")
     with paper.campaign.journal_reader() as journal:
         kinds = [entry.record.kind for entry in journal.records_of(Finding)]
     assert kinds == ["identification", "export", "export"]
@@ -224,8 +224,8 @@ def test_a_form_for_a_controller_of_few_parameters_is_judged_as_what_it_is(tmp_p
     assert identify(campaign, IdentificationOptions(model=Model.STANDARD)).verdict == "pass"
     left = export_projected(campaign, "klipper-delta").left["these values"]
     held = declared_set(campaign, "after")
-    robot = Kinematics.of(member.mechanism, held.parameters)
-    after = taken_in(campaign, "after", pairs(robot, 12, 7, 12), campaign.path(held.declared))
+    robot = Kinematics.of(member.mechanism, held.wanted)
+    after = taken_in(campaign, "after", pairs(robot, 12, 7, 12), campaign.path(held.file))
     state = after.evaluation.evidence.held("after")
     assert (state.kind, state.form.name) == ("form", "klipper-delta")
     assert state.declared == "klipper-delta.cfg"

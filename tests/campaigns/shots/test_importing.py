@@ -15,8 +15,8 @@ from campaigns.shots.import_export import (
     ImportedFile,
     append_import,
     exported_shots,
-    first_copy,
     imported_files,
+    refuse_copies,
 )
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
@@ -145,23 +145,18 @@ def test_the_order_of_time_is_read_or_it_is_said_why_not(times: list[str], order
 def test_copies_of_pairs_are_found_in_the_file_and_in_the_journal(tmp_path: Path) -> None:
     """Unseen pairs too; what is visited again and again may be the same to the last digit."""
     once = rows()
-    assert first_copy(once) is None
+    refuse_copies(once, (), "f.csv")
     unseen = [replace(row, purpose=ShotSet.VALIDATION) for row in once[:2]]
-    copy = first_copy([*once, *unseen])
-    assert copy is not None
-    assert (copy.row, copy.shot, copy.series) == (8, 0, None)
+    with pytest.raises(ShotsInvalid, match=r"^f\.csv: shot 8 is a copy of shot 0: its joints and"):
+        refuse_copies([*once, *unseen], (), "f.csv")
     still = [replace(once[0], pair=None, purpose=ShotSet.DRIFT)] * 2
-    assert first_copy([*once, *still]) is None
-    other = [replace(row, point_in_tracker_mm=(0.0, 0.0, 1.0)) for row in once]
+    refuse_copies([*once, *still], (), "f.csv")
+    other = [replace(row, point_in_tracker_mm=(0.0, 0.0, 1.0 + row.joints[0])) for row in once]
     with plain_journal(tmp_path) as journal:
         append_import(journal, once[4:], NOMINAL, ROBOT.digest(), {})
-        assert first_copy(other, journal.series()) is None
-        copy = first_copy(once, journal.series())
-    assert copy is not None
-    assert (copy.row, copy.shot) == (4, 0)
-    assert str(copy.refusal("f.csv")).startswith(
-        "f.csv: shot 4 is a copy of shot 0 of series 1 (import): its joints and its point are equal"
-    )
+        refuse_copies(other, journal.series(), "f.csv")
+        with pytest.raises(ShotsInvalid, match=r"shot 4 is a copy of shot 0 of series 1 "):
+            refuse_copies(once, journal.series(), "f.csv")
 
 
 def test_names_and_digests_of_the_files_are_kept_with_the_series(tmp_path: Path) -> None:
