@@ -28,11 +28,8 @@ def missed(seconds, answer=ANSWER, judge=same_parameters):
     return contest(TITLE, contestants, 3, judge, LEAST_OF_LAB).missed
 
 
-def test_rival_that_is_slow_enough_and_agrees_has_no_fault():
-    assert missed(LEAST_OF_LAB) == []
-
-
 def test_ratio_below_what_is_asked_for_is_missed():
+    assert missed(LEAST_OF_LAB) == []
     assert missed(899.0) == [f"{TITLE}, {LAB}: time"]
 
 
@@ -58,9 +55,6 @@ def test_without_pybotics_one_line_says_why_and_nothing_is_missed(monkeypatch):
     assert report.missed == []
 
 
-def test_workers_are_asked_for_nine_tenths_of_what_the_machine_gives():
+def test_workers_are_asked_for_nine_tenths_of_what_the_machine_gives_or_of_their_number():
     assert asked({MACHINE: 1.5}, 2) == pytest.approx(1.35)
-
-
-def test_workers_are_not_asked_for_more_than_nine_tenths_of_their_number():
     assert asked({MACHINE: 2.4}, 2) == pytest.approx(1.8)

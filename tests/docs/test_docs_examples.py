@@ -75,7 +75,10 @@ def take_part(block: Block) -> None:
 @pytest.mark.parametrize("block", CSV_BLOCKS, ids=str)
 def test_csv_example_is_taken_by_our_readers(block):
     if block.text.startswith("shot,"):
-        parse_plan(block.text, block.where, robot_of(block).mechanism)
+        robot = robot_of(block)
+        shots = parse_plan(block.text, block.where, robot.mechanism)
+        found = robot.kinematics.forward(joints_of(shots)).values_or_raise()
+        assert abs(found - poses_of(shots)).max() < 1e-6, "its joints lead to its poses"
     elif block.text.startswith("name,"):
         parse_poses(block.text, block.where, find_robot("par4-prototype").robot.mechanism)
     else:
@@ -85,14 +88,6 @@ def test_csv_example_is_taken_by_our_readers(block):
 def robot_of(block: Block) -> RobotFile:
     """The shipped robot that has as many joints as the table has columns for them."""
     return find_robot("par4-prototype" if ",q3_deg" in block.text else "delta").robot
-
-
-@pytest.mark.parametrize("block", [b for b in CSV_BLOCKS if b.text.startswith("shot,")], ids=str)
-def test_joints_of_a_plan_example_lead_to_its_poses(block):
-    robot = robot_of(block)
-    shots = parse_plan(block.text, block.where, robot.mechanism)
-    found = robot.kinematics.forward(joints_of(shots)).values_or_raise()
-    assert abs(found - poses_of(shots)).max() < 1e-6
 
 
 @pytest.mark.slow

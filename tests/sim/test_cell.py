@@ -42,21 +42,17 @@ def radius_mm(shots):
     return np.linalg.norm(shots - shots.mean(axis=0), axis=1).max()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_the_papers_prototype_repeats_within_about_0_4_mm(seed):
-    cell = Cell(load_scenario("paper-prototype"), seed=seed)
-    assert 0.3 < radius_mm(approaches(cell, seed)) < 0.5
-
-
-def test_the_papers_simulated_robot_repeats_within_the_trackers_noise():
-    cell = Cell(load_scenario("paper-simulation"))
-    assert radius_mm(approaches(cell, 1)) < 5 * 0.015 / math.sqrt(3)
-
-
-def test_a_realistic_robot_repeats_within_a_tenth_of_a_millimetre():
-    cell = Cell(load_scenario("realistic"))
-    assert 0.02 < radius_mm(approaches(cell, 1)) < 0.2
+@pytest.mark.parametrize(
+    ("scenario", "seed", "least_mm", "most_mm"),
+    [
+        *(("paper-prototype", seed, 0.3, 0.5) for seed in range(4)),
+        ("paper-simulation", 1, 0.0, 5 * 0.015 / math.sqrt(3)),
+        ("realistic", 1, 0.02, 0.2),
+    ],
+)
+def test_a_robot_repeats_as_well_as_its_scenario_says(scenario, seed, least_mm, most_mm):
+    cell = Cell(load_scenario(scenario), seed=seed)
+    assert least_mm < radius_mm(approaches(cell, seed)) < most_mm
 
 
 def test_the_same_seed_measures_the_same_and_another_seed_does_not():
@@ -116,16 +112,11 @@ def test_the_record_of_truth_says_of_which_reflector_each_shot_was_and_outlives_
     assert np.allclose(first.robot_target, encoders_deg * 1e6, atol=1.0)
 
 
-def test_a_controller_keeps_its_parameters_over_a_restart():
-    scenario = load_scenario("paper-simulation")
-    cell = Cell(scenario)
-    cell.controller.replace_geometry(cell.true_geometry, 0.0)
-    assert Cell(scenario, memory=cell.memory()).controller.geometry() == cell.true_geometry
-
-
 def test_with_the_true_parameters_loaded_the_robot_goes_where_it_is_told():
     cell = Cell(load_scenario("paper-simulation"))
     cell.controller.replace_geometry(cell.true_geometry, 0.0)
+    again = Cell(load_scenario("paper-simulation"), memory=cell.memory())
+    assert again.controller.geometry() == cell.true_geometry, "over a restart too"
     poses = [(100.0, 0.0, -575.0, 0.0), (-150.0, 60.0, -700.0, 0.3), (0.0, -200.0, -500.0, -0.5)]
     shots, _ = visited(cell, poses)
     gaps = np.linalg.norm(np.diff(shots, axis=0), axis=1)

@@ -1,6 +1,6 @@
-"""Seeds that never end, or at which their process dies; says what came of them and of the workers.
+"""Seeds that never end; says what came of them when they were stopped, and of the workers.
 
-    stopped_workers.py SIGINT|SIGTERM|die PROCESSES
+    stopped_workers.py SIGINT|SIGTERM PROCESSES
 
 SIGINT goes to the whole group of processes, as Ctrl-C on a terminal does; SIGTERM to the first.
 """
@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 
 import psutil
-from made_up import result
 
 from app.cli import reproduce
 from app.console import Terminal
@@ -31,14 +30,6 @@ def endless(folder, room, trial):
     time.sleep(LONG_S)
 
 
-def deadly(folder, room, trial):
-    """Work that kills its process at one seed."""
-    (Path(folder) / str(os.getpid())).touch()
-    if trial.seed == 2:
-        os._exit(9)
-    return (result(trial.experiment, trial.seed),)
-
-
 def stop(folder, number):
     """Wait for the first that works, and end all."""
     while not any(Path(folder).iterdir()):
@@ -48,17 +39,12 @@ def stop(folder, number):
 
 def told(how, processes, folder, table):
     """What came of it."""
-    reproduce.rehearsed = partial(deadly if how == "die" else endless, folder)
-    wanted = trials(2)[:4]
-    if how != "die":
-        Thread(target=stop, args=(folder, signal.Signals[how]), daemon=True).start()
+    reproduce.rehearsed = partial(endless, folder)
+    Thread(target=stop, args=(folder, signal.Signals[how]), daemon=True).start()
     try:
-        found, failed = reproduce.measure(table, wanted, processes, Terminal(as_json=True))
+        return str(reproduce.measure(table, trials(2)[:4], processes, Terminal(as_json=True)))
     except Interrupted as stopped:
         return "Interrupted" if "finished seeds are kept" in str(stopped) else str(stopped)
-    alone = [trial for trial, why in failed if "process that computed it was killed" in why]
-    kept = len(found) == len(table.read()) == 3
-    return "named" if alone == [wanted[3]] and kept else str(failed)
 
 
 def main():

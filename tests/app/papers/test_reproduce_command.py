@@ -1,21 +1,16 @@
 """The command with all or most seeds kept from before, so that no cell is needed."""
 
-import json
 import signal
-from dataclasses import dataclass
 from functools import partial
 
 import pytest
-import typer
 from made_up import RECIPES, result, results
-from typer.testing import CliRunner
 
 from app.cli import reproduce
-from app.exits import AppError, exit_code
+from app.exits import AppError
 from app.papers.corbel2006 import trials
 from app.study.results import tried
 from app.study.workers import local_results
-from campaigns.errors import CampaignLocked, Interrupted, OptionsInvalid, OutputExists, WriteFailed
 from campaigns.files.lock import campaign_lock
 from drivers.errors import LinkDown
 
@@ -35,21 +30,9 @@ def kept(folder):
     return trials.trial_table(folder / reproduce.RESULTS).read()
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How the command ended."""
-
-    code: int
-    out: str
-    err: str
-    error: BaseException | None
-
-
-def said(*words):
-    app = typer.Typer()
-    app.command()(reproduce.command)
-    ended = CliRunner().invoke(app, [str(word) for word in words], standalone_mode=False)
-    return Ended(ended.return_value or 0, ended.stdout, ended.stderr, ended.exception)
+@pytest.fixture
+def said(pkmcal):
+    return lambda *words: pkmcal("reproduce", *words)
 
 
 @pytest.fixture(autouse=True)
@@ -87,7 +70,7 @@ def without_beam(trial):
 
 
 def test_kept_seeds_are_not_measured_again_and_their_tables_fit_a_terminal(
-    folder, no_cells, monkeypatch
+    said, folder, no_cells, monkeypatch
 ):
     monkeypatch.setenv("COLUMNS", "100")
     ran = no_cells(lambda trial: pytest.fail(str(trial)))
@@ -103,7 +86,7 @@ def test_kept_seeds_are_not_measured_again_and_their_tables_fit_a_terminal(
     assert max(map(len, table_lines)) <= 100
 
 
-def test_only_missing_seeds_are_measured_and_sorted_in_the_file(folder, no_cells):
+def test_only_missing_seeds_are_measured_and_sorted_in_the_file(said, folder, no_cells):
     ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
     assert said("--to", folder, "--seeds", 4).code == 0
     assert [trial.seed for trial in ran] == [4, 4, 4]
@@ -112,7 +95,7 @@ def test_only_missing_seeds_are_measured_and_sorted_in_the_file(folder, no_cells
     assert keys == sorted(keys)
 
 
-def test_line_torn_by_a_crash_is_made_anew_and_another_recipe_s_stays(folder, no_cells):
+def test_line_torn_by_a_crash_is_made_anew_and_another_recipe_s_stays(said, folder, no_cells):
     path, other = folder / reproduce.RESULTS, result(trials.SIMULATION, 1, recipe="0" * 16)
     keep(folder, [other])
     whole = path.read_text()
@@ -125,15 +108,16 @@ def test_line_torn_by_a_crash_is_made_anew_and_another_recipe_s_stays(folder, no
     assert other in kept(folder).values()
 
 
-def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_cells, monkeypatch):
+def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(
+    said, folder, no_cells, monkeypatch
+):
     monkeypatch.setattr(reproduce, "CountedWork", partial(reproduce.CountedWork, quiet_s=0.0))
     no_cells(without_beam)
     ended = said("--to", folder, "--seeds", 4, "--json")
     assert ended.code == 1
-    document = json.loads(ended.out)
-    assert document["failed"] == [
-        {"experiment": "simulation", "seed": 4, "reason": "no beam → look"}
-    ]
+    document = ended.document
+    failed = {"experiment": "simulation", "seed": 4, "reason": "no beam → look"}
+    assert document["failed"] == [failed]
     assert {row["ours"]["seeds"] for row in document["figures"]} == {3, 4}
     last = [line for line in ended.err.splitlines() if line.startswith("seeds: ")][-1]
     assert last.startswith("seeds: 12/12 · ")
@@ -144,7 +128,7 @@ def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_c
     assert ran == [trials.Trial(trials.SIMULATION, 4)]
 
 
-def test_missed_median_is_exit_code_one(tmp_path):
+def test_missed_median_is_exit_code_one(said, tmp_path):
     after = result(trials.PROTOTYPE, 1).after.model_copy(update={"rotation_mm": 0.7})
     keep(tmp_path, [*results(1)[:2], result(trials.PROTOTYPE, 1, after=after)])
     ended = said("--to", tmp_path, "--seeds", 1)
@@ -152,9 +136,8 @@ def test_missed_median_is_exit_code_one(tmp_path):
     assert "missed: Section IV.E.3: motion while only θ turns: rotation, after 0.70" in ended.out
 
 
-def test_document_for_programs_is_all_of_stdout(folder):
-    ended = said("--to", folder, "--quick", "--json")
-    document = json.loads(ended.out)
+def test_document_for_programs_is_all_of_stdout(said, folder):
+    document = said("--to", folder, "--quick", "--json").document
     assert document["schema"] == "pkmcal/reproduction/1"
     assert (document["seeds"], document["verdict"]) == (3, "pass")
     assert document["page"] == str(folder / "reproduction.html")
@@ -169,32 +152,32 @@ def test_document_for_programs_is_all_of_stdout(folder):
     assert len(document["table_2"]) == 22
 
 
-def test_number_of_seeds_is_asked_for_once():
+def test_number_of_seeds_is_asked_for_once(said):
     assert [reproduce.seeds_asked(seeds, quick=False) for seeds in (None, 7)] == [20, 7]
-    with pytest.raises(OptionsInvalid, match="both say how many"):
-        reproduce.seeds_asked(5, quick=True)
+    ended = said("--seeds", 5, "--quick")
+    assert ended.code == 2
+    assert "both say how many" in ended.error_line
 
 
 @pytest.mark.parametrize("line", ["mine", '{"seed": NaN}'])
-def test_folder_with_other_results_is_left_alone(tmp_path, line):
+def test_folder_with_other_results_is_left_alone(said, tmp_path, line):
     (tmp_path / reproduce.RESULTS).write_text(f"{line}\n")
     ended = said("--to", tmp_path, "--quick")
-    assert isinstance(ended.error, OutputExists)
-    assert "results.jsonl:1: is no result of `pkmcal reproduce`" in str(ended.error)
-    assert exit_code(ended.error) == 2
+    assert ended.code == 2
+    assert "results.jsonl:1: is no result of `pkmcal reproduce`" in ended.error_line
     assert (tmp_path / reproduce.RESULTS).read_text() == f"{line}\n"
 
 
-def test_second_command_in_the_same_folder_waits_its_turn(folder):
+def test_second_command_in_the_same_folder_waits_its_turn(said, folder):
     with campaign_lock(folder, now_utc=lambda: "now"):
-        assert isinstance(said("--to", folder, "--quick").error, CampaignLocked)
+        ended = said("--to", folder, "--quick")
+    assert ended.code == 2
+    assert "another process" in ended.error_line
 
 
-def test_folder_that_cannot_be_made_is_exit_code_four(tmp_path):
+def test_folder_that_cannot_be_made_is_exit_code_four(said, tmp_path):
     (tmp_path / "file").write_text("")
-    ended = said("--to", tmp_path / "file" / "new", "--quick")
-    assert isinstance(ended.error, WriteFailed)
-    assert exit_code(ended.error) == 4
+    assert said("--to", tmp_path / "file" / "new", "--quick").code == 4
 
 
 def failing(error):
@@ -232,7 +215,7 @@ def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
         trials.rehearsed(tmp_path, trials.Trial(trials.SIMULATION, 1))
 
 
-def test_interrupted_run_keeps_what_is_finished(folder, no_cells):
+def test_interrupted_run_keeps_what_is_finished(said, folder, no_cells):
     def stopped_at_the_second(trial):
         if trial.experiment is not trials.SIMULATION:
             signal.raise_signal(signal.SIGINT)
@@ -240,8 +223,7 @@ def test_interrupted_run_keeps_what_is_finished(folder, no_cells):
 
     no_cells(stopped_at_the_second)
     ended = said("--to", folder, "--seeds", 5)
-    assert isinstance(ended.error, Interrupted)
-    assert exit_code(ended.error) == 130
-    assert "the results of finished seeds are kept → the same command goes on" in str(ended.error)
+    assert ended.code == 130
+    assert "the results of finished seeds are kept → the same command goes on" in ended.error_line
     assert len(kept(folder)) == 10
     assert not (folder / reproduce.PAGE).exists()
