@@ -47,23 +47,29 @@ def test_system_status_climbs_the_ladder_with_initialise():
     assert client.ask(Command.GET_SYSTEM_STATUS).body.processor_status == 5
 
 
+NOT_UP, COLD, UNSEEN = {"initialised": False}, {"warm": False}, {"locked": False}
+THERE = ReflectorPlace((1.0, 2.0, 3.0))
+
+
 @pytest.mark.parametrize(
-    "command", [Command.START_MEASUREMENT, Command.GO_POSITION, Command.FIND_REFLECTOR]
+    ("state", "command", "body", "status"),
+    [
+        (NOT_UP, "START_MEASUREMENT", (), "TRACKER_NOT_INITIALIZED"),
+        (NOT_UP, "GO_POSITION", (BeamTarget((1.0, 0.0, 0.0), 1),), "TRACKER_NOT_INITIALIZED"),
+        (NOT_UP, "FIND_REFLECTOR", (ApproximateDistance(1.0),), "TRACKER_NOT_INITIALIZED"),
+        (NOT_UP, "GO_AND_MEASURE", (THERE,), "TRACKER_NOT_INITIALIZED"),
+        (COLD, "START_MEASUREMENT", (), "SENSOR_NOT_WARMED_UP"),
+        (COLD, "INITIALIZE", (), "SENSOR_NOT_WARMED_UP"),
+        (COLD, "GO_AND_MEASURE", (THERE,), "SENSOR_NOT_WARMED_UP"),
+        (UNSEEN, "START_MEASUREMENT", (), "MEASUREMENT_STATUS_NOT_READY"),
+    ],
 )
-def test_nothing_moves_before_it_is_initialised(command):
-    client = Client(FakeTracker(initialised=False))
-    body = {
-        Command.GO_POSITION: [BeamTarget((1.0, 0.0, 0.0), 1)],
-        Command.FIND_REFLECTOR: [ApproximateDistance(1.0)],
-    }.get(command, [])
-    assert client.status(command, *body) == ResultStatus.TRACKER_NOT_INITIALIZED
-
-
-@pytest.mark.parametrize("command", [Command.START_MEASUREMENT, Command.INITIALIZE])
-def test_cold_laser_is_waited_for(command):
-    client = Client(FakeTracker(warm=False))
-    assert client.ask(Command.GET_SYSTEM_STATUS).body.laser_status == 2
-    assert client.status(command) == ResultStatus.SENSOR_NOT_WARMED_UP
+def test_nothing_moves_or_measures_before_it_can(state, command, body, status):
+    client = Client(FakeTracker(**state))
+    if state is COLD:
+        assert client.ask(Command.GET_SYSTEM_STATUS).body.laser_status == 2
+    assert client.status(Command[command], *body) == ResultStatus[status]
+    assert client.tracker.went_to_mm is client.tracker.measured_s is None
 
 
 def test_measurement_is_answered_at_once_and_its_result_comes_when_it_ends(client):
@@ -75,12 +81,6 @@ def test_measurement_is_answered_at_once_and_its_result_comes_when_it_ends(clien
     result, light = client.later(0.01)
     assert isinstance(result, SingleResult)
     assert light == READY
-
-
-def test_measurement_without_a_lock_is_refused_and_no_result_follows():
-    client = Client(FakeTracker(locked=False))
-    status = ResultStatus.MEASUREMENT_STATUS_NOT_READY
-    assert client.measure() == [refused(Command.START_MEASUREMENT, status)]
 
 
 def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result(client):
@@ -220,19 +220,6 @@ def test_go_and_measure_that_finds_nothing_measures_nothing(client):
     assert client.later(1.0) == refusal_and_light
     assert client.later(5.0) == []
     assert client.tracker.measured_s is None
-
-
-@pytest.mark.parametrize(
-    ("state", "status"),
-    [
-        ({"initialised": False}, ResultStatus.TRACKER_NOT_INITIALIZED),
-        ({"warm": False}, ResultStatus.SENSOR_NOT_WARMED_UP),
-    ],
-)
-def test_go_and_measure_needs_what_measuring_needs(state, status):
-    client = Client(FakeTracker(**state))
-    assert client.status(Command.GO_AND_MEASURE, ReflectorPlace((1.0, 2.0, 3.0))) == status
-    assert client.tracker.went_to_mm is None
 
 
 def test_live_positions_stream_while_wanted_and_locked(client):
