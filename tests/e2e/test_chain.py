@@ -169,22 +169,6 @@ def test_identify_says_it_as_people_and_as_programs_want_it(pkmcal, measured):
     assert "pkmcal export" in ended.err
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("undrawn")
-def test_larger_models_are_compared_and_not_kept_where_22_parameters_say_it_all(pkmcal, measured):
-    standard = pkmcal("identify", measured, "--json").document
-    ended = pkmcal("identify", measured, "--model", "extended", "--json")
-    assert ended.code == 0
-    models = ended.document["models"]
-    assert [each["name"] for each in models if each["kept"]] == ["standard"]
-    assert [each["parameters"] for each in models] == [22, 31, 26, 35]
-    assert all(each["bic"] is not None for each in models), "the run knows how its joints came"
-    assert ended.document["parameters"] == standard["parameters"]
-    assert "another model" not in pkmcal("identify", measured, "--model", "extended").out
-    pkmcal("report", measured)
-    assert "Models compared" in (measured / "report.html").read_text(encoding="utf-8")
-
-
 def test_identify_with_what_cannot_be_told_apart_is_not_good(pkmcal, measured):
     ended = pkmcal("identify", measured, "--free", "arm0.x_mm", "--json")
     assert ended.code == 1

@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import shutil
-from functools import partial
 from importlib.resources import files
 
 import matplotlib.image
@@ -12,7 +11,6 @@ import pytest
 from par4_space import FREE_BY_DEFAULT
 
 import sim.scenarios
-from app.study.cluster import Patience, cluster_results
 from app.study.errors import COMPARISON
 from app.study.results import Result
 from app.study.setup import left_out, uncertainty_of
@@ -285,16 +283,6 @@ def test_what_cannot_be_studied_is_refused_before_anything_is_written(
         assert word in line
 
 
-def test_scheduler_that_is_not_there_is_refused_within_seconds(folder, pkmcal, monkeypatch):
-    at_once = partial(cluster_results, patience=Patience(connect_s=0.2))
-    monkeypatch.setattr("app.study.workers.cluster_results", at_once)
-    code, _, err = pkmcal("study", folder, "--campaigns", 5, "--workers", "tcp://127.0.0.1:1")
-    assert code == 2
-    assert err.count("\n") == 1
-    assert "no Dask scheduler answers at tcp://127.0.0.1:1" in err
-    assert not (folder / "study" / TABLE).exists()
-
-
 def test_campaign_for_real_devices_needs_a_scenario(folder, refused):
     (folder / "cell.yaml").unlink()
     assert "--scenario paper-simulation" in refused(folder, "--campaigns", 5)
@@ -329,31 +317,6 @@ def test_plans_that_are_called_alike_are_refused(folder, refused):
     other = shutil.copy(folder / "plan.csv", folder / "other" / "plan.csv")
     line = refused(folder, "--campaigns", 5, "--plan", folder / "plan.csv", "--plan", other)
     assert "called alike: plan · paper-simulation · points" in line
-
-
-@pytest.mark.parametrize("other", [("--seed", 2), ("--fix", "plate_mm")])
-def test_table_of_another_study_is_refused_and_left_alone(folder, pkmcal, studied, other):
-    studied(folder, "--campaigns", 3)
-    before = table_of(folder)
-    code, _, err = pkmcal("study", folder, "--campaigns", 3, "--workers", 1, *other)
-    assert code == 2
-    assert "--to" in err
-    assert table_of(folder) == before
-    code, *_ = pkmcal(
-        "study", folder, "--campaigns", 3, *other, "--to", folder / "b", "--workers", 1
-    )
-    assert code == 0
-
-
-def test_study_without_answers_names_the_combination_and_the_reason(folder, pkmcal):
-    cell = (folder / "cell.yaml").read_text()
-    (folder / "cell.yaml").write_text(
-        cell.replace("arm0.forearm_mm: -1.0", "arm0.forearm_mm: -500.0")
-    )
-    code, _, err = pkmcal("study", folder, "--campaigns", 3, "--workers", 1)
-    assert code == 2
-    assert "plan · paper-simulation · points: 0 of 3 campaigns could be identified" in err
-    assert "no assembly" in err
 
 
 def test_second_study_in_the_same_tables_is_kept_out(folder, pkmcal):

@@ -21,8 +21,6 @@ from app.study.workers import local_results, workers_of
 from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask
 
-pytestmark = pytest.mark.long
-
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[2]
 TABLE = "plan-paper-simulation-points.jsonl"
@@ -80,6 +78,7 @@ def test_failed_task_costs_itself_alone_and_says_why():
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("workers", "reason"),
     [
@@ -96,6 +95,7 @@ def test_killed_worker_costs_only_its_own_task(ended_with_poison, workers, reaso
     assert killed.startswith(reason)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", ["local", "cluster"])
 def test_numbers_are_the_same_whoever_computes_them(
     ended_with_poison, workers, planned_once, tmp_path
@@ -124,12 +124,14 @@ def test_cluster_without_dask_says_what_to_install(monkeypatch):
         workers_of("tcp://127.0.0.1:8786")(tasks(), work=harmless)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("url", [NOBODY, "tcp://127.0.0.1:port", "tcp://", "tls://127.0.0.1:1"])
 def test_scheduler_that_is_not_there_is_said_before_anything_begins(url):
     with pytest.raises(OptionsInvalid, match=f"no Dask scheduler answers at {url}"):
         cluster_results(tasks(), url, harmless, HASTY)
 
 
+@pytest.mark.long
 def test_listener_that_is_no_scheduler_is_not_waited_for():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"tcp://127.0.0.1:{silent.getsockname()[1]}"

@@ -101,16 +101,6 @@ def sent_until_full(client):
     return sent
 
 
-def test_a_question_is_answered():
-    with Bench() as bench, bench.client() as client:
-        assert asked(client, b"hello") == b"hello"
-
-
-def test_the_url_names_a_loopback_port():
-    with Bench() as bench:
-        assert bench.url.startswith("tcp://127.0.0.1:")
-
-
 def test_what_is_due_later_comes_later_in_virtual_time():
     clock = ManualClock()
     with Bench(clock) as bench, bench.client() as client:
@@ -137,6 +127,7 @@ def test_server_looks_at_the_cell_so_often_while_it_has_clients():
 
 def test_clients_come_one_after_another_and_side_by_side():
     with Bench() as bench:
+        assert bench.url.startswith("tcp://127.0.0.1:")
         with bench.client() as first, bench.client() as second:
             assert asked(first, b"count") == b"0"
             assert asked(second, b"count") == b"1"
@@ -222,13 +213,9 @@ def test_an_answer_is_lost_as_scripted(kind, expected):
     with Bench(faults=[(2, kind, None)]) as bench, bench.client() as client:
         assert asked(client, b"before") == b"before"
         client.sendall(b"hello!")
-        client.shutdown(socket.SHUT_WR)
+        if kind != "close":  # which hangs up by itself
+            client.shutdown(socket.SHUT_WR)
         assert all_of(client) == expected
-
-
-def test_a_scripted_close_hangs_up_by_itself():
-    with Bench(faults=[(1, "close", None)]) as bench, bench.client() as client:
-        assert asked(client, b"hello") == b""
 
 
 def test_a_late_answer_comes_when_its_time_has_come():
