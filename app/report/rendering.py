@@ -6,6 +6,7 @@ in which words rows and pictures stand by the macros of parts.html.jinja.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -70,6 +71,7 @@ def moment(utc: str) -> str:
     return f"{utc[:10]} {utc[11:16]} UTC"
 
 
+@cache
 def _environment(package: str) -> Environment:
     environment = Environment(
         loader=ChoiceLoader(
