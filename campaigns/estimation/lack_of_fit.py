@@ -25,7 +25,7 @@ RANK, TINY = 1e-8, 1e-300
 """Of squared lengths: directions of a group below it are the fit's own."""
 SHORTEST_MM, LONGEST_MM = 5.0, 500.0
 """Periods of a carriage's drive that are looked for."""
-STEPS_A_TURN = 4.0
+STEPS_A_TURN = 2.0
 """Frequencies looked at, from one that makes a turn more over the travel to the next."""
 
 
@@ -93,11 +93,31 @@ def best_period(shots: FittedShots, by_joints: Array, joints: Array) -> Group:
     travel = max(float(np.ptp(joints)), SHORTEST_MM)
     step = 1.0 / (STEPS_A_TURN * travel)
     frequencies = np.arange(1.0 / LONGEST_MM, 1.0 / SHORTEST_MM, step)
-    groups = [harmonic(by_joints, 2.0 * np.pi * each * joints) for each in frequencies]
-    gains = [_Solved.of(shots.beside(each), shots.left).gain for each in groups]
-    best = int(np.argmax(gains))
+    best = frequencies[int(np.argmax(_gains(shots, by_joints, joints, frequencies)))]
+    near = best + step * np.linspace(-1.0, 1.0, 9)
+    best = near[int(np.argmax(_gains(shots, by_joints, joints, near)))]
+    columns = harmonic(by_joints, 2.0 * np.pi * best * joints)
     arms = np.repeat(np.arange(joints.shape[1]), 2)
-    return Group("period", groups[best], arms, period=1.0 / frequencies[best], searched=len(groups))
+    tests = int(travel * (1.0 / SHORTEST_MM - 1.0 / LONGEST_MM) * STEPS_A_TURN) + 9
+    return Group("period", columns, arms, period=1.0 / best, searched=tests)
+
+
+def _gains(shots: FittedShots, by_joints: Array, joints: Array, frequencies: Array) -> Array:
+    """Part of χ² that each frequency's sines and cosines explain, (F,), by sums over shots."""
+    count, arms = joints.shape
+    angle = 2.0 * np.pi * joints[:, :, None] * frequencies
+    waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)  # (N, n, 2, F)
+    told = np.einsum("nkj,nk->nj", by_joints, shots.left.reshape(count, 3))
+    through = np.einsum("nkr,nkj->njr", shots.basis.reshape(count, 3, -1), by_joints)
+    own = np.einsum("nki,nkj->nij", by_joints, by_joints)
+    gained = np.einsum("nj,njaf->fja", told, waves).reshape(len(frequencies), -1)
+    shared = np.einsum("njr,njaf->frja", through, waves, optimize=True)
+    shared = shared.reshape(len(frequencies), -1, 2 * arms)
+    normal = np.einsum("nij,niaf,njbf->fiajb", own, waves, waves, optimize=True)
+    normal = normal.reshape(len(frequencies), 2 * arms, 2 * arms)
+    normal = normal - shared.swapaxes(1, 2) @ shared
+    size = np.einsum("fij,fj->fi", np.linalg.pinv(normal, rcond=RANK, hermitian=True), gained)
+    return np.asarray(np.sum(gained * size, axis=1))
 
 
 def _most_significant(shots: FittedShots, groups: Sequence[Group]) -> LackOfFit | None:
