@@ -103,14 +103,11 @@ def _identity(folder: Path) -> dict[str, object]:
 
 
 def _validation(robot: RobotFile) -> dict[str, object]:
-    """What the robot's file says of its workspace, and the lines that fit into it."""
-    centre_mm = robot.workspace_centre_mm
-    if centre_mm is None:
-        return {}
-    usual = ValidationConfig().line_lengths_mm
-    lengths = fitting_lines(robot.kinematics, robot.limits, robot.workspace_centre, usual)
+    """Middle of the robot's workspace, and the lines that fit into it."""
+    centre, usual = robot.workspace_centre, ValidationConfig().line_lengths_mm
+    lengths = fitting_lines(robot.kinematics, robot.limits, centre, usual)
     lines = {} if lengths == usual else {"line_lengths_mm": list(lengths)}
-    return {"validation": {"centre_mm": list(centre_mm), **lines}}
+    return {"validation": {"centre_mm": centre[:3].tolist(), **lines}}
 
 
 def _limits(data_sheet: Mapping[str, float]) -> dict[str, float]:

@@ -5,20 +5,24 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from campaigns.arrays import Array, Index
 from campaigns.design.pose_sampling import (
     FeasibleRegion,
     WorkspaceTooSmall,
     boundary_poses,
+    incidence_rad,
     interior_poses,
     random_pairs,
+    sample_workspace,
 )
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.tours import shortest_tour
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Kinematics, Limits
 from campaigns.planning.plan_file import PlannedShot
+from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, pose_of, pose_row
 from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
@@ -33,6 +37,11 @@ little beyond."""
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
+
+TRACKER_CLEARANCE_MM = 100.0
+"""Distance of a tracker's place from the robot, below which it cannot stand there."""
+FARTHEST_M = 80.0
+"""Largest distance of a tracker: numbers below it are metres where they cannot be millimetres."""
 
 
 class Placement(StrEnum):
@@ -103,6 +112,7 @@ def make_plan(
     kinematics = robot.kinematics
     region = region_of(kinematics, with_reserve(robot), view, request.centre, request.space)
     _check_centre(region)
+    _check_tracker(region)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
         unseen = interior_poses(_inner(region), 2 * request.validation_pairs, rng)
@@ -123,18 +133,47 @@ def _check_centre(region: FeasibleRegion) -> None:
     centre = region.centre[None]
     if region.allows(centre)[0]:
         return
-    x, y, z = (f"{value:g}" for value in region.centre[:3])
-    at = f"the workspace's centre ({x}, {y}, {z}) mm"
-    if not region.can_measure(centre)[0]:
+    at = f"the workspace's centre {_in_words(region.centre[:3])}"
+    if not region.kinematics.feasibility(region.limits, centre).feasible[0]:
+        reasons = region.kinematics.feasibility(region.limits, centre).describe(0)
         raise PlanInvalid(
-            f"{at} cannot be taken, or not be seen",
-            remedy="correct validation.centre_mm, tracker.place_mm or tracker.reflector_facing",
+            f"{at} cannot be taken: {'; '.join(reasons)}", remedy="correct validation.centre_mm"
+        )
+    if not region.can_measure(centre)[0]:
+        _check_tracker(region)
+        away_rad = incidence_rad(centre[:, :3], region.view_from_mm, region.reflector_facing)
+        raise PlanInvalid(
+            f"{at} cannot be seen: the reflector looks {np.degrees(away_rad[0]):.0f}° away from "
+            f"the tracker, limit {np.degrees(region.acceptance_rad):g}°",
+            remedy="correct tracker.place_mm or tracker.reflector_facing, which may be left empty",
         )
     why = region.space.fault(region.centre[:3]) or "no other pose can be come to from it"
     raise PlanInvalid(
         f"{at} is where the robot may not go: {why}",
         remedy="move validation.centre_mm, or correct `space` in campaign.yaml",
     )
+
+
+def _check_tracker(region: FeasibleRegion) -> None:
+    """Raise `PlanInvalid` for a tracker in the robot, also where its place was given in metres."""
+    robot, place = region.kinematics, region.view_from_mm
+    sample = sample_workspace(robot, region.limits, region.centre)
+    if sample is None:
+        return
+    hull = ConvexHull(np.vstack([sample[:, :3], base_mm(robot)])).equations
+    if (hull[:, :3] @ place + hull[:, 3]).max() > TRACKER_CLEARANCE_MM:
+        return
+    hint = ", as if it were given in metres" if 0.0 < np.linalg.norm(place) < FARTHEST_M else ""
+    raise PlanInvalid(
+        f"the tracker's place {_in_words(place)} is in the robot, between its base and where its "
+        f"plate goes (limit {TRACKER_CLEARANCE_MM:g} mm away){hint}",
+        remedy="correct tracker.place_mm: [x, y, z] in mm, seen from the robot's base",
+    )
+
+
+def _in_words(place_mm: Array) -> str:
+    x, y, z = (f"{value:g}" for value in place_mm)
+    return f"({x}, {y}, {z}) mm"
 
 
 def too_small(error: WorkspaceTooSmall, region: FeasibleRegion, fewer: str) -> PlanInvalid:

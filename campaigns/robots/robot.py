@@ -22,13 +22,12 @@ from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace, Role
 from campaigns.mechanisms.parasitic_rotation import PlateGeometry
+from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
 from drivers.texts import nearest_word
 from drivers.values import Pose, Vector3
 
-DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
-"""Centre for robots whose file says nothing of it: Par4's."""
 FOR_SOME_CONTROLLERS = (
     "only a controller that computes plate tilt takes axis tilts and skews, as LinuxCNC with "
     "pkmkins does; for any other: export --format plain, or `pkmcal correct`"
@@ -81,9 +80,12 @@ class RobotFile:
 
     @property
     def workspace_centre(self) -> Array:
-        """Pose well inside the workspace, (t,), mm and rad."""
+        """Pose well inside the workspace, (t,), mm and rad, where the file says or it reaches most.
+
+        Raises `ConfigInvalid` for a robot that reaches nothing.
+        """
         centre = np.zeros(len(self.mechanism.task))
-        centre[: len(DEFAULT_CENTRE_MM)] = self.workspace_centre_mm or DEFAULT_CENTRE_MM
+        centre[:3] = self.workspace_centre_mm or middle_of_reach_mm(self.kinematics, self.limits)
         return centre
 
     def digest(self) -> str:

@@ -5,20 +5,14 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
-from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Interval, Kinematics, Limits
 from campaigns.mechanisms.sizes import Sizes, lengths_needed, symmetrical
+from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.robot import RobotDocument, parse_robot, shipped_of
 from campaigns.robots.schema import SCHEMA
 
-HEIGHTS = 200
-REACHES = 40
-AROUND = 8
-ROUND_MM = 10.0
 COMMENT_WIDTH = 97
 CONTRACTED = (
     "The platform keeps its direction, so where its joints sit on it cannot be told from where the "
@@ -43,7 +37,7 @@ def symmetrical_robot(
     like = shipped_of(mechanism).robot
     limits = like.limits if joint is None else replace(like.limits, joint=joint)
     kinematics = Kinematics.of(mechanism, flat)
-    centre_mm = _centre_mm(kinematics, limits)
+    centre_mm = list(middle_of_reach_mm(kinematics, limits))
     text = "".join(
         f"{line}\n"
         for line in (*_heading(mechanism, name, sizes), *_body(mechanism, name, flat, limits))
@@ -62,38 +56,6 @@ def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> N
     for field in lengths_mm:
         if field not in needed:
             raise ConfigInvalid(f"{mechanism.name} has no {options[field]}", remedy="leave it out")
-
-
-def _centre_mm(kinematics: Kinematics, limits: Limits) -> list[float]:
-    """Place on the base's axis from which the robot reaches furthest, [x, y, z].
-
-    Raises `ConfigInvalid` when there is none.
-    """
-    origin = np.zeros(len(kinematics.mechanism.task))
-    extent = kinematics.mechanism.search_extent(kinematics.p, limits, origin)
-    heights = -np.linspace(0.0, 2.0 * float(extent[2]), HEIGHTS)
-    reaches = np.array([_reach_mm(kinematics, limits, float(z), extent) for z in heights])
-    if not (reaches > 0.0).any():
-        raise ConfigInvalid(
-            "a robot of these sizes reaches nothing below the middle of its base",
-            remedy="check the sizes: the forearms must span from the arms' ends to the platform",
-        )
-    best = heights[reaches >= 0.95 * reaches.max()].mean()
-    return [0.0, 0.0, float(ROUND_MM * np.round(best / ROUND_MM))]
-
-
-def _reach_mm(kinematics: Kinematics, limits: Limits, z_mm: float, extent: Array) -> float:
-    """Largest ball about a place on the axis whose surroundings can all be reached; 0 for none."""
-    around = 2.0 * np.pi * np.arange(AROUND) / AROUND
-    level = np.column_stack([np.cos(around), np.sin(around), np.zeros(AROUND)])
-    directions = np.vstack([level, [[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]])
-    reaches = np.linspace(0.0, float(extent[0]), REACHES)
-    poses = np.zeros((REACHES, len(directions), len(extent)))
-    poses[:, :, 2] = z_mm
-    poses[:, :, :3] += reaches[:, None, None] * directions
-    feasible = kinematics.feasibility(limits, poses.reshape(-1, len(extent))).feasible
-    whole = np.logical_and.accumulate(feasible.reshape(REACHES, -1).all(axis=1))
-    return float(reaches[whole][-1]) if whole.any() else 0.0
 
 
 def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:

@@ -1,5 +1,6 @@
 """Plans as they are made: what they hold, where, and in which order."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Pose
+from drivers.values import Pose, Vector3
 
 VIEW = plans.View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
 MIDDLE = Pose(*CENTRE.tolist())
@@ -131,9 +132,29 @@ def test_centre_out_of_reach_is_refused() -> None:
         plan(replace(REQUEST, centre=Pose(0.0, 0.0, 100.0, 0.0)))
 
 
-def test_centre_that_the_tracker_cannot_see_is_refused() -> None:
-    with pytest.raises(PlanInvalid, match="or not be seen"):
-        plan(view=replace(VIEW, facing=(-1.0, 0.0, 0.0)))
+@pytest.mark.parametrize(
+    ("place", "facing", "told"),
+    [
+        ((2.5, 0.0, -0.5), (1.0, 0.0, 0.0), "is in the robot.* as if it were given in metres"),
+        ((250.0, 100.0, -600.0), (1.0, 0.0, 0.0), r"is in the robot.*\(limit 100 mm away\)$"),
+        ((2500.0, 0.0, -500.0), (-1.0, 0.0, 0.0), "the reflector looks 178° away from the tracker"),
+    ],
+    ids=["in metres", "in the robot", "looks away"],
+)
+def test_tracker_that_cannot_stand_so_is_refused(
+    place: Vector3, facing: Vector3, told: str
+) -> None:
+    with pytest.raises(PlanInvalid) as refused:
+        plan(view=replace(VIEW, tracker_mm=place, facing=facing))
+    assert re.search(told, refused.value.problem)
+    assert "tracker.place_mm" in refused.value.remedy
+
+
+@pytest.mark.parametrize("place", [(900.0, 0.0, -600.0), (0.0, 100.0, -2000.0), (0.0, 9e3, 2e3)])
+def test_tracker_beside_below_or_above_the_robot_is_planned_with(place: Vector3) -> None:
+    facing = tuple(there - here for there, here in zip(place, CENTRE.tolist()[:3], strict=True))
+    request = replace(REQUEST, identification_shots=8, validation_pairs=1)
+    assert len(plan(request, view=replace(VIEW, tracker_mm=place, facing=facing))) == 13
 
 
 def test_workspace_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

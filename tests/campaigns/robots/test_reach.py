@@ -1,0 +1,55 @@
+"""Middle of a robot's reach: its workspace's centre where its file says none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from campaigns.errors import ConfigInvalid
+from campaigns.robots.reach import base_mm
+from campaigns.robots.robot import RobotFile, find_robot
+
+MECHANISMS = pytest.mark.parametrize(
+    "name", ["par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l"]
+)
+
+
+def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> RobotFile:
+    """A shipped robot of another size, elsewhere in its base frame, whose file says no centre."""
+    robot = find_robot(name).robot
+    space, joint = robot.mechanism.parameters, robot.mechanism.joints[0]
+    lengths = space.of_unit("mm", space.names)
+    values = {
+        each: value * (times if each in lengths else 1.0)
+        + (aside_mm if each.endswith(".x_mm") else 0.0)
+        for each, value in robot.parameters.items()
+    }
+    scale = 1.0 if joint.is_revolute else times
+    low, high = robot.limits.joint
+    limits = replace(robot.limits, joint=(scale * low, scale * high))
+    return RobotFile.of(robot.mechanism, values, name="odd", limits=limits)
+
+
+@MECHANISMS
+@pytest.mark.parametrize("times", [1.0 / 3.0, 1.0, 2.0])
+def test_robot_of_any_size_reaches_all_about_its_centre(name: str, times: float) -> None:
+    robot = of_unknown_centre(name, times)
+    around = np.tile(robot.workspace_centre, (7, 1))
+    around[1:4, :3] += 100.0 * times * np.eye(3)
+    around[4:, :3] -= 100.0 * times * np.eye(3)
+    assert robot.kinematics.feasibility(robot.limits, around).feasible.all()
+
+
+def test_centre_is_below_the_base_wherever_that_is_in_its_frame() -> None:
+    here, aside = of_unknown_centre("delta"), of_unknown_centre("delta", aside_mm=300.0)
+    np.testing.assert_allclose(base_mm(here.kinematics).mean(axis=0), 0.0, atol=1e-9)
+    moved_mm = aside.workspace_centre - here.workspace_centre
+    np.testing.assert_allclose(moved_mm, [300.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_robot_that_reaches_nothing_is_refused() -> None:
+    robot = of_unknown_centre("delta")
+    short = dict(robot.parameters) | {f"arm{arm}.forearm_mm": 10.0 for arm in range(3)}
+    lame = RobotFile.of(robot.mechanism, short, name="lame", limits=robot.limits)
+    with pytest.raises(ConfigInvalid, match="reaches nothing"):
+        _ = lame.workspace_centre
