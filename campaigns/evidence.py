@@ -516,12 +516,12 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
     statement = "the parameter file holds what was identified"
     yield same_digest(statement, None if file is None else file.digest(), parameters)
     after = evidence.after[-1].series.started if evidence.after else None
+    statement = "the controller held it when it was validated after"
     if after is not None and after.stage == "after by targets":
         statement = "targets were corrected with it when it was validated after"
-    else:
+    elif after is None or not after.declared:
         last = evidence.state(loaded.digest if loaded else None)
         yield _same_origin("what was loaded last is what was identified", last, parameters)
-        statement = "the controller held it when it was validated after"
     yield _same_origin(statement, evidence.held("after"), parameters)
 
 

@@ -465,7 +465,7 @@ def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[
     for how, lost_mm, limit_mm in lost:
         if form is not None and limit_mm is not None and lost_mm > limit_mm:
             yield (
-                f"the form in the controller ({form.name}) loses {lost_mm:.3f} mm {how} of "
+                f"the form of what was identified ({form.name}) loses {lost_mm:.3f} mm {how} of "
                 f"position over the workspace, limit for distances {limit_mm:g} mm"
             )
 

@@ -15,6 +15,7 @@ from campaigns.controllers import load_checks
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
 from campaigns.controllers.load_journal import FOUND_AGAIN, Load, already_back, load_history
+from campaigns.evaluation.validation import lost_beyond
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import Finding
 from campaigns.measuring.run_state import SILENT, RunObserver
@@ -197,6 +198,9 @@ class _Loading:
         held = self._held()
         expected = (robot.provenance or {}).get("controller_serial")
         objections += self._checked(source, robot, expected)
+        form, limits = form_of(robot.provenance, str(source)), self.campaign.config.acceptance
+        for text in lost_beyond(form, limits):
+            self.terms.tell(f"! {text}: `pkmcal correct` loses nothing")
         return self._carry_out(source, robot, held, objections)
 
     def roll_back(self) -> LoadResult:

@@ -14,7 +14,7 @@ from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotFile, compensated, read_robot
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.workflow.files import export
-from campaigns.workflow.loading import load
+from campaigns.workflow.loading import LoadTerms, load
 from campaigns.workflow.reduced_export import export_projected
 
 WIDE = AcceptanceConfig(
@@ -78,9 +78,21 @@ def with_form(found: Evaluation, **lost: float) -> Evaluation:
 def test_a_form_that_loses_more_than_a_limit_shows_nothing(plain: Evaluation) -> None:
     found = with_form(plain, lost_max_mm=1.5)
     assert found.validated("after").decision == found.verdict.decision == "not decided"
-    says = "the form in the controller (plain) loses 1.500 mm at most of position"
+    says = "the form of what was identified (plain) loses 1.500 mm at most of position"
     assert says in " ".join(found.verdict.reasons)
     assert says in " ".join(found.validated("after").reasons)
+
+
+def test_load_says_that_a_form_loses_more_than_a_limit(identified: PaperCampaign, plain) -> None:
+    told: list[str] = []
+    limits = AcceptanceConfig(distance_mean_mm=0.005, distance_max_mm=0.1)
+    config = identified.campaign.config.model_copy(update={"acceptance": limits})
+    strict = replace(identified.campaign, config=config)
+    source = identified.folder / "robot-plain.yaml"
+    load(strict, nullcontext(Controller()), source, LoadTerms(tell=told.append, dry=True))
+    (warned,) = told
+    assert "(plain) loses 0.010 mm on average" in warned
+    assert "`pkmcal correct`" in warned
 
 
 def test_a_form_of_another_identification_is_none_of_this_one(plain: Evaluation) -> None:

@@ -110,6 +110,15 @@ def test_the_gain_of_a_closed_controller_is_proved_by_shots_measured_elsewhere(
     assert told in found.verdict.reasons
 
 
+def test_what_is_declared_counts_more_than_an_earlier_load(paper: PaperCampaign) -> None:
+    before = Finding("load", {"source": "old.yaml", "digest": "0" * 64, "kept": "k"})
+    with paper.journal() as journal:
+        journal.append(before)
+    done = taken_in(paper, "after", rows(paper, identified(paper)))
+    assert done.campaign_verdict.decision == "pass"
+    assert not [check for check in done.evaluation.checks if check.holds is False]
+
+
 def test_without_correction_the_last_export_counts(paper: PaperCampaign) -> None:
     done = taken_in(paper, "after", rows(paper, identified(paper)))
     held = done.evaluation.evidence.held("after")
