@@ -380,7 +380,8 @@ def _identified_series(
 ) -> tuple[Series, ...]:
     """The series that the identification rests on, or the one that the next would rest on."""
     if identification is None:
-        runs = [each for each in all_series if each.started.stage in {"run", "import"}]
+        measured = (each for each in all_series if each.started.stage in {"run", "import"})
+        runs = [each for each in measured if not each.of_known_lengths]
         return tuple(sorted(runs, key=lambda each: (each.finished, each.number))[-1:])
     return tuple(each for each in all_series if each.number == identification.series)
 

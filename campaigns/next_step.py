@@ -16,7 +16,7 @@ from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence
 from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.views import Series
+from campaigns.journal.views import AcceptedShot, Series
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import plan_digest
 from campaigns.planning.plan_match import plan_difference
@@ -243,6 +243,7 @@ def state_of(
         each
         for each in every
         if each.shots
+        and not each.of_known_lengths
         and (each.started.stage == "run" or (each.started.stage == "import" and each.finished))
     ]
     state = CampaignState(
@@ -261,7 +262,8 @@ def state_of(
         measured="import" if latest.started.stage == "import" else "run",
         shots=purposes.count(ShotSet.IDENTIFICATION.value),
     )
-    if found is None or not _is_of(found, latest, campaign.robot.digest()):
+    bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
+    if found is None or not _is_of(found, latest, bars, campaign.robot.digest()):
         return replace(measured, left=_left(evidence, latest))
     if _newly_planned(evidence, latest):
         return replace(measured, left="run")
@@ -273,10 +275,16 @@ def state_of(
     return judged if found.verdict != "pass" else _calibrated(evaluation, found, judged)
 
 
-def _is_of(found: RecordedIdentification, latest: Series, nominal_digest: str) -> bool:
-    """Whether the identification is of all that counts of the latest series, and this robot."""
+def _is_of(
+    found: RecordedIdentification, latest: Series, bars: Sequence[AcceptedShot], nominal_digest: str
+) -> bool:
+    """Whether the identification is of all that counts of the latest series, and this robot.
+
+    Known lengths that were measured beside it, `bars`, count too.
+    """
     of_series = found.series == latest.number and found.robot_digest == nominal_digest
-    return of_series and all(shot.number <= found.journal_records for shot in latest.shots)
+    counted = (*latest.shots, *bars)
+    return of_series and all(shot.number <= found.journal_records for shot in counted)
 
 
 def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:

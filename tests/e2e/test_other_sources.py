@@ -80,3 +80,29 @@ def test_a_total_station_answers_too_and_every_byte_is_written_down(pkmcal, plan
     again = pkmcal("devices", planned, "--spy", log)
     assert again.code == 2
     assert "already exists" in again.error_line
+
+
+def test_a_bar_measured_beside_the_robot_tells_the_trackers_scale(pkmcal, shots, tmp_path):
+    other, bars = tmp_path / "other", tmp_path / "bars.csv"
+    assert pkmcal("new", other).code == 0
+    assert pkmcal("import", other, shots).code == 0
+    places = [(x, y, z) for y in (-300.0, 300.0) for z in (-200.0, 200.0) for x in (2000.0, 3000.1)]
+    lines = [f"{row // 2},,,,,{x},{y},{z},known-length" for row, (x, y, z) in enumerate(places)]
+    head = "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm,set"
+    bars.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    assert pkmcal("import", other, bars).code == 0
+    untold = pkmcal("identify", other)
+    assert untold.code == 2
+    assert "known_lengths in campaign.yaml does not say which length it is" in untold.error_line
+    bar = {"name": "bar 12", "length_mm": 1000.0, "std_mm": 0.005}
+    change(other / "campaign.yaml", {"known_lengths": [bar]})
+    found = pkmcal("identify", other, "--json")
+    assert found.code == 1
+    assert found.document["next"] == f"pkmcal import {other} FILE", "no circle"
+    assert found.document["series"] == 1, "the robot's shots, and the bar's beside them"
+    scale = found.document["known_lengths"]["scale"]
+    assert scale["share"] == pytest.approx(1e-4, rel=0.01)
+    assert "the tracker's scale is off by +100 ppm" in found.document["reasons"][0]
+    assert pkmcal("report", other).code == 1
+    page = (other / "report.html").read_text(encoding="utf-8")
+    assert "by known lengths: +100." in page
