@@ -15,6 +15,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 # What is started in the background ignores Ctrl-C, and so would every program that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+pytest_plugins = ("whole_campaigns",)
 TESTS = Path(__file__).parent
 PEERS = TESTS / "peers"
 WHOLE_PROGRAMS = tuple(TESTS / name for name in ("e2e", "app/report", "app/papers", "app/study"))

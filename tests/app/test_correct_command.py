@@ -7,11 +7,8 @@ import shutil
 import numpy as np
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign
-from whole_campaigns import whole
 
 from campaigns.robots.robot import read_robot
-
-__all__ = ["whole"]
 
 POSES = "name,x_mm,y_mm,z_mm,theta_deg\npick,100,0,-600,10\nplace,-120.5,80,-550,-20\n"
 GCODE = "G21 G90\nG0 X0 Y0 Z-575 C0\nG1 X150 F600 (along x)\nM2\n"

@@ -4,15 +4,12 @@ import numpy as np
 import pytest
 from paper_campaign import PaperCampaign
 from rich.cells import cell_len
-from whole_campaigns import whole
 
 from app.console import Terminal
 from app.report.results_sections import GAINS
 from app.report.validation_text import show_gain
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts
-
-__all__ = ["whole"]
 
 TERMINAL_WIDTH = 80
 

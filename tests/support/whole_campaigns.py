@@ -1,18 +1,26 @@
-"""Whole campaigns as fixtures, for all tests that only read them."""
+"""Whole campaigns as fixtures, made once for all tests that only read them."""
+
+from typing import TYPE_CHECKING
 
 import pytest
-from paper_campaign import PaperCampaign, whole_campaign
 
-from campaigns.estimation.estimators import Estimator
+if TYPE_CHECKING:
+    from paper_campaign import PaperCampaign
 
 
 @pytest.fixture(scope="session")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
     """A campaign in which everything was done; leave it as it is."""
+    from paper_campaign import whole_campaign  # what a test of a driver need not wait for
+
     return whole_campaign(tmp_path_factory.mktemp("campaigns") / "whole")
 
 
 @pytest.fixture(scope="session")
-def by_distances(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
+def by_distances(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
     """The same, identified from distances; leave it as it is."""
+    from paper_campaign import whole_campaign
+
+    from campaigns.estimation.estimators import Estimator
+
     return whole_campaign(tmp_path_factory.mktemp("campaigns") / "pairs", Estimator.DISTANCES)

@@ -1,9 +1,6 @@
 """One whole campaign for all tests that only read it, and pages without their figures."""
 
 import pytest
-from whole_campaigns import by_distances, whole
-
-__all__ = ["by_distances", "whole"]
 
 
 @pytest.fixture(autouse=True)
