@@ -262,7 +262,7 @@ class Campaign:
 
 
 def open_campaign(folder: Path | str) -> Campaign:
-    """Campaign of a folder; raises `NotACampaign` or `ConfigInvalid`.
+    """Campaign of a folder; raises `ConfigInvalid`.
 
     Raises `JournalFailed` while a rescued journal in it waits to be taken.
     """

@@ -7,12 +7,8 @@ class CampaignError(ExplainedError):
     """Root of everything that the campaign's own work raises."""
 
 
-class NotACampaign(CampaignError):
-    """The folder holds no campaign: name another one, or make one with `pkmcal new`."""
-
-
 class ConfigInvalid(CampaignError):
-    """campaign.yaml or a robot file cannot be used as written: correct the line that is named."""
+    """campaign.yaml or a robot file is missing, or cannot be used as written: correct the line."""
 
 
 class PlanInvalid(CampaignError):
@@ -24,11 +20,7 @@ class SelectionInvalid(CampaignError):
 
 
 class OptionsInvalid(CampaignError):
-    """The options don't go together, or ask for what there is not: change them."""
-
-
-class GoalInvalid(CampaignError):
-    """The goal to be reached is no standard deviation that could be: write it as σ=0.02."""
+    """Options that don't go together, cannot be understood, or ask for what there is not."""
 
 
 class ShotsInvalid(CampaignError):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from campaigns.errors import GoalInvalid, PlanInvalid
+from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.journal.records import Event
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
@@ -33,15 +33,15 @@ class UncertaintyGoal:
 
 
 def read_goal(text: str) -> UncertaintyGoal:
-    """From `σ=0.02` or `sigma=0.02`, in mm; raises `GoalInvalid`."""
+    """From `σ=0.02` or `sigma=0.02`, in mm; raises `OptionsInvalid`."""
     matched = _GOAL.fullmatch(text.strip())
     if matched is None:
-        raise GoalInvalid(
+        raise OptionsInvalid(
             f"goal '{text}' is not understood", remedy="give a standard deviation, as σ=0.02 (mm)"
         )
     std_mm = _number(matched["number"])
     if not 0.0 < std_mm <= LARGEST_MM:
-        raise GoalInvalid(
+        raise OptionsInvalid(
             f"goal σ is {matched['number']}, must be above 0 and at most {LARGEST_MM:g} mm",
             remedy="give the standard deviation of the worst length, as σ=0.02 (mm)",
         )

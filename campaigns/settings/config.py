@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from campaigns.errors import ConfigInvalid, NotACampaign
+from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
 from campaigns.robots.robot import RobotDocument, read_robot
@@ -71,11 +71,11 @@ class CampaignConfig(yaml_file.FileModel):
 
 
 def read_campaign(directory: Path) -> CampaignConfig:
-    """Read a campaign's settings; raises `NotACampaign` or `ConfigInvalid`."""
+    """Read a campaign's settings; raises `ConfigInvalid`."""
     path = directory / FILE_NAME
     remedy = f"name a campaign's folder, or make one with `pkmcal new {directory}`"
     if not is_file(path):
-        raise NotACampaign(f"{directory} holds no {FILE_NAME}", remedy=remedy)
+        raise ConfigInvalid(f"{directory} holds no {FILE_NAME}", remedy=remedy)
     return yaml_file.checked(
         yaml_file.read_document(path, if_missing=remedy), SCHEMA, CampaignConfig
     )

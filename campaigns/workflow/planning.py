@@ -60,7 +60,7 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
     """Make, check and write a plan; an older one is kept.
 
     For the full model unless told otherwise, or for the standard one where that takes more shots.
-    Raises `OptionsInvalid`, `GoalInvalid`, `SelectionInvalid`, `PlanInvalid` or `WriteFailed`.
+    Raises `OptionsInvalid`, `SelectionInvalid`, `PlanInvalid` or `WriteFailed`.
     """
     options = options or PlanOptions()
     planned = _largest(campaign, options)
@@ -135,7 +135,7 @@ def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
 def _settled(
     campaign: Campaign, options: PlanOptions, model: Model
 ) -> tuple[Placement, OptimalRequest]:
-    """Options before settings; raises `GoalInvalid`, `SelectionInvalid` or `OptionsInvalid`."""
+    """Options before settings; raises `SelectionInvalid` or `OptionsInvalid`."""
     free = free_parameters(campaign, options, model)
     lengths = campaign.robot.parameters.space.of_unit("mm", free)
     until_mm = None if options.until is None else _goal_mm(options.until, lengths)

@@ -24,7 +24,7 @@ from campaigns.workflow.work import engine_work, free_parameters, known_sets
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:
     """Plan as work for the engine, the shots commanded by joints.
 
-    Raises `GoalInvalid`, `SelectionInvalid`, `OptionsInvalid` or `PlanInvalid`.
+    Raises `SelectionInvalid`, `OptionsInvalid` or `PlanInvalid`.
     """
     options = options or RunOptions()
     goal = None if options.until is None else read_goal(options.until)

@@ -34,7 +34,6 @@ def test_every_error_has_a_code(root):
     [
         (door_errors.NotConfirmed, 2),
         (campaign_errors.OptionsInvalid, 2),
-        (campaign_errors.NotACampaign, 2),
         (campaign_errors.ConfigInvalid, 2),
         (campaign_errors.PlanInvalid, 2),
         (campaign_errors.OutputExists, 2),

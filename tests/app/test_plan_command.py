@@ -15,7 +15,7 @@ from app.plan_text import paying_line, plate_warning, told_lines, warnings
 from campaigns.campaign import open_campaign
 from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
-from campaigns.errors import GoalInvalid, OptionsInvalid, PlanInvalid, WriteFailed
+from campaigns.errors import OptionsInvalid, PlanInvalid, WriteFailed
 from campaigns.estimation.estimators import Model
 from campaigns.estimation.information import Uncertainty
 from campaigns.estimation.observability import observability
@@ -124,7 +124,7 @@ def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign, asked_of
 
 
 def test_a_goal_that_is_none_or_for_lengths_that_are_held_is_refused(campaign):
-    with pytest.raises(GoalInvalid, match=r"'0\.05' is not understood"):
+    with pytest.raises(OptionsInvalid, match=r"'0\.05' is not understood"):
         plan(campaign, PlanOptions(until="0.05"))
     with pytest.raises(OptionsInvalid, match=r"--fix leaves no length to find .* --shots instead"):
         plan(campaign, PlanOptions(until="σ=0.05", fix=("*_mm",)))

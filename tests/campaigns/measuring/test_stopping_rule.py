@@ -8,7 +8,7 @@ from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
 from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
 
-from campaigns.errors import GoalInvalid, PlanInvalid
+from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.measuring import stopping_rule
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
@@ -112,12 +112,12 @@ def test_a_goal_is_a_standard_deviation_in_mm(text):
 
 @pytest.mark.parametrize("text", ["", "0.02", "tau=0.02", "σ"])
 def test_what_is_no_goal_is_refused_with_an_example(text):
-    with pytest.raises(GoalInvalid, match="not understood") as caught:
+    with pytest.raises(OptionsInvalid, match="not understood") as caught:
         stopping_rule.read_goal(text)
     assert "σ=0.02" in caught.value.remedy
 
 
 @pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "11", "0,02"])
 def test_a_standard_deviation_that_cannot_be_is_refused_with_the_limit(number):
-    with pytest.raises(GoalInvalid, match="must be above 0 and at most 10 mm"):
+    with pytest.raises(OptionsInvalid, match="must be above 0 and at most 10 mm"):
         stopping_rule.read_goal(f"σ={number}")

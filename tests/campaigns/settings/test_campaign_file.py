@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.errors import ConfigInvalid, NotACampaign, OutputExists, WriteFailed
+from campaigns.errors import ConfigInvalid, OutputExists, WriteFailed
 from campaigns.files.yaml_file import FileModel, checked, commented_yaml, parse_document
 from campaigns.robots.robot import find_robot
 from campaigns.settings.config import (
@@ -117,7 +117,7 @@ def test_angles_are_given_in_deg_and_used_in_rad():
 
 
 def test_folder_without_settings_is_no_campaign(tmp_path):
-    with pytest.raises(NotACampaign, match="pkmcal new") as caught:
+    with pytest.raises(ConfigInvalid, match="pkmcal new") as caught:
         read_campaign(tmp_path)
     assert str(tmp_path) in str(caught.value)
 
