@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from app.console import Terminal
 from campaigns.campaign import Campaign
+from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import evaluate
 from campaigns.next_step import next_step, state_of
@@ -17,14 +18,16 @@ def tell_next(
     words: Sequence[str] = (),
     answered: bool = False,
     reported: bool = False,
+    held: ControllerState | None = None,
 ) -> dict[str, object]:
     """Say which command is next; gives it as a part of what `--json` prints.
 
-    `words`: options that a run or an identification that is next shall get. What cannot be read
+    `words`: options that a run or an identification that is next shall get. `held`: what was read
+    from the controller. What cannot be read
     keeps nobody from the result that is there already: then nothing is said.
     """
     try:
-        state = state_of(evaluate(campaign), answered=answered, reported=reported)
+        state = state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
         step = next_step(state)
     except CampaignError:
         step = None

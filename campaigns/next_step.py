@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from campaigns.arrays import Index
+from campaigns.controllers.controller_state import ControllerState
 from campaigns.estimation.estimators import Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
@@ -165,7 +166,11 @@ def _after_identification(state: CampaignState) -> NextStep:
     first = by_hand.get(state.way, "")
     more_shots = state.way == "more shots"
     if state.measured == "import" and (more_shots or state.way == "measure again"):
-        wanted = f"measure {2 * state.shots} shots" if more_shots else f"{first}, measure again"
+        wanted = (
+            f"measure {2 * state.shots} shots all over the workspace"
+            if more_shots
+            else f"{first}, measure again"
+        )
         return NextStep(("import", here, "FILE"), wanted)
     if more_shots:
         return NextStep(("plan", here, "--shots", str(2 * state.shots)))
@@ -233,9 +238,16 @@ def _without(option: str, words: Sequence[str]) -> tuple[str, ...]:
 
 
 def state_of(
-    evaluation: Evaluation, *, answered: bool = False, reported: bool = False
+    evaluation: Evaluation,
+    *,
+    answered: bool = False,
+    reported: bool = False,
+    held: ControllerState | None = None,
 ) -> CampaignState:
-    """State of a campaign by its evidence; the rest is known to the command that ends."""
+    """State of a campaign by its evidence; the rest is known to the command that ends.
+
+    `held`: what it read from the controller; else what was loaded last counts.
+    """
     evidence = evaluation.evidence
     journal, campaign = evidence.journal, evidence.campaign
     every = journal.series if journal else ()
@@ -272,7 +284,7 @@ def state_of(
     limits_mm = campaign.config.acceptance.distances_mm
     way, detail = way_on(found, measured.shots, limits_mm, numbers, sessions)
     judged = replace(measured, verdict=found.verdict, way=way, detail=detail, asked=found.asked)
-    return judged if found.verdict != "pass" else _calibrated(evaluation, found, judged)
+    return judged if found.verdict != "pass" else _calibrated(evaluation, found, judged, held)
 
 
 def _is_of(
@@ -383,7 +395,10 @@ def _after_change(
 
 
 def _calibrated(
-    evaluation: Evaluation, found: RecordedIdentification, state: CampaignState
+    evaluation: Evaluation,
+    found: RecordedIdentification,
+    state: CampaignState,
+    held: ControllerState | None,
 ) -> CampaignState:
     """State after an identification that passed: file, controller, validation."""
     evidence = evaluation.evidence
@@ -395,7 +410,8 @@ def _calibrated(
     too_few = bool({*(lacks or ())} & {*identified.extended_by})
     forms = evidence.sets.forms.values() if evidence.sets else ()
     has_form = any(each.of == digest for each in forms) and (too_few or lacks is None)
-    held, after = evidence.state(loaded.digest if loaded else None), evidence.held("after")
+    held = held or evidence.state(loaded.digest if loaded else None)
+    after = evidence.held("after")
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
     judged = after is not None and after.origin == digest
     verdict = evaluation.validated("after")

@@ -172,7 +172,7 @@ def _tell(terminal: Terminal, campaign: Campaign, done: LoadResult) -> None:
             "held": done.state,
             "verification": found,
         }
-        | tell_next(terminal, campaign)
+        | tell_next(terminal, campaign, held=done.state)
     )
 
 

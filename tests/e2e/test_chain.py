@@ -12,7 +12,7 @@ from sim.scenarios.scenario import load_scenario
 NEXT = {"next", "before_next"}
 PLAN_KEYS = {
     *NEXT,
-    "model",
+    *("model", "fitting_lines_mm"),
     *("shots", "pairs", "predicted_std", "observability", "seconds_estimated", "path"),
     *("placement", "estimator", "criterion", "seed", "worst", "position_error_mm"),
     *("from_below", "curve", "space"),
@@ -24,7 +24,7 @@ IDENTIFICATION_KEYS = {
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
-    *("series", "model", "asked", "obstacles"),
+    *("series", "model", "asked", "obstacles", "known_lengths", "region"),
 }
 DRY_RUN_KEYS = {
     *NEXT,
@@ -48,7 +48,7 @@ def assert_is_identification(document):
     assert document["schema"] == "pkmcal/identification/1"
     assert tuple(document["parameters"]) == NAMES
     for entry in document["parameters"].values():
-        assert set(entry) == {"nominal", "value", "delta", "std", "free"}
+        assert set(entry) == {"nominal", "value", "delta", "std", "total_std", "free"}
     for errors in (document["residuals_mm"], document["unseen_mm"]):
         for stage in (errors["before"], errors["after"]):
             assert set(stage) == {"mean_abs", "rms", "max_abs"}
