@@ -113,7 +113,10 @@ def noise_in_words(
         return f"{scatter} ({test}); σ come from the scatter{also}"
     if robot:
         more = f", and are multiplied by {noise.sigma0:.2g}" if noise.sigma0 > 1.0 else ""
-        scatter = f"{scatter} and the robot scatters" if noise.consistent else scatter
+        if noise.consistent:
+            scatter = f"{scatter} and the robot scatters"
+        elif estimator is Estimator.DISTANCES:
+            scatter = f"{scatter} and the robot's own scatter make"
         return f"{scatter} ({test}): {robot}; σ take it in{more}"
     if loss is not LossShape.LINEAR:
         return f"{scatter} ({test}); σ are {noise.sigma0:.2g} times what is stated, by the loss"
