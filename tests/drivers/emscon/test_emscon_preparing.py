@@ -143,15 +143,6 @@ class TestPrepare:
 
 
 class TestSettingsChangedByOthers:
-    def test_units_changed_before_a_measurement_stop_it(self, station):
-        station.instrument.state[Command.GET_UNITS] = bodies.Units(5, 1, 0, 0, 0)
-        station.comes(
-            bodies.StatusChange(SystemChange.UNITS), bodies.StatusChange(SystemChange.LIGHT_BUSY)
-        )
-        with pytest.raises(DeviceNotReady, match="another program changed the tracker's units"):
-            station.tracker.measure()
-        assert START not in station.instrument.commands()
-
     def test_reflector_changed_during_a_measurement_spoils_its_result(self, station):
 
         def change(_request):

@@ -54,14 +54,6 @@ class TestSession:
         assert station.pipe.is_closed
         assert len(station.pipe.sent) == sent_before
 
-    def test_failed_connect_leaves_no_wire_open(self):
-        instrument = Instrument()
-        instrument.refuses[Command.SET_UNITS] = ResultStatus.UNKNOWN
-        station = Station(instrument)
-        with pytest.raises(DeviceRefused):
-            station.connected()
-        assert station.pipe.is_closed
-
 
 class TestReconnect:
     def test_state_is_established_anew(self, station):

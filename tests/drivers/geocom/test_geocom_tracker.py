@@ -3,7 +3,7 @@
 import pytest
 from scripted_geocom import POINT_MM, Bench, Instrument
 
-from drivers.errors import Cancelled, DeviceNotReady, DeviceRefused, LinkDown
+from drivers.errors import DeviceNotReady, LinkDown
 from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
@@ -21,13 +21,6 @@ class TestSession:
         assert bench.clock.now_s() == pytest.approx(15.0)
         assert bench.pipe.is_closed
 
-    def test_instrument_that_closes_at_once_is_given_up_at_once(self):
-        bench = Bench()
-        bench.instrument.says[Rpc.COM_NULL_PROC] = [(0.1, b"")]
-        with pytest.raises(LinkDown, match="closed the connection"):
-            bench.tracker.connect()
-        assert bench.clock.now_s() < 1.0
-
     def test_instrument_that_sleeps_is_to_be_woken(self):
         bench = Bench()
         bench.instrument.says[Rpc.COM_NULL_PROC] = lambda request: [
@@ -37,34 +30,11 @@ class TestSession:
             bench.tracker.connect()
         assert bench.pipe.is_closed
 
-    def test_link_lost_in_the_start_up_is_a_lost_link(self):
-        bench = Bench()
-        bench.instrument.says[Rpc.CSV_GET_INSTRUMENT_NAME] = [(0.1, b"")]
-        with pytest.raises(LinkDown, match="closed the connection"):
-            bench.tracker.connect()
-
     def test_digits_are_asked_for_that_do_not_lose_a_micrometre(self):
         bench = Bench()
         bench.instrument.answers[Rpc.COM_GET_DOUBLE_PRECISION] = (0, words_of(3))
         bench.connected()
         assert bench.instrument.words_of_last(Rpc.COM_SET_DOUBLE_PRECISION) == ("10",)
-
-    def test_stop_by_the_operator_ends_the_wait(self):
-        stop = []
-        bench = Bench(cancelled=lambda: bool(stop)).prepared()
-        bench.instrument.says[Rpc.TMC_GET_COORDINATE] = lambda _: stop.append(True) or []
-        with pytest.raises(Cancelled):
-            bench.tracker.measure()
-        assert bench.clock.now_s() < 5.0
-
-    def test_refusal_in_the_start_up_leaves_no_wire_open(self):
-        bench = Bench()
-        bench.instrument.says[Rpc.COM_GET_DOUBLE_PRECISION] = lambda request: [
-            (0.0, encode_reply(GeocomReply(0, request.transaction, Result.NOT_IMPLEMENTED)))
-        ]
-        with pytest.raises(DeviceRefused):
-            bench.tracker.connect()
-        assert bench.pipe.is_closed
 
 
 class TestReconnect:

@@ -70,11 +70,6 @@ def test_target_outside_the_limits_is_never_sent(linuxcnc, angle_deg):
     assert linuxcnc.asked == []
 
 
-def test_three_joints_for_four_are_refused(linuxcnc):
-    with pytest.raises(errors.LimitViolation, match="3 joints"):
-        linuxcnc.robot.move_joints((0.0, 0.0, 0.0), 1.0)
-
-
 @pytest.mark.parametrize(
     ("messages", "error"),
     [

@@ -148,15 +148,3 @@ def test_answer_that_is_none_closes_the_wire(controller, answer):
     with pytest.raises(errors.WireError):
         controller.robot.state()
     assert controller.pipes[0].is_closed
-
-
-def test_transport_that_breaks_at_the_first_byte_is_closed():
-    controller = ScriptedController()
-
-    def broken(_):
-        raise errors.LinkDown("pipe://test: broken", remedy="-")
-
-    controller.respond = broken
-    with pytest.raises(errors.LinkDown, match="broken"):
-        controller.robot.connect()
-    assert controller.pipes[0].is_closed

@@ -53,13 +53,6 @@ def test_geometry_of_another_arm_than_asked_closes_the_wire(controller):
     assert controller.pipes[0].is_closed
 
 
-def test_plate_where_an_arm_was_asked_closes_the_wire(controller):
-    controller.answers["GEOM"] = "OK PLATE 100.0"
-    with pytest.raises(WireError):
-        controller.robot.read_geometry()
-    assert controller.pipes[0].is_closed
-
-
 def test_geometry_is_staged_whole_and_then_committed(controller):
     controller.robot.write_geometry(FLAT)
     staged = [f"STAGE ARM {arm} " + ARM.format(arm=arm) for arm in range(4)]

@@ -58,10 +58,3 @@ def test_no_line_and_no_remainder_is_longer_than_the_limit_and_one(pieces):
     for piece in pieces:
         assert all(len(line) <= LIMIT + 1 for line in framer.feed(piece))
         assert len(framer._partial) <= LIMIT + 1
-
-
-@given(streams)
-def test_lines_within_the_limit_are_the_stream_without_its_ends(stream):
-    expected = [line.removesuffix(b"\r") for line in stream.split(b"\n")[:-1]]
-    if all(len(line) < LIMIT for line in expected):
-        assert lines_of([stream])[: len(expected)] == expected

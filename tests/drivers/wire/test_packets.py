@@ -21,12 +21,6 @@ def test_stream_is_cut_into_the_packets_that_made_it(packets, trailing):
     assert PacketFramer().feed(stream + trailing) == packets
 
 
-def test_half_a_header_is_waited_for():
-    framer = PacketFramer()
-    assert framer.feed(b"\x0c\0\0\0\x08") == []
-    assert framer.feed(b"\0\0\0\x1b\0\0\0") == [Packet(8, b"\x1b\0\0\0")]
-
-
 @pytest.mark.parametrize("size", [-1, 0, 7, LARGEST_PACKET_BYTES + 1, 2**31 - 1])
 def test_impossible_size_is_refused_before_its_body_comes(size):
     header = size.to_bytes(4, "little", signed=True) + bytes(4)

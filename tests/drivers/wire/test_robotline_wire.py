@@ -104,11 +104,6 @@ def test_number_reads_as_the_same_double(value):
     assert repr(wire.Words([word], PAR4_LAYOUT).number("it")) == repr(value)
 
 
-@given(names)
-def test_name_reads_as_it_was_written(text):
-    assert wire.Words([wire.name_word(text)], PAR4_LAYOUT).name("it") == text
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_number_that_is_not_finite_is_never_sent(value):
     with pytest.raises(WireError, match="not a finite number"):
@@ -163,28 +158,6 @@ def test_another_robot_has_other_words():
             wire.encode_request(wire.RobotlineRequest(1, wire.ReadPart("ARM 3")))[:-1],
             THREE_CARRIAGES,
         )
-
-
-# Garbage
-
-almost_lines = st.builds(
-    lambda start, words: checked(b" ".join([start, *words])),
-    st.sampled_from([b"<1", b"<999999999", b">1", b">0", b"<"]),
-    st.lists(
-        st.sampled_from(b"HELLO STATE MOVEJ GEOM STAGE ARM PLATE OK NO ? - 0 1 4 1.0 -0.5".split())
-        | st.binary(max_size=8).map(lambda raw: raw.replace(b"\n", b"")),
-        max_size=12,
-    ),
-)
-
-
-@given(almost_lines | st.binary())
-def test_any_bytes_are_a_request_or_a_bad_one(data):
-    try:
-        assert isinstance(request_of(data), wire.RobotlineRequest)
-    except wire.BadRequest as bad:
-        if bad.reply is not None:
-            reply_of(wire.encode_reply(bad.reply)[:-1])
 
 
 @given(sequences, any_outcome, st.binary())

@@ -138,7 +138,21 @@ def _geocom_request():
 
 def _robotline_request():
     lines = robotline.line_framer()
-    return lambda data: [robotline.decode_request(line, LAYOUT) for line in lines.feed(data)]
+
+    def feed(data):
+        return [_answerable(line) for line in lines.feed(data)]
+
+    return feed
+
+
+def _answerable(line: bytes) -> robotline.RobotlineRequest:
+    """The request; what a server answers to a bad one can be written and read."""
+    try:
+        return robotline.decode_request(line, LAYOUT)
+    except robotline.BadRequest as bad:
+        if bad.reply is not None:
+            robotline.decode_reply(robotline.encode_reply(bad.reply)[:-1], LAYOUT)
+        raise
 
 
 def _linuxcnc():
