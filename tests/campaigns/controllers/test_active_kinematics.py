@@ -14,27 +14,21 @@ FLAT = dict(find_robot("par4-prototype").robot.parameters)
 POSE = Pose(120.0, -80.0, -600.0, radians(20.0))
 
 
-def test_pose_becomes_joints_and_the_joints_the_pose():
+def test_pose_becomes_joints_by_the_parameters_and_the_joints_the_pose():
     active = ActiveKinematics(PAR4, FLAT)
     back = active.pose(active.joints(POSE))
     assert (back.x_mm, back.y_mm, back.z_mm) == pytest.approx((120.0, -80.0, -600.0), abs=1e-9)
     assert back.theta_rad == pytest.approx(radians(20.0), abs=1e-12)
-
-
-def test_joints_follow_the_parameters():
     other = ActiveKinematics(PAR4, FLAT | {"arm0.joint_offset_deg": 1.0})
     first = ActiveKinematics(PAR4, FLAT).joints(POSE)
     assert other.joints(POSE)[0] == pytest.approx(first[0] - radians(1.0), abs=1e-12)
 
 
-def test_pose_out_of_reach_is_told_with_its_numbers():
+def test_what_cannot_be_taken_is_told_with_its_numbers():
     with pytest.raises(
         LimitViolation, match=r"pose \(0\.000 mm, 0\.000 mm, -2000\.000 mm, 0\.000°\)"
     ):
         ActiveKinematics(PAR4, FLAT).joints(Pose(0.0, 0.0, -2000.0, 0.0))
-
-
-def test_joints_without_an_assembly_are_told_with_their_numbers():
     broken = ActiveKinematics(PAR4, FLAT | {f"arm{arm}.forearm_mm": 10.0 for arm in range(4)})
     with pytest.raises(LimitViolation, match=r"joints \(0\.000°, 0\.000°, 0\.000°, 0\.000°\)"):
         broken.pose((0.0, 0.0, 0.0, 0.0))

@@ -113,7 +113,7 @@ class TestCalibratedWorkspace:
         assert workspace.holds(poses).tolist() == [True, True, False]
         np.testing.assert_allclose(workspace.beyond_mm(poses), [-50.0, 9.9, 10.1])
 
-    def test_says_how_far_outside_and_the_limit(self):
+    def test_says_how_far_outside_and_the_limit_which_can_be_widened(self):
         workspace = self.workspace(margin_mm=10.0, turn_margin_deg=1.0)
         place = np.array([50.0, 50.0, -380.0, 0.0])
         assert "20.0 mm outside of the calibrated workspace (limit 10 mm)" in workspace.fault(place)
@@ -121,8 +121,6 @@ class TestCalibratedWorkspace:
         assert "theta 22.918° is 5.73° outside" in workspace.fault(turned)
         assert "limit 1°" in workspace.fault(turned)
         assert not workspace.holds(turned[None])[0]
-
-    def test_can_be_widened(self):
         wide = self.workspace(margin_mm=30.0, turn_margin_deg=10.0)
         assert wide.fault(np.array([50.0, 50.0, -380.0, 0.4])) == ""
 

@@ -144,16 +144,12 @@ def test_places_that_cannot_be_taken_are_refused_by_their_line(member):
     assert " → " in str(caught.value)
 
 
-def test_a_tolerance_below_what_numbers_say_is_refused():
+def test_what_cannot_be_corrected_as_asked_is_refused():
     member = BY_NAME["delta"]
     with pytest.raises(TargetsInvalid, match="give a larger --tolerance"):
         correct_gcode(
             program(member), "part.ngc", correction_of(member, member.perturbed), tolerance_mm=1e-12
         )
-
-
-def test_a_program_that_moves_nothing_is_refused():
-    member = BY_NAME["delta"]
     with pytest.raises(TargetsInvalid, match="moves nothing"):
         correct_gcode("M3 S5\n", "part.ngc", correction_of(member, member.nominal))
 

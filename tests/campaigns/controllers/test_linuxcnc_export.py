@@ -37,14 +37,11 @@ def test_every_double_is_read_as_it_was_written(geometry):
     assert linuxcnc_export.parse_hal(text_of(robot), "calib.hal", WHOSE).parameters == geometry
 
 
-def test_file_is_one_setting_a_parameter_named_after_it():
+def test_file_is_one_setting_a_parameter_and_the_drawing_only_where_the_plate_tilts():
     lines = [line for line in text_of().splitlines() if not line.startswith("#")]
     assert lines[0] == "setp pkmkins.arm0.x_mm -172.5"
     assert lines[-1] == "setp pkmkins.plate_mm 100.0"
     assert len(lines) == 29
-
-
-def test_the_plates_drawing_goes_with_a_set_that_tilts_the_plate_alone():
     tilted = text_of(with_values(NOMINAL, TILTED))
     assert "setp pkmkins.arm1.axis_tilt_deg 0.02\n" in tilted
     for name, value in linuxcnc_export.drawing_flat(NOMINAL.mechanism).items():
@@ -76,10 +73,14 @@ def test_every_mechanism_is_written_and_read(name):
         assert dict(found.parameters) == dict(robot.parameters)
 
 
-def test_a_file_of_another_mechanism_is_refused():
+def test_a_file_of_another_mechanism_or_of_nobody_is_refused():
     whose = linuxcnc_export.RobotIdentity("PAR4-7", find_robot("delta").robot)
     with pytest.raises(ConfigInvalid, match=r"arm3\.x_mm is no pin of pkmkins for a delta"):
         linuxcnc_export.parse_hal(text_of(), "calib.hal", whose)
+    text = text_of().replace("# robot: PAR4-7\n", "")
+    with pytest.raises(ConfigInvalid, match="nobody said") as error:
+        linuxcnc_export.parse_hal(text, "calib.hal", WHOSE)
+    assert "# robot: PAR4-7" in error.value.remedy
 
 
 def test_a_file_that_was_written_for_par4kins_is_still_read():
@@ -89,25 +90,15 @@ def test_a_file_that_was_written_for_par4kins_is_still_read():
     )
 
 
-def test_heading_says_whose_it_is_and_where_it_comes_from():
+def test_heading_says_whose_it_is_and_where_it_comes_from_in_lines_that_halcmd_takes():
     provenance = {"campaign": "cell-3", "shots": 120, "unseen_mm": {"after": 0.02}}
     text = text_of(replace(NOMINAL, provenance=provenance))
     assert "# robot: PAR4-7" in text
     assert f"# sha256: {NOMINAL.digest()}" in text
     assert '# campaign: "cell-3"' in text
     assert '# unseen_mm: {"after": 0.02}' in text
-
-
-def test_no_line_is_too_long_for_halcmd():
     text = text_of(replace(NOMINAL, provenance={"reasons": "because " * 100}))
     assert max(map(len, text.splitlines())) < 200
-
-
-def test_file_that_does_not_say_whose_it_is_is_refused():
-    text = text_of().replace("# robot: PAR4-7\n", "")
-    with pytest.raises(ConfigInvalid, match="nobody said") as error:
-        linuxcnc_export.parse_hal(text, "calib.hal", WHOSE)
-    assert "# robot: PAR4-7" in error.value.remedy
 
 
 def test_file_changed_by_hand_is_refused_until_it_says_so():

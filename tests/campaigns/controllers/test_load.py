@@ -83,30 +83,25 @@ def failure(controller: Controller) -> LoadNotVerified:
     return caught.value
 
 
-def test_extensions_are_among_the_changes_where_they_are_or_were() -> None:
+def test_extensions_count_where_they_are_or_were() -> None:
     held = OLD | {"arm1.axis_tilt_deg": 0.01}
     made = changes(held, with_values(ROBOT, {"arm2.axis_tilt_deg": 0.03}))
     assert [(each.name, each.old, each.new) for each in made[len(OLD) :]] == [
         ("arm1.axis_tilt_deg", 0.01, 0.0),
         ("arm2.axis_tilt_deg", 0.0, 0.03),
     ]
-
-
-def test_an_extension_that_stayed_behind_differs_from_a_set_without_it() -> None:
     assert differing(OLD | {"arm1.axis_tilt_deg": 0.01}, OLD) == [("arm1.axis_tilt_deg", 0.01)]
     assert [name for name, _ in differing(OLD, OLD | {"arm1.axis_tilt_deg": 0.01})] == [
         "arm1.axis_tilt_deg"
     ]
 
 
-def test_written_parameters_are_read_back() -> None:
+def test_written_parameters_are_read_back_also_in_other_units() -> None:
     controller = Controller()
     write_verified(controller, NEW, OLD)
     assert controller.held == NEW
     assert controller.calls == ["write", "read"]
 
-
-def test_controller_may_keep_its_parameters_in_other_units() -> None:
     def take_rounded(controller: Controller, geometry: Mapping[str, float]) -> None:
         controller.held = {name: value * (1 + 1e-12) for name, value in geometry.items()}
 
@@ -143,15 +138,12 @@ def test_wire_that_breaks_after_the_controller_took_everything_is_no_failure() -
     assert controller.calls == ["write", "reconnect", "read"]
 
 
-def test_wire_that_breaks_before_leaves_the_old_parameters_and_says_so() -> None:
+def test_wire_that_breaks_before_or_half_way_leaves_the_old_parameters_and_says_so() -> None:
     controller = Controller(on_write=[break_before])
     error = failure(controller)
     assert controller.held == OLD
     assert "(no answer to COMMIT within 15 s)" in error.problem
     assert error.problem.endswith("the controller holds the old parameters")
-
-
-def test_wire_that_breaks_half_way_brings_the_old_parameters_back() -> None:
     controller = Controller(on_write=[take_half_and_break])
     failure(controller)
     assert controller.held == OLD

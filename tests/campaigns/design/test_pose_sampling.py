@@ -44,17 +44,11 @@ def test_every_pose_can_be_taken_and_seen(draw):
     assert incidence_rad(poses[:, :3], TRACKER_MM, FACING).max() <= np.radians(8.0)
 
 
-def test_the_view_does_shut_poses_out():
+def test_boundary_poses_are_at_the_boundary_of_what_is_seen_and_inner_ones_are_not():
     poses = interior_poses(region(), 500, rng())
     assert 0.5 < SEEN.allows(poses).mean() < 0.95
-
-
-def test_boundary_poses_cannot_be_taken_five_percent_further_out():
     poses = boundary_poses(SEEN, 200, rng())
     assert not SEEN.allows(CENTRE + 1.05 * (poses - CENTRE)).any()
-
-
-def test_most_inner_poses_are_not_at_the_boundary():
     poses = interior_poses(SEEN, 400, rng())
     assert SEEN.allows(CENTRE + 1.05 * (poses - CENTRE)).mean() > 0.5
 
@@ -87,20 +81,14 @@ def test_pairs_use_every_pose_once_and_none_is_short(seed):
     assert lengths_mm(poses, pairs).min() >= 100.0
 
 
-def test_two_clusters_are_paired_across():
+def test_pairs_go_across_clusters_and_are_made_of_short_ones_and_of_odd_numbers_too():
     """At random half of the pairs would be short."""
     poses = np.zeros((40, 4))
     poses[20:, 0] = 150.0
     pairs = random_pairs(poses, rng())
     assert (lengths_mm(poses, pairs) == 150.0).all()
-
-
-def test_where_every_pair_is_short_pairs_are_still_made():
     pairs = random_pairs(np.zeros((6, 4)), rng())
     assert sorted(pairs.ravel().tolist()) == list(range(6))
-
-
-def test_an_odd_pose_is_left_over():
     poses = interior_poses(SEEN, 7, rng())
     assert random_pairs(poses, rng()).shape == (3, 2)
 

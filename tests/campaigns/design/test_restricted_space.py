@@ -75,15 +75,12 @@ def test_least_clearance_of_a_line_is_that_of_its_points(start, end):
     assert (sampled[~below] > -1e-6).all()
 
 
-def test_a_thin_sheet_is_not_jumped_over():
+def test_a_thin_sheet_is_not_jumped_over_and_a_line_along_a_wall_is_clear():
     space = RestrictedSpace((SHEET,))
     start, end = np.array([[0.0, 0.0, -500.0]]), np.array([[900.0, 10.0, -400.0]])
     assert space.allows(start)[0]
     assert space.allows(end)[0]
     assert space.line_clearance_mm(start, end)[0, 0] == pytest.approx(-0.0005, abs=1e-4)
-
-
-def test_a_line_along_a_wall_is_clear():
     space = RestrictedSpace((BOX, FLOOR))
     along = np.array([[100.0, -80.0, -600.0], [200.0, 60.0, -600.0]])
     assert space.line_clearance_mm(along[:1], along[1:])[0, 0] == pytest.approx(0.0, abs=1e-5)

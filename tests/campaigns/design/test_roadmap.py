@@ -19,11 +19,13 @@ def roadmap():
     return Roadmap.of(NOMINAL, LIMITS, WALLED, CENTRE)
 
 
-def test_what_is_behind_a_wall_is_not_connected(roadmap):
+def test_what_is_behind_a_wall_is_not_connected_and_there_is_no_way_to_it(roadmap):
     points = np.array([[100.0, 0.0, -600.0], [300.0, 0.0, -600.0], [-330.0, 0.0, -600.0]])
     assert roadmap.space.allows(points).all()
     assert roadmap.connected(points).tolist() == [True, False, True]
     assert roadmap.poses[:, 0].max() <= 150.0
+    start, end = np.array([0.0, 0.0, -600.0]), np.array([300.0, 0.0, -600.0])
+    assert roadmap.way(start, end, frozenset()) is None
 
 
 def test_every_pose_is_one_that_the_robot_can_take(roadmap):
@@ -48,11 +50,6 @@ def test_a_blocked_line_is_not_taken_again(roadmap):
     held = tuple(sorted(way[1:3]))
     other = roadmap.way(start, end, frozenset({held}))
     assert held not in {tuple(sorted(leg)) for leg in pairwise(other)}
-
-
-def test_there_is_no_way_to_behind_a_wall(roadmap):
-    start, end = np.array([0.0, 0.0, -600.0]), np.array([300.0, 0.0, -600.0])
-    assert roadmap.way(start, end, frozenset()) is None
 
 
 def test_a_centre_that_is_walled_in_leaves_nothing():

@@ -46,15 +46,15 @@ def test_before_four_shots_no_point_is_predicted(shots):
     assert running.predict(JOINTS[10]) is None
 
 
-def test_from_the_fourth_shot_on_points_are_predicted_to_millimetres():
+def test_predictions_become_surer_from_millimetres_to_the_trackers_noise():
     assert missed_mm(known_after(4), 10) < 10.0
-
-
-def test_the_thirtieth_shot_is_predicted_to_within_tracker_noise():
     running = known_after(29)
     predicted = running.predict(JOINTS[29])
     assert missed_mm(running, 29) < 0.2
     assert predicted.std_mm < 0.3
+    stds = [known_after(shots).predict(JOINTS[50]).std_mm for shots in (4, 10, 40)]
+    assert sorted(stds, reverse=True) == stds
+    assert stds[0] > 10.0 * stds[-1]
 
 
 @pytest.mark.parametrize("shots", [10, 40])
@@ -64,29 +64,16 @@ def test_a_prediction_is_as_good_as_it_claims(shots):
         assert missed_mm(running, row) < 4.0 * running.predict(JOINTS[row]).std_mm
 
 
-def test_more_shots_make_predictions_surer():
-    stds = [known_after(shots).predict(JOINTS[50]).std_mm for shots in (4, 10, 40)]
-    assert sorted(stds, reverse=True) == stds
-    assert stds[0] > 10.0 * stds[-1]
-
-
-def test_a_wrong_target_shows_as_soon_as_points_are_predicted():
-    """Another reflector 50 mm beside the right one."""
-    predicted = known_after(29).predict(JOINTS[29])
-    wrong_mm = MEASURED_MM[29] + [50.0, 0.0, 0.0]
-    assert np.linalg.norm(wrong_mm - predicted.point_mm) > 49.0
-
-
-def test_a_wrong_target_shows_in_distances_before_the_frame_is_known():
+def test_a_wrong_target_shows_in_distances_before_the_frame_is_known_and_then_in_its_point():
+    assert after(0).max_distance_innovation_mm(JOINTS[0], MEASURED_MM[0]) == 0.0
     running = after(2)
     assert running.max_distance_innovation_mm(JOINTS[2], MEASURED_MM[2]) < 12.0
     along = MEASURED_MM[2] - MEASURED_MM[0]
     wrong_mm = MEASURED_MM[2] + 50.0 * along / np.linalg.norm(along)
     assert running.max_distance_innovation_mm(JOINTS[2], wrong_mm) > 38.0
-
-
-def test_the_first_shot_has_no_distance_to_be_wrong():
-    assert after(0).max_distance_innovation_mm(JOINTS[0], MEASURED_MM[0]) == 0.0
+    predicted = known_after(29).predict(JOINTS[29])
+    wrong_mm = MEASURED_MM[29] + [50.0, 0.0, 0.0]
+    assert np.linalg.norm(wrong_mm - predicted.point_mm) > 49.0
 
 
 @pytest.mark.parametrize("shots", [0, 29])

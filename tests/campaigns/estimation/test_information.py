@@ -106,7 +106,7 @@ def test_stated_noise_counts_as_a_prior_on_the_scatter_of_distances():
     assert abs(told.sigma0 - 1.0) < abs(told.birge_ratio - 1.0)
 
 
-def test_variance_is_known_by_its_residuals_and_by_what_is_stated():
+def test_variance_is_known_by_its_residuals_and_by_what_is_stated_and_not_without_either():
     believed, refuted = (
         information.chi_square_test(4.0, 4, 1.0),
         information.chi_square_test(40.0, 4, 10.0**0.5),
@@ -115,9 +115,6 @@ def test_variance_is_known_by_its_residuals_and_by_what_is_stated():
     assert information.variance_dof(believed, known_variance=False) == 4 + information.STATED_DOF
     assert information.variance_dof(refuted, known_variance=False) == 4
     assert information.variance_dof(refuted, known_variance=True) == 4
-
-
-def test_without_any_residual_nothing_tells_the_variance_of_distances():
     assert (
         information.variance_scale(None, information.chi_square_test(0.0, 0), known_variance=False)
         is None
@@ -151,11 +148,15 @@ def test_nothing_of_the_running_fits_priors_is_in_it():
     assert std.max() > 3.0 * PRIOR_LENGTH_MM
 
 
-def test_fewer_shots_than_show_their_scatter_tell_nothing():
+def test_too_few_shots_no_pairs_and_a_covariance_that_cannot_be_tell_nothing():
     measured_mm = points_mm()
     fewest = -(-(COUNT + 6 + information.MINIMUM_DOF) // 3)
     assert told_by_points(fewest - 1, measured_mm) is None
     assert told_by_points(fewest, measured_mm) is not None
+    broken = stated(SHOTS).copy()
+    broken[7] = np.diag([1e-4, -1e-4, 1e-4])
+    assert told_by_points(SHOTS, points_mm(), broken) is None
+    assert told_by_distances(points_mm(), np.empty((0, 2), dtype=np.intp)) is None
 
 
 def test_shots_that_cannot_tell_all_parameters_tell_nothing():
@@ -168,12 +169,6 @@ def test_shots_that_cannot_tell_all_parameters_tell_nothing():
     assert information.covariance_from_points(replace(seen, stated_mm2=stated(36))) is None
 
 
-def test_a_covariance_that_cannot_be_tells_nothing():
-    broken = stated(SHOTS).copy()
-    broken[7] = np.diag([1e-4, -1e-4, 1e-4])
-    assert told_by_points(SHOTS, points_mm(), broken) is None
-
-
 def test_distances_tell_what_a_fit_of_them_alone_would():
     measured_mm = points_mm(2.0)
     std, _ = told_by_distances(measured_mm)
@@ -182,10 +177,6 @@ def test_distances_tell_what_a_fit_of_them_alone_would():
     model = PositionModel(NOMINAL, FREE, JOINTS)
     by_mm, spread_mm = judged(solve(DistanceResiduals.in_mm(model, first, second, lengths)))
     np.testing.assert_allclose(std, by_mm * spread_mm, rtol=0.02)
-
-
-def test_no_pairs_tell_nothing():
-    assert told_by_distances(points_mm(), np.empty((0, 2), dtype=np.intp)) is None
 
 
 def problem(measured_mm, shots=SHOTS):

@@ -50,15 +50,12 @@ def test_standard_deviations_are_those_of_weighted_least_squares():
     assert std == pytest.approx(expected, rel=1e-5)
 
 
-def test_sixty_pairs_at_a_tracker_s_noise_give_tenths_of_a_millimetre():
+def test_variance_scales_and_sixty_pairs_give_tenths_of_a_millimetre():
     """Random pairs at 0.015/√3 mm a coordinate: 0.09 mm and 0.007° for the worst parameters."""
     variance_mm2 = np.full(60, 2.0 * 0.015**2 / 3.0)
     std, _ = told(variance_mm2)
     assert 0.05 < std[~IS_ANGLE[FREE]].max() < 0.18
     assert 0.003 < np.degrees(std[IS_ANGLE[FREE]].max()) < 0.014
-
-
-def test_four_times_the_variance_doubles_every_standard_deviation():
     (plain, seen), (noisy, same) = (told(factor * VARIANCE_MM2) for factor in (1.0, 4.0))
     assert noisy == pytest.approx(2.0 * plain, rel=1e-9)
     assert same.condition == pytest.approx(seen.condition, rel=1e-9)
@@ -77,7 +74,7 @@ def indices_of(singular_values, rows):
     return replace(seen, singular_values=np.array(singular_values), rows=rows).indices
 
 
-def test_observability_indices_of_known_singular_values():
+def test_observability_indices_are_those_of_singular_values_and_vanish_with_one():
     """Singular values 8, 4, 2, 1 of 16 rows."""
     told = indices_of([8.0, 4.0, 2.0, 1.0], 16)
     assert told["O1"] == pytest.approx(64.0**0.25 / 4.0)
@@ -85,9 +82,6 @@ def test_observability_indices_of_known_singular_values():
     assert told["O3"] == pytest.approx(1.0)
     assert told["O4"] == pytest.approx(1.0 / 8.0)
     assert told["O5"] == pytest.approx(1.0 / (1.0 / 8.0 + 1.0 / 4.0 + 1.0 / 2.0 + 1.0))
-
-
-def test_observability_indices_vanish_with_a_singular_value():
     told = indices_of([8.0, 1.0, 0.0], 9)
     assert set(told.values()) == {0.0}
 
@@ -117,14 +111,13 @@ def test_prediction_is_the_covariance_of_the_fit_itself(poses, joints, known):
     np.testing.assert_allclose(known[:count, :count], of_fit[:count, :count], rtol=1e-4, atol=1e-12)
 
 
-def test_what_is_seen_is_of_the_parameters_alone(poses, joints):
+def test_what_is_seen_is_of_the_parameters_alone_and_lost_rank_gives_infinite_deviations(
+    poses, joints
+):
     _, seen = predict_points(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))
     assert seen.rank == 22
     assert 10 < seen.condition < 1000
     assert all(value > 0.0 for value in seen.indices.values())
-
-
-def test_lost_rank_gives_infinite_deviations(poses, joints):
     found, seen = predict_points(NOMINAL, FREE_BY_DEFAULT, joints[:11], poses[:11], isotropic(11))
     assert seen.rank < 22
     assert np.isinf(found).all()

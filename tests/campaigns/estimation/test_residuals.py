@@ -108,12 +108,9 @@ def test_distances_are_whitened_by_what_they_are_given():
     assert whitened.jacobian(x) == pytest.approx(whitening[:, None] * plain.jacobian(x), rel=1e-15)
 
 
-def test_distances_vanish_for_the_true_robot():
+def test_residuals_vanish_for_the_true_robot_in_its_true_frame():
     assert np.abs(distances().residual(TRUTH)).max() < 1e-9
     assert np.abs(distances().residual(NOMINAL.p[FREE])).max() > 1.0
-
-
-def test_points_vanish_for_the_true_robot_in_its_true_frame():
     problem = points()
     exact = PointResiduals(problem.model, POINTS_MM, problem.whitening, TRACKER_FROM_BASE)
     assert np.abs(exact.residual(np.concatenate([TRUTH, np.zeros(6)]))).max() < 1e-6
@@ -129,13 +126,10 @@ def test_the_frame_that_x_stands_for_is_the_one_in_the_residuals():
     assert np.abs(problem.residual(x) - whitened.ravel()).max() < 1e-9
 
 
-def test_whitening_makes_every_covariance_the_unit_matrix():
+def test_whitening_makes_every_covariance_the_unit_matrix_and_refuses_an_indefinite_one():
     whitening = points().whitening
     unit = whitening @ COVARIANCE_MM2 @ whitening.transpose(0, 2, 1)
     assert np.abs(unit - np.eye(3)).max() < 1e-12
-
-
-def test_an_indefinite_covariance_is_refused():
     with pytest.raises(np.linalg.LinAlgError):
         PointResiduals.from_points(
             model(), POINTS_MM, np.diag([1.0, 1.0, -1.0]) + 0 * COVARIANCE_MM2

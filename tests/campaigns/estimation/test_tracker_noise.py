@@ -63,10 +63,16 @@ def test_common_shifts_are_those_of_an_instrument_out_of_adjustment(effect, poin
     assert found_mm == pytest.approx(shift_mm, rel=1e-4, abs=1e-8)
 
 
-def test_covariances_are_symmetric_and_positive_definite():
+def test_covariances_are_symmetric_positive_definite_and_of_the_data_sheets_limits():
     covariance = point_covariance_mm2(POINTS_MM, TrackerUncertainty())
     assert (covariance == covariance.transpose(0, 2, 1)).all()
     assert np.linalg.eigvalsh(covariance).min() > 0.0
+    at500 = TrackerUncertainty.of_limits(10.0, 0.3, 15.0, 6.0)
+    assert astuple(at500) == pytest.approx(astuple(TrackerUncertainty()))
+    points = np.array([[2000.0, 300.0, -400.0]])
+    alone = point_covariance_mm2(points, TrackerUncertainty())
+    together = point_covariance_mm2(points, TrackerUncertainty(robot_scatter_mm=0.1))
+    np.testing.assert_allclose(together - alone, 0.01 * np.eye(3)[None], atol=1e-15)
 
 
 def test_a_distance_along_the_beam_is_far_better_known_than_one_across_it():
@@ -102,15 +108,3 @@ def test_directions_are_the_distances_gradient_and_zero_where_there_is_none():
     assert distances_mm(points, np.array([0, 0]), np.array([1, 50])) == pytest.approx(
         [np.linalg.norm(apart), 0.0]
     )
-
-
-def test_limits_of_a_data_sheet_stand_for_an_even_distribution():
-    at500 = TrackerUncertainty.of_limits(10.0, 0.3, 15.0, 6.0)
-    assert astuple(at500) == pytest.approx(astuple(TrackerUncertainty()))
-
-
-def test_a_plan_can_reckon_with_the_robots_own_scatter():
-    points = np.array([[2000.0, 300.0, -400.0]])
-    alone = point_covariance_mm2(points, TrackerUncertainty())
-    together = point_covariance_mm2(points, TrackerUncertainty(robot_scatter_mm=0.1))
-    np.testing.assert_allclose(together - alone, 0.01 * np.eye(3)[None], atol=1e-15)

@@ -33,31 +33,22 @@ def test_what_scatters_as_stated_has_no_components():
     assert sum(each.any for each in found(40)) <= 2
 
 
-def test_scatter_of_the_point_is_found_with_its_uncertainty():
+def test_scatter_is_told_as_the_points_or_the_joints_or_both():
     each = found(20, point_mm=0.1)
     values = np.array([one.point_mm for one in each])
     assert values.mean() == pytest.approx(0.1, rel=0.03)
     assert values.std() == pytest.approx(np.mean([one.point_mm_std for one in each]), rel=0.5)
     assert sum(one.joint > 0.0 for one in each) <= 1
-
-
-def test_scatter_of_the_joints_is_told_from_that_of_the_point():
     each = found(20, joint=2e-4)
     assert np.mean([one.joint for one in each]) == pytest.approx(2e-4, rel=0.05)
     assert sum(one.point_mm > 0.0 for one in each) <= 1
-
-
-def test_both_are_found_beside_each_other():
     each = found(10, point_mm=0.1, joint=3e-4)
     assert np.mean([one.point_mm for one in each]) == pytest.approx(0.1, rel=0.15)
     assert np.mean([one.joint for one in each]) == pytest.approx(3e-4, rel=0.15)
 
 
-def test_too_few_shots_tell_nothing():
+def test_too_few_shots_tell_nothing_and_parts_sum():
     assert estimate_components(shots(1, point_mm=0.1).rows(np.arange(4))) is NONE
-
-
-def test_covariance_is_the_sum_of_its_parts():
     by_joints = np.array([[[2.0], [0.0], [0.0]]])
     total = VarianceComponents(0.3, 0.5).covariance_mm2(0.04 * np.eye(3)[None], by_joints)
     assert np.diag(total[0]) == pytest.approx([0.04 + 0.09 + 1.0, 0.13, 0.13])

@@ -144,11 +144,10 @@ def test_distances_worse_by_less_than_the_uncertainty_are_not_called_worse(
         assert judged(worse, WIDE, before=before).decision == decision
 
 
-def test_without_an_identification_nothing_passes(after: ValidationResult) -> None:
+def test_without_an_identification_nothing_passes_and_a_failed_one_fails_all(
+    after: ValidationResult,
+) -> None:
     assert judged(after, WIDE, identification=None).decision == "not decided"
-
-
-def test_a_failed_identification_fails_all(after: ValidationResult) -> None:
     found = judged(after, WIDE, identification=IdentificationVerdict("fail", ("why",)))
     assert found.decision == "fail"
     assert "why" in " ".join(found.reasons)

@@ -118,14 +118,11 @@ def test_repeatability_is_the_iso_figure_of_the_same_points(
     assert row.n == len(visits)
 
 
-def test_symbols_whose_tests_were_not_made_have_no_figure(contents: Evaluation) -> None:
-    without = {row.asked.split()[0] for row in iso_rows(contents.after) if row.figure is None}
-    assert without == {"vAP", "RD"}
-
-
-def test_no_figure_that_is_not_formed_as_the_standard_forms_it_has_a_symbol(
+def test_only_tests_made_as_the_standard_makes_them_have_a_symbol_with_a_figure(
     contents: Evaluation,
 ) -> None:
+    without = {row.asked.split()[0] for row in iso_rows(contents.after) if row.figure is None}
+    assert without == {"vAP", "RD"}
     rows = iso_rows(contents.after)
     symbols = {row.asked.split()[0] for row in rows}
     assert symbols == {"AP", "RP", "vAP", "AD", "RD", "AT"}
@@ -216,15 +213,14 @@ def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCa
     assert errors.unseen.after_mm == pytest.approx(found.unseen.after[:, 0])
 
 
-def test_errors_of_position_are_in_the_base_frame(contents: Evaluation) -> None:
+def test_positions_are_in_the_base_frame_and_drift_and_air_in_their_time(
+    contents: Evaluation,
+) -> None:
     positions = contents.errors.positions
     after = np.linalg.norm(positions.after_mm, axis=1)
     assert after.max() < 10.0 * NOISE_MM
     assert np.linalg.norm(positions.before_mm, axis=1).max() > 1.0
     assert positions.fitted.sum() == 80
-
-
-def test_drift_and_air_are_read_off_in_their_time(contents: Evaluation) -> None:
     run = next(series for series in contents.time_series if series.name == "run")
     assert len(run.drift_mm) == 2
     assert run.drift_mm[0] == 0.0

@@ -37,35 +37,20 @@ def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
     assert list(found.values()) == [True] * 7 + [None]  # the paper journal holds no settings
 
 
-def test_another_plan_than_was_measured_is_found(evidence: Evidence) -> None:
+def test_files_of_another_campaign_are_found(evidence: Evidence) -> None:
     (found,) = broken(replace(evidence, plan=evidence.plan[:-1]))
     assert found.startswith("plan.csv")
-
-
-def test_another_nominal_robot_is_found(evidence: Evidence) -> None:
     other = replace(evidence.identification, robot_digest="0" * 64)
     (found,) = broken(replace(evidence, identification=other))
     assert found.startswith("the nominal robot")
-
-
-def test_a_changed_journal_is_found(evidence: Evidence) -> None:
     other = replace(evidence.identification, journal_digest="0" * 64)
     (found,) = broken(replace(evidence, identification=other))
     assert found.startswith("the journal")
-
-
-def test_another_parameter_file_is_found(evidence: Evidence) -> None:
     (found,) = broken(replace(evidence, parameter_file=NOMINAL.robot))
     assert found.startswith("the parameter file")
-
-
-def test_another_load_is_found(evidence: Evidence) -> None:
     rolled_back = replace(evidence.loaded, digest=NOMINAL.robot.digest())
     (found,) = broken(replace(evidence, loaded=rolled_back))
     assert found.startswith("what was loaded last")
-
-
-def test_a_validation_with_other_parameters_is_found(evidence: Evidence) -> None:
     (found,) = broken(restarted(evidence, robot_file_digest=NOMINAL.robot.digest()))
     assert found.startswith("the controller held it")
 

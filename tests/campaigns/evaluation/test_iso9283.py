@@ -23,12 +23,9 @@ def cross(half_mm: float, *centre: float) -> np.ndarray:
     return half_mm * np.vstack([np.eye(3), -np.eye(3)]) + np.array(centre or (0.0, 0.0, 0.0))
 
 
-def test_ap_is_the_distance_of_the_mean_from_the_commanded_point() -> None:
+def test_ap_is_the_distance_of_the_mean_with_scatter_and_instrument_in_its_uncertainty() -> None:
     found = visits(cross(1.0, 4.0, 0.0, 0.0), (0.0, 3.0, 0.0))
     assert found.accuracy.value_mm == pytest.approx(5.0)
-
-
-def test_the_uncertainty_of_ap_holds_scatter_of_the_mean_and_instrument() -> None:
     found = visits(cross(1.0, 4.0, 0.0, 0.0), std_mm=0.3)  # along x: 5, 3 and four times 4
     of_mean = np.sqrt(2.0 / 5.0 / 6.0)
     assert found.accuracy.standard_uncertainty_mm == pytest.approx(np.hypot(of_mean, 0.3))

@@ -33,9 +33,11 @@ def says(*every: Series, planned: bool = False) -> str:
     return simulated_devices(every, planned=planned).says
 
 
-def test_real_devices_are_not_called_simulated() -> None:
+def test_neither_real_devices_nor_an_import_are_called_simulated() -> None:
     assert says(series(1), series(2)) == ""
     assert says(series(1, settings={})) == ""
+    imported = series(1, None, None, EMBEDDED, "import")
+    assert says(imported, planned=True) == ""
 
 
 @pytest.mark.parametrize(
@@ -54,11 +56,6 @@ def test_a_cell_is_known_by_its_address_or_by_what_it_says(measured: Series) -> 
 def test_the_simulated_devices_say_the_words_by_which_they_are_known() -> None:
     assert SimulatedController.vendor == VENDOR
     assert {SimulatedTracker.name, MODEL} == MODELS
-
-
-def test_an_import_is_never_called_simulated() -> None:
-    imported = series(1, None, None, EMBEDDED, "import")
-    assert says(imported, planned=True) == ""
 
 
 def test_only_what_was_simulated_is_named() -> None:

@@ -62,25 +62,27 @@ def decision_on(found: ValidationVerdict, name: str) -> str | None:
     return next(each.decision for each in found.requirements if each.name == name)
 
 
-def test_straightness_of_a_line_with_one_bump_is_its_distance_from_the_best_line() -> None:
+def test_straightness_is_the_largest_distance_from_the_best_line_in_any_frame() -> None:
     points = np.zeros((5, 3))
     points[:, 0] = [-200.0, -100.0, 0.0, 100.0, 200.0]
     assert straightness_mm(points) == pytest.approx(0.0, abs=1e-12)
     points[2, 1] = 1.0  # the best line is lifted by the mean, 0.2: the bump stands 0.8 out
     assert straightness_mm(points) == pytest.approx(0.8, abs=1e-9)
-
-
-def test_straightness_does_not_depend_on_the_frame_or_on_the_spacing() -> None:
     points = np.random.default_rng(1).normal(0.0, 0.1, (9, 3))
     points[:, 2] += np.linspace(0.0, 500.0, 9) ** 1.1
     turned = TRACKER_FROM_BASE.apply(points)
     assert straightness_mm(turned) == pytest.approx(straightness_mm(points), abs=1e-9)
 
 
-def test_each_axis_has_its_own_straightness() -> None:
+def test_each_line_is_recognised_by_its_axis_and_one_point_is_none() -> None:
     found = validated([*line(0), *line(1, first=5, bump_mm=(0.0, 0.0, 1.0)), *line(2, first=10)])
     assert straightness_of(found) == pytest.approx({"x": 0.0, "y": 0.8, "z": 0.0}, abs=1e-9)
     assert found.line("y").straightness.value_mm == pytest.approx(0.8, abs=1e-9)
+    found = validated(line(2))
+    assert straightness_of(found) == {"z": pytest.approx(0.0, abs=1e-9)}
+    assert found.line("x") is None
+    assert validated(line(0)[2:3]).lines == ()
+    assert validated(line(0)[:2]).lines == ()
 
 
 @pytest.mark.parametrize("points", [3, 4, 5, 17])
@@ -88,17 +90,6 @@ def test_lines_are_recognised_by_what_was_commanded(points: int) -> None:
     targets = [shot.intent.target for axis in range(3) for shot in line(axis, points)]
     commanded = np.array([(target.x_mm, target.y_mm, target.z_mm) for target in targets])
     assert line_axes(commanded).tolist() == [0] * points + [1] * points + [2] * points
-
-
-def test_one_line_alone_is_recognised() -> None:
-    found = validated(line(2))
-    assert straightness_of(found) == {"z": pytest.approx(0.0, abs=1e-9)}
-    assert found.line("x") is None
-
-
-def test_single_point_is_no_line() -> None:
-    assert validated(line(0)[2:3]).lines == ()
-    assert validated(line(0)[:2]).lines == ()
 
 
 def test_rotation_is_the_largest_distance_between_any_two_points() -> None:
@@ -125,13 +116,10 @@ def test_rp_is_mean_plus_three_standard_deviations() -> None:
     assert repeatability_test(*measured(points[:1]), in_base=True) is None
 
 
-def test_distance_errors_are_those_of_the_pairs() -> None:
+def test_distance_errors_are_those_of_whole_pairs() -> None:
     found = validated(pairs([0.3, -0.6, 0.0])).distances
     assert found.mean.value_mm == pytest.approx(0.3)
     assert found.largest.value_mm == pytest.approx(0.6)
-
-
-def test_half_a_pair_is_no_distance() -> None:
     assert validated(pairs([0.3, -0.6])[:-1]).distances.largest.value_mm == pytest.approx(0.3)
     assert validated(pairs([0.3])[:-1]).distances is None
     assert validated(pairs([0.3, -0.6])[:-1]).distances.pairs == (0,)
@@ -189,16 +177,13 @@ def with_deviations(points, deviations):
     return commanded, points, np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
 
 
-def test_the_instrument_counts_in_the_direction_of_the_error() -> None:
+def test_the_instrument_counts_in_the_direction_of_the_error_or_in_the_worst() -> None:
     sideways = with_deviations([(0, 0, 0), (0, 1, 0)], (0.1, 0.2, 0.4))
     moved = rotation_test(*sideways).moved
     assert moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
     assert moved.expanded_uncertainty_mm == pytest.approx(2.0 * np.sqrt(2.0) * 0.2)
     along = with_deviations([(0, 0, 0), (1, 0, 0)], (0.1, 0.2, 0.4))
     assert rotation_test(*along).moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.1)
-
-
-def test_without_an_error_the_worst_direction_counts() -> None:
     same = with_deviations([(0, 0, 0), (0, 0, 0)], (0.1, 0.2, 0.4))
     radius = repeatability_test(*same, in_base=True).radius
     assert radius.value_mm == 0.0
@@ -231,7 +216,7 @@ def whole() -> ValidationResult:
     return validated([*pairs([0.3, -0.6, 0.1]), *lines, *turned, *repeated])
 
 
-def test_document_has_every_figure(whole: ValidationResult) -> None:
+def test_every_figure_is_in_the_document_and_has_its_limit(whole: ValidationResult) -> None:
     document = whole.document()
     assert document["distances_mm"] == pytest.approx({"mean_abs": 1.0 / 3.0, "max_abs": 0.6})
     assert document["rotation_mm"] == pytest.approx(0.4)
@@ -239,6 +224,8 @@ def test_document_has_every_figure(whole: ValidationResult) -> None:
     assert document["repeatability"]["radius_mm"] == pytest.approx(0.1)
     assert document["repeatability"]["approaches"] == 3
     assert 0.0 < document["frame_mm"]["mean"] < document["frame_mm"]["max"] < 0.6
+    assert limits_by_figure(ALL_LIMITS).keys() == whole.figures().keys()
+    assert set(limits_by_figure(ALL_LIMITS).values()) == {1.0}
 
 
 def test_figures_on_screen_and_page_are_those_of_the_document(whole: ValidationResult) -> None:
@@ -256,11 +243,6 @@ def test_figures_on_screen_and_page_are_those_of_the_document(whole: ValidationR
         "in the tracker's frame, mean": document["frame_mm"]["mean"],
         "in the tracker's frame, largest": document["frame_mm"]["max"],
     }
-
-
-def test_every_figure_has_its_limit(whole: ValidationResult) -> None:
-    assert limits_by_figure(ALL_LIMITS).keys() == whole.figures().keys()
-    assert set(limits_by_figure(ALL_LIMITS).values()) == {1.0}
 
 
 def test_broken_limits_are_named_with_value_and_limit() -> None:
@@ -281,14 +263,13 @@ def test_broken_limits_are_named_with_value_and_limit() -> None:
     assert decision_on(verdict, "distances, mean error") == "pass"
 
 
-def test_a_limit_that_is_not_asked_for_decides_nothing(whole: ValidationResult) -> None:
+def test_limits_surely_kept_pass_and_those_not_asked_for_decide_nothing(
+    whole: ValidationResult,
+) -> None:
     verdict = validation_verdict(whole, AcceptanceConfig())
     assert verdict.decision is None
     assert {each.decision for each in verdict.requirements} == {None}
     assert verdict.reasons == ()
-
-
-def test_every_limit_surely_kept_passes(whole: ValidationResult) -> None:
     verdict = validation_verdict(whole, ALL_LIMITS)
     assert (verdict.decision, verdict.reasons) == ("pass", ())
 

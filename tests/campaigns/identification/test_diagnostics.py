@@ -90,19 +90,15 @@ def test_sigma_of_22_pairs_is_true_by_the_coordinates_of_their_shots(seed):
 
 
 class TestHeldOut:
-    def test_whole_pairs_spread_over_the_series_are_kept_unseen(self):
+    def test_whole_pairs_are_held_out_beside_those_that_are_there(self):
         some = held_out(simulated(50, 0, seed=1), 0.2, np.random.default_rng(1))
         assert len(some.whole_pairs(ShotSet.VALIDATION).rows) == 10
         assert len(some.whole_pairs(ShotSet.IDENTIFICATION).rows) == 40
         assert not some.whole_pairs(ShotSet.VALIDATION).halves
         first = some.whole_pairs(ShotSet.VALIDATION).rows[:, 0]
         assert np.diff(np.sort(first)).max() < 20
-
-    def test_validation_pairs_that_are_there_stay(self):
         some = held_out(simulated(50, 7, seed=1), 0.2, np.random.default_rng(1))
         assert len(some.whole_pairs(ShotSet.VALIDATION).rows) == 17
-
-    def test_nothing_asked_changes_nothing(self):
         data = simulated(10, 2, seed=1)
         assert held_out(data, 0.0, np.random.default_rng(1)) is data
 
@@ -114,13 +110,11 @@ class TestHeldOut:
 
 
 class TestRangeOfShots:
-    def test_identification_shots_outside_are_left_out_and_validation_stays(self):
+    def test_identification_shots_outside_of_limits_are_left_out(self):
         some = between(simulated(50, 7, seed=1), 20, 59)
         assert len(some.whole_pairs(ShotSet.IDENTIFICATION).rows) == 20
         assert len(some.whole_pairs(ShotSet.VALIDATION).rows) == 7
         assert min(some.numbers) == 20
-
-    def test_no_limits_leave_all(self):
         data = simulated(10, 2, seed=1)
         assert between(data, None, None) is data
 

@@ -120,10 +120,14 @@ def test_the_frame_is_told_for_points_alone() -> None:
     assert document(estimator=Estimator.DISTANCES)["frame"] is None
 
 
-def test_priors_are_told_with_their_deviations() -> None:
+def test_priors_frame_and_provenance_are_told() -> None:
     told = document(free=["arm0.x_mm"], prior=["arm0.x_mm=0.2", "plate_mm=0.5"])
     assert told["priors"] == {"arm0.x_mm": 0.2, "plate_mm": 0.5}
     assert told["known_by_priors_alone"] == [[f"arm{arm}.x_mm" for arm in range(4)]]
+    told = recorded().document()
+    assert told.items() >= PROVENANCE.items()
+    assert told["schema"] == "pkmcal/identification/1"
+    assert told.keys() - PROVENANCE.keys() == document().keys()
 
 
 @pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
@@ -132,13 +136,6 @@ def test_what_is_written_to_a_journal_and_read_back_is_equal(tmp_path, asked) ->
     with plain_journal(tmp_path) as journal:
         journal.append(Finding("identification", written.document()))
         assert latest_identification(journal) == written
-
-
-def test_a_recorded_identification_says_what_it_rests_on() -> None:
-    told = recorded().document()
-    assert told.items() >= PROVENANCE.items()
-    assert told["schema"] == "pkmcal/identification/1"
-    assert told.keys() - PROVENANCE.keys() == document().keys()
 
 
 def test_an_older_finding_without_the_optional_keys_is_read() -> None:

@@ -54,15 +54,12 @@ def test_errors_before_and_after_are_those_of_the_reference() -> None:
         assert spread.max_abs == pytest.approx(expected[key]["max"], abs=1e-6)
 
 
-def test_without_unseen_pairs_nothing_is_decided() -> None:
+def test_unseen_pairs_decide_and_without_them_nothing_does() -> None:
     found = by_distances(measured("table1-tracker-noise"))
     assert found.unseen_mm is None
     assert found.unseen is None
     assert found.verdict == "not decided"
     assert found.reasons[0].startswith("no validation pairs")
-
-
-def test_gain_on_unseen_pairs_lets_a_result_pass() -> None:
     found = by_distances(noisy(simulated(60, 20, seed=1), seed=2))
     assert found.verdict == "pass"
     assert found.unseen_mm.before.max_abs > 1.0
@@ -81,12 +78,9 @@ def test_fit_that_makes_unseen_pairs_worse_fails() -> None:
     assert any(each.startswith("unseen pairs got worse: rms 0.0000 → ") for each in found.reasons)
 
 
-def test_fewer_pairs_than_parameters_are_refused() -> None:
+def test_too_few_pairs_are_refused_and_just_enough_give_no_deviations() -> None:
     with pytest.raises(ShotsMissing, match="21 pairs cannot give 22 parameters"):
         by_distances(simulated(21, 5, seed=1))
-
-
-def test_as_many_pairs_as_parameters_of_equal_weight_give_no_deviations() -> None:
     found = by_distances(simulated(22, 5, seed=3), weights=Weights.EQUAL)
     assert found.dof == 0
     assert set(deviations(found).values()) == {None}

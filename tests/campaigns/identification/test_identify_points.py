@@ -53,10 +53,14 @@ def test_exact_points_give_the_robot_and_the_trackers_place() -> None:
     assert (found.rank, found.dof) == (22, 3 * 120 - 22 - 6)
 
 
-def test_points_know_every_parameter_better_than_distances() -> None:
+def test_points_know_parameters_better_than_distances_and_positions_best() -> None:
     points, pairs = deviations(by_points(CLEAN)), deviations(identified(CLEAN, Estimator.DISTANCES))
     assert all(points[name] < 0.5 * pairs[name] for name in NAMES if points[name])
     assert missed(by_points(CLEAN)) < missed(identified(CLEAN, Estimator.DISTANCES))
+    found = by_points(CLEAN, poses=workspace())
+    assert 0.002 < found.position_std_mm.mean < found.position_std_mm.max < 0.03
+    assert found.position_std_mm.mean < deviations(found)["plate_mm"]
+    assert by_points(CLEAN).position_std_mm is None
 
 
 def test_unseen_errors_are_those_of_distances_whatever_was_fitted() -> None:
@@ -135,11 +139,18 @@ def test_loss_and_leaving_out_work_together_with_unequal_covariances() -> None:
     assert not alike.chi2.believable
 
 
-def test_scatter_as_stated_is_believed_and_gives_sigma() -> None:
+def test_scatter_as_stated_is_believed_and_far_below_does_not_shrink_sigma() -> None:
     found = by_points(CLEAN)
     assert found.chi2.believable
     assert found.chi2.scale == 1.0
     assert "scatter as the tracker states" in found.chi2.says
+    still = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=0.2 * NOISE_MM))
+    assert not still.chi2.believable
+    assert still.chi2.scale == 1.0
+    assert "careful" in still.chi2.says
+    assert deviations(still)["plate_mm"] == pytest.approx(
+        deviations(by_points(CLEAN))["plate_mm"], rel=0.02
+    )
 
 
 def test_scatter_beyond_the_stated_one_is_the_robots_widens_sigma_and_is_said() -> None:
@@ -165,27 +176,10 @@ def test_scatter_is_stated_also_where_outliers_are_kept() -> None:
     assert kept.chi2.says == left_out.chi2.says
 
 
-def test_scatter_far_below_the_stated_one_does_not_shrink_sigma() -> None:
-    still = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=0.2 * NOISE_MM))
-    assert not still.chi2.believable
-    assert still.chi2.scale == 1.0
-    assert "careful" in still.chi2.says
-    assert deviations(still)["plate_mm"] == pytest.approx(
-        deviations(by_points(CLEAN))["plate_mm"], rel=0.02
-    )
-
-
 def test_shots_of_which_nothing_is_stated_get_the_instruments_uncertainty() -> None:
     silent = replace(CLEAN, stated_covariance_mm2=np.full((160, 3, 3), np.nan))
     assert deviations(by_points(silent))["plate_mm"] != deviations(by_points(CLEAN))["plate_mm"]
     assert missed(by_points(silent)) < 0.2
-
-
-def test_position_is_known_better_than_single_parameters() -> None:
-    found = by_points(CLEAN, poses=workspace())
-    assert 0.002 < found.position_std_mm.mean < found.position_std_mm.max < 0.03
-    assert found.position_std_mm.mean < deviations(found)["plate_mm"]
-    assert by_points(CLEAN).position_std_mm is None
 
 
 @pytest.mark.parametrize(
@@ -207,11 +201,15 @@ def test_a_covariance_that_is_none_is_refused_by_the_shots_number(estimator, bro
     assert "sxx … szz" in caught.value.remedy
 
 
-def test_too_few_shots_are_refused_with_their_count() -> None:
+def test_too_few_shots_or_shots_on_one_line_are_refused() -> None:
     with pytest.raises(ShotsMissing, match="12 shots are too few") as caught:
         by_points(simulated(6, 0, seed=1))
     assert "for 22 parameters and the tracker's frame" in caught.value.problem
     assert "at least 13 shots" in caught.value.remedy
+    data = simulated(10, 0, seed=1)
+    line = 1000.0 + np.outer(np.linspace(0.0, 1.0, 20), [300.0, 200.0, 100.0])
+    with pytest.raises(ShotsMissing, match="20 shots fix no frame: points on one line"):
+        by_points(replace(data, points_in_tracker_mm=line))
 
 
 @pytest.mark.parametrize("estimator", list(Estimator))
@@ -220,26 +218,16 @@ def test_no_shots_at_all_are_refused(estimator: Estimator) -> None:
         identified(dataset(np.empty((0, 4)), np.empty((0, 3)), [], []), estimator)
 
 
-def test_thirteen_shots_tell_22_parameters() -> None:
+def test_thirteen_shots_or_ten_with_priors_tell_22_parameters() -> None:
     data = noisy(simulated(7, 5, seed=1), seed=1)
     one_less = (ShotSet.DRIFT, *data.purposes[1:])
     found = by_points(replace(data, purposes=one_less, pairs=(None, *data.pairs[1:])))
     assert (found.rank, found.dof) == (22, 39 - 28)
     assert found.unobservable == ()
-
-
-def test_a_prior_is_worth_a_coordinate() -> None:
     ten = noisy(simulated(5, 5, seed=1), seed=1)
     found = by_points(ten, prior=["arm*.arm_mm=0.5", "arm*.forearm_mm=0.5"])
     assert (found.rank, found.dof) == (22, 30 + 8 - 28)
     assert len(found.fitted.after_mm) == 10
-
-
-def test_shots_on_one_line_are_refused() -> None:
-    data = simulated(10, 0, seed=1)
-    line = 1000.0 + np.outer(np.linspace(0.0, 1.0, 20), [300.0, 200.0, 100.0])
-    with pytest.raises(ShotsMissing, match="20 shots fix no frame: points on one line"):
-        by_points(replace(data, points_in_tracker_mm=line))
 
 
 def test_as_many_coordinates_as_unknowns_give_deviations_but_no_test_of_noise() -> None:

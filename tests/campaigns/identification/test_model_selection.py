@@ -161,7 +161,7 @@ def test_too_few_shots_for_a_larger_model_leave_the_standard_one():
     assert "too few" in outcomes(choice)["axes"]
 
 
-def test_each_model_adds_its_parameters_to_what_the_user_frees():
+def test_each_model_adds_its_parameters_to_what_the_user_frees_by_name():
     models = candidate_models(
         SPACE, Model.EXTENDED, freed=["arm0.x_mm"], fixed=["arm2.axis_tilt_deg"]
     )
@@ -170,9 +170,6 @@ def test_each_model_adds_its_parameters_to_what_the_user_frees():
     assert not {*AXIS_TILT_NAMES, *BACKLASH_NAMES} & {*models[STANDARD].free}
     assert {*BACKLASH_NAMES} <= {*models["backlash"].free}
     assert list(models["axes"].free) == sorted(models["axes"].free, key=MODEL_NAMES.index)
-
-
-def test_what_the_user_frees_by_name_belongs_to_the_standard_model_too():
     models = candidate_models(SPACE, Model.EXTENDED, freed=["arm1.axis_tilt_deg"])
     assert "arm1.axis_tilt_deg" in models[STANDARD].free
 

@@ -9,18 +9,12 @@ from campaigns.identification.parameter_selection import Prior, matching, select
 AZIMUTHS = tuple(f"arm{arm}.azimuth_deg" for arm in range(4))
 
 
-def test_nothing_said_means_the_usual_22():
+def test_patterns_free_and_fix_every_parameter_they_match():
     assert select_parameters(SPACE).free == FREE_BY_DEFAULT
     assert select_parameters(SPACE).priors == ()
-
-
-def test_a_pattern_frees_every_parameter_it_matches_in_the_usual_order():
     free = select_parameters(SPACE, freed=["arm*.azimuth_deg"]).free
     assert set(free) == {*FREE_BY_DEFAULT, *AZIMUTHS}
     assert list(free) == sorted(free, key=NAMES.index)
-
-
-def test_a_pattern_fixes_every_parameter_it_matches():
     free = select_parameters(SPACE, fixed=["arm[12].*"]).free
     assert not [name for name in free if name.startswith(("arm1", "arm2"))]
     assert "arm3.x_mm" in free
@@ -39,28 +33,19 @@ def test_what_is_freed_and_fixed_alike_is_refused(same):
         select_parameters(SPACE, freed=[same], fixed=[same])
 
 
-def test_a_name_that_is_none_is_refused_with_the_nearest_one():
+def test_what_matches_nothing_or_leaves_nothing_is_refused():
     with pytest.raises(SelectionInvalid, match=r"arm1\.azimut_deg is not a parameter") as caught:
         select_parameters(SPACE, freed=["arm1.azimut_deg"])
     assert "did you mean arm1.azimuth_deg?" in caught.value.remedy
-
-
-def test_a_pattern_that_matches_nothing_is_refused():
     with pytest.raises(SelectionInvalid, match=r"arm7\.\* matches no parameter"):
         matching("arm7.*", NAMES)
-
-
-def test_fixing_everything_is_refused():
     with pytest.raises(SelectionInvalid, match="no parameter to find"):
         select_parameters(SPACE, fixed=["*"])
 
 
-def test_a_prior_means_the_free_parameters_of_its_pattern():
+def test_a_prior_means_its_patterns_free_parameters_and_the_last_counts():
     priors = select_parameters(SPACE, priors=["arm*.x_mm=0.5", "plate_mm=0.1"]).priors
     assert priors == (*(Prior(f"arm{arm}.x_mm", 0.5) for arm in (1, 2, 3)), Prior("plate_mm", 0.1))
-
-
-def test_the_last_prior_on_a_parameter_counts():
     priors = select_parameters(
         SPACE, priors=["arm*.forearm_mm=0.05", "arm2.forearm_mm=0.01"]
     ).priors

@@ -29,14 +29,11 @@ def joints():
     return reachable_joints(NOMINAL, 100, seed=71)
 
 
-def test_a_short_way_at_the_centre_is_straight():
+def test_a_short_way_at_the_centre_is_straight_and_none_at_all_is_safe():
     here, there = joints_of(-50, -50, -575, 0), joints_of(50, -20, -600, 0.2)
     assert OPEN.fault(here, there) is None
     (target,) = OPEN.safe_path(here, there)
     assert (target == there).all()
-
-
-def test_no_way_at_all_is_safe():
     here = joints_of(0, -50, -575, 0)
     assert OPEN.fault(here, here) is None
 
@@ -98,13 +95,10 @@ def test_a_way_past_a_singularity_is_named():
     assert fault.part_of_the_way > 0.5
 
 
-def test_a_way_where_the_mechanism_comes_apart_is_named():
+def test_a_way_where_the_mechanism_comes_apart_is_named_and_from_there_is_none():
     here, apart = joints_of(0, -50, -575, 0), np.radians([90.0, -90.0, 90.0, -90.0])
     fault = OPEN.fault(here, apart)
     assert fault.reason == "the mechanism cannot be assembled"
-
-
-def test_from_joints_without_an_assembly_there_is_no_way():
     apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_of(0, -50, -575, 0)
     assert OPEN.safe_path(apart, there) is None
 

@@ -53,18 +53,17 @@ def test_good_plan_is_timed() -> None:
     assert checked.seconds == pytest.approx(straight_rad + 10 * 1.2)
 
 
-def test_pose_out_of_reach_is_named() -> None:
+def test_pose_that_cannot_be_taken_is_named_with_its_reason() -> None:
     assert problem(moved(3, x_mm=1500.0)).startswith("shot 3: out of reach")
+    assert "theta 51.566° outside [-45°, 45°]" in problem(moved(3, theta_rad=0.9))
+    shots = with_shot(9, planned(9, ShotSet.DRIFT, None, 10.0, 0.0, -575.0))
+    assert problem(shots) == "shot 9: its drift pose is not that of shot 0"
 
 
 def test_pose_beyond_a_joint_limit_is_named_with_value_and_limit() -> None:
     narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(50.0)))
     with pytest.raises(PlanInvalid, match=r"^shot 1: joint 0 at 55\.476° outside \[-45°, 50°\]"):
         check(FOUR_PAIRS, limits=narrow)
-
-
-def test_theta_beyond_its_limit_is_named() -> None:
-    assert "theta 51.566° outside [-45°, 45°]" in problem(moved(3, theta_rad=0.9))
 
 
 def test_pose_exactly_on_a_limit_is_good() -> None:
@@ -95,23 +94,15 @@ def test_joints_of_the_other_branch_are_refused_though_they_lead_to_the_same_pos
     assert problem(with_shot(4, mirrored)).startswith("shot 4: q0_deg")
 
 
-def test_reflector_turned_away_from_the_tracker_is_named() -> None:
+def test_reflector_turned_away_is_named_and_many_faults_counted() -> None:
     turned = replace(VIEW, facing=(2500.0, 1300.0, 75.0))
     text = problem(FOUR_PAIRS, turned)
     assert "reflector turned" in text
     assert "from the tracker, limit 25°" in text
-
-
-def test_several_faults_are_named_and_the_rest_counted() -> None:
     turned = replace(VIEW, facing=(-1.0, 0.0, 0.0))
     text = problem(FOUR_PAIRS, turned)
     assert text.count(" | ") == plan_check.FAULTS_NAMED - 1
     assert text.endswith("… and 5 more")
-
-
-def test_drift_shots_at_different_poses_are_refused() -> None:
-    shots = with_shot(9, planned(9, ShotSet.DRIFT, None, 10.0, 0.0, -575.0))
-    assert problem(shots) == "shot 9: its drift pose is not that of shot 0"
 
 
 def test_a_known_length_is_no_pose_of_the_robot() -> None:

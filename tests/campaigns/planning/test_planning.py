@@ -38,20 +38,16 @@ def of(shots: tuple[PlannedShot, ...], purpose: ShotSet) -> list[PlannedShot]:
     return [shot for shot in shots if shot.purpose is purpose]
 
 
-def test_default_plan_has_what_was_asked_for(default_plan: tuple[PlannedShot, ...]) -> None:
+def test_default_plan_has_what_was_asked_for_in_pairs_with_drift_shots_between(
+    default_plan: tuple[PlannedShot, ...],
+) -> None:
     assert len(default_plan) == 120 + 40 + 3
     assert [shot.shot for shot in default_plan] == list(range(163))
     assert plans.pairs_of(default_plan, ShotSet.IDENTIFICATION).shape == (60, 2)
     assert plans.pairs_of(default_plan, ShotSet.VALIDATION).shape == (20, 2)
-
-
-def test_shots_of_a_pair_follow_one_another(default_plan: tuple[PlannedShot, ...]) -> None:
     for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION):
         pairs = plans.pairs_of(default_plan, purpose)
         assert (np.diff(pairs, axis=1) == 1).all()
-
-
-def test_drift_is_watched_at_start_middle_and_end(default_plan: tuple[PlannedShot, ...]) -> None:
     assert [shot.shot for shot in of(default_plan, ShotSet.DRIFT)] == [0, 81, 162]
     assert {shot.pose for shot in of(default_plan, ShotSet.DRIFT)} == {MIDDLE}
 
@@ -116,13 +112,10 @@ def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
     assert checked.seconds > 163 * 1.2
 
 
-def test_same_seed_gives_the_same_plan_and_another_seed_another() -> None:
+def test_same_seed_gives_the_same_plan_also_without_validation_pairs() -> None:
     request = plans.PlanRequest(8, 2, 2, MIDDLE)
     assert plan(request, seed=3) == plan(request, seed=3)
     assert plan(request, seed=3) != plan(request, seed=4)
-
-
-def test_plan_without_validation_pairs_can_be_made() -> None:
     shots = plan(plans.PlanRequest(8, 0, 2, MIDDLE))
     assert {shot.purpose for shot in shots} == {ShotSet.IDENTIFICATION, ShotSet.DRIFT}
 

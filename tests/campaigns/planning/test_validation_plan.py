@@ -61,17 +61,14 @@ def test_joints_of_a_step_are_those_of_its_pose_with_the_controllers_geometry() 
         assert np.abs(away).max() < 1e-6
 
 
-def test_rotation_turns_the_plate_alone_from_limit_to_limit() -> None:
-    turned = poses(steps(frozenset({ShotSet.ROTATION})), ShotSet.ROTATION)
-    assert np.ptp(turned[:, :3], axis=0).tolist() == [0.0, 0.0, 0.0]
-    assert np.degrees(turned[[0, 9, -1], 3]) == pytest.approx([-45.0, 0.0, 45.0])
-
-
-def test_lines_run_through_the_centre_along_their_axes() -> None:
+def test_lines_run_through_the_centre_and_the_rotation_from_limit_to_limit() -> None:
     lines = poses(steps(), ShotSet.STRAIGHTNESS).reshape(3, 17, 4)
     for axis, (line, length) in enumerate(zip(lines, CONFIG.line_lengths_mm, strict=True)):
         assert np.ptp(line, axis=0) == pytest.approx(length * np.eye(4)[axis])
         assert line[8] == pytest.approx(CENTRE)
+    turned = poses(steps(frozenset({ShotSet.ROTATION})), ShotSet.ROTATION)
+    assert np.ptp(turned[:, :3], axis=0).tolist() == [0.0, 0.0, 0.0]
+    assert np.degrees(turned[[0, 9, -1], 3]) == pytest.approx([-45.0, 0.0, 45.0])
 
 
 def test_line_that_is_too_long_is_trimmed_about_its_middle_and_says_so() -> None:
@@ -102,15 +99,12 @@ def test_line_that_would_lose_a_third_is_refused() -> None:
         steps(config=config)
 
 
-def test_pair_that_the_controller_cannot_take_is_left_out_whole_and_says_so() -> None:
+def test_pairs_that_the_controller_cannot_take_are_left_out_whole_or_all_refused() -> None:
     narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(54.0)))
     found = steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
     assert [step.planned.pair for step in found[0]] == [4, 4]
     (note,) = found[1]
     assert note == "validation pair 2 left out: joint 0 at 55.476° outside [-45°, 54°]"
-
-
-def test_validation_of_which_every_pair_is_left_out_says_why() -> None:
     narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(5.0)))
     with pytest.raises(PlanInvalid, match="nothing to validate: validation pair 2 left out"):
         steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
@@ -139,13 +133,10 @@ def test_same_seed_gives_the_same_approaches() -> None:
     assert first == same != other
 
 
-def test_centre_out_of_reach_is_refused() -> None:
+def test_centre_out_of_reach_and_nothing_to_validate_are_refused() -> None:
     config = CONFIG.model_copy(update={"centre_mm": (0.0, 0.0, 100.0)})
     with pytest.raises(PlanInvalid, match="repeatability cannot be done"):
         steps(frozenset({ShotSet.REPEATABILITY}), config)
-
-
-def test_nothing_to_validate_is_refused() -> None:
     with pytest.raises(PlanInvalid, match="nothing to validate: no test was named"):
         steps(frozenset())
     with pytest.raises(PlanInvalid, match="nothing to validate"):
