@@ -92,7 +92,7 @@ def test_nothing_is_asked_over_a_closed_connection():
             getattr(far.session, asked)
 
 
-def test_preparation_is_lost_with_the_connection_and_set_anew():
+def test_preparation_is_lost_with_the_connection_or_by_failing_and_set_anew():
     far = connected()
     far.session.prepare("CCR")
     far.session.open()
@@ -100,9 +100,6 @@ def test_preparation_is_lost_with_the_connection_and_set_anew():
         far.session.prepared()
     far.session.prepare_again()
     assert far.session.prepared() == (far.wires[1], "CCR", "CCR over pipe://test/1")
-
-
-def test_failed_preparation_is_no_preparation_but_still_what_is_wanted():
     far = connected()
     far.session.prepare("CCR")
     with pytest.raises(DeviceNotReady, match="no such reflector"):

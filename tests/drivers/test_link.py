@@ -97,23 +97,17 @@ def test_deadline_counts_from_the_question_not_from_the_last_byte_or_event(said)
     assert cell.clock.now_s() == pytest.approx(1.0)
 
 
-def test_answer_to_nothing_that_was_asked_closes_the_link():
+def test_answers_to_nothing_twice_or_of_another_kind_close_the_link():
     cell = Cell()
     cell.pipe.arrives(0.0, b"answer 0\n")
     with pytest.raises(WireError, match="nobody asked"):
         cell.ask()
     assert cell.pipe.sent == []
     cell.assert_closed()
-
-
-def test_second_answer_to_one_question_closes_the_link():
     cell = Cell((0.1, b"answer 1\nanswer 1\n"))
     with pytest.raises(WireError, match="nobody asked"):
         cell.ask()
     cell.assert_closed()
-
-
-def test_message_that_is_neither_answer_nor_event_closes_the_link():
     cell = Cell((0.1, b"something else\n"), (0.2, b"answer 1\n"))
     with pytest.raises(WireError, match="something else"):
         cell.ask()
@@ -135,35 +129,29 @@ def test_error_of_the_framer_closes_the_link():
     assert pipe.is_closed
 
 
-def test_peer_that_closes_closes_the_link():
+def test_a_peer_that_closes_closes_the_link_whoever_asks():
     cell = Cell((0.1, b""))
     with pytest.raises(LinkDown, match="the device closed"):
         cell.ask()
     cell.assert_closed()
-
-
-def test_events_before_and_after_the_answer_are_kept_in_order():
-    cell = Cell((0.1, b"event 2\nanswer 1\nevent 3\n"))
-    cell.pipe.arrives(0.0, b"event 1\n")
-    assert cell.ask() == b"answer 1"
-    assert cell.link.events() == [b"event 1", b"event 2", b"event 3"]
-    assert cell.link.events() == []
-
-
-def test_events_are_read_without_waiting():
-    cell = Cell()
-    cell.pipe.arrives(0.0, b"event 1\n")
-    cell.pipe.arrives(0.5, b"event 2\n")
-    assert cell.link.events() == [b"event 1"]
-    assert cell.clock.now_s() == 0.0
-
-
-def test_reading_events_of_a_closed_peer_closes_the_link():
     cell = Cell()
     cell.pipe.arrives(0.0, b"")
     with pytest.raises(LinkDown):
         cell.link.events()
     cell.assert_closed()
+
+
+def test_events_are_kept_in_order_and_read_without_waiting():
+    cell = Cell((0.1, b"event 2\nanswer 1\nevent 3\n"))
+    cell.pipe.arrives(0.0, b"event 1\n")
+    assert cell.ask() == b"answer 1"
+    assert cell.link.events() == [b"event 1", b"event 2", b"event 3"]
+    assert cell.link.events() == []
+    cell = Cell()
+    cell.pipe.arrives(0.0, b"event 1\n")
+    cell.pipe.arrives(0.5, b"event 2\n")
+    assert cell.link.events() == [b"event 1"]
+    assert cell.clock.now_s() == 0.0
 
 
 def test_flood_of_events_is_bounded_and_the_newest_are_kept():
@@ -175,15 +163,12 @@ def test_flood_of_events_is_bounded_and_the_newest_are_kept():
     assert kept[-1] == b"event %d" % (count - 1)
 
 
-def test_event_that_came_earlier_is_found_and_the_others_stay():
+def test_event_is_found_or_waited_for_and_the_others_stay():
     cell = Cell((0.0, b"event 1\nevent 2\nanswer 1\n"))
     cell.ask()
     found = cell.link.await_event(lambda e: e == b"event 2", within_s=1.0, what="EVENT")
     assert found == b"event 2"
     assert cell.link.events() == [b"event 1"]
-
-
-def test_event_is_waited_for():
     cell = Cell()
     cell.pipe.arrives(0.7, b"event 1\n")
     assert cell.link.await_event(is_event, within_s=1.0, what="EVENT") == b"event 1"

@@ -129,10 +129,8 @@ class TestBounds:
 
 
 class TestBytes:
-    def test_text_stays_text_with_its_ends_shown(self):
+    def test_text_stays_text_anything_else_is_in_hexadecimal_and_long_pieces_are_cut(self):
         assert bytes_as_lines(b"one\r\ntwo\ta\\b\n") == [r"one\r\n", r"two\ta\\b\n"]
-
-    def test_anything_else_is_in_hexadecimal_with_its_letters_beside(self):
         line, following = bytes_as_lines(b"\x00AT401\xff" + bytes(20))
         assert line.startswith("0000  00 41 54 34 30 31 ff ")
         assert " .AT401." in line
@@ -157,7 +155,7 @@ def _unescaped(found):
 
 
 class TestEmsconReading:
-    def test_packets_are_read_in_both_directions(self):
+    def test_packets_are_read_in_both_directions_with_the_words_of_refusals(self):
         reading = READINGS["emscon"]()
         assert reading.sent(encode(EmsconRequest(Command.SET_UNITS, Units(1, 1, 0, 0, 0)))) == [
             "SetUnits Units(length=1, angle=1, temperature=0, pressure=0, humidity=0)"
@@ -167,17 +165,13 @@ class TestEmsconReading:
             "answer to SetUnits: Nothing()",
             "unasked: StatusChange(code=6)",
         ]
-
-    def test_refusal_has_its_words(self):
         (said,) = READINGS["emscon"]().received(refusal(Command.START_MEASUREMENT, 39))
         assert said.endswith("emScon error 39 (tracker not initialized)")
 
-    def test_packet_in_pieces_is_read_when_it_is_whole(self):
+    def test_stream_is_read_packet_by_packet_until_it_has_lost_its_step(self):
         reading, packet = READINGS["emscon"](), encode(EmsconRequest(Command.GET_UNITS))
         assert reading.sent(packet[:5]) == []
         assert len(reading.sent(packet[5:])) == 1
-
-    def test_stream_that_has_lost_its_step_is_read_no_further(self):
         reading = READINGS["emscon"]()
         (said,) = reading.received(b"\xff" * 20)
         assert said.startswith("cannot be read, nor what follows: a packet claims")

@@ -75,27 +75,18 @@ def test_what_is_no_plain_yaml_mapping_is_refused_in_one_line(text, words):
     assert "\n" not in said
 
 
-def test_yaml_1_2_takes_yes_as_a_word():
+def test_values_are_taken_as_yaml_1_2_has_them():
     assert read(with_schema("size_mm: 1.0\nlabel: yes\n")).label == "yes"
-
-
-def test_whole_number_serves_as_a_number_but_not_the_other_way_round():
     assert read(with_schema("size_mm: 1\n")).size_mm == 1.0
     said = complaint(with_schema("size_mm: 1\ninner: {count: 1.0}\n"))
     assert "inner.count is 1.0, must be a whole number" in said
 
 
-def test_several_findings_are_counted_and_the_unknown_key_is_named_first():
+def test_findings_are_counted_explained_and_shortened():
     said = complaint(with_schema("size_m: 1.0\nlabel: 3\n"))
     assert said.startswith("sample.yaml:2: size_m is not a known key (and 2 more)")
-
-
-def test_key_in_an_optional_section_is_explained_by_its_own_description():
     said = complaint(with_schema("size_mm: 1.0\ninner:\n  count: -1\n"))
     assert said == "sample.yaml:4: inner.count is -1, must be at least 0 → give a count"
-
-
-def test_long_value_is_shown_shortened():
     said = complaint(with_schema(f"size_mm: {'long ' * 100}\n"))
     assert len(said) < 150
 
@@ -118,12 +109,9 @@ def test_byte_order_mark_and_windows_line_ends_are_tolerated(tmp_path):
     )
 
 
-def test_absent_file_is_answered_with_the_remedy_given(tmp_path):
+def test_an_absent_file_and_a_folder_are_refused(tmp_path):
     with pytest.raises(ConfigInvalid, match="make it with a spell"):
         yaml_file.read_document(tmp_path / "sample.yaml", if_missing="make it with a spell")
-
-
-def test_folder_in_a_files_place_is_refused(tmp_path):
     with pytest.raises(ConfigInvalid, match="is no file but a folder"):
         yaml_file.read_document(tmp_path, if_missing="make it")
 

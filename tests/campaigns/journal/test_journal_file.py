@@ -64,8 +64,9 @@ def test_the_golden_file_of_every_version_reads_as_it_was_told(
         assert [series.unstopped for series in old.series()] == [1, 0]
 
 
-def test_there_is_a_golden_file_of_every_version() -> None:
+def test_every_version_has_its_golden_file_and_its_upgrader() -> None:
     assert len(ALL_GOLDEN) == journal_database.VERSION
+    assert sorted(journal_database.UPGRADERS) == list(range(1, journal_database.VERSION))
 
 
 @pytest.mark.parametrize("golden", ALL_GOLDEN)
@@ -112,15 +113,12 @@ def test_a_file_that_is_no_journal_of_ours_is_refused_and_left_as_it_was(
     assert names_in(tmp_path) == [path.name]
 
 
-def test_a_missing_journal_is_said_and_none_is_made(tmp_path: Path) -> None:
+def test_a_missing_journal_or_folder_is_said_and_none_is_made(tmp_path: Path) -> None:
     with pytest.raises(JournalFailed, match="no journal"):
         open_journal(tmp_path / "campaign.db", now_utc=ticking())
     with pytest.raises(JournalFailed, match="no journal"):
         read_journal(tmp_path / "campaign.db")
     assert names_in(tmp_path) == []
-
-
-def test_a_missing_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(JournalFailed, match="check that the folder exists"):
         opened_for_writing(tmp_path / "nowhere" / "campaign.db")
 
@@ -208,10 +206,6 @@ def test_an_upgrade_that_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None
         assert journal_database.version(connection) == 1
         with pytest.raises(sqlite3.OperationalError, match="no such column"):
             connection.execute("SELECT remark FROM record")
-
-
-def test_every_older_version_has_its_upgrader() -> None:
-    assert sorted(journal_database.UPGRADERS) == list(range(1, journal_database.VERSION))
 
 
 def old_connection(folder: Path) -> sqlite3.Connection:

@@ -90,28 +90,18 @@ def test_plain_data_only_is_written() -> None:
         records.to_text(records.Finding("load", {"path": object()}))  # type: ignore[dict-item]  # on purpose
 
 
-def test_an_older_outcome_does_not_say_where_its_joints_came_from() -> None:
+def test_records_of_older_and_newer_programs_are_read() -> None:
     told = json.loads(records.to_text(outcome(1)))
     del told["came_from_rad"]
     assert records.from_text("outcome", json.dumps(told)) == outcome(1)
-
-
-def test_a_key_that_a_newer_program_has_added_is_passed_over() -> None:
-    """So an addition that older programs can do without needs no new version of the journal."""
     newer = json.dumps(json.loads(records.to_text(outcome(1))) | {"humour": "good"})
     assert records.from_text("outcome", newer) == outcome(1)
 
 
-def test_a_kind_that_is_not_known_is_not_read() -> None:
-    with pytest.raises(ValueError, match="gossip"):
-        records.from_text("gossip", "{}")
-
-
-def test_a_shot_is_not_rejected_with_the_data_of_another() -> None:
-    with pytest.raises(ValueError, match="another shot's data"):
-        records.Rejected(2, 1, "gate", outcome(1))
-
-
-def test_every_kind_of_record_has_a_name_of_its_own() -> None:
+def test_every_kind_has_a_name_and_unknown_kinds_and_others_data_are_refused() -> None:
     assert len(records.KIND_OF_TYPE) == len(records.TYPE_OF_KIND)
     assert set(records.KIND_OF_TYPE) == set(records.Record.__args__)
+    with pytest.raises(ValueError, match="gossip"):
+        records.from_text("gossip", "{}")
+    with pytest.raises(ValueError, match="another shot's data"):
+        records.Rejected(2, 1, "gate", outcome(1))

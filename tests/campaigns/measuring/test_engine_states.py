@@ -33,23 +33,17 @@ def test_only_what_the_table_says_may_follow() -> None:
             run_state.enter(follower)
 
 
-def test_every_state_is_in_the_table_and_can_be_reached() -> None:
+def test_every_state_is_in_the_table_and_nothing_follows_the_end() -> None:
     assert set(FOLLOWERS) == set(EngineState)
     assert all(len(way_to(state)) < len(EngineState) for state in EngineState)
-
-
-def test_nothing_follows_the_end() -> None:
     assert FOLLOWERS[EngineState.STOPPED] == FOLLOWERS[EngineState.FINISHED] == frozenset()
 
 
-def test_time_left_is_an_interval_that_narrows() -> None:
+def test_time_left_is_an_interval_that_narrows_to_nothing() -> None:
     assert time_left_s([2.0, 3.0], 10) is None
     wide = time_left_s([2.0, 3.0, 2.5], 10)
     narrow = time_left_s([2.0, 3.0, 2.5] * 10, 10)
     assert wide is not None
     assert narrow is not None
     assert wide[0] < narrow[0] < 25.0 < narrow[1] < wide[1]
-
-
-def test_no_time_is_left_when_no_shot_is() -> None:
     assert time_left_s([2.0, 3.0, 2.5], 0) == (0.0, 0.0)

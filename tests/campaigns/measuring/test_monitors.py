@@ -37,12 +37,9 @@ def taught(shots: int) -> InnovationGate:
     return knowing
 
 
-def test_first_shot_passes_for_there_is_nothing_to_compare_it_with() -> None:
+def test_before_the_fit_the_gate_judges_distances() -> None:
     judged = gate().judge(JOINTS[0], (1.0, 2.0, 3.0))
     assert (judged.refusal, judged.residual_mm, judged.predicted_in_tracker_mm) == ("", None, None)
-
-
-def test_second_shot_is_judged_by_its_distance_to_the_first() -> None:
     one = taught(1)
     assert one.judge(JOINTS[1], seen_mm(JOINTS[1], 20.0)).refusal == ""
     refusal = one.judge(JOINTS[1], seen_mm(JOINTS[1], 2000.0)).refusal
@@ -50,7 +47,7 @@ def test_second_shot_is_judged_by_its_distance_to_the_first() -> None:
     assert "limit 60 mm: a wrong target or a wrong pose" in refusal
 
 
-def test_known_robot_narrows_the_gate() -> None:
+def test_known_robot_narrows_the_gate_but_never_widens_it() -> None:
     many = taught(9)
     near = many.judge(JOINTS[9], seen_mm(JOINTS[9], 1.0))
     assert near.refusal == ""
@@ -58,31 +55,22 @@ def test_known_robot_narrows_the_gate() -> None:
     assert near.predicted_in_tracker_mm == pytest.approx(seen_mm(JOINTS[9]), abs=0.01)
     far = many.judge(JOINTS[9], seen_mm(JOINTS[9], 10.0))
     assert "10.00 mm from the predicted point, limit 3." in far.refusal
-
-
-def test_limit_never_exceeds_that_of_nominal_parameters() -> None:
     strict = gate(GATE.model_copy(update={"distance_mm": 0.5}))
     for shot in range(9):
         strict.accept(outcome(shot))
     assert "limit 0.50 mm" in strict.judge(JOINTS[9], seen_mm(JOINTS[9], 1.0)).refusal
 
 
-def test_measured_point_that_is_no_number_is_refused() -> None:
+def test_what_cannot_be_measured_is_refused() -> None:
     assert taught(9).judge(JOINTS[9], (np.nan, 0.0, 0.0)).refusal
-
-
-def test_joints_that_no_robot_could_have_are_refused() -> None:
     impossible = tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist())
     for known in (1, 9):
         assert "cannot be assembled" in taught(known).judge(impossible, (0.0, 0.0, 0.0)).refusal
 
 
-def test_tracker_is_pointed_only_when_the_frame_is_known() -> None:
+def test_tracker_is_pointed_where_the_pose_was_or_the_known_frame_has_it() -> None:
     assert taught(3).expected_point_mm(JOINTS[8]) is None
     assert taught(8).expected_point_mm(JOINTS[8]) == pytest.approx(seen_mm(JOINTS[8]), abs=0.01)
-
-
-def test_pose_that_is_taken_again_is_expected_where_it_was() -> None:
     assert np.allclose(JOINTS[0], JOINTS[9]), "both are the drift pose"
     assert taught(1).expected_point_mm(JOINTS[9]) == seen_mm(JOINTS[0])
 
@@ -108,18 +96,12 @@ def air(temperature_degC: float) -> Weather:
     return Weather(temperature_degC, 1013.0, 50.0)
 
 
-def test_alarm_of_the_air_ends_only_well_below_its_limit() -> None:
+def test_alarm_of_the_air_ends_only_well_below_its_limit_and_needs_weather() -> None:
     watch = TemperatureMonitor(1.0, air(20.0))
     told = [bool(watch.events(air(t))) for t in (20.9, 21.05, 20.95, 21.05, 20.85, 20.7, 20.9)]
     assert told == [False, True, False, False, False, True, False]
-
-
-def test_air_that_cools_alarms_too() -> None:
     (event,) = TemperatureMonitor(1.0, air(20.0)).events(air(18.5))
     assert event.text == "the air has changed by -1.50 °C since the start, limit 1 °C"
-
-
-def test_shot_without_weather_says_nothing_of_the_air() -> None:
     watch = TemperatureMonitor(1.0, None)
     assert watch.events(None) == ()
     assert watch.events(air(20.0)) == ()

@@ -52,15 +52,12 @@ def compared(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NO
     return rigid_body_test(NOMINAL, then, first, again, noise)
 
 
-def test_poses_are_spread_and_the_drift_pose_is_the_first() -> None:
+def test_poses_are_spread_if_there_are_enough_off_a_line() -> None:
     poses = reference_poses(STEPS, outcomes(np.random.default_rng(1)))
     assert poses[0].step.planned.shot == 0
     assert len({pose.step.planned.shot for pose in poses}) == 4
     places = np.array([pose.then.point_in_tracker_mm for pose in poses[:3]])
     assert np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] > 100.0
-
-
-def test_few_poses_or_poses_on_a_line_are_no_body() -> None:
     then = outcomes(np.random.default_rng(1))
     assert len(reference_poses(STEPS, then[:2])) == 1
     assert len(reference_poses(STEPS, then[:3])) == 3

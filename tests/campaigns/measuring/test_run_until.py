@@ -95,12 +95,24 @@ def test_what_is_left_out_is_whole_pairs_and_named_in_the_journal(
     assert last.done == last.total == len(taken)
 
 
-def test_no_shot_to_identify_from_is_begun_after_the_goal_is_met(ended_early: Path) -> None:
+def test_an_early_end_finishes_the_series_by_points_with_no_further_shot_to_identify_from(
+    ended_early: Path,
+) -> None:
     with journal_in(ended_early, []) as journal:
         met = next(entry.number for entry in journal.records() if is_goal_met(entry.record))
         intents = journal.records_of(records.Intent)
         later = [entry.record.purpose for entry in intents if entry.number > met]
     assert set(later) == {ShotSet.VALIDATION.value, ShotSet.DRIFT.value}
+    with journal_in(ended_early, []) as journal:
+        assert journal.latest_series("run").finished
+        assert complete_series(journal, until(GOAL_MM)).number == 1
+        assert complete_series(journal, until(2.0 * GOAL_MM)).number == 1
+        assert missing_shots(journal.latest_series("run"), until(None))
+        stopped = journal.records_of(records.SessionStopped)[-1].record
+    assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
+    with journal_in(ended_early, []) as journal:
+        assert complete_series(journal, until(GOAL_MM)) is not None
+        assert complete_series(journal, until(GOAL_MM, setup=BY_DISTANCES)) is None
 
 
 def test_without_a_goal_all_is_measured_however_much_is_known(tmp_path: Path) -> None:
@@ -116,22 +128,6 @@ def test_without_a_goal_all_is_measured_however_much_is_known(tmp_path: Path) ->
     assert told[-1].length_std_mm == pytest.approx(worst_length_mm(shots), rel=0.01)
     assert {known.weakest_std == known.length_std_mm for known in told} == {True}
     assert {(known.weakest.split("_")[-1], known.unit) for known in told} == {("mm", "mm")}
-
-
-def test_distances_know_less_than_points(ended_early: Path) -> None:
-    with journal_in(ended_early, []) as journal:
-        assert complete_series(journal, until(GOAL_MM)) is not None
-        assert complete_series(journal, until(GOAL_MM, setup=BY_DISTANCES)) is None
-
-
-def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
-    with journal_in(ended_early, []) as journal:
-        assert journal.latest_series("run").finished
-        assert complete_series(journal, until(GOAL_MM)).number == 1
-        assert complete_series(journal, until(2.0 * GOAL_MM)).number == 1
-        assert missing_shots(journal.latest_series("run"), until(None))
-        stopped = journal.records_of(records.SessionStopped)[-1].record
-    assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
 
 
 @pytest.mark.slow

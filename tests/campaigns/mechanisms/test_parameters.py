@@ -35,12 +35,9 @@ def test_names_and_vector_hold_the_same(flat):
     assert par4(geometry.parameters).p == pytest.approx(geometry.p, rel=1e-15, abs=1e-300)
 
 
-def test_a_robot_without_axis_tilts_has_the_29_names_of_files_and_controllers():
+def test_names_are_those_of_files_and_axis_tilts_only_where_there_are_any():
     assert tuple(NOMINAL.parameters) == NAMES
     assert (NOMINAL.p[TILTS] == 0.0).all()
-
-
-def test_an_axis_tilt_is_named_where_there_is_one():
     flat = NOMINAL.parameters | {"arm2.axis_tilt_deg": 90.0}
     geometry = par4(flat)
     assert geometry.p[TILTS].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
@@ -57,20 +54,17 @@ def test_files_hold_degrees_and_the_inside_radians():
     assert geometry.p[motor].tolist() == [-172.5, 222.5, 0.0]
 
 
-def test_a_missing_parameter_is_named():
+def test_a_missing_parameter_is_named_and_an_unknown_one_has_no_place():
     flat = dict(NOMINAL.parameters)
     del flat["arm1.forearm_mm"]
     with pytest.raises(KeyError, match=r"arm1\.forearm_mm"):
         par4(flat)
-
-
-def test_an_unknown_name_has_no_place():
     assert indices(("plate_mm", "arm0.x_mm")).tolist() == [28, 0]
     with pytest.raises(ValueError):
         indices(("arm4.x_mm",))
 
 
-def test_what_lies_beyond_the_29_stands_after_them():
+def test_what_lies_beyond_the_29_stands_after_them_and_22_of_them_are_free():
     """A place by name is the same whether one thinks of 29, 37 or 41 parameters."""
     assert MODEL_NAMES == NAMES + AXIS_TILT_NAMES + SKEW_NAMES + BACKLASH_NAMES
     assert indices(NAMES).tolist() == list(range(29))
@@ -78,9 +72,6 @@ def test_what_lies_beyond_the_29_stands_after_them():
     assert [NAMES[place] for place in OFFSETS] == [f"arm{i}.joint_offset_deg" for i in range(4)]
     assert [MODEL_NAMES[place] for place in TILTS] == list(AXIS_TILT_NAMES)
     assert [MODEL_NAMES[place] for place in BACKLASHES] == list(BACKLASH_NAMES)
-
-
-def test_22_parameters_are_free_and_7_are_held():
     held = {f"arm{arm}.azimuth_deg" for arm in range(4)} | {f"arm0.{axis}_mm" for axis in "xyz"}
     assert len(FREE_BY_DEFAULT) == 22
     assert set(NAMES) - set(FREE_BY_DEFAULT) == held

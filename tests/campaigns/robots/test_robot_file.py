@@ -69,19 +69,13 @@ def changed(geometry=PROTOTYPE.robot.parameters, of=PROTOTYPE, std=None, provena
     return compensated(of, "par4-prototype compensated", parameters, provenance)
 
 
-def test_shipped_prototype_is_the_robot_of_the_reference_vectors():
+def test_shipped_robots_are_those_of_reference_and_paper():
     cases = json.loads((VECTORS / "kinematics.json").read_text())["cases"]
     assert PROTOTYPE.robot.parameters == geometry_in(cases["nominal"]["geometry"])
-
-
-def test_prototype_allows_what_the_validation_lines_need():
     limits = PROTOTYPE.robot.limits
     assert limits.joint == (math.radians(-45.0), math.radians(90.0))
     assert limits.task == (None, None, None, (math.radians(-45.0), math.radians(45.0)))
     assert limits.forearm_swing_rad == math.radians(45.0)
-
-
-def test_table1_is_shipped_as_printed():
     robot = find_robot("par4-table1").robot
     flat = robot.parameters
     printed_rule = [45.0 + (3 - arm) * 90.0 for arm in range(4)]
@@ -90,14 +84,11 @@ def test_table1_is_shipped_as_printed():
     assert robot.limits.joint == (math.radians(-45.0), math.radians(45.0))
 
 
-def test_a_robot_has_29_parameters_arm_by_arm_and_then_the_plate():
+def test_a_robot_has_its_parameters_arm_by_arm_and_then_the_platforms():
     assert len(NAMES) == 29
     assert NAMES[7:9] == ("arm1.x_mm", "arm1.y_mm")
     assert NAMES[-2:] == ("arm3.forearm_mm", "plate_mm")
     assert tuple(PROTOTYPE.robot.parameters) == NAMES
-
-
-def test_a_delta_is_shipped_with_three_arms_no_plate_and_no_angle_to_limit():
     robot = find_robot("delta").robot
     assert robot.mechanism.name == DELTA.name
     assert tuple(robot.parameters) == DELTA.parameters.names
@@ -107,20 +98,14 @@ def test_a_delta_is_shipped_with_three_arms_no_plate_and_no_angle_to_limit():
     assert robot.workspace_centre.tolist() == [0.0, 0.0, -700.0]
 
 
-def test_robot_is_found_by_path(tmp_path):
+def test_robot_is_found_by_path_and_another_named(tmp_path):
+    with pytest.raises(ConfigInvalid, match="there is no such file"):
+        read_robot(tmp_path / "robot.yaml")
     path = written(tmp_path, PROTOTYPE.document.text)
     assert find_robot(str(path)).robot == PROTOTYPE.robot
-
-
-def test_unknown_robot_names_the_nearest_and_the_shipped_ones():
     with pytest.raises(ConfigInvalid, match="did you mean par4-prototype") as caught:
         find_robot("par4-protype")
     assert "par4-prototype, par4-table1" in str(caught.value)
-
-
-def test_absent_robot_file_is_said_to_be_absent(tmp_path):
-    with pytest.raises(ConfigInvalid, match="there is no such file"):
-        read_robot(tmp_path / "robot.yaml")
 
 
 @pytest.mark.parametrize(
@@ -175,7 +160,7 @@ def test_key_path_names_the_arm(tmp_path):
     assert said.startswith(f'{LINE_OF_ARM_2}: geometry.arms[2].z_mm is "low", must be a number')
 
 
-def test_digest_tells_parameters_that_differ_by_one_unit_in_the_last_place():
+def test_digest_tells_doubles_apart_and_axis_tilts_but_not_minus_zero():
     flat = PROTOTYPE.robot.parameters
     other = flat | {"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}
     digests = [
@@ -183,12 +168,12 @@ def test_digest_tells_parameters_that_differ_by_one_unit_in_the_last_place():
         for each in (flat, other, flat)
     ]
     assert digests[0] == digests[2] != digests[1]
-
-
-def test_digest_does_not_tell_minus_zero_from_zero():
-    flat = PROTOTYPE.robot.parameters
     robot = RobotFile.of(PAR4, flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits)
     assert robot.digest() == PROTOTYPE.robot.digest()
+    assert PROTOTYPE.robot.digest() == DIGEST_OF_PROTOTYPE
+    assert tilted().robot.digest() != DIGEST_OF_PROTOTYPE
+    other = changed(PROTOTYPE.robot.parameters | {"arm1.axis_tilt_deg": 0.03})
+    assert other.robot.digest() != tilted().robot.digest()
 
 
 def test_changed_geometry_under_an_old_digest_is_refused_naming_both(tmp_path):
@@ -301,13 +286,6 @@ def test_digests_and_exported_files_of_every_shipped_robot_are_as_ever(name):
     text = hashlib.sha256(made.document.text.encode()).hexdigest()
     found = (nominal.robot.digest(), made.robot.digest(), text)
     assert tuple(each[:16] for each in found) == DIGESTS[name]
-
-
-def test_digest_tells_axis_tilts_and_is_as_ever_without_them():
-    assert PROTOTYPE.robot.digest() == DIGEST_OF_PROTOTYPE
-    assert tilted().robot.digest() != DIGEST_OF_PROTOTYPE
-    other = changed(PROTOTYPE.robot.parameters | {"arm1.axis_tilt_deg": 0.03})
-    assert other.robot.digest() != tilted().robot.digest()
 
 
 def test_a_controller_is_told_29_parameters_or_why_not():

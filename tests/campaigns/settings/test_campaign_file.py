@@ -66,7 +66,14 @@ def test_zones_of_a_new_campaign_read_back_as_they_were_told(tmp_path):
     assert found.space.keep_out.cylinders[0].centre_mm == (180.0, -260.0)
 
 
-def test_a_campaign_without_a_space_is_everywhere():
+def test_only_names_and_addresses_must_be_given_and_defaults_are_the_papers():
+    assert read(MINIMAL) == new_config(TOLD)
+    config = read(MINIMAL)
+    assert (config.plan.shots, config.plan.validation_pairs) == (120, 20)
+    assert config.plan.placement == "boundary"
+    assert config.validation.repeatability_approaches == 28
+    assert config.validation.line_lengths_mm == (800.0, 800.0, 500.0)
+    assert config.validation.centre_mm == (0.0, 0.0, -575.0)
     space = read(MINIMAL).space
     assert space == new_config(TOLD).space
     assert (space.z_lowest_mm, space.radius_mm, space.keep_out.boxes) == (None, None, ())
@@ -77,7 +84,8 @@ def test_new_campaign_holds_the_robot_file_byte_by_byte(tmp_path):
     assert (tmp_path / "robot.yaml").read_bytes() == PROTOTYPE.document.text.encode()
 
 
-def test_every_key_of_a_new_file_stands_below_its_explanation():
+def test_every_key_is_described_and_stands_below_its_explanation():
+    assert all(field.description for field in sections_of(CampaignConfig))
     lines = commented_yaml(SCHEMA, new_config(TOLD)).splitlines()
     keys = [number for number, line in enumerate(lines) if re.match(r" *\w+:", line)][1:]
     assert len(keys) > 40
@@ -90,23 +98,6 @@ def sections_of(model):
         yield field
         if isinstance(field.annotation, type) and issubclass(field.annotation, FileModel):
             yield from sections_of(field.annotation)
-
-
-def test_every_key_has_a_description():
-    assert all(field.description for field in sections_of(CampaignConfig))
-
-
-def test_only_names_and_addresses_must_be_given():
-    assert read(MINIMAL) == new_config(TOLD)
-
-
-def test_defaults_are_the_papers_recipe():
-    config = read(MINIMAL)
-    assert (config.plan.shots, config.plan.validation_pairs) == (120, 20)
-    assert config.plan.placement == "boundary"
-    assert config.validation.repeatability_approaches == 28
-    assert config.validation.line_lengths_mm == (800.0, 800.0, 500.0)
-    assert config.validation.centre_mm == (0.0, 0.0, -575.0)
 
 
 def test_angles_are_given_in_deg_and_used_in_rad():

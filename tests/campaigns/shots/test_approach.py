@@ -35,14 +35,12 @@ def shot(number, joints, came_from, record=None):
     return AcceptedShot(intent(number), measured, when, number if record is None else record)
 
 
-def test_a_joint_came_the_way_it_moved_on_the_last_leg():
+def test_a_joint_came_the_way_it_moved_on_the_last_leg_if_it_moved():
     moved = np.radians([5.0, -5.0, 0.2, -0.2])
     assert directions_of([shot(1, HERE + moved, HERE)]).tolist() == [[1.0, -1.0, 1.0, -1.0]]
-
-
-def test_a_joint_that_hardly_moved_is_unknown_when_nothing_is_known_of_before():
     moved = np.array([3.0, -3.0, 0.0, 6.0]) * ARCMIN
     assert directions_of([shot(1, HERE + moved, HERE)]).tolist() == [[0.0, 0.0, 0.0, 1.0]]
+    assert directions_of([]).shape == (0, 4)
 
 
 def test_a_joint_that_was_not_turned_round_keeps_the_direction_of_the_shot_before():
@@ -64,13 +62,10 @@ def test_a_joint_that_was_turned_round_by_a_little_is_unknown():
     assert directions_of([before, shot(2, HERE + back, HERE)])[1].tolist() == [0.0, 0.0, -1.0, 1.0]
 
 
-def test_a_direction_is_kept_over_any_number_of_shots_at_one_place():
+def test_a_direction_is_kept_at_one_place_unless_the_robot_was_elsewhere():
     first = shot(1, HERE, HERE - np.radians(10.0))
     others = [shot(number, HERE, HERE) for number in range(2, 6)]
     assert (directions_of([first, *others]) == 1.0).all()
-
-
-def test_nothing_is_kept_when_the_robot_has_been_elsewhere_between():
     before = shot(1, HERE, HERE - np.radians(10.0))
     elsewhere = HERE + np.radians([0.0, 0.0, 0.0, 20.0])
     directions = directions_of([before, shot(2, HERE, elsewhere)])
@@ -98,10 +93,6 @@ def test_shots_of_an_older_journal_or_of_other_software_have_no_direction():
     data = shots_of_journal([received], PAR4)
     assert data.approach.tolist() == [[0.0] * 4]
     assert not data.knows_approach
-
-
-def test_no_shots_have_no_directions():
-    assert directions_of([]).shape == (0, 4)
 
 
 def test_a_measured_series_tells_from_where_its_joints_came(tmp_path: Path) -> None:

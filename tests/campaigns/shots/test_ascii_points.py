@@ -42,16 +42,17 @@ def complaint(text, **told):
 
 
 class TestForms:
-    def test_spatial_analyzer_names_by_collection_group_and_target(self):
+    def test_names_stand_before_and_comments_behind(self):
         assert found(SPATIAL_ANALYZER) == {
             "A::Main::p1": (2000.5, 10.25, -300.125),
             "A::Main::p2": (2100.0, 20.0, -310.0),
         }
-
-    def test_openindy_has_group_and_comment_behind(self):
         points = found(OPENINDY, unit="m")
         assert points["p1"] == pytest.approx((2000.5, 10.25, -300.125))
         assert list(points) == ["p1", "p2"]
+        points = read("1.0 2.0 3.0\n4.0 5.0 6.0\n").points
+        assert [point.name for point in points] == ["", ""]
+        assert points[1].point_mm == (4.0, 5.0, 6.0)
 
     @pytest.mark.parametrize("joint", [",", ", ", ";", "\t", "   "])
     def test_any_separator_is_understood(self, joint):
@@ -59,21 +60,12 @@ class TestForms:
         text = "\n".join(line for line in text.splitlines() if not line.startswith("//"))
         assert found(text) == found(SPATIAL_ANALYZER)
 
-    def test_blanks_within_names_are_kept_between_commas(self):
+    def test_blanks_quotes_and_scientific_numbers_are_read(self):
         text = "Group one, point 1, 1.0, 2.0, 3.0\nGroup one, point 2, 4.0, 5.0, 6.0\n"
         assert list(found(text)) == ["Group one::point 1", "Group one::point 2"]
-
-    def test_quotes_around_names_are_no_part_of_them(self):
         assert list(found('"p1",1.0,2.0,3.0\n')) == ["p1"]
-
-    def test_scientific_numbers_are_numbers(self):
         text = "p1 2.0005e+03 1.025E1 -3.00125e+002\n"
         assert found(text)["p1"] == pytest.approx((2000.5, 10.25, -300.125))
-
-    def test_points_may_have_no_names(self):
-        points = read("1.0 2.0 3.0\n4.0 5.0 6.0\n").points
-        assert [point.name for point in points] == ["", ""]
-        assert points[1].point_mm == (4.0, 5.0, 6.0)
 
     @pytest.mark.parametrize("first", ["1 ", "A 1 ", "A Main 1 "])
     def test_whole_number_before_three_numbers_is_a_name(self, first):
@@ -99,11 +91,9 @@ class TestColumnsThatAreTold:
         assert "6 numbers in a row" in complaint(text)
         assert found(text, columns=("name", "x", "y", "z")) == {"p1": (1.0, 2.0, 3.0)}
 
-    def test_axes_may_stand_in_another_order(self):
+    def test_columns_told_may_stand_in_another_order_and_name_numbers(self):
         text = "3.0 p1 1.0 9.9 2.0\n"
         assert found(text, columns=("z", "name", "x", "-", "y")) == {"p1": (1.0, 2.0, 3.0)}
-
-    def test_names_that_look_like_numbers_are_names(self):
         text = "1.5 1.0 2.0 3.0\np2 1.0 2.0 3.0\n"
         told = ("name", "x", "y", "z")
         assert list(found(text, columns=told)) == ["1.5", "p2"]
@@ -119,11 +109,9 @@ class TestColumnsThatAreTold:
     def test_columns_that_cannot_be_are_refused(self, columns, said):
         assert said in complaint("p1 1.0 2.0 3.0\n", columns=columns)
 
-    def test_line_that_is_too_short_is_named(self):
+    def test_a_line_too_short_or_with_a_word_for_a_number_is_named(self):
         text = "p1 1.0 2.0 3.0\np2 1.0 2.0\n"
         assert "points.txt:2: 3 words for 4" in complaint(text, columns=("name", "x", "y", "z"))
-
-    def test_word_in_a_numbers_place_is_named(self):
         said = complaint("p1 1.0 2.0 oops\n", columns=("name", "x", "y", "z"))
         assert "points.txt:1: z is 'oops', must be a number" in said
 
@@ -149,20 +137,16 @@ class TestComplaints:
     def test_file_without_points_is_refused(self, text):
         assert "holds no points" in complaint(text)
 
-    def test_line_without_a_point_is_named(self):
+    def test_lines_that_are_not_like_the_first_are_named(self):
         said = complaint("p1 1.0 2.0 3.0\nend of file\n")
         assert "points.txt:2: no X Y Z: 'end of file'" in said
-
-    def test_line_unlike_the_first_is_shown_with_it(self):
         said = complaint("p1 1.0 2.0 3.0\n\nA p2 1.0 2.0 3.0\n")
         assert "points.txt:3: 'A p2 1.0 2.0 3.0' has other columns than line 1" in said
         assert "commas if names hold blanks" in said
 
-    def test_four_numbers_that_have_no_name_are_not_guessed(self):
+    def test_what_could_be_read_in_two_ways_is_not_guessed(self):
         said = complaint("2000.5 10.0 -300.0 0.02\n")
         assert "4 numbers in a row, X Y Z are three → say what they are" in said
-
-    def test_too_many_words_before_the_point_are_not_guessed(self):
         assert "4 words before X Y Z" in complaint("a b c d 1.0 2.0 3.0\n")
 
     @pytest.mark.parametrize(

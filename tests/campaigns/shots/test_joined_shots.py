@@ -58,11 +58,14 @@ class TestByName:
         joints = JOINTS.replace("p1", f"{prefix}p1")
         assert join(joints=joints)[0][0].point_in_tracker_mm == (1.0, 2.0, 3.0)
 
-    def test_name_that_fits_two_points_is_refused_with_both(self, complaint):
+    def test_names_that_fit_twice_or_stand_twice_are_refused(self, complaint):
         points = POINTS.replace("Nest p3", "Nest p1")
         said = complaint(points, JOINTS.replace("p3", "Nest::p1"))
         assert "joints.csv:2: name 'p1' fits 2 points: A::Main::p1, A::Nest::p1" in said
         assert "joined by ::" in said
+        assert "joints.csv:3: name 'p1' stands twice" in complaint(
+            joints=JOINTS.replace("p2", "p1")
+        )
 
     def test_what_fits_nothing_is_listed_both_ways(self, complaint):
         said = complaint(joints=JOINTS.replace("p2", "P2").replace("p4", "x"))
@@ -75,11 +78,6 @@ class TestByName:
         said = complaint(many)
         assert said.startswith("points.txt:5: 9 points without joints (A::Old::n0, ")
         assert "A::Old::n4 and 4 more)" in said
-
-    def test_name_that_stands_twice_is_refused(self, complaint):
-        assert "joints.csv:3: name 'p1' stands twice" in complaint(
-            joints=JOINTS.replace("p2", "p1")
-        )
 
     @pytest.mark.parametrize(
         ("points", "joints", "said"),
@@ -102,11 +100,9 @@ class TestByOrder:
         rows = join(points, joints, "order")[0]
         assert [row.point_in_tracker_mm[0] for row in rows] == [1.0, 4.0, 7.0, 1.5]
 
-    def test_names_are_not_looked_at(self, join):
+    def test_by_order_names_are_not_looked_at_but_their_number(self, join, complaint):
         rows = join(joints=JOINTS.replace("p1", "p4"), by="order")[0]
         assert rows[0].point_in_tracker_mm == (1.0, 2.0, 3.0)
-
-    def test_another_number_of_points_is_refused(self, complaint):
         said = complaint(POINTS + "A B c 1.0 2.0 3.0\n", by="order")
         assert "joints.csv:5: the last of 4 joints, but points.txt holds 5 points" in said
 
@@ -148,18 +144,12 @@ class TestPairs:
 
 
 class TestComplaints:
-    def test_wrong_joints_are_named_by_line_and_column(self, complaint):
+    def test_wrong_joints_are_named_by_line_and_column_and_missing_ones_too(self, complaint):
         assert "joints.csv:2: q0_deg is 'x'" in complaint(joints=JOINTS.replace("p1,1", "p1,x"))
         assert "joints.csv:2: q0_deg is 999" in complaint(joints=JOINTS.replace("p1,1", "p1,999"))
-
-    def test_missing_column_is_named(self, complaint):
         said = complaint(joints=JOINTS.replace("q3_deg", "q3"))
         assert "joints.csv:1: unknown column 'q3' → write q3_deg, with the value in deg" in said
-
-    def test_empty_joints_file_is_refused(self, complaint):
         assert "joints.csv: holds no joints" in complaint(joints=HEADER + "\n")
-
-    def test_unit_that_nobody_tells_is_never_guessed(self, complaint):
         assert "--unit mm|m|inch" in complaint(unit=None)
 
     def test_missing_joints_file_is_named(self, tmp_path):
@@ -170,9 +160,11 @@ class TestComplaints:
             )
 
 
-def test_how_the_files_were_understood_is_told(join):
+def test_how_the_files_were_understood_is_told_of_what_is_a_shots_file(join):
     _, notes = join(unit="m")
     assert notes[0].endswith("points.txt: name, name, name, x, y, z by blanks, in m")
+    rows = join()[0]
+    assert parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4) == rows
 
 
 def test_reference_campaign_is_the_same_by_way_of_two_files(join):
@@ -189,8 +181,3 @@ def test_reference_campaign_is_the_same_by_way_of_two_files(join):
         assert (row.pair, row.purpose) == (shot.pair, shot.purpose)
         assert row.point_in_tracker_mm == pytest.approx(shot.point_in_tracker_mm, abs=1e-9)
         assert row.joints == pytest.approx(shot.joints, abs=1e-12)
-
-
-def test_joined_shots_are_a_shots_file(join):
-    rows = join()[0]
-    assert parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4) == rows

@@ -75,18 +75,12 @@ def test_optional_columns_are_read_where_they_are_filled():
     assert (second.temperature_degC, second.time) == (None, None)
 
 
-def test_columns_may_stand_in_any_order():
+def test_columns_may_stand_in_any_order_and_some_be_left_out():
     turned = "\n".join(",".join(reversed(line.split(","))) for line in FULL.splitlines())
     assert read(turned) == read(FULL)
-
-
-def test_shots_without_pair_may_belong_to_other_sets():
     text = HEADER.strip() + ",set\n,1,2,3,4,2000,10,-300,drift\n"
     assert read(text)[0].purpose is ShotSet.DRIFT
     assert read(text)[0].pair is None
-
-
-def test_row_without_a_set_serves_identification():
     text = HEADER.strip() + ",set\n0,1,2,3,4,2000,10,-300,\n0,1,2,3,4,2000,10,-300,\n"
     assert read(text)[0].purpose is ShotSet.IDENTIFICATION
 
@@ -98,9 +92,11 @@ def test_windows_file_with_byte_order_mark_and_empty_lines_is_read(tmp_path):
     assert read_shots(path, PAR4) == read(SHOTS)
 
 
-def test_line_numbers_count_empty_lines():
+def test_line_numbers_count_empty_lines_and_covariances_come_all_or_none():
     assert complaint(SHOTS.replace("2000.5", "\n")).startswith("shots.csv:2: 6 values")
     assert complaint("\n\n" + SHOTS.replace("2000.5", "x")).startswith("shots.csv:4: x_mm")
+    without_szz = "\n".join(line.rsplit(",", 3)[0] for line in FULL.splitlines())
+    assert "covariance without szz → give all of sxx,sxy,sxz,syy,syz,szz" in complaint(without_szz)
 
 
 @pytest.mark.parametrize(
@@ -165,11 +161,6 @@ def test_broken_optional_value_is_answered(old, new, words):
     assert words in complaint(FULL.replace(old, new, 1))
 
 
-def test_covariance_columns_come_all_or_none():
-    without_szz = "\n".join(line.rsplit(",", 3)[0] for line in FULL.splitlines())
-    assert "covariance without szz → give all of sxx,sxy,sxz,syy,syz,szz" in complaint(without_szz)
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -205,14 +196,11 @@ def test_export_does_not_overwrite(tmp_path):
     assert read_shots(path, PAR4) == read(SHOTS)
 
 
-def test_text_of_several_lines_is_exported_as_one():
+def test_exported_columns_hold_something_in_one_line():
     first, second = read(FULL)
     text = text_of([replace(first, time="10:00\r\n1 May"), second])
     assert len(text.splitlines()) == 3
     assert read(text)[0].time == "10:00 1 May"
-
-
-def test_exported_columns_are_those_that_hold_something():
     assert text_of(read(SHOTS)).splitlines()[0] == HEADER.strip() + ",set"
     assert text_of(read(FULL)).splitlines()[0] == FULL_HEADER.strip()
 

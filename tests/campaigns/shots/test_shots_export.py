@@ -81,9 +81,6 @@ def test_what_the_journal_lacks_the_file_lacks_too():
     bare = [shot(n, 0, covariance_mm2=None, weather=None) for n in (0, 1)]
     row = exported_shots(series(), bare).rows[0]
     assert (row.covariance_mm2, row.temperature_degC) == (None, None)
-
-
-def test_no_shots_are_no_rows():
     assert fields_of(exported_shots(series(), [])) == ((), ())
 
 

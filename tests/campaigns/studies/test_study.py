@@ -69,13 +69,10 @@ def test_without_noise_the_truth_is_found(setup, estimator):
     assert outcome.estimate.unseen_max_mm < 1e-5
 
 
-def test_numbers_do_not_depend_on_how_campaigns_are_divided(setup, outcomes):
+def test_numbers_depend_on_the_seed_and_not_on_how_campaigns_are_divided(setup, outcomes):
     truths = robots(COUNT)
     again = run(setup, [7, 3], truths[[7, 3]])
     np.testing.assert_array_equal(flat(again), flat([outcomes[7], outcomes[3]]))
-
-
-def test_another_seed_gives_other_numbers(setup, outcomes):
     (other,) = run(replace(setup, seed=4), [0], robots(COUNT)[:1])
     assert not np.array_equal(other.estimate.errors, outcomes[0].estimate.errors)
 

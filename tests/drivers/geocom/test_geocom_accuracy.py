@@ -60,17 +60,13 @@ class TestCovariance:
         assert np.isfinite(found).all()
         assert np.linalg.eigvalsh(found)[0] > 0.0
 
-    def test_angles_alone_grow_with_the_distance(self):
+    def test_errors_of_angles_grow_with_the_distance_and_aims_count_near_by(self):
         near, far = (covariance_mm2((0.0, y, 0.0), PURE_ANGLE)[0][0] for y in (1e3, 1e4))
         assert far == pytest.approx(100.0 * near)
         assert math.sqrt(far) == pytest.approx(1e4 * math.sqrt(2.0) * math.radians(10.0 / 3600.0))
-
-    def test_near_by_the_aim_counts_more_than_the_angle(self):
         (xx, _, _), (_, yy, _), _ = covariance_mm2((0.0, 2500.0, 0.0), accuracy_of_class(350))
         assert math.sqrt(xx) == pytest.approx(math.hypot(1.0, 0.3), rel=0.01)
         assert math.sqrt(yy) == pytest.approx(math.hypot(0.6, 0.3), rel=0.01)
-
-    def test_warning_makes_it_four_times_as_large(self):
         usual, warned = (
             np.array(covariance_mm2((1e3, 2e3, 3e2), UNKNOWN_CLASS, warned=flag))
             for flag in (False, True)

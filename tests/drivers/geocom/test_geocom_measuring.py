@@ -11,31 +11,22 @@ from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
 
-def test_east_north_and_height_are_x_y_and_z_in_mm():
+def test_east_north_and_height_are_x_y_and_z_in_mm_in_the_operators_air():
     measurement = Bench().prepared().tracker.measure()
     assert measurement.point_in_tracker_mm == (2500.0, -1250.0, 750.0)
     assert measurement.raw.startswith("%R1P,0,")
     assert "2.5,-1.25,0.75" in measurement.raw
-
-
-def test_air_is_what_the_operator_has_set():
     weather = Bench().prepared().tracker.measure().weather
     assert (weather.temperature_degC, weather.pressure_hPa) == (20.0, 1013.25)
     assert weather.humidity_percent == pytest.approx(52.0, abs=2.0)
 
 
-def test_covariance_is_that_of_the_instruments_class():
+def test_covariance_is_that_of_the_class_or_of_the_given_accuracy():
     measured = Bench().prepared().tracker.measure().covariance_mm2
     assert measured == covariance_mm2(POINT_MM, accuracy_of_class(350))
-
-
-def test_covariance_is_that_of_the_given_accuracy():
     mine = Accuracy(angle_arcsec=7.0, distance_mm=3.0, distance_ppm=5.0)
     measured = Bench(accuracy=mine).prepared().tracker.measure().covariance_mm2
     assert measured == covariance_mm2(POINT_MM, mine)
-
-
-def test_class_that_nobody_knows_counts_as_the_coarsest():
     bench = Bench()
     bench.instrument.answers[Rpc.CSV_GET_DEVICE_CONFIG] = (0, words_of(4711, 0x0C))
     measured = bench.prepared().tracker.measure().covariance_mm2

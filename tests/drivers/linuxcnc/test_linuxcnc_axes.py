@@ -27,21 +27,15 @@ def test_letters_are_those_of_the_joints_or_of_the_coordinates(robot, joints, wo
     assert told(coordinates=Coordinates.WORLD, **robot).letters == world
 
 
-def test_motors_are_told_in_degrees_and_carriages_in_millimetres():
+def test_units_limits_and_slack_are_the_joints():
     assert told(**DELTA).from_machine(180.0) == pytest.approx(radians(180.0))
     assert told(**DELTA).to_machine(radians(30.0)) == pytest.approx(30.0)
     carriages = told(**CARRIAGES)
     assert carriages.from_machine(180.0) == carriages.to_machine(180.0) == 180.0
-
-
-def test_limits_are_told_in_the_joints_unit():
     with pytest.raises(LimitViolation, match=r"joint 2 to 450\.5000 mm, limits -450 mm to 450 mm"):
         told(**CARRIAGES).check((0.0, 0.0, 450.5))
     with pytest.raises(LimitViolation, match="4 joints were given, the robot has 3"):
         told(**CARRIAGES).check((0.0, 0.0, 0.0, 0.0))
-
-
-def test_joints_may_pass_their_limits_by_half_a_degree_or_five_millimetres():
     assert told(**CARRIAGES).passing_slack == 5.0
     assert told(**DELTA).passing_slack == pytest.approx(radians(0.5))
 

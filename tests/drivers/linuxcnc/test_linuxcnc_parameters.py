@@ -56,8 +56,10 @@ def held(store):
     return {name: store.pins.values[pin] for name, pin in PIN_OF.items()}, store.file.geometry
 
 
-def test_what_works_now_is_read_from_the_pins(store):
+def test_file_and_pins_are_written_and_read_back(store):
     assert store.read() == OLD
+    store.write(NEW)
+    assert held(store) == (NEW, NEW)
 
 
 def test_file_that_the_running_linuxcnc_has_not_taken_is_told(store):
@@ -65,11 +67,6 @@ def test_file_that_the_running_linuxcnc_has_not_taken_is_told(store):
     with pytest.raises(DeviceRefused, match=r"-172\.5.*-172\.4.*2 of 2 differ") as error:
         store.read()
     assert "restart LinuxCNC" in error.value.remedy
-
-
-def test_file_and_pins_are_written_and_verified(store):
-    store.write(NEW)
-    assert held(store) == (NEW, NEW)
 
 
 def test_nothing_is_written_with_the_machine_on(store):
@@ -94,12 +91,9 @@ def test_pins_that_cannot_be_set_back_are_told_loudly(store):
     assert store.file.geometry == OLD
 
 
-def test_only_parameters_inside_linuxcnc_need_the_machine_off(store):
+def test_parameters_of_our_own_conversion_are_the_file_alone_with_the_machine_on(store):
     assert store.needs_machine_off
     assert not FileParameters(File()).needs_machine_off
-
-
-def test_parameters_of_our_own_conversion_are_the_file_alone():
     store = FileParameters(File())
     store.write(NEW)
     assert store.read() == NEW
@@ -118,18 +112,12 @@ def tilting():
     return HalParameters(File(), pins, pin_of, frozenset({TILT}), {REFLECTOR: 20.0})
 
 
-def test_extension_that_is_zero_is_no_part_of_the_set(tilting):
+def test_extension_is_written_with_the_plates_drawing_and_set_back_to_zero(tilting):
     assert tilting.read() == OLD
-
-
-def test_extension_is_written_with_the_plates_drawing_and_read_back(tilting):
     tilting.write(TILTED)
     assert tilting.pins.values[f"pkmkins.{TILT}"] == 0.02
     assert tilting.pins.values[REFLECTOR] == 20.0
     assert tilting.read() == TILTED == tilting.file.geometry
-
-
-def test_set_without_the_extension_sets_it_back_to_zero(tilting):
     tilting.write(TILTED)
     tilting.write(OLD)
     assert tilting.pins.values[f"pkmkins.{TILT}"] == 0.0

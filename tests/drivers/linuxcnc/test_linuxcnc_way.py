@@ -35,26 +35,20 @@ class Curved:
         return self.bulge_rad * (1.0 - (pose.y_mm / HALF) ** 2)
 
 
-def test_straight_line_that_keeps_the_limits_is_the_whole_way():
+def test_straight_line_within_limits_is_the_whole_way_and_none_is_told_before():
     way = way_to(Straight({"plate_mm": 100.0}), MACHINE, (0.0,) * 4, (0.1,) * 4)
     assert way == (Straight({"plate_mm": 100.0}).pose((0.1,) * 4),)
+    kinematics = Curved(6.0)
+    way = way_to(kinematics, MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0.5, 0.25))
+    assert kinematics.joints(way[-1]) == pytest.approx((LOW, HALF, 0.5, 0.25))
+    with pytest.raises(LimitViolation, match=r"-45\.5° to 90\.5° on 16 straight parts"):
+        way_to(Curved(2000.0), MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))
 
 
 @pytest.mark.parametrize(("bulge_deg", "parts"), [(0.4, 1), (1.5, 2), (6.0, 4), (20.0, 8)])
 def test_line_that_leaves_the_limits_is_divided_as_little_as_it_takes(bulge_deg, parts):
     kinematics = Curved(bulge_deg)
     assert len(way_to(kinematics, MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))) == parts
-
-
-def test_way_ends_where_it_should():
-    kinematics = Curved(6.0)
-    way = way_to(kinematics, MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0.5, 0.25))
-    assert kinematics.joints(way[-1]) == pytest.approx((LOW, HALF, 0.5, 0.25))
-
-
-def test_no_way_is_told_before_anything_moves():
-    with pytest.raises(LimitViolation, match=r"-45\.5° to 90\.5° on 16 straight parts"):
-        way_to(Curved(2000.0), MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))
 
 
 @given(

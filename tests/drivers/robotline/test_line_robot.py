@@ -11,13 +11,10 @@ from drivers.values import Identity, Pose
 IDENTITY = Identity("Example Robotics", "Par4", "SN-0042", "2.1", "robotline 1")
 
 
-def test_connection_begins_with_an_empty_line_and_hello():
+def test_identity_is_what_the_controller_says_after_an_empty_line_and_hello():
     controller = ScriptedController()
     controller.robot.connect()
     assert controller.pipes[0].sent == [b"\n", checked(">7 HELLO 1")]
-
-
-def test_identity_is_what_the_controller_says():
     assert connected().robot.identity() == IDENTITY
 
 
@@ -30,14 +27,11 @@ def test_questions_are_numbered_on_over_reconnections():
     assert controller.numbers == [7, 8, 9, 10]
 
 
-def test_state_comes_in_radians_with_the_line_as_it_was(controller):
+def test_state_comes_in_radians_with_motion_fault_and_emergency_stop(controller):
     state = controller.robot.state()
     assert state.joints == pytest.approx((0.0, -pi / 4, pi / 2, pi), abs=1e-15)
     assert (state.moving, state.emergency_stop, state.fault) == (False, False, "")
     assert checked("<8 STATE OK 0 0 - 0.0 -45.0 90.0 180.0") == state.raw.encode() + b"\n"
-
-
-def test_state_tells_motion_fault_and_emergency_stop(controller):
     controller.answers["STATE"] = "OK 1 1 drive%202 0.0 0.0 0.0 0.0"
     state = controller.robot.state()
     assert (state.moving, state.emergency_stop, state.fault) == (True, True, "drive 2")

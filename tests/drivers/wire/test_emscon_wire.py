@@ -174,13 +174,10 @@ def test_refusal_is_read_with_or_without_what_would_follow():
     assert emscon.from_server()(padded) == expected
 
 
-def test_command_without_grammar_is_named_to_the_server():
+def test_commands_without_grammar_are_named_to_the_server_and_refused_as_answers():
     assert emscon.from_client()(emscon.encode(emscon.UnknownRequest(144))) == [
         emscon.UnknownRequest(144)
     ]
-
-
-def test_answer_to_a_command_that_is_never_asked_is_refused():
     with pytest.raises(WireError, match="answer to command 144"):
         emscon.from_server()(emscon.refusal(144, 0))
 
@@ -210,23 +207,17 @@ def test_fields_that_later_firmware_appends_are_passed_over(message):
         emscon.from_server()(shorter)
 
 
-def test_client_is_held_to_the_size_of_each_request():
+def test_a_client_is_held_to_commands_of_their_size():
     data = emscon.encode(emscon.EmsconRequest(Command.SET_UNITS, UNITS))
     with pytest.raises(WireError, match="Units has 24 bytes, 20 are expected"):
         emscon.from_client()(struct.pack("<i", len(data) + 4) + data[4:] + bytes(4))
-
-
-def test_client_may_send_only_commands():
     with pytest.raises(WireError, match="type 8 from a client"):
         emscon.from_client()(emscon.encode(said.StatusChange(1)))
 
 
-def test_text_too_long_for_its_field_is_not_written():
+def test_texts_fit_their_field_and_end_at_their_first_nul():
     with pytest.raises(ValueError, match="more than 31"):
         said.encode_body(said.ReflectorEntry(1, 1, 1, 0.0, "x" * 32))
-
-
-def test_text_is_read_up_to_its_first_nul_and_never_fails():
     packet = bytearray(said.encode_body(said.ReflectorEntry(1, 1, 1, 0.0, "CCR")))
     packet[20 + 2 * 5 : 20 + 2 * 6] = b"\x00\xd8"  # half a surrogate pair, behind the end
     assert said.decode_body(said.ReflectorEntry, bytes(packet)).name == "CCR"
@@ -237,10 +228,7 @@ def test_results_have_the_published_sizes_without_their_header(kind, size):
     assert said.layout_of(kind).size == size
 
 
-def test_status_is_told_by_number_and_in_words():
+def test_status_is_told_in_words_and_its_bits_are_where_the_interface_has_them():
     assert status_text(39) == "emScon error 39 (tracker not initialized)"
     assert status_text(24010) == "emScon error 24010"
-
-
-def test_initialised_and_reflector_bits_are_where_the_interface_has_them():
     assert StatusBit.REFLECTOR_FOUND | StatusBit.INITIALIZED == 2048 + 65536

@@ -36,19 +36,13 @@ class TestLines:
     def test_reply_is_read_as_it_was_written(self, reply):
         assert wire.decode_reply(without_end(wire.encode_reply(reply))) == reply
 
-    def test_examples_of_the_manual(self):
+    def test_examples_of_the_manual_and_what_they_leave_out_are_read(self):
         request = wire.GeocomRequest(2082, 7, wire.words_of(5000, 1))
         assert wire.encode_request(request) == b"%R1Q,2082,7:5000,1\r\n"
         reply = wire.GeocomReply(0, 0, 0, ("1996", "'07'", "'19'", "'10'", "'13'", "'2f'"))
         assert wire.decode_reply(b"%R1P,0,0:0,1996,'07','19','10','13','2f'") == reply
-
-    def test_request_without_a_number_has_number_0(self):
         assert wire.decode_request(b"%R1Q,5008:") == wire.GeocomRequest(5008)
-
-    def test_single_c_stops_a_motion(self):
         assert wire.decode_request(b"c") is None
-
-    def test_comma_in_a_string_does_not_end_it(self):
         assert wire.decode_reply(b'%R1P,0,3:0,"a,\\"b",2').parameters == ('"a,\\"b"', "2")
 
     @pytest.mark.parametrize(
@@ -90,11 +84,9 @@ class TestLines:
         with pytest.raises(WireError):
             wire.decode_reply(line)
 
-    def test_line_that_is_too_long_is_not_written(self):
+    def test_line_that_is_too_long_or_not_ascii_is_not_written(self):
         with pytest.raises(WireError, match="the limit is 1024"):
             wire.encode_request(wire.GeocomRequest(1, 1, wire.words_of("x" * wire.LINE_BYTES)))
-
-    def test_word_that_is_not_ascii_is_not_written(self):
         with pytest.raises(WireError, match="not printable ASCII"):
             wire.encode_request(wire.GeocomRequest(1, 1, ("°",)))
 
@@ -183,9 +175,7 @@ class TestWords:
 
 
 class TestTexts:
-    def test_known_codes_and_procedures_have_words(self):
+    def test_codes_and_procedures_have_words_or_keep_their_number(self):
         assert result_text(8710) == "GeoCOM 8710 (aut no target)"
         assert procedure_text(2082) == "TMC_GET_COORDINATE"
-
-    def test_unknown_ones_keep_their_number(self):
         assert (result_text(4711), procedure_text(4711)) == ("GeoCOM 4711", "procedure 4711")

@@ -40,7 +40,9 @@ def test_line_of_white_space_only_says_nothing(blank):
     assert wire.answers()(line + b"SET NAK\r\n") == [wire.Verdict("SET", "", False, "SET NAK")]
 
 
-def test_greeting_that_refuses_has_no_name():
+def test_lines_of_their_own_are_values_or_remarks():
+    assert wire.read_message(b"Exceeded the limit") == wire.Remark("Exceeded the limit")
+    assert wire.read_message(b"CONFIG") == wire.Value("CONFIG", "", "CONFIG")
     assert wire.read_message(b"HELLO NAK") == wire.LinuxcncGreeting(False, "", "", "HELLO NAK")
 
 
@@ -59,14 +61,6 @@ def test_message_for_the_operator_may_hold_a_tab_but_no_control_character():
     assert wire.read_message(b"ERROR a\tb") == wire.Value("ERROR", "a b", "ERROR a b")
     with pytest.raises(WireError, match="no text"):
         wire.read_message(b"ERROR a\x1bb")
-
-
-def test_second_line_of_a_message_answers_nothing():
-    assert wire.read_message(b"Exceeded the limit") == wire.Remark("Exceeded the limit")
-
-
-def test_word_alone_is_a_value_without_text():
-    assert wire.read_message(b"CONFIG") == wire.Value("CONFIG", "", "CONFIG")
 
 
 def test_request_becomes_its_line():
