@@ -1,6 +1,7 @@
 """Import of shots measured with other software: to identify from, or as a validation."""
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ from campaigns.estimation.estimators import Model
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import STAGES
-from campaigns.journal.records import Stage
+from campaigns.journal.records import Finding, Stage
 from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import plan_model
+from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import read_robot
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
 from campaigns.shots.shots import shots_of_rows
@@ -107,7 +109,8 @@ def declared_set(
         )
     robot = read_robot(path).robot
     require_same_mechanism(path, robot, nominal)
-    return WrittenSet.of(path.name, robot.parameters)
+    form = form_of(robot.provenance, str(path))
+    return WrittenSet.of(path.name, robot.parameters, projection=form)
 
 
 def import_validation(
@@ -149,6 +152,8 @@ def import_validation(
     require_or_record(campaign, (again, wrong), anyway=anyway)
     kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, name, tell)
     with campaign.journal() as journal:
+        if held.projection is not None and state.form is None:  # of a file of older software
+            journal.append(Finding("export", asdict(held)))
         series = append_import(
             journal,
             rows,
@@ -179,15 +184,17 @@ def _check(
 ) -> None:
     """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
 
-    Copies too, of each other and of what the journal has, but for imports of the stages whose place
-    these take.
+    Copies too, of each other and of what the journal has, but for imports that broke off, and those
+    of the stages whose place these take.
     """
     measured: tuple[Series, ...] = ()
     if campaign.journal_path.exists():
         with campaign.journal_reader() as journal:
             measured = journal.series()
     counting = (
-        each for each in measured if not (each.started.imported and each.started.stage in replacing)
+        each
+        for each in measured
+        if not each.started.imported or (each.finished and each.started.stage not in replacing)
     )
     refuse_copies(rows, counting, name)
     nominal = campaign.robot.kinematics

@@ -21,7 +21,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
 from campaigns.measuring.resume import series_to_take_up
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.robots.robot import pose_row, read_robot
+from campaigns.robots.robot import compensated, pose_row, read_robot
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.import_export import exported_shots
 from campaigns.shots.shot_sets import ShotSet
@@ -117,6 +117,19 @@ def test_what_is_declared_counts_more_than_an_earlier_load(paper: PaperCampaign)
     done = taken_in(paper, "after", rows(paper, identified(paper)))
     assert done.campaign_verdict.decision == "pass"
     assert not [check for check in done.evaluation.checks if check.holds is False]
+
+
+def test_a_form_that_older_software_exported_is_known_by_its_file(paper: PaperCampaign) -> None:
+    whole = read_robot(paper.folder / "robot-compensated.yaml").robot
+    lost = {"of": whole.digest(), "lost_mean_mm": 0.01, "lost_max_mm": 0.02}
+    changed = whole.parameters | {"arm1.arm_mm": whole.parameters["arm1.arm_mm"] + 0.01}
+    form = compensated(NOMINAL, "older", changed, {**whole.provenance, "projection": lost})
+    path = paper.folder / "older-plain.yaml"
+    path.write_text(form.document.text, encoding="utf-8")
+    done = taken_in(paper, "after", rows(paper, form.robot.kinematics), path)
+    held = done.evaluation.evidence.held("after")
+    assert (held.kind, held.declared) == ("form", "older-plain.yaml")
+    assert done.campaign_verdict.decision == "pass"
 
 
 def test_without_correction_the_last_export_counts(paper: PaperCampaign) -> None:
