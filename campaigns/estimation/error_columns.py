@@ -13,6 +13,8 @@ from campaigns.arrays import Array
 LEFT_BEHIND = -0.5
 """What part of the backlash an arm is from its encoder, in the direction of approach."""
 DEGREE = 2
+TINY = 1e-9
+"""Instead of lengths of 0, by which nothing can be divided."""
 LEVEL_MM = 1.0
 """Of a point nearer to the standing axis it is not known which way is sideways."""
 
@@ -38,7 +40,7 @@ def sag_by_reach(up: Array, positions_mm: Array, reach_mm: float) -> Array:
 
     By x, y, x² + y² and z in parts of the reach: the third is what the plate sags by at its end.
     """
-    x, y, z = positions_mm.T / reach_mm
+    x, y, z = positions_mm.T / max(reach_mm, TINY)
     return np.asarray(up[:, :, None] * np.stack([x, y, -(x**2) - y**2, z], axis=1)[:, None])
 
 
@@ -48,13 +50,13 @@ def yielding(by_joints: Array, up: Array) -> Array:
     Their torques are as the heights ∂z/∂q along `up` (N, 3): virtual work.
     """
     rise = np.einsum("nkj,nk->nj", by_joints, up)
-    return of_joints(by_joints, -rise / np.square(rise).max(axis=0))
+    return of_joints(by_joints, -rise / np.maximum(np.square(rise).max(axis=0), TINY))
 
 
 def reflector_constant(points_in_tracker_mm: Array) -> Array:
     """Ranges that are longer by 1 mm, (N, 3, 1)."""
     ranges_mm = np.linalg.norm(points_in_tracker_mm, axis=1, keepdims=True)
-    return np.asarray((points_in_tracker_mm / ranges_mm)[:, :, None])
+    return np.asarray((points_in_tracker_mm / np.maximum(ranges_mm, TINY))[:, :, None])
 
 
 def transit_axis(points_in_tracker_mm: Array) -> Array:

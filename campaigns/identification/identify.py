@@ -14,7 +14,7 @@ from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.identification import result
-from campaigns.identification.change import tested
+from campaigns.identification.change import Tested, tested
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
@@ -247,14 +247,26 @@ def _tested_doubts(
     """Doubts by all shots: changes in time, and what the model lacks."""
     told, space = tested(inputs, judged, held_out.identified), inputs.nominal.mechanism.parameters
     if told.change is not None and told.between is not None:
-        play = diagnostics.PLAY * judged.scatter.joint
-        yield diagnostics.change_doubt(told.change, told.between, space, play)
+        yield diagnostics.change_doubt(
+            told.change, told.between, space, _play(inputs, judged, told)
+        )
     if told.off_from is not None:
         yield diagnostics.late_doubt(*told.off_from)
     for pair in told.swapped:
         yield diagnostics.swapped_doubt(*pair)
     for lack in told.lacks:
         yield diagnostics.lack_doubt(lack, space, limits_met=met)
+
+
+def _play(inputs: Inputs, judged: PointFit, told: Tested) -> float:
+    """Largest lost motion of a gear that the shots show: as scatter, as a lack or fitted."""
+    backlashes, free = inputs.nominal.mechanism.parameters.backlashes, inputs.selection.free
+    values = zip(free, judged.found.x.tolist(), strict=False)
+    lacking = (each.size for each in told.lacks if each.name == "backlash")
+    found = [diagnostics.PLAY * judged.scatter.joint]
+    found += [abs(value) for name, value in values if name in backlashes]
+    found += [float(np.abs(size).max()) for size in lacking]
+    return max(found)
 
 
 def _robot_scatter(fit: Fit, nominal: Kinematics) -> result.RobotScatter | None:

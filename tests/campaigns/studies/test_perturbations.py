@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drawn_study import FREE, NOMINAL, ROBOT, STD, plan, setup_of
 
-from app.study.rods import rod_robot
+from app.study.rods import misread, rod_robot
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.datum import datum_sample
 from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
@@ -27,7 +27,9 @@ def setup():
     rng, centre = np.random.default_rng(1), ROBOT.workspace_centre
     workspace = workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng)
     robots = partial(rod_robot, load_scenario("realistic").robot, datum_sample(NOMINAL))
-    return replace(setup_of(plan(unseen_pairs=10), workspace=workspace), beyond_model=robots)
+    return replace(
+        setup_of(plan(unseen_pairs=10), workspace=workspace), beyond_model=robots, misread=misread
+    )
 
 
 def truth_of(seed):
@@ -171,3 +173,31 @@ def test_shots_in_a_quarter_of_each_range_are_no_pass(setup):
     found = judged(setup, Perturbation(measured=0.25))
     assert EXTRAPOLATION in found.doubts
     assert (found.named, found.passed) == (True, False)
+
+
+@pytest.mark.parametrize(
+    ("perturbation", "cause"),
+    [
+        (Perturbation(eccentric_deg=0.05), "eccentricity"),
+        (Perturbation(ratio_ppm=2000.0), "ratio"),
+        (Perturbation(sag_mm=0.2), "yielding"),
+        (Perturbation(azimuths_mrad=3.0), "azimuths"),
+        (Perturbation(reflector_mm=2.0), "reflector"),
+        (Perturbation(transit_mrad=1.0), "transit axis"),
+    ],
+)
+def test_causes_of_the_simulated_parts_are_named(setup, perturbation, cause):
+    found = judged(setup, perturbation)
+    assert found.causes[:1] == (cause,)
+    assert found.named
+    assert not found.passed
+
+
+def test_late_steps_and_swapped_neighbours_are_named(setup):
+    late = perturbed(setup, Perturbation(step="mount", size=2.0, late=True))
+    after = late.shots.numbers.index(late.first_after)
+    assert 3 <= len(late.shots) - after <= 8
+    assert judge(setup, late).named
+    swapped = judged(setup, Perturbation(swapped=True))
+    assert swapped.named
+    assert swapped.change == ""

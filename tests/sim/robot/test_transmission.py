@@ -1,0 +1,73 @@
+"""Errors between encoders and joints are as large as told, and torques are the weight's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from family_cases import ALL_MEMBERS
+
+from sim.geometry import KINDS, geometry_of
+from sim.robot.rods import Build, Plate, RodMechanism
+from sim.robot.transmission import Transmission, height_by_joints
+from sim.tracker.optics import misread_mm
+
+ANGLES = np.linspace(-np.pi, np.pi, 721)[:, None] * np.ones(3)
+
+
+def test_perfect_gears_turn_as_their_encoders_read():
+    assert np.array_equal(Transmission.perfect(3).joints(ANGLES), ANGLES)
+
+
+def test_an_eccentric_scale_is_off_by_its_size_once_a_turn():
+    gears = replace(
+        Transmission.perfect(3), eccentricity=np.array([0.0, 1e-3, 0.0]), phase_rad=np.ones(3)
+    )
+    off = gears.joints(ANGLES) - ANGLES
+    assert np.abs(off).max(axis=0) == pytest.approx([0.0, 1e-3, 0.0], rel=1e-3, abs=1e-12)
+    assert np.sum(np.diff(np.sign(off[:, 1])) != 0) == 2
+    # from the axis a mark of the scale is seen elsewhere than from the scale's centre
+    truth, seen = np.exp(1j * gears.joints(ANGLES)[:, 1]), np.exp(1j * ANGLES[:, 1])
+    aside = 1e-3 * np.exp(1j)
+    assert np.abs(np.imag((seen - aside) / truth)).max() < 1e-12
+
+
+def test_a_ratio_and_a_screw_are_off_along_the_way():
+    gears = replace(
+        Transmission.perfect(3), ratio=np.array([1e-3, 0, 0]), wobble_mm=np.array([0, 0, 0.02])
+    )
+    places = np.linspace(0.0, 100.0, 1001)[:, None] * np.ones(3)
+    off = gears.joints(places) - places
+    assert off[-1, 0] == pytest.approx(0.1)
+    assert np.abs(off[:, 2]).max() == pytest.approx(0.02, rel=1e-3)
+    assert np.abs(off[::100, 2]).max() < 1e-9
+
+
+@pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
+def test_torques_of_the_weight_are_the_plates_rise(member):
+    """By virtual work, against plates that have settled a little beside."""
+    robot, kind = member.nominal, KINDS[member.name]
+    geometry = geometry_of({name: robot.parameters[name] for name in member.space.names}, kind)
+    arms = kind.arms
+    aside = 50.0 * geometry.outward
+    rods = RodMechanism(geometry, Build(aside, 80.0, np.zeros((arms, 2)), np.zeros(arms)))
+    (pose,) = member.reachable_poses(robot, 1, seed=3)
+    joints = robot.inverse(pose[None]).values_or_raise()[0]
+    level = Plate.level(kind, pose[:3], float(pose[3:].sum()))
+    plate = rods.settle(joints, 0.0, level)[0]
+    step = 1e-4 * kind.scale
+    heights = [
+        rods.settle(joints + step * one, 0.0, plate)[0].position_mm[2]
+        - rods.settle(joints - step * one, 0.0, plate)[0].position_mm[2]
+        for one in np.eye(arms)
+    ]
+    rise = height_by_joints(rods, joints, plate)
+    assert rise == pytest.approx(np.array(heights) / (2.0 * step), rel=1e-4, abs=1e-6)
+
+
+def test_a_tracker_that_is_off_reads_longer_ranges_and_other_azimuths():
+    points = np.array([[2000.0, 500.0, 800.0], [1500.0, -700.0, -300.0], [0.0, 2000.0, 0.0]])
+    longer = misread_mm(points, 0.5, 0.0)
+    assert np.linalg.norm(longer, axis=1) - np.linalg.norm(points, axis=1) == pytest.approx(0.5)
+    assert np.cross(longer, points) == pytest.approx(0.0, abs=1e-6)
+    aside = misread_mm(points, 0.0, 1e-4) - points
+    assert np.linalg.norm(aside, axis=1) == pytest.approx(1e-4 * np.abs(points[:, 2]), abs=1e-6)
