@@ -17,13 +17,13 @@ from scipy.special import stdtr
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.information import Uncertainty
-from campaigns.estimation.rigid_transforms import best_rotation
+from campaigns.estimation.rigid_transforms import best_rotation, fit_transform
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
-from drivers.values import DISTANCE, JOINT_ANGLE, SIGMA, TEMPERATURE
+from drivers.values import DISTANCE, JOINT_ANGLE, SIGMA, TEMPERATURE, Vector3
 
 UNITS: Mapping[LengthUnit, str] = {
     "m": "metres",
@@ -54,6 +54,18 @@ AS_GOOD = 1.2
 """Readings this near to the best are named too: symmetry tells no difference between them."""
 IMPOSSIBLE = 0.3
 """Misfit that no robot of this kind has, whatever the cause."""
+OF_ONE_PART = 3
+"""Arms of a platform of one part, which may be named from any of them."""
+SWAPPED = (2, 3, 0, 1)
+"""Order of the joints with the arms of the platform's two parts swapped."""
+ON_HALF_2 = "the reflector seems to be on half 2 of the plate"
+TO_HALF_1 = "put it on half 1, which carries the joints of arms 0 and 1, and measure again"
+COLUMNS = "correct the columns of the joints"
+EITHER = "put it on half 1 and measure again, or correct the columns"
+NEARER = 0.3
+"""A place so much nearer to where the tracker is said to stand is the right one of two."""
+FAR_MM = 1000.0
+"""Distance from a rough place, below which that is right."""
 PLACES = ("x_mm", "y_mm", "z_mm")
 SCALE_FREEDOM = 3
 SCALE_SIGNIFICANCE = 0.005
@@ -88,13 +100,16 @@ def beyond_tolerance(
         yield f"{name} changed by {beyond[name]:+.4g}{sign}, tolerance ± {limits[name]:g}{sign}"
 
 
-def check_shots(nominal: Kinematics, shots: Shots, where: str) -> None:
+def check_shots(
+    nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None = None
+) -> None:
     """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's in mm and rad.
 
-    `where` names the file or series.
+    `where` names the file or series. `place_mm` is the tracker's rough place in the base frame: it
+    alone tells arms apart where the robot is symmetrical about its axis.
     """
     _check_joints(nominal, shots, where)
-    _check_reading(nominal, shots, where)
+    _check_reading(nominal, shots, where, place_mm)
     _check_values(shots, where)
 
 
@@ -153,15 +168,19 @@ def _check_values(shots: Shots, where: str) -> None:
             )
 
 
-def _check_reading(nominal: Kinematics, shots: Shots, where: str) -> None:
+def _check_reading(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None) -> None:
     points = shots.points_in_tracker_mm
     if len(points) < FEWEST or _on_a_line(points):
         return
     unchanged = min(_readings(nominal, shots.joints, points, ""), key=lambda each: each.steps)
     if unchanged.cost <= NEAR:
+        if place_mm is not None:
+            _check_arms(nominal, shots, where, place_mm)
         return
     rows = np.unique(np.linspace(0, len(points) - 1, SAMPLE).astype(int))
-    tried = sorted(_all_readings(nominal, shots.joints, points, rows), key=lambda each: each.cost)
+    tried = sorted(
+        _all_readings(nominal, shots.joints, points, rows, place_mm), key=lambda each: each.cost
+    )
     best = tried[0].cost
     if best <= BETTER * unchanged.cost and best <= IMPOSSIBLE:
         alike = [each for each in tried if each.cost <= AS_GOOD * max(best, 0.5 * NEAR)]
@@ -187,7 +206,7 @@ def _on_a_line(points: Array) -> bool:
 
 
 def _all_readings(
-    nominal: Kinematics, joints: Array, points: Array, rows: Index
+    nominal: Kinematics, joints: Array, points: Array, rows: Index, place_mm: Vector3 | None
 ) -> Iterator[Reading]:
     """Readings with other units, orders and signs of joints, and a mirrored frame."""
     axes = nominal.mechanism.joints
@@ -205,8 +224,70 @@ def _all_readings(
         if order == straight and min(sign) > 0.0:
             continue
         words = " and ".join(_joint_words(axes_order=order, sign=sign))
-        read = some[:, order] * np.array(sign)
-        yield from _readings(nominal, read, where, words, "correct the columns of the joints")
+        read, remedy = some[:, order] * np.array(sign), COLUMNS
+        if order == SWAPPED and min(sign) > 0.0 and nominal.mechanism.platform.at_point:
+            found_mm = tracker_place_mm(nominal, read, where)
+            words, remedy = _half_words(words, found_mm, place_mm)
+        yield from _readings(nominal, read, where, words, remedy)
+
+
+def _half_words(words: str, found_mm: Array, place_mm: Vector3 | None) -> tuple[str, str]:
+    """Cause and remedy of joints that fit with the arms of the platform's parts swapped.
+
+    A reflector on the other part turns the tracker's place about the robot's axis by 180°, columns
+    that are swapped leave it where it is.
+    """
+    if place_mm is not None:
+        by_columns_mm = math.dist(found_mm, place_mm)
+        by_half_mm = math.dist(_turned_mm(found_mm, math.pi), place_mm)
+        if by_columns_mm < NEARER * by_half_mm:
+            return words, COLUMNS
+        if by_half_mm < NEARER * by_columns_mm:
+            return ON_HALF_2, TO_HALF_1
+    return f"{ON_HALF_2}, or {words}", f"correct tracker.place_mm, which tells; then {EITHER}"
+
+
+def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3) -> None:
+    """Raise `ShotsInvalid` where the tracker's place shows that the arms are others than named.
+
+    A symmetrical robot fits as well with its arms moved on; the tracker is then found elsewhere.
+    """
+    joints, points = shots.joints, shots.points_in_tracker_mm
+    found_mm = tracker_place_mm(nominal, joints, points)
+    off_mm, arms = math.dist(found_mm, place_mm), len(nominal.mechanism.joints)
+    for step in (1, 2) if arms == OF_ONE_PART else (2,):
+        turned_mm = _turned_mm(found_mm, 2.0 * math.pi * step / arms)
+        if off_mm < FAR_MM or math.dist(turned_mm, place_mm) > NEARER * off_mm:
+            continue
+        order = tuple((arm - step) % arms for arm in range(arms))
+        cause, remedy = " and ".join(_joint_words(axes_order=order, sign=(1.0,) * arms)), COLUMNS
+        if nominal.mechanism.platform.at_point:
+            cause, remedy = ON_HALF_2, TO_HALF_1
+        elif min(each.cost for each in _readings(nominal, joints[:, order], points, "")) > NEAR:
+            continue
+        x, y, z = found_mm.tolist()
+        raise ShotsInvalid(
+            f"{where}: {cause}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
+            f"{off_mm / MM_PER_UNIT['m']:.1f} m from tracker.place_mm",
+            remedy=f"{remedy}; or correct tracker.place_mm",
+        )
+
+
+def tracker_place_mm(nominal: Kinematics, joints: Array, points: Array) -> Array:
+    """Tracker's place (3,) in the base frame, by joints (N, n) and points (N, 3) in its own."""
+    modelled = nominal.forward(joints)
+    positions, measured = modelled.values[modelled.found, :3], points[modelled.found]
+    if len(measured) < FEWEST:
+        return np.full(3, np.nan)
+    rows = _greater_part(positions, measured, scaled=False)
+    return fit_transform(positions[rows], measured[rows]).inverted().translation_mm
+
+
+def _turned_mm(place_mm: Array, angle_rad: float) -> Array:
+    """Place (3,) turned about the base frame's z axis."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    x, y, z = place_mm.tolist()
+    return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
 def _joint_words(*, axes_order: tuple[int, ...], sign: tuple[float, ...]) -> Iterator[str]:

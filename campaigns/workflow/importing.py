@@ -21,6 +21,7 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import plan_model
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import read_robot
+from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
@@ -200,5 +201,7 @@ def _check(
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
     shots = shots.rows(np.flatnonzero([bool(row.joints) for row in rows]))
-    check_shots(nominal, shots, name)
+    place_mm = campaign.config.tracker.place_mm
+    said = place_mm != TrackerConfig.model_fields["place_mm"].default
+    check_shots(nominal, shots, name, place_mm if said else None)
     check_distances(nominal, shots, campaign.config.gate.distance_mm, name)

@@ -52,10 +52,24 @@ def measured(name, seed=1, share=0.3):
     return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(found.found))
 
 
-def complaint(name, shots):
+def complaint(name, shots, place_mm=None):
     with pytest.raises(ShotsInvalid) as caught:
-        plausibility.check_shots(find_robot(name).robot.kinematics, shots, "shots.csv")
+        plausibility.check_shots(find_robot(name).robot.kinematics, shots, "shots.csv", place_mm)
     return str(caught.value)
+
+
+def on_station(name, *, half=1, columns=None):
+    """Shots of the nominal robot from where the tracker stands, in any axes of its own."""
+    robot, planned = find_robot(name).robot, PLANS[name]
+    poses = robot.kinematics.forward(planned.joints).values_or_raise()
+    positions = poses[:, :3].copy()
+    if half == 2:
+        turn = poses[:, 3]
+        apart = np.column_stack([-np.sin(turn), np.cos(turn)])
+        positions[:, :2] += robot.parameters["plate_mm"] * apart
+    points = (positions - np.array(TRACKER_MM)) @ Rotation.random(random_state=3).as_matrix().T
+    joints = planned.joints if columns is None else planned.joints[:, columns]
+    return replace(planned, points_in_tracker_mm=points, joints=joints)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -244,3 +258,58 @@ class TestCommonScale:
         tests = [self.judged(self.changes(scale, seed)) for seed in range(200)]
         assert np.mean([each.significant for each in tests]) > 0.97
         assert np.median([each.share for each in tests]) == pytest.approx(scale - 1.0, abs=1e-3)
+
+
+ROUGHLY_MM = (2700.0, -600.0, -300.0)
+"""The tracker's place as somebody sees it who has no rule."""
+SWAPPED = [2, 3, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("half", "columns", "place_mm", "cause", "remedy"),
+    [
+        pytest.param(
+            *(2, None, ROUGHLY_MM, "the reflector seems to be on half 2 of the plate →", "half 1"),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            *(1, SWAPPED, ROUGHLY_MM, "order q2, q3, q0, q1 →", "correct the columns"),
+            marks=pytest.mark.long,
+        ),
+        (2, SWAPPED, ROUGHLY_MM, "half 2 of the plate: the tracker is found at (-24", "half 1"),
+        pytest.param(
+            *(2, None, None, "half 2 of the plate, or the joints seem", "tracker.place_mm"),
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            *(1, SWAPPED, None, "half 2 of the plate, or the joints seem", "tracker.place_mm"),
+            marks=pytest.mark.long,
+        ),
+    ],
+)
+def test_reflector_on_half_2_is_told_from_swapped_columns_by_the_trackers_place(
+    half, columns, place_mm, cause, remedy
+):
+    """Whoever swaps columns instead gets points that fit, of a robot whose arms are swapped."""
+    said = complaint(
+        "par4-prototype", on_station("par4-prototype", half=half, columns=columns), place_mm
+    )
+    assert cause in said
+    assert remedy in said.partition("→")[2]
+
+
+@pytest.mark.parametrize(
+    ("columns", "order"), [([1, 2, 0], "q2, q0, q1"), ([2, 0, 1], "q1, q2, q0")]
+)
+def test_arms_of_a_delta_that_are_named_from_another_are_told_by_the_trackers_place(columns, order):
+    shots = on_station("delta", columns=columns)
+    said = complaint("delta", shots, ROUGHLY_MM)
+    assert f"the joints seem to stand in the order {order}: the tracker is found at" in said
+    plausibility.check_shots(find_robot("delta").robot.kinematics, shots, "shots.csv")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("place_mm", [ROUGHLY_MM, (1500.0, 2500.0, 0.0), (0.0, 0.0, 3000.0)])
+def test_a_place_that_is_wrong_otherwise_accuses_no_columns(name, place_mm):
+    robot = find_robot(name).robot
+    plausibility.check_shots(robot.kinematics, on_station(name), "shots.csv", place_mm)
