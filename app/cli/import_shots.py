@@ -79,7 +79,7 @@ def command(
 
     and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time.
     Pairs of the set "validation" stay unseen by the fit and prove it; "identification" is the
-    default.
+    default. "known-length" are the ends of a bar of known_lengths in campaign.yaml, without joints.
 
     What cannot be this robot's is refused with its cause: points in another unit or in a mirrored
     frame, joints in radians or with another sign or order, a point farther from where the nominal
