@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from campaigns.arrays import Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
@@ -169,11 +170,15 @@ def _residuals(fit: Fit) -> result.ResidualTable:
     return result.ResidualTable.from_arrays(fitted.kind, numbers, before, after)
 
 
+def _kept_rows(fit: Fit) -> Index:
+    """Rows of the fitted shots that were kept."""
+    shots, numbers = fit.observations.shots, fit.observations.numbers
+    return np.arange(len(shots)).reshape(len(numbers), -1)[fit.found.kept].ravel()
+
+
 def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.ModelledTable:
     """Shots that were fitted and kept, and those of the unseen pairs, by both models."""
-    fitted, kept = fit.observations, np.flatnonzero(fit.found.kept)
-    blocks = np.arange(len(fitted.shots)).reshape(len(fitted.numbers), -1)[kept]
-    counted = {fitted.shots.numbers[row] for row in blocks.ravel().tolist()}
+    counted = {fit.observations.shots.numbers[row] for row in _kept_rows(fit).tolist()}
     own = np.isin(inputs.shots.numbers, sorted(counted))
     rows = np.union1d(np.flatnonzero(own), held_out.rows.ravel())
     before, after = inputs.at_nominal.values[rows], held_out.identified.values[rows]
@@ -337,7 +342,7 @@ def _positions(
     taken = poses[identified.inverse(poses).found]
     if not len(taken):
         return None, None
-    at_shots = model.poses(x)
+    at_shots = model.poses(x)[_kept_rows(fit)]
     try:
         sample = WorkspaceSample.of(identified, known.names, taken)
         both = np.vstack([taken, at_shots])
