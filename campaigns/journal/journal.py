@@ -10,22 +10,12 @@ from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
+from campaigns.journal import records as kinds
 from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, digest_after
 from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
-from campaigns.journal.records import (
-    KIND_OF_TYPE,
-    Intent,
-    Outcome,
-    Record,
-    Rejected,
-    SeriesStarted,
-    Stage,
-    from_text,
-    to_text,
-)
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
-RecordT = TypeVar("RecordT", bound=Record)
+RecordT = TypeVar("RecordT", bound=kinds.Record)
 _Row = tuple[int, str, str, int | None, str]
 
 
@@ -47,7 +37,7 @@ class JournalReader:
     def __init__(self, connection: Connection, path: Path) -> None:
         self._connection = connection
         self._path = path
-        self._known: list[Entry[Record]] = []
+        self._known: list[Entry[kinds.Record]] = []
         self._end = self._verified()
 
     def __enter__(self) -> Self:
@@ -66,7 +56,7 @@ class JournalReader:
         with database.sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
 
-    def records(self, series: int | None = None) -> tuple[Entry[Record], ...]:
+    def records(self, series: int | None = None) -> tuple[Entry[kinds.Record], ...]:
         """Return all records, or those of one series, in their order."""
         for row in self._rows(after=len(self._known)):
             self._known.append(self._entry(row))
@@ -82,12 +72,12 @@ class JournalReader:
             if isinstance(entry.record, kind)
         )
 
-    def series(self, stage: Stage | None = None) -> tuple[Series, ...]:
+    def series(self, stage: kinds.Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
         found = views.all_series(self.records())
         return tuple(each for each in found if stage in (None, each.started.stage))
 
-    def latest_series(self, stage: Stage) -> Series | None:
+    def latest_series(self, stage: kinds.Stage) -> Series | None:
         """Return the series of that stage that began last, if any did."""
         return next(reversed(self.series(stage)), None)
 
@@ -129,10 +119,10 @@ class JournalReader:
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
             return self._connection.execute(query, (after,)).fetchall()
 
-    def _entry(self, row: _Row) -> Entry[Record]:
+    def _entry(self, row: _Row) -> Entry[kinds.Record]:
         number, at_utc, kind, series, body = row
         try:
-            return Entry(number, at_utc, series, from_text(kind, body))
+            return Entry(number, at_utc, series, kinds.from_text(kind, body))
         except ValueError as error:
             problem = f"{self._path}: record {number} cannot be read: {error}"
             raise JournalDamaged(problem, number=number) from error
@@ -157,13 +147,13 @@ class Journal(JournalReader):
         self._failed = False
         self._file = OwnFile(path)
 
-    def start_series(self, started: SeriesStarted) -> int:
+    def start_series(self, started: kinds.SeriesStarted) -> int:
         """Begin a new series and return its number."""
         series = 1 + max((each.series or 0 for each in self.records()), default=0)
         self.append(started, series=series)
         return series
 
-    def append(self, record: Record, *, series: int | None = None) -> int:
+    def append(self, record: kinds.Record, *, series: int | None = None) -> int:
         """Write one record, durable on return, and return its place in the journal.
 
         Only an `Event` or a `Finding` may do without a series. Raises `JournalFailed`.
@@ -197,7 +187,7 @@ class Journal(JournalReader):
             )
         self._file, self._failed = OwnFile(self._path), False
 
-    def _append(self, record: Record, series: int | None) -> None:
+    def _append(self, record: kinds.Record, series: int | None) -> None:
         text = self._text(record)
         self._check_file()
         self._insert(record, series, text)
@@ -220,9 +210,9 @@ class Journal(JournalReader):
         except JournalFailed as changed:
             raise self._given_up(changed) from changed
 
-    def _insert(self, record: Record, series: int | None, text: str) -> None:
+    def _insert(self, record: kinds.Record, series: int | None, text: str) -> None:
         number = self._end.number + 1
-        kind, (shot, attempt) = KIND_OF_TYPE[type(record)], _numbers(record)
+        kind, (shot, attempt) = kinds.KIND_OF_TYPE[type(record)], _numbers(record)
         content = (number, self._now_utc(), kind, series, shot, attempt, text)
         digest = digest_after(self._end.digest, content)
         # No RETURNING here: with it the commit waits until the row has been fetched to the end.
@@ -255,9 +245,9 @@ class Journal(JournalReader):
         except JournalFailed:
             return False
 
-    def _text(self, record: Record) -> str:
+    def _text(self, record: kinds.Record) -> str:
         try:
-            return to_text(record)
+            return kinds.to_text(record)
         except (TypeError, ValueError, AttributeError) as error:
             raise JournalFailed(
                 f"{self._path}: the record {_label(record)} cannot be written: {error}",
@@ -265,14 +255,14 @@ class Journal(JournalReader):
             ) from error
 
 
-def _numbers(record: Record) -> tuple[int | None, int | None]:
+def _numbers(record: kinds.Record) -> tuple[int | None, int | None]:
     """Shot and attempt, for the records that have them."""
-    if isinstance(record, Intent | Outcome | Rejected):
+    if isinstance(record, kinds.Intent | kinds.Outcome | kinds.Rejected):
         return record.shot, record.attempt
     return None, None
 
 
-def _label(record: Record) -> str:
-    kind = KIND_OF_TYPE[type(record)]
+def _label(record: kinds.Record) -> str:
+    kind = kinds.KIND_OF_TYPE[type(record)]
     shot, attempt = _numbers(record)
     return kind if shot is None else f"{kind} of shot {shot}, attempt {attempt}"
