@@ -23,7 +23,7 @@ from drivers.byte_log import ByteLog, WireReading, logged
 from drivers.catalog import controller_driver, tracker_driver
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
-from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters, HalPins
+from drivers.linuxcnc.hal_parameters import HalParameters, HalPins, ParameterFile
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
@@ -337,12 +337,12 @@ def linuxcnc_settings(campaign: Campaign, section: LinuxcncConfig) -> LinuxcncSe
     )
 
 
-def _store(campaign: Campaign, section: LinuxcncConfig) -> FileParameters | HalParameters:
+def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterFile | HalParameters:
     nominal = campaign.robot
     whose = export.RobotIdentity(campaign.robot_identity, nominal)
     path = campaign.folder / (section.hal_file or ACTIVE)
     if section.coordinates == "joints":
-        return FileParameters(export.CalibrationFile(path, whose, otherwise=nominal))
+        return export.CalibrationFile(path, whose, otherwise=nominal)
     pins = export.parameter_pins(nominal.mechanism)
     drawing = {
         export.pin_of(name): value for name, value in export.drawing_flat(nominal.mechanism).items()

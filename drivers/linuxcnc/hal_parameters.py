@@ -10,7 +10,7 @@ import math
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 from drivers.errors import DeviceRefused, DriverError, LinkDown, WireError
 
@@ -156,7 +156,10 @@ def _last_line(text: str) -> str:
 
 
 class ParameterFile(Protocol):
-    """A file of parameters that is read when LinuxCNC starts. Errors are its own."""
+    """A file of parameters that is read when LinuxCNC starts. Errors are its own.
+
+    By itself it is for a controller that only takes joints: for our own conversion of poses.
+    """
 
     def read(self) -> Mapping[str, float]:
         """All parameters by flat name; refuses another robot's."""
@@ -169,28 +172,9 @@ class ParameterFile(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class FileParameters:
-    """For a controller that only takes joints: the file alone, for our own conversion of poses."""
-
-    needs_machine_off: ClassVar[bool] = False
-    """Nothing in LinuxCNC changes."""
-    file: ParameterFile
-
-    def read(self) -> Mapping[str, float]:
-        """The parameters that poses are converted with."""
-        return self.file.read()
-
-    def write(self, geometry: Mapping[str, float]) -> None:
-        """Replace the file."""
-        self.file.write(geometry)
-
-
-@dataclass(frozen=True, slots=True)
 class HalParameters:
     """For a controller that runs our kinematics: the file and the pins, always the same."""
 
-    needs_machine_off: ClassVar[bool] = True
-    """With power, changed parameters make the joints jump."""
     file: ParameterFile
     pins: HalPins
     """Those of `pin_of` and of `drawing`."""

@@ -178,7 +178,7 @@ class LinuxcncRobot(RobotController):
             self._session.close()
 
     def _write_geometry(self, geometry: Mapping[str, float]) -> None:
-        if self._store.needs_machine_off:
+        if self._works_in_world:
             if self._is_moving():
                 raise errors.DeviceNotReady("the robot moves", remedy="wait until it stands still")
             self._machine.switch_off()

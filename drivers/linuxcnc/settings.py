@@ -7,7 +7,7 @@ from math import degrees, radians
 from typing import Protocol
 
 from drivers.errors import LimitViolation
-from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters
+from drivers.linuxcnc.hal_parameters import HalParameters, ParameterFile
 from drivers.values import Pose
 
 AT_THE_LIMIT = 1e-8
@@ -71,8 +71,8 @@ class LinuxcncSettings:
     """Limits of every joint."""
     full_speed_per_s: float
     """Of the fastest joint at a speed fraction of 1."""
-    store: FileParameters | HalParameters
-    """The parameters that poses are converted with."""
+    store: ParameterFile | HalParameters
+    """The parameters that poses are converted with; of a controller that does it, its pins too."""
     poses_of: Callable[[Mapping[str, float]], PosesOfJoints]
     """Puts a parameter set, by flat name in mm and deg, to work."""
     robot: str = "Par4"

@@ -24,7 +24,7 @@ from campaigns.controllers.linuxcnc_export import (
     pin_of,
 )
 from campaigns.robots.robot import find_robot
-from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters, HalPins
+from drivers.linuxcnc.hal_parameters import HalParameters, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
 from drivers.linuxcnc.settings import Coordinates, LinuxcncDeadlines, LinuxcncSettings
 from drivers.ports import SystemClock
@@ -97,7 +97,7 @@ class Bench:
         self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=None)
         if coordinates is Coordinates.JOINTS:
             self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=NOMINAL)
-            self.store = FileParameters(self.file)
+            self.store = self.file
         else:
             extensions = frozenset(NOMINAL.mechanism.parameters.extensions)
             pins = HalPins((*PIN_OF.values(), *DRAWING), (str(linuxcnc.beside),))
@@ -147,7 +147,6 @@ class FixedParameters:
     """Parameters that a kinematics is believed to work with."""
 
     geometry: Mapping[str, float]
-    needs_machine_off: bool = False
 
     def read(self):
         return self.geometry

@@ -57,8 +57,7 @@ def told(**facts):
 class Memory:
     """A store of parameters in memory."""
 
-    def __init__(self, *, needs_machine_off=False):
-        self.needs_machine_off = needs_machine_off
+    def __init__(self):
         self.geometry = {"plate_mm": 100.0}
 
     def read(self):

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import DeviceRefused, LinkDown
-from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters
+from drivers.linuxcnc.hal_parameters import HalParameters
 
 PIN_OF = {"arm0.x_mm": "pkmkins.arm0.x_mm", "plate_mm": "pkmkins.plate_mm"}
 OLD = {"arm0.x_mm": -172.5, "plate_mm": 100.0}
@@ -89,14 +89,6 @@ def test_pins_that_cannot_be_set_back_are_told_loudly(store):
         store.write(NEW)
     assert "restart LinuxCNC before anything moves" in error.value.remedy
     assert store.file.geometry == OLD
-
-
-def test_parameters_of_our_own_conversion_are_the_file_alone_with_the_machine_on(store):
-    assert store.needs_machine_off
-    assert not FileParameters(File()).needs_machine_off
-    store = FileParameters(File())
-    store.write(NEW)
-    assert store.read() == NEW
 
 
 TILT, REFLECTOR = "arm0.axis_tilt_deg", "pkmkins.reflector_x_mm"

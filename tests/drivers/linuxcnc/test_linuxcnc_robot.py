@@ -140,7 +140,6 @@ def test_kinematics_that_is_not_what_the_joints_make_of_it_is_the_wrong_device()
 
 def test_geometry_is_replaced_with_the_machine_off_where_it_works_inside():
     linuxcnc = ready(Coordinates.WORLD)
-    linuxcnc.store.needs_machine_off = True
     linuxcnc.robot.write_geometry({"plate_mm": 101.0})
     assert linuxcnc.orders == ["set machine off"]
     assert not linuxcnc.machine
@@ -149,7 +148,6 @@ def test_geometry_is_replaced_with_the_machine_off_where_it_works_inside():
 
 def test_geometry_is_not_replaced_while_the_robot_moves():
     linuxcnc = ready(Coordinates.WORLD)
-    linuxcnc.store.needs_machine_off = True
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     with pytest.raises(errors.DeviceNotReady, match="moves"):
         linuxcnc.robot.write_geometry({"plate_mm": 101.0})
