@@ -10,7 +10,7 @@ from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.retrying import Retries
 from app.run_text import DeviceIdentities, briefing
-from app.wiring import OperatorCallbacks, connected_cell, prepare, require_consents
+from app.wiring import connected_cell, prepare, require_consents
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import CalibrationRoute
 from campaigns.errors import CampaignError, Interrupted
@@ -141,7 +141,7 @@ def _ready_cell(
     campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance | None
 ) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
-    with connected_cell(campaign, OperatorCallbacks(wish, terminal.alarm)) as cell:
+    with connected_cell(campaign, wish, terminal.alarm) as cell:
         found = identities(cell)
         terminal.detail(f"controller: {found.controller}")
         terminal.detail(f"tracker: {found.tracker}")

@@ -48,18 +48,6 @@ ACTIVE = "linuxcnc-active.hal"
 StopRequested = Callable[[], bool]
 
 
-@dataclass(frozen=True, slots=True)
-class OperatorCallbacks:
-    """Whoever may want to stop, and has to read an alarm at once."""
-
-    stop_requested: StopRequested = never
-    alarm: Alarm = unheard
-
-
-NO_OPERATOR = OperatorCallbacks()
-"""Where nothing moves that could be stopped."""
-
-
 def scenario_of(campaign_folder: Path, url: str) -> Scenario:
     """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
     return load_scenario(_scenario_source(campaign_folder, url))
@@ -83,14 +71,15 @@ def require_consents(campaign: Campaign) -> None:
 
 @contextmanager
 def connected_cell(
-    campaign: Campaign, operator: OperatorCallbacks = NO_OPERATOR, log: ByteLog | None = None
+    campaign: Campaign, stop_requested: StopRequested = never, alarm: Alarm = unheard
 ) -> Iterator[Devices]:
-    """Both devices, connected; closed at the end of the block. `log` gets every byte.
+    """Both devices, connected; closed at the end of the block.
 
-    Once a stop is requested, nothing is waited for any more. Raises a driver's error when one is
-    not there or not the expected one.
+    Once a stop is requested, nothing is waited for any more. `alarm` is told what the operator has
+    to read at once. Raises a driver's error when one is not there or not the expected one.
     """
-    with connections(campaign, operator, log) as to, to.robot() as robot, to.tracker() as tracker:
+    ways = connections(campaign, stop_requested, alarm)
+    with ways as to, to.robot() as robot, to.tracker() as tracker:
         yield Devices(robot, tracker, to.awake(to.clock), SystemClock())
 
 
@@ -102,7 +91,8 @@ class DeviceConnections:
     """
 
     campaign: Campaign
-    operator: OperatorCallbacks
+    stop_requested: StopRequested
+    alarm: Alarm
     log: ByteLog | None
     controller_url: str
     """Where the controller answers."""
@@ -122,10 +112,10 @@ class DeviceConnections:
             RobotSurroundings(
                 opener,
                 SystemClock(),
-                self.operator.stop_requested,
+                self.stop_requested,
                 random.SystemRandom(),
                 layout,
-                self.operator.alarm,
+                self.alarm,
                 partial(_own_settings, self.campaign),
             )
         )
@@ -147,7 +137,7 @@ class DeviceConnections:
         driver = tracker_driver(config.driver)
         opener = self._opener(self.tracker_url, "tracker", driver.reading)
         clock = self.awake(SystemClock())
-        given = Surroundings(opener, clock, self.operator.stop_requested, random.SystemRandom())
+        given = Surroundings(opener, clock, self.stop_requested, random.SystemRandom())
         tracker = driver.made(given, self.tracker_clock)
         try:
             with _named("tracker", self.tracker_url, (errors.BeamBroken,)) as greeted:
@@ -160,7 +150,7 @@ class DeviceConnections:
 
     def awake(self, clock: Clock) -> Clock:
         """A clock whose sleep ends once a stop is requested."""
-        return WakefulClock(clock, self.operator.stop_requested)
+        return WakefulClock(clock, self.stop_requested)
 
     def _opener(self, url: str, device: str, reading: Callable[[], WireReading]) -> Opener:
         """Opens the wire; every byte goes into the log, read out by its driver's grammar."""
@@ -170,11 +160,17 @@ class DeviceConnections:
 
 @contextmanager
 def connections(
-    campaign: Campaign, operator: OperatorCallbacks = NO_OPERATOR, log: ByteLog | None = None
+    campaign: Campaign,
+    stop_requested: StopRequested = never,
+    alarm: Alarm = unheard,
+    log: ByteLog | None = None,
 ) -> Iterator[DeviceConnections]:
-    """Ways to each device; a simulated cell is served for the time of the block."""
+    """Ways to each device; a simulated cell is served for the time of the block.
+
+    `log` gets every byte.
+    """
     require_consents(campaign)
-    made = partial(DeviceConnections, campaign, operator, log)
+    made = partial(DeviceConnections, campaign, stop_requested, alarm, log)
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
     if not simulated:

@@ -15,7 +15,7 @@ from app.measuring import goes_on
 from app.next import tell_next
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
-from app.wiring import OperatorCallbacks, connected_cell, connected_robot, prepare
+from app.wiring import connected_cell, connected_robot, prepare
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load import Change
 from campaigns.errors import OptionsInvalid
@@ -117,7 +117,7 @@ def command(
             goes_on=partial(_goes_on, wish, display, terminal),
         )
         watched = replace(terms, uninterrupted=_watched(wish, display))
-        cell = connected_cell(campaign, OperatorCallbacks(wish, terminal.alarm))
+        cell = connected_cell(campaign, wish, terminal.alarm)
         done = load(campaign, cell, file, watched, setup)
     else:
         done = load(campaign, connected_robot(campaign), file, terms)
