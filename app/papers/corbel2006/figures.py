@@ -59,7 +59,7 @@ def every_seed(rows: Iterable[Row]) -> Figure:
     axes.set_yticks(range(len(shown)), names)
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.set_xlabel("mm")
-    _first_of_each(figure, axes, 4)
+    legend_above(figure, axes, 4)
     return figure
 
 
@@ -98,7 +98,7 @@ def parameters_missed(results: Mapping[str, Sequence[TrialResult]]) -> Figure:
         axes.set_xticks(range(len(part)), [_short(name) for name in part], rotation=90)
         axes.set_ylabel(f"estimate − truth, without sign, {unit}")
         axes.set_xlim(-0.7, len(part) - 0.3)
-    _first_of_each(figure, every[0], len(series))
+    legend_above(figure, every[0], len(series))
     return figure
 
 
@@ -121,7 +121,7 @@ def noise_alone(evidence: Evidence, rows: Iterable[Row]) -> Figure:
         axes.set_xlabel("mm")
         axes.set_yticks([])
         axes.set_xlim(left=0.0)
-    _first_of_each(figure, figure.axes[0], 3)
+    legend_above(figure, figure.axes[0], 3)
     return figure
 
 
@@ -154,12 +154,3 @@ def _short(name: str) -> str:
     parameter = PAR4.parameters[name]
     words = parameter.field.words
     return words if parameter.arm is None else f"{parameter.arm} {words}"
-
-
-def _first_of_each(figure: Figure, axes: Axes, columns: int) -> None:
-    """A legend over the figure that names each label once."""
-    handles, labels = axes.get_legend_handles_labels()
-    first = dict(zip(reversed(labels), reversed(handles), strict=True))
-    figure.legend(
-        list(first.values())[::-1], list(first)[::-1], loc="outside upper left", ncols=columns
-    )

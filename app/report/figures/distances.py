@@ -41,7 +41,7 @@ def pair_errors(
     if has_both:
         bottom.set_title("after, on its own scale")
     bottom.set_xlabel(f"{what}, in the order of the plan")
-    _legend(figure, top)
+    drawing.legend_above(figure, top, 2, "outside upper right")
     return figure
 
 
@@ -107,13 +107,6 @@ def _divide(axes: Axes, groups: Sequence[PairGroup]) -> None:
     places = sum(len(group) + GAP for group in groups)
     axes.set_xlim(1 - GAP, max(places, LEAST_PLACES))
     axes.margins(y=0.14)
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    first = dict(zip(reversed(labels), reversed(handles), strict=True))
-    names = [name for name in ("before", "after") if name in first]
-    figure.legend([first[n] for n in names], names, loc="outside upper right", ncols=2)
 
 
 def _bars(
