@@ -210,20 +210,15 @@ def _selected(
         drives = smooth.white(shots.linearized.by_joints), shots.joints[smooth.rows]
     own, over_time = smooth.of(groups), steps.of(causes)
     change = detect_change(steps.fit, over_time)
-    first, fit = next(lacks_of_fit(smooth.fit, own, drives), None), smooth.fit
-    if first is None and change is None:
-        return (), None
-    if change is not None and (first is None or change.log_p < first.log_p):
-        fit = fit.fitted(smooth.white(_changed(causes, change, steps)))
-    lacks = tuple(lacks_of_fit(fit, own, drives))
-    if lacks:
-        # whatever else the model lacks at these joints is no change either
-        explained = steps.fit
-        for columns in (_taken_up(shots, groups, lacks), *_general(groups)):
-            if explained.freedom - columns.shape[-1] >= LEAST_FREEDOM:
-                explained = explained.fitted(steps.white(columns))
-        change = detect_change(explained, over_time)
-    return lacks, change
+    lacks = tuple(lacks_of_fit(smooth.fit, own, drives))
+    if not lacks or (change is not None and change.log_p < lacks[0].log_p):
+        return (), change  # half of the shots are of another robot, which any cause may resemble
+    # whatever else the model lacks at these joints is no change either
+    explained = steps.fit
+    for columns in (_taken_up(shots, groups, lacks), *_general(groups)):
+        if explained.freedom - columns.shape[-1] >= LEAST_FREEDOM:
+            explained = explained.fitted(steps.white(columns))
+    return lacks, detect_change(explained, over_time)
 
 
 def _general(groups: tuple[Group, ...]) -> Iterator[Array]:
