@@ -36,29 +36,42 @@ ANOTHER_TYPE_MM = 1.0
 PLAY = 2.0
 """Backlash over the scatter of the joints that it makes."""
 BY_LIMITS = "the model has no parameter for it; pass by acceptance limits that are met"
+GENERAL, HARMONIC = "joints", ("eccentricity", "period")
 LACKS = {
     "eccentricity": (
         "eccentric encoder, or sag of the arm's own weight",
         f"mend the encoder; {BY_LIMITS}",
+        "°",
     ),
-    "period": ("error of the carriage's drive with a period", f"mend the drive; {BY_LIMITS}"),
-    "ratio": ("ratio of the gear or pitch of the drive", f"correct the controller's; {BY_LIMITS}"),
-    "backlash": ("backlash", "--model auto or extended fits it; or mend the gear"),
-    "azimuths": ("azimuths off nominal", "--free 'arm*.azimuth_deg', or --model auto"),
-    "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them"),
-    "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}"),
-    "sag": ("the plate sags by its reach", f"stiffen the robot; {BY_LIMITS}"),
+    "period": (
+        "error of the carriage's drive with a period",
+        f"mend the drive; {BY_LIMITS}",
+        " mm",
+    ),
+    "ratio": (
+        "ratio of the gear or pitch of the drive",
+        f"correct the controller's; {BY_LIMITS}",
+        " %",
+    ),
+    "backlash": ("backlash", "--model auto or extended fits it; or mend the gear", ""),
+    "azimuths": ("azimuths off nominal", "--free 'arm*.azimuth_deg', or --model auto", ""),
+    "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them", ""),
+    "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}", " mm"),
+    "sag": ("the plate sags by its reach", f"stiffen the robot; {BY_LIMITS}", " mm"),
     "reflector": (
         "the reflector's constant is off, ranges too long by it",
         "set the reflector's type in the tracker, or --free reflector_constant_mm",
+        " mm",
     ),
-    "transit axis": ("the tracker's axes are out of square", "have the tracker compensated"),
-    "joints": (
+    "transit axis": ("the tracker's axes are out of square", "have the tracker compensated", "°"),
+    GENERAL: (
         "what is left follows the joints",
         f"the model lacks something (bending, warmth); --model auto may tell; else {BY_LIMITS}",
+        "",
     ),
 }
-"""Causes of a lack of fit in words, and what to do."""
+"""Causes of a lack of fit in words, what to do, and the size's unit; of parameters their own."""
+PER_UNIT = {" mm": 1.0, "°": float(np.degrees(1.0)), " %": 100.0}
 ACCEPT = {COMMON_SCALE: "--accept-scale", LARGE_CHANGE: "--accept-large-change"}
 """Option with which a result is taken all the same."""
 
@@ -215,12 +228,12 @@ def reflector_told(off_mm: float, std_mm: float) -> Doubt:
 
 def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> Doubt:
     """Doubt of residuals that have a cause which the model lacks, as no scatter has."""
-    words, remedy = LACKS[found.name]
-    size, unit, arm = _lacking(found, space)
+    words, remedy, unit = LACKS[found.name]
     values: dict[str, float | str] = {"share": found.share, "p": found.p, "cause": found.name}
-    told = ""
-    if unit:
-        values |= {"size": size, "unit": unit}
+    told, arm = "", None
+    if found.name != GENERAL:
+        size, unit, arm = _largest(found, space, unit)
+        values |= {"size": size, "unit": unit.strip()}
         signed = len(found.size) == 1
         told = f", {size:+.3g}{unit}" if signed else f", {abs(size):.2g}{unit}"
     if arm is not None:
@@ -237,33 +250,18 @@ def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> 
     return _unless_limits_are_met(LACK, says, values, met=limits_met)
 
 
-def _lacking(found: LackOfFit, space: ParameterSpace) -> tuple[float, str, int | None]:
-    """Size of the largest effect in a unit for people, and its arm."""
-    size, arms = found.size, np.array(found.arms or [-1])
+def _largest(found: LackOfFit, space: ParameterSpace, unit: str) -> tuple[float, str, int | None]:
+    """Largest effect in a unit for people (that of its parameter where none is given), its arm."""
+    size, arms, names = found.size, found.arms, found.parameters
+    if found.name in HARMONIC:
+        size, arms = np.hypot(size[::2], size[1::2]), arms[::2]
     if found.name == "sag":
-        return float(size[2]), " mm", None
-    if found.name == "joints":
-        return 0.0, "", None
-    if found.name == "reflector":
-        return float(size[0]), " mm", None
-    if found.name == "transit axis":
-        return float(np.degrees(size[0])), "°", None
-    if found.name in ("eccentricity", "period"):
-        size = np.hypot(size[::2], size[1::2])
-        arms = arms[::2]
-    most = int(np.argmax(np.abs(size) if not found.parameters else np.abs(size / found.std)))
-    arm, value = int(arms[most]), float(size[most])
-    if found.name == "yielding":
-        return value, " mm", arm
-    if found.name == "ratio":
-        return 100.0 * value, " %", arm
-    axis = space[found.parameters[most]] if found.parameters else space.every[space.offsets[arm]]
-    unit = (
-        float(space.file_unit[space.offsets[arm]])
-        if not found.parameters
-        else float(space.units((found.parameters[most],))[0])
-    )
-    return value / unit, axis.sign, arm
+        size = size[2:3]
+    most = int(np.argmax(np.abs(size / found.std if names else size)))
+    if not unit:
+        own = space.offsets[arms[most]] if not names else space.places((names[most],))[0]
+        unit = space.every[own].sign
+    return float(size[most]) * PER_UNIT[unit], unit, arms[most] if arms else None
 
 
 def _alone(before: int, after: int) -> str:
