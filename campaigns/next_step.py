@@ -4,20 +4,18 @@ Pure. A step changes the state that it follows from, so that no advice leads bac
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-
-from campaigns.arrays import Index
 from campaigns.controllers.controller_state import ControllerState
+from campaigns.controllers.export import PLAIN_FILE
 from campaigns.estimation.estimators import Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence
 from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.views import AcceptedShot, Series
+from campaigns.journal.views import Series
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import plan_digest
 from campaigns.planning.plan_match import plan_difference
@@ -25,46 +23,25 @@ from campaigns.shots.shot_sets import ShotSet
 
 ENOUGH_SHOTS = 240
 """To identify from: what so many cannot tell, more of them will not."""
-FEWEST_PAIRS = 10
-"""Of which some can be kept unseen."""
-PLAIN_FILE = "robot-plain.yaml"
-Way = Literal[
-    "",
-    "identify again",
-    "own frames",
-    "a part",
-    "accept change",
-    "accept scale",
-    "more shots",
-    "hold",
-    "free",
-    "leave out",
-    "keep unseen",
-    "no prior",
-    "larger model",
-    "set limits",
-    "widen limits",
-    "measure again",
-]
-"""Way on from an identification that did not pass."""
-WAYS: Mapping[str, Way] = {
-    diagnostics.LARGE_CHANGE: "accept change",
-    diagnostics.COMMON_SCALE: "accept scale",
-    identification.PRIOR: "no prior",
-    identification.MANY_LEFT_OUT: "measure again",
-    identification.LOST: "measure again",
-    diagnostics.KNOWN_LENGTH: "measure again",
-}
-"""By the name of what stands against it, where that alone says it."""
+FEWEST_SHOTS = 40
+"""To identify from a part of them alone, or to keep some pairs unseen."""
 FEW = {
     identification.UNTOLD,
     identification.TOO_FEW,
     identification.NOTHING_UNSEEN,
     diagnostics.EXTRAPOLATION,
 }
-"""What more shots tell."""
+"""Names of what more shots tell."""
+AGAIN = {diagnostics.KNOWN_LENGTH, identification.MANY_LEFT_OUT, identification.LOST}
+"""Names of what neither a model nor limits help against."""
+TAKEN = {
+    diagnostics.LARGE_CHANGE: "look at units, joints and robot.yaml; if the robot is built so",
+    diagnostics.COMMON_SCALE: "check the reflector's and the air's constants; if it is the robot",
+}
+"""What to do before a doubt is accepted."""
 FREED = {"azimuths": "arm*.azimuth_deg", "reflector": "reflector_constant_mm"}
-"""Parameters that have no place in any model, by the cause of a lack of fit."""
+"""Parameters that are in no model, by the cause of a lack of fit."""
+MEND = "mend what the diagnostics name"
 Held = Literal["", "identified", "form"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
 
@@ -100,28 +77,24 @@ class CampaignState:
     measured: Literal["", "run", "import"] = ""
     left: Literal["", "run", "anew"] = ""
     """Whether plan.csv has what is not measured yet, and takes a new series."""
-    shots: int = 0
-    """To identify from."""
     verdict: Decision | None = None
     """Of an identification from what was measured last."""
-    way: Way = ""
-    asked: tuple[str, ...] = ()
-    """Options that the identification was asked for with."""
-    detail: str = ""
-    """Shots, parameter or figures of the way; reasons of the verdict after."""
+    way_on: NextStep | None = None
+    """From one that did not pass."""
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
     holds: Held = ""
-    """What the controller holds by the latest load."""
+    """What the controller holds."""
     after: After = ""
-    """Of what was identified last."""
-    after_by: Literal["", "identified", "form", "targets"] = ""
+    """Verdict on the robot with what was identified last."""
+    reasons: str = ""
+    """Against it."""
     weak: bool = False
     """Whether a form breaks limits that corrected targets may keep."""
-    by_targets: bool = False
-    """Whether targets are corrected for a controller that keeps its parameters, or that was given
-    them back."""
+    to_correct: bool = False
+    """Whether targets are to be corrected, for a controller that keeps its parameters or was given
+    them back, and nothing was validated with them."""
     reported: bool = False
 
 
@@ -134,9 +107,7 @@ def next_step(state: CampaignState) -> NextStep | None:
         return NextStep(("run", here, *(["--anew"] if state.left == "anew" else [])))
     if state.verdict is None:
         return NextStep(("identify", here))
-    if state.verdict != "pass":
-        return _after_identification(state)
-    return _to_calibrate(state) or _to_show(state)
+    return state.way_on or _to_calibrate(state) or _to_show(state)
 
 
 def _to_measure(state: CampaignState) -> NextStep:
@@ -150,54 +121,13 @@ def _to_measure(state: CampaignState) -> NextStep:
     return NextStep(("run", here))
 
 
-def _after_identification(state: CampaignState) -> NextStep:
-    """The way on from a fit that must not be used, or of which nothing is decided."""
-    here, detail = state.folder, state.detail
-    by_hand = {
-        "accept change": "look at units, joints and robot.yaml; if the robot is built so",
-        "accept scale": "check the reflector's and the air's constants; if it is the robot",
-        "set limits": "write what the robot must keep into campaign.yaml, "
-        f"acceptance.distance_mean_mm and distance_max_mm (unseen pairs: {detail})",
-        "widen limits": "mend what the diagnostics name, or widen acceptance.distance_mean_mm and "
-        f"distance_max_mm in campaign.yaml (unseen pairs: {detail})",
-        "measure again": "mend what the diagnostics name",
-        "leave out": "leave out what was not measured, under space in campaign.yaml",
-    }
-    first = by_hand.get(state.way, "")
-    more_shots = state.way == "more shots"
-    if state.measured == "import" and (more_shots or state.way == "measure again"):
-        wanted = (
-            f"measure {2 * state.shots} shots all over the workspace"
-            if more_shots
-            else f"{first}, measure again"
-        )
-        return NextStep(("import", here, "FILE"), wanted)
-    if more_shots:
-        return NextStep(("plan", here, "--shots", str(2 * state.shots)))
-    if state.way == "measure again":
-        return NextStep(("run", here, "--anew"), first)
-    without = {"larger model": "--model", "a part": "--shots", "no prior": "--prior"}
-    more: dict[str, tuple[str, ...]] = {
-        "own frames": ("--sessions",),
-        "a part": ("--shots", detail),
-        "accept change": (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
-        "accept scale": (diagnostics.ACCEPT[diagnostics.COMMON_SCALE],),
-        "hold": ("--fix", detail),
-        "free": ("--free", detail),
-        "keep unseen": ("--hold-out", "20%"),
-        "larger model": ("--model", Model.AUTO.value),
-    }
-    kept = _without(without.get(state.way, ""), state.asked)
-    return NextStep(("identify", here, *kept, *more.get(state.way, ())), first)
-
-
 def _to_calibrate(state: CampaignState) -> NextStep | None:
     """Steps until the robot was measured with what was identified; None: it was."""
     here, imported = state.folder, state.measured == "import"
     after = ("validate", here, "--stage", "after")
     if state.file != "identified":
         return NextStep(("export", here, *(["--overwrite"] if state.file else [])))
-    by_targets = state.weak or (state.by_targets and state.after_by != "targets")
+    by_targets = state.weak or state.to_correct
     if state.holds and (by_targets or state.after == "worse"):
         return NextStep(("load", here, "--rollback"))
     if state.after == "worse":
@@ -222,19 +152,105 @@ def _to_show(state: CampaignState) -> NextStep | None:
     by_hand = {
         "no limits": "write what the robot must keep into campaign.yaml, under acceptance",
         "not decided": "widen or leave out what is not decided, under acceptance in campaign.yaml "
-        f"({state.detail})",
+        f"({state.reasons})",
         "fail": "mend what breaks the limits, or widen them, under acceptance in campaign.yaml "
-        f"({state.detail})",
+        f"({state.reasons})",
     }
     first = by_hand.get(state.after)
     return None if first is None else NextStep(report, first)
 
 
-def _without(option: str, words: Sequence[str]) -> tuple[str, ...]:
-    """Words without an option and its value."""
-    places = {place for place, word in enumerate(words) if word == option}
-    gone = places | {place + 1 for place in places}
-    return tuple(word for place, word in enumerate(words) if place not in gone)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Unusable:
+    """Identification that did not pass, with what the way on from it depends on.
+
+    `shots`: how many it was made from. Sessions, by number, of all shots that were measured; limits
+    are of distances, mean and max.
+    """
+
+    found: RecordedIdentification
+    shots: int
+    limits_mm: Mapping[str, float] = field(default_factory=dict)
+    sessions: Mapping[int, int] = field(default_factory=dict)
+    folder: str = "DIR"
+    imported: bool = False
+
+    def way_on(self) -> NextStep:
+        """Next step by the first that stands against it."""
+        found = self.found
+        affecting = [each for each in found.doubts if each.affects_verdict]
+        name = next(iter(found.obstacles or [each.name for each in affecting]), "")
+        numbers = next((each.numbers for each in affecting if each.name == name), {})
+        freed = FREED.get(str(numbers.get("cause")), "")
+        if name == identification.PRIOR or not name:
+            return self._identify(without="--prior" if name else "")
+        if name in TAKEN:
+            return self._identify(diagnostics.ACCEPT[name], first=TAKEN[name])
+        if name in AGAIN:
+            return self._measure(MEND)
+        if name in FEW:
+            return self._with_few_shots(name)
+        if name == diagnostics.CHANGE:
+            return self._after_change(str(numbers["kind"]), float(numbers["before_shot"]))
+        if freed and freed not in found.asked:
+            return self._identify("--free", freed)
+        return self._past_a_lack()
+
+    def _identify(self, *more: str, without: str = "", first: str = "") -> NextStep:
+        """Identification with the options of this one, but one, and more."""
+        words = self.found.asked
+        gone = {place for place, word in enumerate(words) if word == without}
+        kept = [word for place, word in enumerate(words) if not {place, place - 1} & gone]
+        return NextStep(("identify", self.folder, *kept, *more), first)
+
+    def _measure(self, first: str) -> NextStep:
+        if self.imported:
+            return NextStep(("import", self.folder, "FILE"), f"{first}, measure again")
+        return NextStep(("run", self.folder, "--anew"), first)
+
+    def _with_few_shots(self, name: str) -> NextStep:
+        """Way on where the shots do not tell enough."""
+        unseen = name == identification.NOTHING_UNSEEN and "--hold-out" not in self.found.asked
+        if unseen and self.shots >= FEWEST_SHOTS:
+            return self._identify("--hold-out", "20%")
+        if self.shots < ENOUGH_SHOTS and self.imported:
+            return self._measure(f"plan {2 * self.shots} shots all over the workspace")
+        if self.shots < ENOUGH_SHOTS:
+            return NextStep(("plan", self.folder, "--shots", str(2 * self.shots)))
+        if name == diagnostics.EXTRAPOLATION:
+            space = "leave out what was not measured, under space in campaign.yaml"
+            return self._identify(first=space)
+        lost = self.found.unobservable
+        return self._identify("--fix", lost[0][0]) if lost else self._measure(MEND)
+
+    def _after_change(self, kind: str, at: float) -> NextStep:
+        """Way on after a change: frames of their own, or the larger part of the shots alone."""
+        asked, sessions = self.found.asked, self.sessions
+        early = [number for number in sessions if number < at]
+        late = [number for number in sessions if number >= at]
+        apart = not {sessions[number] for number in early} & {sessions[number] for number in late}
+        if kind == "frame" and "--sessions" not in asked and early and late and apart:
+            return self._identify("--sessions")
+        if kind == "drift" or "--shots" in asked or max(len(early), len(late)) < FEWEST_SHOTS:
+            return self._measure(MEND)
+        part = f"-{max(early)}" if len(early) >= len(late) else f"{min(late)}-"
+        return self._identify("--shots", part)
+
+    def _past_a_lack(self) -> NextStep:
+        """Way on where the model lacks something: a larger one, or limits kept without it."""
+        found, unseen = self.found, self.found.unseen_mm
+        if found.model not in {Model.AUTO, Model.EXTENDED}:
+            return self._identify("--model", Model.AUTO.value, without="--model")
+        if found.verdict == "fail" or unseen is None:
+            return self._measure(MEND)
+        reached = unseen.after
+        if diagnostics.limits_met(reached, self.limits_mm):
+            return self._identify()
+        figures = f"mean {reached.mean_abs:.3f}, largest {reached.max_abs:.3f} mm"
+        limits = f"acceptance.distance_mean_mm and distance_max_mm (unseen pairs: {figures})"
+        if self.limits_mm:
+            return self._identify(first=f"{MEND}, or widen {limits} in campaign.yaml")
+        return self._identify(first=f"write what the robot must keep into campaign.yaml, {limits}")
 
 
 def state_of(
@@ -249,15 +265,11 @@ def state_of(
     `held`: what it read from the controller; else what was loaded last counts.
     """
     evidence = evaluation.evidence
-    journal, campaign = evidence.journal, evidence.campaign
-    every = journal.series if journal else ()
-    runs = [
-        each
-        for each in every
-        if each.shots
-        and not each.of_known_lengths
-        and (each.started.stage == "run" or (each.started.stage == "import" and each.finished))
-    ]
+    campaign, found = evidence.campaign, evidence.identification
+    every = evidence.journal.series if evidence.journal else ()
+    bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
+    counted = [each for each in every if each.shots and not each.of_known_lengths]
+    runs = [each for each in counted if each.started.stage == "run" or _is_import(each)]
     state = CampaignState(
         folder=str(campaign.folder),
         answered=answered or campaign.is_simulated,
@@ -267,131 +279,48 @@ def state_of(
     )
     if not runs:
         return state
-    latest, found = runs[-1], evidence.identification
-    purposes = [shot.intent.purpose for shot in latest.shots]
-    measured = replace(
-        state,
-        measured="import" if latest.started.stage == "import" else "run",
-        shots=purposes.count(ShotSet.IDENTIFICATION.value),
-    )
-    bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
-    if found is None or not _is_of(found, latest, bars, campaign.robot.digest()):
-        return replace(measured, left=_left(evidence, latest))
-    if _newly_planned(evidence, latest):
-        return replace(measured, left="run")
+    latest, imported = runs[-1], _is_import(runs[-1])
+    state = replace(state, measured="import" if imported else "run", left=_left(evidence, latest))
+    last = max(shot.number for shot in (*latest.shots, *bars))
+    if found is None or (found.series, found.robot_digest) != (
+        latest.number,
+        campaign.robot.digest(),
+    ):
+        return state
+    if last > found.journal_records:
+        return state
+    if found.verdict == "pass":
+        return _calibrated(evaluation, found, replace(state, verdict="pass"), held)
     shots = evidence.run.shots if evidence.run else None
-    numbers, sessions = (shots.numbers, shots.session.tolist()) if shots else ((), ())
-    limits_mm = campaign.config.acceptance.distances_mm
-    way, detail = way_on(found, measured.shots, limits_mm, numbers, sessions)
-    judged = replace(measured, verdict=found.verdict, way=way, detail=detail, asked=found.asked)
-    return judged if found.verdict != "pass" else _calibrated(evaluation, found, judged, held)
+    purposes = [shot.intent.purpose for shot in latest.shots]
+    unusable = Unusable(
+        found=found,
+        shots=purposes.count(ShotSet.IDENTIFICATION.value),
+        limits_mm=campaign.config.acceptance.distances_mm,
+        sessions=dict(zip(shots.numbers, shots.session.tolist(), strict=True)) if shots else {},
+        folder=state.folder,
+        imported=imported,
+    )
+    return replace(state, verdict=found.verdict, way_on=unusable.way_on())
 
 
-def _is_of(
-    found: RecordedIdentification, latest: Series, bars: Sequence[AcceptedShot], nominal_digest: str
-) -> bool:
-    """Whether the identification is of all that counts of the latest series, and this robot.
-
-    Known lengths that were measured beside it, `bars`, count too.
-    """
-    of_series = found.series == latest.number and found.robot_digest == nominal_digest
-    counted = (*latest.shots, *bars)
-    return of_series and all(shot.number <= found.journal_records for shot in counted)
+def _is_import(series: Series) -> bool:
+    """Whether it is one that did not break off."""
+    return series.started.stage == "import" and series.finished
 
 
 def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
-    """Whether something of plan.csv is left to measure before anything is identified."""
-    if latest.started.stage == "import" or evidence.plan is None:
-        return ""
-    if not latest.finished:
-        other = plan_difference((shot.intent for shot in latest.shots), evidence.plan)
-        return "anew" if other else "run"
-    return "run" if _newly_planned(evidence, latest) else ""
-
-
-def _newly_planned(evidence: Evidence, latest: Series) -> bool:
-    """Whether plan.csv was made, or got further shots, since the latest series began."""
+    """Whether something of plan.csv is left to measure: of this series, or of a newer plan."""
     plan, started = evidence.plan, latest.started
-    digest = plan and plan_digest(plan, evidence.campaign.robot.mechanism)
-    if plan is None or started.stage == "import" or started.plan_digest == digest:
-        return False
+    if started.stage == "import" or plan is None:
+        return ""
     taken = [shot.intent for shot in latest.shots]
+    other = plan_difference(taken, plan)
+    if not latest.finished:
+        return "anew" if other else "run"
     further = {row.shot for row in plan} - {intent.shot for intent in taken}
-    return bool(further or plan_difference(taken, plan))
-
-
-def way_on(
-    found: RecordedIdentification,
-    shots: int,
-    limits_mm: Mapping[str, float],
-    numbers: Sequence[int],
-    sessions: Sequence[int],
-) -> tuple[Way, str]:
-    """Way on by the first that stands against an identification, with its detail.
-
-    `shots`: how many it was made from. Numbers and sessions, (N,) each, of all that were measured;
-    limits are of distances, mean and max.
-    """
-    affecting = [each for each in found.doubts if each.affects_verdict]
-    names = found.obstacles or tuple(each.name for each in affecting)
-    if found.verdict == "pass" or not names:
-        return ("" if found.verdict == "pass" else "identify again"), ""
-    if names[0] == diagnostics.CHANGE:
-        return _after_change(found, np.array(numbers), np.array(sessions))
-    if names[0] in WAYS:
-        return WAYS[names[0]], ""
-    if names[0] in FEW:
-        return _with_few_shots(found, names[0], shots)
-    cause = next((each.numbers.get("cause") for each in affecting if each.name == names[0]), "")
-    if (freed := FREED.get(str(cause), "")) and freed not in found.asked:
-        return "free", freed
-    return _past_a_lack(found, limits_mm)
-
-
-def _with_few_shots(found: RecordedIdentification, name: str, shots: int) -> tuple[Way, str]:
-    """Way on where the shots do not tell enough."""
-    unseen = name == identification.NOTHING_UNSEEN and "--hold-out" not in found.asked
-    if unseen and shots >= 2 * FEWEST_PAIRS:
-        return "keep unseen", ""
-    if shots < ENOUGH_SHOTS:
-        return "more shots", ""
-    if name == diagnostics.EXTRAPOLATION:
-        return "leave out", ""
-    if found.unobservable:
-        return "hold", found.unobservable[0][0]
-    return "measure again", ""
-
-
-def _past_a_lack(found: RecordedIdentification, limits_mm: Mapping[str, float]) -> tuple[Way, str]:
-    """Way on where the model lacks something: a larger one, or limits that are kept without it."""
-    if found.model not in {Model.AUTO, Model.EXTENDED}:
-        return "larger model", ""
-    if found.verdict == "fail" or found.unseen_mm is None:
-        return "measure again", ""
-    reached = found.unseen_mm.after
-    if diagnostics.limits_met(reached, limits_mm):
-        return "identify again", ""
-    detail = f"mean {reached.mean_abs:.3f}, largest {reached.max_abs:.3f} mm"
-    return ("widen limits" if limits_mm else "set limits"), detail
-
-
-def _after_change(
-    found: RecordedIdentification, numbers: Index, sessions: Index
-) -> tuple[Way, str]:
-    """Way on after a change between two shots: frames of their own, or the larger part alone."""
-    changes = (each for each in found.doubts if each.name == diagnostics.CHANGE)
-    told = next((each for each in changes if each.affects_verdict), None)
-    if told is None or not len(numbers) or "--shots" in found.asked:
-        return "measure again", ""
-    early = numbers < float(told.numbers["before_shot"])
-    apart = {*sessions[early].tolist()}.isdisjoint(sessions[~early].tolist())
-    if told.numbers["kind"] == "frame" and "--sessions" not in found.asked and apart:
-        return "own frames", ""
-    if told.numbers["kind"] == "drift" or max(early.sum(), (~early).sum()) < 4 * FEWEST_PAIRS:
-        return "measure again", ""
-    if early.sum() >= (~early).sum():
-        return "a part", f"-{numbers[early].max()}"
-    return "a part", f"{numbers[~early].min()}-"
+    is_same = started.plan_digest == plan_digest(plan, evidence.campaign.robot.mechanism)
+    return "" if is_same or not (other or further) else "run"
 
 
 def _calibrated(
@@ -411,31 +340,26 @@ def _calibrated(
     forms = evidence.sets.forms.values() if evidence.sets else ()
     has_form = any(each.of == digest for each in forms) and (too_few or lacks is None)
     held = held or evidence.state(loaded.digest if loaded else None)
-    after = evidence.held("after")
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
-    judged = after is not None and after.origin == digest
+    holds = kinds.get(held.kind, "") if held and held.origin == digest else ""
+    after = evidence.held("after")
+    after = after if after and after.origin == digest else None
     verdict = evaluation.validated("after")
     decided: After = "worse" if verdict.worse else verdict.decision or "no limits"
-    by_form = judged and after is not None and after.kind == "form" and not after.targets
     missed = [
         each.error for each in verdict.requirements if each.decision in {"fail", "not decided"}
     ]
     weak = bool(verdict.beyond) or any(error is not None for error in missed)
-    holds = kinds.get(held.kind, "") if held and held.origin == digest else ""
     taken_back = loaded is not None and loaded.rolls_back is not None
-    targets = evidence.written is not None and evidence.written.by == "targets"
+    corrected = evidence.written is not None and evidence.written.by == "targets"
+    by_targets = after is not None and after.targets
     return replace(
         state,
         file="" if file is None else "identified" if file.digest() == digest else "other",
         form="exported" if has_form else "needed" if too_few else "",
         holds=holds,
-        detail="; ".join(verdict.reasons),
-        after=decided if judged else "",
-        weak=by_form and weak,
-        by_targets=not holds and (taken_back or targets),
-        after_by=""
-        if not after or not judged
-        else "targets"
-        if after.targets
-        else kinds[after.kind],
+        after=decided if after else "",
+        reasons="; ".join(verdict.reasons),
+        weak=weak and after is not None and after.kind == "form" and not by_targets,
+        to_correct=not holds and not by_targets and (taken_back or corrected),
     )

@@ -20,6 +20,7 @@ from campaigns.version import VERSION
 from drivers.values import Identity
 
 FILE_NAME = "robot-compensated.yaml"
+PLAIN_FILE = "robot-plain.yaml"
 CalibrationRoute = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 

@@ -10,7 +10,7 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers import model_reduction
-from campaigns.controllers.export import latest_identification
+from campaigns.controllers.export import PLAIN_FILE, latest_identification
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
@@ -21,7 +21,6 @@ from campaigns.robots.robot import RobotFile, compensated
 from campaigns.workflow.files import identified_robot, recorded
 
 PLAIN = "plain"
-PLAIN_FILE = "robot-plain.yaml"
 WORKSPACE_POSES = 1000
 """So many poses stand for the workspace when parameters are fitted to it."""
 

@@ -5,37 +5,32 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from campaigns import next_step as steps
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.identification.result import RecordedIdentification
-from campaigns.next_step import CampaignState, NextStep, next_step, way_on
+from campaigns.next_step import FEW, CampaignState, NextStep, Unusable, next_step
 
-NUMBERS, SESSIONS = tuple(range(120)), (1,) * 60 + (2,) * 60
+SESSIONS = {number: 1 + number // 60 for number in range(120)}
 REACHED = Spread(mean_abs=0.02, rms=0.03, max_abs=0.06)
 LIMITS: Mapping[str, Mapping[str, float]] = {"tight": {"max": 0.05}, "met": {"max": 0.1}, "": {}}
 FAILING = (
     diagnostics.LARGE_CHANGE,
-    diagnostics.COMMON_SCALE,
     identification.TOO_FEW,
     identification.UNTOLD,
     identification.PRIOR,
     identification.MANY_LEFT_OUT,
-    identification.LOST,
     identification.WORSE,
-    "a cause that nobody has named yet",
 )
 OPEN = (
     identification.NOTHING_UNSEEN,
     identification.TOO_FEW,
-    diagnostics.LACK,
     diagnostics.HOLD_OUT,
     diagnostics.EXTRAPOLATION,
     "another cause",
 )
-CHANGES = ("frame", "joint", "length", "drift")
+CHANGES = ("frame", "joint", "drift")
 OPTIONS = (
     ("--prior", "arm*.arm_mm=1"),
     ("--model", "auto"),
@@ -44,27 +39,28 @@ OPTIONS = (
     ("--fix", "held"),
     ("--hold-out", "20%"),
     ("--free", "reflector_constant_mm"),
-    *((option,) for option in diagnostics.ACCEPT.values()),
+    (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
 )
 """All that a next step may ask an identification for: each changes it once."""
 MENDED = {"run", "import"}
 """Commands before which a person has mended something: what they measure is another campaign."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Place:
     """A state, and what of the campaign the next identification depends on."""
 
     state: CampaignState
     limits: str = ""
     model: Model = Model.STANDARD
+    shots: int = 120
+    asked: tuple[str, ...] = ()
 
 
 def identified(place: Place, verdict: str, name: str, change: str = "") -> RecordedIdentification:
     """An identification against which one thing stands."""
     numbers = {"kind": change, "before_shot": 60.0, "cause": change}
     doubts = (Doubt(name, "", "fail", numbers),) if change else ()  # type: ignore[arg-type]
-    asked = place.state.asked
     return RecordedIdentification(
         estimator=Estimator.POINTS,
         converged=True,
@@ -87,7 +83,7 @@ def identified(place: Place, verdict: str, name: str, change: str = "") -> Recor
         journal_records=1,
         at_utc="",
         model=place.model.value,
-        asked=asked,
+        asked=place.asked,
     )
 
 
@@ -95,28 +91,31 @@ def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
     """All that may come of typing the step."""
     state, words = place.state, step.command
     if words[0] == "identify":
-        yield from identifications(place, words)
+        yield from identifications(place, step)
     elif words[0] == "validate" and "after" in words:
-        by = "targets" if "targets" in words else state.holds
         for after in ("worse", "fail", "not decided", "no limits", "pass"):
-            weak = by == "form" and after in {"fail", "not decided"}
-            yield replace(place, state=replace(state, after=after, after_by=by, weak=weak))
+            weak = state.holds == "form" and after in {"fail", "not decided"}
+            judged = replace(state, after=after, weak=weak, to_correct=False)
+            yield replace(place, state=judged)
     else:
-        yield replace(place, state=replace(state, **changed(state, words)))
+        shots = int(words[-1]) if "--shots" in words else place.shots
+        done = replace(state, **changed(words))
+        yield replace(
+            place, state=done, shots=shots, asked=() if words[0] == "run" else place.asked
+        )
 
 
-def changed(state: CampaignState, words: tuple[str, ...]) -> dict[str, object]:
+def changed(words: tuple[str, ...]) -> dict[str, object]:
     """What a step does that has one outcome."""
-    shots = state.shots or 120
     match words[0], words[2:]:
-        case "plan", ("--shots", count):
-            return {"left": "run", "shots": int(count)}
+        case "plan", ("--shots", _):
+            return {"left": "run"}
         case "run", _:
-            return {"measured": "run", "left": "", "shots": shots, "verdict": None, "asked": ()}
+            return {"measured": "run", "left": "", "verdict": None, "way_on": None}
         case "export", ("--format", "plain"):
             return {"form": "exported"}
         case "load", ("--rollback",):
-            return {"holds": "", "by_targets": True}
+            return {"holds": "", "to_correct": True}
         case "load", file:
             return {"holds": "form" if file else "identified"}
     return {
@@ -128,45 +127,49 @@ def changed(state: CampaignState, words: tuple[str, ...]) -> dict[str, object]:
     }[words[0]]
 
 
-def identifications(place: Place, words: tuple[str, ...]) -> Iterator[Place]:
+def identifications(place: Place, step: NextStep) -> Iterator[Place]:
     """Whatever may stand against an identification that is asked for with these words."""
+    words, limits = step.command, place.limits
     typed = [each for each in OPTIONS if {*each} <= {*words}]
-    state = replace(place.state, asked=tuple(word for each in typed for word in each))
-    limits = place.limits
-    if "acceptance" in (next_step(place.state) or NextStep(())).first:
+    if "acceptance" in step.first:
         limits = "met" if limits else "tight"  # a person may ask for too much at first
     model = Model.AUTO if Model.AUTO.value in words else place.model
-    here = Place(state, limits, model)
-    for form in ("", "needed"):
-        passed = replace(state, verdict="pass", way="", form=form, asked=(), shots=0, detail="")
-        yield Place(passed)  # the rest of the way is the same whatever it was identified with
+    asked = tuple(word for each in typed for word in each)
+    here = replace(place, limits=limits, model=model, asked=asked)
+    for form in ("", "needed"):  # the rest of the way is the same whatever it was identified with
+        yield Place(replace(place.state, verdict="pass", way_on=None, form=form))
     cases = [("fail", name, "") for name in FAILING]
     cases += [("fail", diagnostics.CHANGE, change) for change in CHANGES]
     cases += [("not decided", name, "") for name in OPEN]
-    cases += [("not decided", diagnostics.LACK, cause) for cause in ("reflector", "sag")]
+    cases += [("not decided", diagnostics.LACK, "reflector")]
     for verdict, name, change in cases:
-        lacks = verdict == "not decided" and name not in {
-            identification.NOTHING_UNSEEN,
-            identification.TOO_FEW,
-            diagnostics.EXTRAPOLATION,
-        }
         cannot_be = (
             (name == identification.PRIOR and "--prior" not in words)
             or (name in diagnostics.ACCEPT and diagnostics.ACCEPT[name] in words)
             or (name == identification.UNTOLD and "--fix" in words)
-            or (lacks and limits == "met")
+            or (name == diagnostics.EXTRAPOLATION and "space" in step.first)
+            or (verdict == "not decided" and name not in FEW and limits == "met")
         )
         if not cannot_be:
-            found = identified(here, verdict, name, change)
-            way, detail = way_on(found, state.shots, LIMITS[limits], NUMBERS, SESSIONS)
-            told = replace(state, verdict=found.verdict, way=way, detail=detail)
+            way_on = unusable(here, identified(here, verdict, name, change)).way_on()
+            told = replace(place.state, verdict=verdict, way_on=way_on)  # type: ignore[arg-type]
             yield replace(here, state=told)
+
+
+def unusable(place: Place, found: RecordedIdentification) -> Unusable:
+    return Unusable(
+        found=found,
+        shots=place.shots,
+        limits_mm=LIMITS[place.limits],
+        sessions=SESSIONS,
+        imported=place.state.measured == "import",
+    )
 
 
 @pytest.mark.slow
 def test_no_advice_leads_back_and_all_end() -> None:
     """From an empty folder, over all that may come of each step, to the end of each way."""
-    simulated = CampaignState(asked=("--prior", "arm*.arm_mm=1"))
+    simulated, prior = CampaignState(), ("--prior", "arm*.arm_mm=1")
     under_way, done = set[Place](), dict[Place, int]()
 
     def walk(place: Place) -> int:
@@ -174,9 +177,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
             return done[place]
         assert place not in under_way, f"a circle at {place}"
         step = next_step(place.state)
-        if step is None or (
-            step.first and (step.command[0] in MENDED | {"report"} or "space" in step.first)
-        ):
+        if step is None or (step.first and step.command[0] in MENDED | {"report"}):
             return 0
         under_way.add(place)
         further = list(outcomes(place, step))
@@ -186,10 +187,10 @@ def test_no_advice_leads_back_and_all_end() -> None:
         under_way.remove(place)
         return done[place]
 
-    walk(Place(simulated))
+    walk(Place(simulated, asked=prior))
     walk(Place(CampaignState(answered=False)))
-    for state in ("identified", "form", ""):
-        walk(Place(replace(simulated, measured="import", shots=60, holds=state)))
+    for held in ("identified", "form", ""):
+        walk(Place(replace(simulated, measured="import", holds=held), shots=60, asked=prior))
     assert len(done) > 300
 
 
@@ -198,11 +199,6 @@ def test_no_advice_leads_back_and_all_end() -> None:
     [
         ({"answered": False}, "look through campaign.yaml (tracker.place_mm!), then: devices DIR"),
         ({"measured": "run", "left": "anew"}, "run DIR --anew"),
-        ({"verdict": "not decided", "way": "larger model"}, "identify DIR --model auto"),
-        (
-            {"verdict": "fail", "way": "a part", "detail": "60-", "asked": ("--shots", "-9")},
-            "identify DIR --shots 60-",
-        ),
         ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
         ({"verdict": "pass", "file": "identified", "form": "needed"}, "export DIR --format plain"),
         (
@@ -210,15 +206,8 @@ def test_no_advice_leads_back_and_all_end() -> None:
             "load DIR --file DIR/robot-plain.yaml",
         ),
         (
-            {"verdict": "pass", "file": "identified", "by_targets": True},
+            {"verdict": "pass", "file": "identified", "to_correct": True},
             "validate DIR --stage after --by targets",
-        ),
-        (
-            {"verdict": "not decided", "way": "set limits", "detail": "mean 0.02"},
-            (
-                "write what the robot must keep into campaign.yaml, acceptance.distance_mean_mm "
-                "and distance_max_mm (unseen pairs: mean 0.02), then: identify DIR"
-            ),
         ),
     ],
 )
@@ -227,35 +216,35 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: 
     step = next_step(CampaignState(**(measured | state)))  # type: ignore[arg-type]
     assert step is not None
     assert step.says.replace("pkmcal ", "") == says
-    assert "\n" not in step.says
 
 
-def test_model_that_was_looked_through_is_not_advised_again() -> None:
+@pytest.mark.parametrize(
+    ("name", "change", "asked", "says"),
+    [
+        (diagnostics.LACK, "reflector", (), "identify DIR --free reflector_constant_mm"),
+        (diagnostics.LACK, "sag", ("--model", "full"), "identify DIR --model auto"),
+        (diagnostics.CHANGE, "frame", (), "identify DIR --sessions"),
+        (diagnostics.CHANGE, "joint", ("--fix", "a"), "identify DIR --fix a --shots -59"),
+        (diagnostics.CHANGE, "drift", (), "mend what the diagnostics name, then: run DIR --anew"),
+        (identification.NOTHING_UNSEEN, "", (), "identify DIR --hold-out 20%"),
+        (identification.UNTOLD, "", (), "plan DIR --shots 240"),
+        (identification.PRIOR, "", ("--prior", "x=1", "--sessions"), "identify DIR --sessions"),
+        ("", "", (), "identify DIR"),
+    ],
+)
+def test_way_on_from_an_identification_follows_what_stands_against_it(
+    name: str, change: str, asked: tuple[str, ...], says: str
+) -> None:
+    place = Place(CampaignState(measured="run"), asked=asked)
+    step = unusable(place, identified(place, "fail", name, change)).way_on()
+    assert step.says.replace("pkmcal ", "") == says
+
+
+def test_model_that_was_looked_through_is_not_advised_again_but_limits_are() -> None:
     place = Place(CampaignState(measured="run"), model=Model.AUTO)
     found = identified(place, "not decided", diagnostics.LACK)
-    assert way_on(found, 120, {}, (), ())[0] == "set limits"
-    standard = replace(found, model=Model.STANDARD.value)
-    assert way_on(standard, 120, {}, (), ())[0] == "larger model"
-
-
-def test_change_between_sessions_gets_frames_of_their_own_and_any_other_the_larger_part() -> None:
-    place = Place(CampaignState(measured="run"))
-    moved = identified(place, "fail", diagnostics.CHANGE, "frame")
-    assert way_on(moved, 120, {}, NUMBERS, SESSIONS) == ("own frames", "")
-    assert way_on(moved, 120, {}, NUMBERS, (1,) * 120) == ("a part", "-59")
-    drift = identified(place, "fail", diagnostics.CHANGE, "drift")
-    assert way_on(drift, 120, {}, NUMBERS, SESSIONS) == ("measure again", "")
-
-
-def test_every_way_has_its_words() -> None:
-    ways = set(steps.Way.__args__) - {""}  # type: ignore[attr-defined] # of a Literal
-    said = {
-        (
-            next_step(
-                CampaignState(measured="run", verdict="fail", way=way, asked=("--prior", "x=1"))
-            )
-            or NextStep(())
-        ).says
-        for way in ways
-    }
-    assert len(said) == len(ways)
+    step = unusable(place, found).way_on()
+    assert step.text == "pkmcal identify DIR"
+    assert "mean 0.020, largest 0.060 mm" in step.first
+    assert "or widen" in unusable(replace(place, limits="tight"), found).way_on().first
+    assert not unusable(replace(place, limits="met"), found).way_on().first
