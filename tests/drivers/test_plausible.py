@@ -77,13 +77,10 @@ def test_bounds_hold_no_number_that_is_none(value):
         require_weather("here", Weather(value, 1013.0, 50.0))
 
 
-def test_joints_that_slide_are_held_to_lengths():
+def test_bounds_are_those_of_imported_shots_also_for_joints_that_slide():
+    assert (JOINT_ANGLE.most, DISTANCE.most, TEMPERATURE.least) == (360.0, 200_000.0, -40.0)
+    require_point("here", replace(RESULT, point=(DISTANCE.most, 0.0, 0.0)).point)
     axes = (Coordinate("q0", is_angle=True), Coordinate("q1", is_angle=False))
     require_joints("here", axes, (6.28, 99_000.0))
     with pytest.raises(ImplausibleAnswer, match=r"joint q1 at 100001 mm"):
         require_joints("here", axes, (0.0, 100_001.0))
-
-
-def test_bounds_are_those_of_imported_shots():
-    assert (JOINT_ANGLE.most, DISTANCE.most, TEMPERATURE.least) == (360.0, 200_000.0, -40.0)
-    require_point("here", replace(RESULT, point=(DISTANCE.most, 0.0, 0.0)).point)

@@ -102,7 +102,7 @@ class TestLog:
 
 
 class TestBounds:
-    def test_log_ends_at_its_largest_size_and_the_work_goes_on(self):
+    def test_log_ends_at_its_largest_size_or_a_full_disk_and_the_work_goes_on(self):
         desk = Desk(limit_characters=1000)
         for _ in range(100):
             desk.transport.send(b"x" * 100, 1.0)
@@ -111,8 +111,6 @@ class TestBounds:
         assert len(text) < 1100
         assert text.endswith("# The log ends here: it has reached its largest size.\n")
         assert desk.log.problem == "it has reached its largest size"
-
-    def test_full_disk_ends_the_log_and_the_work_goes_on(self):
         desk = Desk()
 
         def full(text):

@@ -113,17 +113,15 @@ def received(transport, count):
     return data
 
 
-def test_every_byte_passes_unchanged_both_ways(device, ours):
+def test_every_byte_passes_unchanged_both_ways_at_once(device, ours):
     every_byte = bytes(range(256))
     ours.send(every_byte, 1.0)
     assert device.hears() == every_byte
     device.says(every_byte)
     assert received(ours, 256) == every_byte
-
-
-def test_what_waits_is_read_at_once(device, ours):
     device.says(b"one line\nand another\n")
     assert ours.receive(1.0) == b"one line\nand another\n"
+    assert ours.name == device.url
 
 
 def test_silence_is_no_bytes(ours):
@@ -145,10 +143,6 @@ def test_closed_pipe_refuses_every_call(ours):
         ours.send(b"x", 1.0)
     with pytest.raises(LinkDown):
         ours.receive(1.0)
-
-
-def test_pipe_is_named_by_its_address(device, ours):
-    assert ours.name == device.url
 
 
 def test_one_reading_of_a_socket_is_bounded(host, of_host):

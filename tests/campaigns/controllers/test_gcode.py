@@ -64,7 +64,11 @@ def test_arcs_in_the_plane(line, sweep, end):
     assert arc.end[:2] == pytest.approx(end)
 
 
-def test_homing_makes_the_place_unknown():
+def test_the_first_move_gives_all_axes_and_homing_forgets_them():
+    assert "the move gives no Z" in refusal("G1 X1 Y2\n")
+    assert "the move gives no C" in refusal("G1 X1 Y2 Z-500\n", PAR4)
+    assert "coordinates without a G0 or G1" in refusal("X1 Y2 Z3\n")
+    assert "not known where the robot stands" in refusal("G2 X1 Y2 Z3 I1\n")
     text = "G0 X0 Y0 Z-500\nG28\nG1 X5\n"
     assert "part.ngc:3: it is not known where the robot stands, and the move gives no Y" in refusal(
         text
@@ -114,13 +118,6 @@ def test_refused_by_its_line(line, says):
     assert text.startswith(f"part.ngc:{3 + line.count(chr(10))}: ")
     assert says in text
     assert " → " in text
-
-
-def test_the_first_move_must_give_all_axes():
-    assert "the move gives no Z" in refusal("G1 X1 Y2\n")
-    assert "the move gives no C" in refusal("G1 X1 Y2 Z-500\n", PAR4)
-    assert "coordinates without a G0 or G1" in refusal("X1 Y2 Z3\n")
-    assert "not known where the robot stands" in refusal("G2 X1 Y2 Z3 I1\n")
 
 
 def test_a_file_without_words_is_no_program():

@@ -164,19 +164,18 @@ def test_every_objection_is_told_at_once_and_kept_where_it_is_overruled(campaign
     assert body["forced"] == begun["forced"]
 
 
-def test_set_of_another_mechanism_cannot_be_forced(campaign: Campaign) -> None:
+def test_only_the_nominal_set_may_be_loaded_without_a_word_and_no_other_mechanisms(
+    campaign: Campaign,
+) -> None:
+    controller = Controller(new_set(campaign))
+    assert loaded(campaign, controller, campaign.path("robot.yaml")).outcome == "loaded"
+    assert controller.held == OLD
     path = campaign.path("delta.yaml")
     path.write_text(find_robot("delta").document.text, encoding="utf-8")
     with pytest.raises(
         errors.ConfigInvalid, match="it is of a delta, this campaign's robot is a par4"
     ):
         loaded(campaign, Controller(), path, FORCED)
-
-
-def test_nominal_set_may_always_be_loaded(campaign: Campaign) -> None:
-    controller = Controller(new_set(campaign))
-    assert loaded(campaign, controller, campaign.path("robot.yaml")).outcome == "loaded"
-    assert controller.held == OLD
 
 
 @pytest.mark.parametrize("serial", [None, ""])

@@ -34,7 +34,7 @@ def test_every_pose_is_one_that_the_robot_can_take(roadmap):
     assert WALLED.allows(roadmap.poses[:, :3]).all()
 
 
-def test_a_way_leads_round_a_pillar_by_clear_lines(roadmap):
+def test_ways_lead_by_clear_lines_round_a_pillar_and_never_again_by_a_blocked_one(roadmap):
     start, end = np.array([-340.0, 0.0, -600.0]), np.array([-100.0, 0.0, -600.0])
     assert not roadmap.are_clear(start[None], end[None])[0]
     way = roadmap.way(start, end, frozenset())
@@ -42,9 +42,6 @@ def test_a_way_leads_round_a_pillar_by_clear_lines(roadmap):
     assert roadmap.are_clear(points[:-1], points[1:]).all()
     assert (points[0] == start).all()
     assert (points[-1] == end).all()
-
-
-def test_a_blocked_line_is_not_taken_again(roadmap):
     start, end = np.array([-340.0, 0.0, -600.0]), np.array([-100.0, 0.0, -600.0])
     way = roadmap.way(start, end, frozenset())
     held = tuple(sorted(way[1:3]))

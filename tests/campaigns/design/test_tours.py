@@ -53,7 +53,7 @@ def test_balanced_order_keeps_the_pairs_whole(count, seed):
     assert {frozenset(pair) for pair in tour.tolist()} == {frozenset(p) for p in pairs.tolist()}
 
 
-def test_balanced_tour_is_the_shortest_when_that_is_balanced():
+def test_balanced_tours_are_shortest_or_turned_until_both_sides_are_seen():
     joints, points = placed(40)
     pairs = tours.neighbouring_pairs(joints, points, START)
     counted = np.ones(40, dtype=bool)
@@ -61,10 +61,6 @@ def test_balanced_tour_is_the_shortest_when_that_is_balanced():
         tours.balance_approaches(joints, pairs, START, counted),
         tours.shortest_tour(joints, pairs, START),
     )
-
-
-def test_tour_that_only_climbs_is_turned_until_both_sides_are_seen():
-    """The shortest way along a staircase approaches every joint from below."""
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, counted = np.arange(40).reshape(-1, 2), np.ones(40, dtype=bool)
     bottom = np.full(4, -0.1)

@@ -141,21 +141,19 @@ class TestUncertainty:
         names, units, np.array([[0.04, 0.03, 0.0], [0.03, 0.09, 0.0], [0.0, 0.0, 0.01]]), dof=4
     )
 
-    def test_it_is_in_the_units_of_the_names(self) -> None:
+    def test_it_is_in_the_units_of_the_names_with_their_correlations(self) -> None:
         assert self.known.std() == pytest.approx(
             dict(zip(self.names, (0.2, 0.3, np.degrees(0.1)), strict=True))
         )
         assert self.known.largest("mm") == pytest.approx(0.3)
         assert self.known.largest("deg") == pytest.approx(np.degrees(0.1))
         assert self.known.only(self.names[:2]).largest("deg") == 0.0
+        expected = [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+        assert self.known.correlations() == pytest.approx(np.array(expected))
+        (strongest,) = self.known.strongest(1)
+        assert (strongest.a, strongest.b) == self.names[:2]
 
     def test_intervals_are_students_where_the_variance_is_estimated(self) -> None:
         for dof, factor in ((4, 2.776), (None, 1.960)):
             half_mm = replace(self.known, dof=dof).interval()["plate_mm"]
             assert half_mm == pytest.approx(factor * 0.3, rel=1e-3)
-
-    def test_correlations_have_ones_on_the_diagonal_and_the_sign_of_the_covariance(self) -> None:
-        expected = [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
-        assert self.known.correlations() == pytest.approx(np.array(expected))
-        (strongest,) = self.known.strongest(1)
-        assert (strongest.a, strongest.b) == self.names[:2]

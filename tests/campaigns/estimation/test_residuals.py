@@ -87,7 +87,13 @@ def test_jacobian_of_a_weighted_problem_in_a_subspace_is_the_residuals_derivativ
     assert np.abs(error).max() < 1e-7
 
 
-def test_weights_and_scatter_weigh_the_measurements_and_not_the_priors():
+def test_a_prior_pulls_by_its_own_standard_deviation_whatever_weighs_the_measurements():
+    problem = with_priors()
+    x = problem.start()
+    x[5] += 0.4
+    pull = problem.residual(x)[-3:]
+    assert pull[1] == pytest.approx((NOMINAL.p[FREE[5]] + 0.4 - 1.0) / 0.2)
+    assert len(problem.residual(x)) == 3 * len(JOINTS) + 3
     problem, plain = weighed_down(), with_priors()
     x = problem.x(problem.start() + 1e-3)
     weighed, unweighed = problem.residual(problem.start() + 1e-3), plain.residual(x)
@@ -134,15 +140,6 @@ def test_whitening_makes_every_covariance_the_unit_matrix_and_refuses_an_indefin
         PointResiduals.from_points(
             model(), POINTS_MM, np.diag([1.0, 1.0, -1.0]) + 0 * COVARIANCE_MM2
         )
-
-
-def test_a_prior_pulls_by_its_own_standard_deviation():
-    problem = with_priors()
-    x = problem.start()
-    x[5] += 0.4
-    pull = problem.residual(x)[-3:]
-    assert pull[1] == pytest.approx((NOMINAL.p[FREE[5]] + 0.4 - 1.0) / 0.2)
-    assert len(problem.residual(x)) == 3 * len(JOINTS) + 3
 
 
 def test_a_pair_measured_twice_at_one_place_has_a_finite_derivative():

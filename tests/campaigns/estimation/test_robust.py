@@ -96,7 +96,13 @@ def test_moved_shots_are_named_and_nothing_else_unless_they_are_half_of_all(shot
     assert [outlier.block for outlier in found.outliers] == [17]
 
 
-def test_the_evaluations_told_are_all_that_it_took(shots):
+def test_answers_without_outliers_are_as_good_as_clean_ones_and_count_all_evaluations(shots):
+    clean, spoilt = points_problem(shots), points_problem(shots, (7, 50, 99))
+    kept = reject_outliers(spoilt).kept
+    without = solve(spoilt.weighted(kept.astype(float))).x
+    assert worst_mm_deg(without, shots) <= 1.3 * worst_mm_deg(
+        solve(clean.weighted(np.ones(120))).x, shots
+    )
     plain = solve(points_problem(shots, (7,)).weighted(np.ones(len(shots[0]))))
     found = reject_outliers(points_problem(shots, (7,))).fit
     assert found.evaluations > plain.evaluations
@@ -107,15 +113,6 @@ def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots):
     """A robot that repeats thirty times worse than the tracker measures: few degrees of freedom."""
     assert reject_outliers(distances_problem(shots, 30.0 * NOISE_MM)).outliers == ()
     assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM)).outliers == ()
-
-
-def test_answer_without_outliers_is_as_good_as_the_clean_one(shots):
-    clean, spoilt = points_problem(shots), points_problem(shots, (7, 50, 99))
-    kept = reject_outliers(spoilt).kept
-    without = solve(spoilt.weighted(kept.astype(float))).x
-    assert worst_mm_deg(without, shots) <= 1.3 * worst_mm_deg(
-        solve(clean.weighted(np.ones(120))).x, shots
-    )
 
 
 @pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])

@@ -110,11 +110,19 @@ def test_what_else_leaves_it_open_is_not_hidden_by_a_limit_not_asked_for(
     assert found.answer == answer
 
 
-def test_an_accepted_doubt_stands_among_the_reasons(after: ValidationResult) -> None:
+def test_an_accepted_doubt_stands_among_the_reasons_and_broken_files_take_a_pass_away(
+    after: ValidationResult,
+) -> None:
     accepted = IdentificationVerdict("pass", (), ("all lengths are longer",))
     found = judged(after, WIDE, identification=accepted)
     assert found.decision == "pass"
     assert "Accepted all the same: all lengths are longer." in found.reasons
+    broken = Check("the plan is the plan", holds=False, detail="")
+    unknown = Check("nothing to compare", holds=None, detail="")
+    assert judged(after, WIDE, unknown).decision == "pass"
+    found = judged(after, WIDE, broken)
+    assert found.decision == "not decided"
+    assert "the plan is the plan" in " ".join(found.reasons)
 
 
 def test_a_limit_without_a_measurement_decides_nothing() -> None:
@@ -123,18 +131,13 @@ def test_a_limit_without_a_measurement_decides_nothing() -> None:
     assert "not been validated after" in " ".join(found.reasons)
 
 
-def test_distances_that_became_worse_fail_whatever_is_asked_for(after: ValidationResult) -> None:
+def test_distances_that_became_worse_fail_beyond_their_uncertainty(after: ValidationResult) -> None:
     worse = far_off(after, 0.5)
     for limits in (WIDE, AcceptanceConfig()):
         found = judged(worse, limits, before=far_off(after, 0.4))
         assert found.decision == "fail"
         assert any("before loading" in reason for reason in found.reasons)
     assert judged(worse, WIDE, before=far_off(after, 0.6)).decision == "pass"
-
-
-def test_distances_worse_by_less_than_the_uncertainty_are_not_called_worse(
-    after: ValidationResult,
-) -> None:
     worse = far_off(after, 0.5)
     mean = worse.comparable_figures()["distances, mean error"]
     assert mean is not None
@@ -164,12 +167,3 @@ def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation: Evaluat
     without = Evaluation(replace(evidence, identification=None)).verdict
     assert without.decision == "not decided"
     assert "Nothing has been identified" in without.reasons[0]
-
-
-def test_files_that_do_not_belong_together_take_a_pass_away(after: ValidationResult) -> None:
-    broken = Check("the plan is the plan", holds=False, detail="")
-    unknown = Check("nothing to compare", holds=None, detail="")
-    assert judged(after, WIDE, unknown).decision == "pass"
-    found = judged(after, WIDE, broken)
-    assert found.decision == "not decided"
-    assert "the plan is the plan" in " ".join(found.reasons)

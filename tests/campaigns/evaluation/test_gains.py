@@ -34,13 +34,12 @@ def test_a_difference_within_its_uncertainty_is_no_change(after_mm: float, shown
     assert ("no change shown" in found.in_words()) is not shown
 
 
-def test_what_was_measured_once_shows_neither_change_nor_none() -> None:
+def test_what_was_measured_once_shows_nothing_and_the_gain_is_told_by_the_robot_or_the_model() -> (
+    None
+):
     found = Gain("rotation", None, MeasuredLength(1.0, 0.1))
     assert (found.shown, found.expanded_uncertainty_mm) == (None, None)
     assert found.in_words() == "rotation 1.000 mm"
-
-
-def test_the_gain_is_told_by_the_commanded_robot_or_else_by_the_model() -> None:
     told = gained_in_words((gain(2.0, 0.5),), TOLD)
     assert told == "Measured before and after: rotation 2.000 → 0.500 mm."
     by_model = gained_in_words((Gain("rotation", None, MeasuredLength(1.0, 0.1)),), TOLD)

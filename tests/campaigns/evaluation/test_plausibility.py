@@ -142,7 +142,12 @@ def test_points_of_other_rows_follow_no_joints():
     assert "the points do not follow the joints" in said
 
 
-def test_one_gross_error_accuses_nothing_but_is_beyond_the_gate():
+def test_points_farther_than_any_tracker_sees_or_beyond_the_gate_are_named():
+    shots = measured("par4-prototype")
+    points = shots.points_in_tracker_mm.copy()
+    points[3] += 3e5
+    said = complaint("par4-prototype", replace(shots, points_in_tracker_mm=points))
+    assert "shot 3: its point's distance from the tracker" in said
     shots, nominal = measured("par4-prototype"), find_robot("par4-prototype").robot.kinematics
     points = shots.points_in_tracker_mm.copy()
     points[7] += 300.0
@@ -171,14 +176,6 @@ def test_values_beyond_reason_are_named_by_the_shot(change, said):
     if name == "stated_covariance_mm2":
         array[5] = value * np.eye(3)
     assert f"shot 5: {said}" in complaint("par4-prototype", replace(shots, **{name: array}))
-
-
-def test_a_point_farther_than_any_tracker_sees_is_named():
-    shots = measured("par4-prototype")
-    points = shots.points_in_tracker_mm.copy()
-    points[3] += 3e5
-    said = complaint("par4-prototype", replace(shots, points_in_tracker_mm=points))
-    assert "shot 3: its point's distance from the tracker" in said
 
 
 def test_changes_beyond_the_tolerance_are_told_largest_first():

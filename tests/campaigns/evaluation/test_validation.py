@@ -274,15 +274,12 @@ def test_limits_surely_kept_pass_and_those_not_asked_for_decide_nothing(
     assert (verdict.decision, verdict.reasons) == ("pass", ())
 
 
-def test_a_limit_without_a_measurement_is_not_decided() -> None:
+def test_a_limit_without_a_measurement_or_within_its_uncertainty_is_not_decided() -> None:
     verdict = validation_verdict(validated(pairs([0.3, -0.6])), ALL_LIMITS)
     assert verdict.decision == "not decided"
     assert "rotation not measured, limit 1 mm" in verdict.reasons
     nothing = validation_verdict(None, ALL_LIMITS)
     assert {each.decision for each in nothing.requirements} == {"not decided"}
-
-
-def test_a_limit_within_the_instruments_uncertainty_is_not_decided() -> None:
     limits = AcceptanceConfig(distance_max_mm=0.6)
     loud = TrackerUncertainty(0.1, 0.0, 0.1, 0.0)
     unclear = validation_verdict(validated(pairs([0.3, -0.59]), loud), limits)

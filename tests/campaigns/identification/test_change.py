@@ -64,13 +64,10 @@ def test_a_slipped_encoder_is_named_with_arm_place_and_size(estimator):
     assert "arm 2's encoder changed by +0.0" in doubt.says
 
 
-def test_an_arm_that_grew_is_named():
+def test_an_arm_that_grew_and_a_stand_that_was_bumped_are_named():
     doubt = doubt_of(changed(4, arm_mm=0.3, arm=1))
     assert doubt.numbers["cause"] == "arm1.arm_mm"
     assert doubt.numbers["size"] == pytest.approx(0.3, abs=0.05)
-
-
-def test_a_stand_that_was_bumped_is_named_also_where_few_shots_follow():
     doubt = doubt_of(changed(5, frame_mm=0.57))
     assert doubt.numbers["kind"] == "frame"
     assert abs(doubt.numbers["before_shot"] - CHANGED_AT) <= 1

@@ -42,16 +42,13 @@ def at_one_theta(theta_rad: float, spread_rad: float = 0.0):
     return noisy(dataset(joints, points, np.repeat(np.arange(70), 2).tolist(), purposes), 1)
 
 
-def test_what_shots_at_one_theta_cannot_tell_stays_held_to_the_end() -> None:
+def test_what_shots_at_one_theta_hardly_tell_is_named_and_fails() -> None:
     found = identified(at_one_theta(0.3), Estimator.POINTS, poses=workspace())
     assert found.verdict == "fail"
     assert any("plate_mm" in names for names in found.unobservable)
     assert found.rank < 22
     assert deviations(found)["plate_mm"] is None
     assert abs(values(found)["plate_mm"] - 100.0) < 0.5
-
-
-def test_parameters_that_are_barely_told_are_named_and_fail() -> None:
     found = identified(at_one_theta(0.1, spread_rad=0.03), Estimator.POINTS)
     assert deviations(found)["plate_mm"] > 5.0
     assert found.verdict == "fail"

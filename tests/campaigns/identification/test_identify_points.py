@@ -105,15 +105,12 @@ def test_moved_shots_are_named_and_the_answer_is_as_good_as_the_clean_one(
     assert found.verdict == "pass"
 
 
-def test_an_outlier_tells_its_size_and_the_limit() -> None:
+def test_moved_shots_tell_size_and_limit_and_a_robust_loss_does_without() -> None:
     left = by_points(SPOILT).excluded[0]
     assert left.what == "shot 7"
     assert left.size_mm == pytest.approx(2.0, abs=0.1)
     assert left.size_sigma > 100.0 > left.limit_sigma > 3.0
     assert left.reason.startswith(f"{left.size_mm:.3f} mm off what the others say: ")
-
-
-def test_a_robust_loss_does_without_leaving_out() -> None:
     plain = by_points(SPOILT, outliers=Outliers.KEEP)
     clean = by_points(CLEAN)
     robust = by_points(SPOILT, outliers=Outliers.KEEP, loss=LossShape.CAUCHY)

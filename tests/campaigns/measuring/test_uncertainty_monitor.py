@@ -67,19 +67,16 @@ def test_one_wrong_shot_does_not_keep_a_goal_from_being_met() -> None:
     assert fitted(measured).length_std_mm < GOAL_MM < worst_length_of(measured)
 
 
-def test_a_covariance_that_cannot_be_tells_nothing() -> None:
-    broken = [replace(each, covariance_mm2=((-1.0, 0.0, 0.0),) * 3) for each in outcomes()]
-    assert fitted(broken) is None
-    assert while_measured(broken) is None
-
-
-def test_a_voided_shot_is_forgotten() -> None:
+def test_a_voided_shot_is_forgotten_and_a_covariance_that_cannot_be_tells_nothing() -> None:
     measured = outcomes()[:21]
     before, after = while_measured(measured[:-1]), while_measured(measured)
     again = while_measured(measured, reset=[measured[-1].shot])
     assert (before.shots, after.shots, again.shots) == (20, 21, 20)
     assert after.length_std_mm < before.length_std_mm
     assert again.length_std_mm == pytest.approx(before.length_std_mm, rel=1e-3)
+    broken = [replace(each, covariance_mm2=((-1.0, 0.0, 0.0),) * 3) for each in outcomes()]
+    assert fitted(broken) is None
+    assert while_measured(broken) is None
 
 
 def test_what_is_held_at_nominal_scatters_what_is_told() -> None:

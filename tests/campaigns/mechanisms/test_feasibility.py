@@ -56,19 +56,20 @@ def test_a_pose_out_of_reach_has_that_reason_and_no_measures():
     assert line.startswith("out of reach")
 
 
-def test_a_joint_beyond_its_limit_is_named_with_value_and_limit():
+def test_turns_coordinates_and_joints_beyond_limits_are_named_with_value_and_limit():
     joints_deg = np.degrees(NOMINAL.inverse(TURNED).values_or_raise()[0])
     largest = int(np.argmax(joints_deg))
     limits = replace(LIMITS, joint=(-np.pi / 4, np.radians(joints_deg[largest] - 1.0)))
     assert violations(limits, TURNED) is Violation.JOINT_LIMIT
     (line,) = told(limits, TURNED)
     assert line.startswith(f"joint {largest} at {joints_deg[largest]:.3f}° outside [-45°, ")
-
-
-def test_theta_beyond_its_limit_is_named_with_value_and_limit():
     limits = replace(LIMITS, task=turning(-0.1, np.radians(20.0)))
     assert violations(limits, TURNED) is Violation.TASK_LIMIT
     assert told(limits, TURNED) == ["theta 28.648° outside [-5.72958°, 20°]"]
+    member = BY_NAME["delta"]
+    limits = replace(member.limits, task=(None, None, (-700.0, -500.0)))
+    judged = member.nominal.feasibility(limits, np.array([[-60.0, -300.0, -720.0]]))
+    assert judged.describe(0) == ["z -720.000 mm outside [-700 mm, -500 mm]"]
 
 
 def test_a_forearm_that_swings_too_far_is_named_with_value_and_limit():
@@ -199,13 +200,6 @@ def test_a_carriage_beyond_its_rail_and_a_forearm_that_leans_too_far_are_told(na
     assert "away from its rail, limit" in judged.describe(0)[0]
     near = replace(member.limits, elbow_margin=0.999)
     assert "carriage 0." in member.nominal.feasibility(near, pose).describe(0)[0]
-
-
-def test_a_coordinate_beyond_its_limit_is_named_with_value_and_limit():
-    member = BY_NAME["delta"]
-    limits = replace(member.limits, task=(None, None, (-700.0, -500.0)))
-    judged = member.nominal.feasibility(limits, np.array([[-60.0, -300.0, -720.0]]))
-    assert judged.describe(0) == ["z -720.000 mm outside [-700 mm, -500 mm]"]
 
 
 def test_a_platform_above_its_elbows_is_another_assembly():

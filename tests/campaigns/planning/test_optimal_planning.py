@@ -147,15 +147,12 @@ def test_goal_for_distances_takes_whole_pairs():
     assert 2 * len(pairs) in {count for count, _ in found.curve}
 
 
-def test_goal_out_of_reach_is_refused_with_what_can_be_had():
+def test_goals_out_of_reach_or_of_too_few_candidates_are_refused():
     asked = request(40, until_mm=0.001, candidates=100)
     with pytest.raises(PlanInvalid, match=r"σ=0\.001 .* 40 shots, .* leave ±0\.0") as refused:
         planned(asked)
     goal = float(refused.value.remedy.split("σ=")[1].split()[0])
     assert len(of(planned(replace(asked, until_mm=goal)).shots, ShotSet.DRIFT)) == 3
-
-
-def test_goal_never_takes_more_shots_than_there_are_candidates():
     with pytest.raises(PlanInvalid, match="50 shots, the most allowed"):
         planned(request(1000, until_mm=0.001, candidates=50))
 

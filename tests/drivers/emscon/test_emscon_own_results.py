@@ -102,23 +102,21 @@ class TestTooSoon:
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
-    def test_measurement_under_way_is_stopped_when_its_result_came_too_soon(self):
+    def test_measurement_whose_result_came_too_soon_is_stopped_but_a_failure_is_called_what_it_is(
+        self,
+    ):
         station = Station().prepared(measuring_time_s=2.0)
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
         assert station.instrument.commands()[-1] == Command.STOP_MEASUREMENT
-
-    def test_failure_may_come_at_any_time_and_is_called_what_it_is(self):
         station = Station().prepared(measuring_time_s=2.0)
         says(station, (0.1, replace(RESULT, status=ResultStatus.SENSOR_NOT_LEVELED)))
         with pytest.raises(DeviceNotReady, match="level the tracker"):
             station.tracker.measure()
 
-    def test_simulated_tracker_is_not_judged_by_a_clock_that_is_not_its_own(self):
-        assert SimulatedStation((1, "early", None), knows_time=False).tracker.measure()
-
-    def test_simulated_tracker_says_that_it_is_one(self):
+    def test_simulated_tracker_says_that_it_is_one_and_is_not_judged_by_another_clock(self):
         assert SimulatedStation().tracker.identity().model == SIMULATED == SimulatedTracker.name
+        assert SimulatedStation((1, "early", None), knows_time=False).tracker.measure()
 
 
 class TestLateResults:
@@ -155,10 +153,14 @@ class TestLateResults:
             (0.0, Answer(light, 0, bodies.Code(1 if station.clock.now_s() < ends_s else 2)))
         ]
 
-    def test_two_results_after_a_failure_are_none(self):
+    def test_a_connection_with_results_before_it_or_two_of_them_gives_none(self, station):
         station = self.failed_once()
         says(station, (0.5, OTHER_RESULT), (0.5, RESULT))
         with pytest.raises(NotAMeasurement, match="a second result followed"):
+            station.tracker.measure()
+        station.tracker.reconnect()
+        says(station, (0.5, OTHER_RESULT), (0.5, RESULT))
+        with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
     def test_result_after_a_failure_is_none_when_another_follows_before_the_light_is_green(self):
@@ -197,12 +199,6 @@ class TestLateResults:
         station = self.failed_once()
         says(station, (0.5, OTHER_RESULT))
         station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(1)
-        with pytest.raises(NotAMeasurement):
-            station.tracker.measure()
-
-    def test_result_that_the_connection_before_had_waited_for_is_not_taken_either(self, station):
-        station.tracker.reconnect()
-        says(station, (0.5, OTHER_RESULT), (0.5, RESULT))
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 

@@ -111,18 +111,13 @@ def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement(bench)
     assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
 
 
-def test_warned_distance_of_the_point_before_is_no_measurement_either(bench):
+def test_distance_of_the_point_before_is_no_measurement_warned_or_over_a_new_connection(bench):
     bench.tracker.measure()
     delivers(bench, 1000, code=1284)
-    with pytest.raises(errors.NotAMeasurement):
-        bench.tracker.measure()
-
-
-def test_distance_of_the_point_before_is_known_over_a_new_connection(bench):
-    bench.tracker.measure()
-    bench.tracker.reconnect()
-    with pytest.raises(errors.NotAMeasurement):
-        bench.tracker.measure()
+    for _ in range(2):
+        with pytest.raises(errors.NotAMeasurement):
+            bench.tracker.measure()
+        bench.tracker.reconnect()
 
 
 def test_instrument_without_time_stamps_may_measure_the_same_twice(bench):

@@ -9,12 +9,14 @@ from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
 
-def test_points_are_in_the_instruments_own_frame_then():
+def test_points_are_in_the_instruments_own_frame_and_prisms_listed():
     instrument = Bench().prepared().instrument
     assert instrument.answers[Rpc.TMC_GET_STATION] == (0, ("0.0",) * 4)
     assert instrument.answers[Rpc.TMC_GET_HEIGHT] == (0, ("0.0",))
     assert instrument.answers[Rpc.TMC_GET_GEO_PPM][1][:2] == ("0", "1.0")
     assert instrument.answers[Rpc.BAP_GET_TARGET_TYPE] == (0, ("0",))
+    names = [prism.name for prism in Bench().prepared().tracker.reflectors()]
+    assert names == ["Leica Circ Prism", "Leica Mini Prism", CCR]
 
 
 def test_old_distance_is_cleared_before_the_station_is_set():
@@ -26,39 +28,25 @@ def test_old_distance_is_cleared_before_the_station_is_set():
     assert bench.instrument.words_of_last(Rpc.TMC_DO_MEASURE) == ("3", "1")
 
 
-def test_prism_of_the_operator_is_chosen_by_its_name():
+def test_prism_is_chosen_by_its_name_or_type_and_an_unknown_one_refused():
     bench = Bench().connected()
     bench.tracker.prepare(CCR, 1.0)
     assert bench.instrument.words_of_last(Rpc.BAP_SET_PRISM_TYPE_2) == ("9", f'"{CCR}"')
     assert bench.tracker.state().reflector == CCR
-
-
-def test_standard_prism_is_chosen_by_its_type():
     bench = Bench().connected()
     bench.instrument.answers[Rpc.BAP_GET_PRISM_TYPE_2] = (0, words_of(1, "Leica Mini Prism"))
     bench.tracker.prepare("Leica Mini Prism", 1.0)
     assert bench.instrument.words_of_last(Rpc.BAP_SET_PRISM_TYPE) == ("1",)
-
-
-def test_unknown_prism_is_refused_with_the_nearest_name():
     bench = Bench().connected()
     with pytest.raises(DeviceNotReady, match=r"no prism 'mini prism'.*'Leica Mini Prism'"):
         bench.tracker.prepare("mini prism", 1.0)
 
 
-def test_prisms_are_listed_with_the_operators_own_that_is_in_use():
-    names = [prism.name for prism in Bench().prepared().tracker.reflectors()]
-    assert names == ["Leica Circ Prism", "Leica Mini Prism", CCR]
-
-
-def test_instrument_without_motors_is_refused():
+def test_instrument_without_motors_or_that_keeps_no_setting_is_refused():
     bench = Bench().connected()
     bench.instrument.answers[Rpc.CSV_GET_DEVICE_CONFIG] = (0, words_of(503, 0x200))
     with pytest.raises(DeviceRefused, match=r"no motors or no target recognition.*import"):
         bench.tracker.prepare(CCR, 1.0)
-
-
-def test_setting_that_is_not_kept_is_refused():
     bench = Bench().connected()
     bench.instrument.says[Rpc.TMC_SET_HEIGHT] = lambda request: [
         (0.0, encode_reply(GeocomReply(0, request.transaction, 0)))

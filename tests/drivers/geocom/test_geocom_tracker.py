@@ -9,19 +9,21 @@ from drivers.wire.geocom_constants import Result, Rpc
 
 
 class TestSession:
-    def test_identity_is_name_serial_and_firmware(self):
+    def test_identity_is_name_serial_and_firmware_with_enough_digits(self):
         identity = Bench().connected().tracker.identity()
         assert str(identity) == "Leica TDRA6000 serial 361234 (GeoCOM, firmware 4.1.2)"
+        bench = Bench()
+        bench.instrument.answers[Rpc.COM_GET_DOUBLE_PRECISION] = (0, words_of(3))
+        bench.connected()
+        assert bench.instrument.words_of_last(Rpc.COM_SET_DOUBLE_PRECISION) == ("10",)
 
-    def test_silent_instrument_is_given_up_at_the_deadline(self):
+    def test_instrument_that_is_silent_or_sleeps_is_given_up(self):
         bench = Bench()
         bench.instrument.says[Rpc.COM_NULL_PROC] = []
         with pytest.raises(LinkDown, match="no answer to COM_NULL_PROC within 15 s"):
             bench.tracker.connect()
         assert bench.clock.now_s() == pytest.approx(15.0)
         assert bench.pipe.is_closed
-
-    def test_instrument_that_sleeps_is_to_be_woken(self):
         bench = Bench()
         bench.instrument.says[Rpc.COM_NULL_PROC] = lambda request: [
             (0.0, encode_reply(GeocomReply(Result.COM_SLEEPING, request.transaction, 0)))
@@ -29,12 +31,6 @@ class TestSession:
         with pytest.raises(DeviceNotReady, match="switch the instrument on"):
             bench.tracker.connect()
         assert bench.pipe.is_closed
-
-    def test_digits_are_asked_for_that_do_not_lose_a_micrometre(self):
-        bench = Bench()
-        bench.instrument.answers[Rpc.COM_GET_DOUBLE_PRECISION] = (0, words_of(3))
-        bench.connected()
-        assert bench.instrument.words_of_last(Rpc.COM_SET_DOUBLE_PRECISION) == ("10",)
 
 
 class TestReconnect:

@@ -26,13 +26,10 @@ def test_pose_is_converted_with_the_stored_set_where_only_joints_are_taken(linux
     assert linuxcnc.moves[0].endswith("X10.000000 Y-20.000000 Z30.000000 A40.000000")
 
 
-def test_pose_is_sent_as_it_is_where_the_kinematics_works():
+def test_pose_is_sent_as_it_is_and_joints_as_their_pose_where_the_kinematics_works():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.robot.move_pose(Pose(100.0, -200.0, 300.0, radians(40.0)), 1.0)
     assert linuxcnc.moves == ["G21 G90 G94 G53 G0 X100.000000 Y-200.000000 Z300.000000 C40.000000"]
-
-
-def test_joints_are_sent_as_their_pose_where_the_kinematics_works():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert linuxcnc.moves[0].endswith("X100.000000 Y-200.000000 Z300.000000 C40.123457")

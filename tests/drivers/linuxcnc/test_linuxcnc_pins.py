@@ -61,7 +61,9 @@ def hal(tmp_path):
     return Hal(tmp_path)
 
 
-def test_pins_are_read_as_full_doubles(hal):
+def test_pins_are_read_and_set_as_full_doubles(hal):
+    assert hal.outside().write({NAMES[1]: ODD}) == {NAMES[0]: -172.5, NAMES[1]: ODD}
+    assert hal.outside().read()[NAMES[1]] == ODD
     hal.pins[NAMES[0]] = ODD
     hal.save()
     assert hal.outside().read() == {NAMES[0]: ODD, NAMES[1]: 100.0}
@@ -75,11 +77,6 @@ def test_module_that_lies_where_pins_are_read_from_is_not_imported(hal, tmp_path
     assert not (elsewhere / "ran").exists()
 
 
-def test_pins_are_set_as_full_doubles_and_told_as_they_are_then(hal):
-    assert hal.outside().write({NAMES[1]: ODD}) == {NAMES[0]: -172.5, NAMES[1]: ODD}
-    assert hal.outside().read()[NAMES[1]] == ODD
-
-
 def test_nothing_is_set_while_the_machine_is_on(hal):
     hal.pins["motion.motion-enabled"] = True
     hal.save()
@@ -88,12 +85,9 @@ def test_nothing_is_set_while_the_machine_is_on(hal):
     assert hal.outside().read()[NAMES[1]] == 100.0
 
 
-def test_other_kinematics_has_other_pins(hal):
+def test_other_pins_or_none_are_told(hal):
     with pytest.raises(DeviceRefused, match=r"without the pins.*rotarydeltakins.x"):
         hal.outside(("rotarydeltakins.x",)).read()
-
-
-def test_linuxcnc_that_does_not_run_is_not_there(hal):
     hal.pins = {}
     hal.save()
     with pytest.raises(LinkDown, match="LinuxCNC does not run"):

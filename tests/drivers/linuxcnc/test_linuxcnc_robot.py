@@ -12,7 +12,7 @@ from drivers.values import Identity
 IDENTITY = Identity("LinuxCNC", "Par4 in XYZA", "PAR4", "not told", "linuxcncrsh 1.1")
 
 
-def test_connection_greets_takes_control_and_bounds_every_order():
+def test_connecting_moves_nothing_and_takes_control_with_bounded_orders():
     linuxcnc = connected()
     assert linuxcnc.asked[:2] == ["hello EMC pkmcal 1.1", "set echo off"]
     assert linuxcnc.orders[1:] == [
@@ -22,6 +22,11 @@ def test_connection_greets_takes_control_and_bounds_every_order():
         "set set_wait received",
     ]
     assert linuxcnc.robot.identity() == IDENTITY
+    linuxcnc = connected()
+    assert (linuxcnc.estop, linuxcnc.machine, linuxcnc.homed) == (True, False, False)
+    state = linuxcnc.robot.state()
+    assert state.emergency_stop
+    assert not state.moving
 
 
 def test_newer_version_with_its_extra_lines_is_understood():
@@ -30,14 +35,6 @@ def test_newer_version_with_its_extra_lines_is_understood():
     linuxcnc.robot.prepare()
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert arrive(linuxcnc).joints == pytest.approx(TARGET_RAD, abs=radians(1e-6))
-
-
-def test_connecting_moves_and_switches_nothing():
-    linuxcnc = connected()
-    assert (linuxcnc.estop, linuxcnc.machine, linuxcnc.homed) == (True, False, False)
-    state = linuxcnc.robot.state()
-    assert state.emergency_stop
-    assert not state.moving
 
 
 def test_connecting_stops_what_moves_before_anything_else(linuxcnc):
