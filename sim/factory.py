@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.geometry import Array, Geometry, Kind, KindParameter, geometry_of
 from sim.random_streams import Purpose, generator
-from sim.robot.driven_robot import Behaviour, Mount
+from sim.robot.driven_robot import Behaviour, SeenReflector
 from sim.robot.rods import Build
 from sim.robot.section import RobotSection, Tolerances
 from sim.robot.tilting_kinematics import KnownPlate
@@ -98,9 +98,9 @@ def behaviour(robot: RobotSection) -> Behaviour:
     return Behaviour(backlash, noise, repeatability.position_mm, robot.thermal)
 
 
-def mount(robot: RobotSection, station: TrackerPose) -> Mount:
+def mount(robot: RobotSection, station: TrackerPose) -> SeenReflector:
     """The reflector, facing the tracker from the workspace's centre unless told otherwise."""
     told = robot.reflector.facing
     centre_mm = np.array(robot.workspace_centre_mm)
     facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)
-    return Mount(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))
+    return SeenReflector(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))

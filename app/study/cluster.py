@@ -6,7 +6,6 @@ import logging
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from queue import Empty, Queue
 from typing import Any
 
@@ -19,30 +18,25 @@ ANEW = 3
 """How often a task is given to the cluster anew when its result has gone."""
 
 
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How long a cluster is waited for, in seconds."""
-
-    connect_s: float = 5.0
-    """For the scheduler to answer, and for a first worker."""
-    result_s: float = 10.0
-    """To bring a finished result here, or to notice that it is gone."""
-    empty_s: float = 60.0
-    """For any result, before it is asked whether there are workers at all."""
-
-
 def cluster_results(
     tasks: Sequence[Task],
     scheduler: str,
     work: Work[Task, Outcome],
-    patience: Patience = Patience(),
+    *,
+    connect_s: float = 5.0,
+    result_s: float = 10.0,
+    empty_s: float = 60.0,
 ) -> Results[Outcome]:
     """Results from the cluster of a scheduler, which is asked only if there is something to do.
 
+    `connect_s` is waited for the scheduler to answer, and for a first worker; `result_s` for a
+    finished result to come here, or be noticed to be gone; `empty_s` for any result, before it is
+    asked whether there are workers at all.
+
     Raises `OptionsInvalid` at once when Dask is not installed or no scheduler or worker answers.
     """
-    client = _connected(scheduler, patience.connect_s) if tasks else nullcontext()
-    return _from_cluster(client, tasks, work, patience)
+    client = _connected(scheduler, connect_s) if tasks else nullcontext()
+    return _from_cluster(client, tasks, work, result_s, empty_s)
 
 
 def _connected(scheduler: str, within_s: float) -> Any:
@@ -83,7 +77,7 @@ def _connected(scheduler: str, within_s: float) -> Any:
 
 
 def _from_cluster(
-    client: Any, tasks: Sequence[Task], work: Work[Task, Outcome], patience: Patience
+    client: Any, tasks: Sequence[Task], work: Work[Task, Outcome], result_s: float, empty_s: float
 ) -> Results[Outcome]:
     """Results as they come; what the cluster keeps of a task goes with its future.
 
@@ -110,7 +104,7 @@ def _from_cluster(
                 alone.add(suspects[0])
                 submit(suspects.pop(0))
             try:
-                future = ended.get(timeout=patience.empty_s)
+                future = ended.get(timeout=empty_s)
             except Empty:
                 if client.nthreads():
                     continue
@@ -118,7 +112,7 @@ def _from_cluster(
                 yield from (Result(place, lost="the cluster has no workers left") for place in left)
                 return
             place = places.pop(future)
-            result: Result[Outcome] | None = _result_of(future, place, patience.result_s)
+            result: Result[Outcome] | None = _result_of(future, place, result_s)
             if future.status == "error" and place not in alone:
                 suspects.append(place)
             elif result is not None:

@@ -33,21 +33,17 @@ class Behaviour:
     thermal: Thermal
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mount:
-    """The reflector at the controlled point: on half 1 of a Par4's plate."""
-
-    offset_mm: Array
-    """(3,): from the controlled point, as long as the plate is level and not turned."""
-    facing: Array
-    """(3,): where it looks, a unit vector in the base frame as long as the plate is level."""
-
-
 class SeenReflector(NamedTuple):
-    """A reflector's centre and where it looks, in the base frame."""
+    """A reflector's centre, and where it looks: on half 1 of a Par4's plate.
+
+    In the base frame; of one's mount from the controlled point, as long as the plate is level and
+    not turned.
+    """
 
     point_mm: Array
+    """(3,)"""
     facing: Array
+    """(3,): unit vector."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +66,7 @@ class DrivenRobot:
         self,
         rods: RodMechanism,
         behaviour: Behaviour,
-        mount: Mount,
+        mount: SeenReflector,
         standing: Standing,
         *,
         seed: int,
@@ -152,5 +148,5 @@ class DrivenRobot:
 
     def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
         rotation = assembly.plate.rotation
-        point_mm = self._rods.reflector_mm(assembly.plate, self._mount.offset_mm) + displaced_mm
+        point_mm = self._rods.reflector_mm(assembly.plate, self._mount.point_mm) + displaced_mm
         return SeenReflector(point_mm, rotation @ self._mount.facing)

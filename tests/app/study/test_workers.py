@@ -15,7 +15,7 @@ from lose_a_worker import COUNT
 from poisoned_work import FAULT, POISON, harmless, work
 
 from app.main import run_command
-from app.study.cluster import Patience, cluster_results
+from app.study.cluster import cluster_results
 from app.study.results import Result
 from app.study.workers import local_results, workers_of
 from campaigns.errors import OptionsInvalid
@@ -24,7 +24,7 @@ from campaigns.studies.study import StudyTask
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[2]
 TABLE = "plan-paper-simulation-points.jsonl"
-HASTY = Patience(connect_s=0.2, empty_s=0.01)
+HASTY = {"connect_s": 0.2, "empty_s": 0.01}
 NOBODY = "tcp://127.0.0.1:1"
 
 
@@ -128,7 +128,7 @@ def test_cluster_without_dask_says_what_to_install(monkeypatch):
 @pytest.mark.parametrize("url", [NOBODY, "tcp://127.0.0.1:port", "tcp://", "tls://127.0.0.1:1"])
 def test_scheduler_that_is_not_there_is_said_before_anything_begins(url):
     with pytest.raises(OptionsInvalid, match=f"no Dask scheduler answers at {url}"):
-        cluster_results(tasks(), url, harmless, HASTY)
+        cluster_results(tasks(), url, harmless, **HASTY)
 
 
 @pytest.mark.long
@@ -136,7 +136,7 @@ def test_listener_that_is_no_scheduler_is_not_waited_for():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(OptionsInvalid, match="no Dask scheduler answers"):
-            cluster_results(tasks(), url, harmless, HASTY)
+            cluster_results(tasks(), url, harmless, **HASTY)
 
 
 def test_no_scheduler_is_asked_when_nothing_is_left_to_do():
@@ -232,7 +232,7 @@ def from_cluster(pretend):
     def run(**ends):
         client = FakeClient({int(name.removeprefix("task")): list(e) for name, e in ends.items()})
         pretend(client)
-        results = list(cluster_results(tasks(), "tcp://there:8786", harmless, HASTY))
+        results = list(cluster_results(tasks(), "tcp://there:8786", harmless, **HASTY))
         assert client.closed
         return sorted(results, key=lambda each: each.place)
 

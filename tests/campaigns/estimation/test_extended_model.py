@@ -33,7 +33,7 @@ from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, Po
 from sim.geometry import geometry_of
 from sim.random_streams import Attempts, WorkedTime, target_key
 from sim.robot.assembly import assemble
-from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing
+from sim.robot.driven_robot import Behaviour, DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Build, RodMechanism
 from sim.robot.section import Thermal
 
@@ -177,7 +177,7 @@ def driven_robot(backlash_rad):
     return DrivenRobot(
         rods,
         Behaviour(backlash_rad, 0.0, 0.0, Thermal()),
-        Mount(np.array([20.0, -30.0, -45.0]), np.array([1.0, 0.0, 0.0])),
+        SeenReflector(np.array([20.0, -30.0, -45.0]), np.array([1.0, 0.0, 0.0])),
         Standing(start.joints, np.zeros(4), start, np.zeros(3)),
         seed=1,
         worked=WorkedTime(0.0),

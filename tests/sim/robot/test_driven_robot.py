@@ -8,7 +8,7 @@ import pytest
 from sim.geometry import NOMINAL_ROBOTS, geometry_of
 from sim.random_streams import Attempts, WorkedTime, target_key
 from sim.robot.assembly import assemble, follow
-from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing
+from sim.robot.driven_robot import Behaviour, DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Build, RodMechanism
 from sim.robot.section import Thermal
 
@@ -27,7 +27,7 @@ def driven(behaviour, *, seed=1, worked=None):
     rods = RodMechanism(GEOMETRY, build)
     start = assemble(rods, GEOMETRY, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
     standing = Standing(start.joints, np.zeros(4), start, np.zeros(3))
-    mount = Mount(np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0]))
+    mount = SeenReflector(np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0]))
     worked = worked or WorkedTime(0.0)
     return DrivenRobot(
         rods, behaviour, mount, standing, seed=seed, worked=worked, arrivals=Attempts({})
