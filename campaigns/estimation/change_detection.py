@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import gammaln, ndtr, ndtri, owens_t
+from scipy.special import ndtr, ndtri, owens_t
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.f_test import FittedShots, log_p
@@ -147,12 +147,8 @@ def last_together(wrong: Mask) -> int | None:
     if len(places) < 2:
         return None
     last = count - int(places[0])
-    chance = _log_choices(last, len(places)) - _log_choices(count, len(places))
-    return int(places[0]) if chance < math.log(SIGNIFICANCE) else None
-
-
-def _log_choices(of: int, chosen: int) -> float:
-    return float(gammaln(of + 1) - gammaln(chosen + 1) - gammaln(of - chosen + 1))
+    chance = math.comb(last, len(places)) / math.comb(count, len(places))
+    return int(places[0]) if chance < SIGNIFICANCE else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,22 +48,31 @@ class Group:
 class LackOfFit:
     """Cause of what a model leaves, by its size."""
 
-    name: str
-    arms: tuple[int, ...]
-    """Of each entry of `size`; () where the cause is no arm's."""
-    parameters: tuple[str, ...]
-    period: float
+    group: Group
+    part: Index
+    """Places of its columns in the group's: those of one arm, or all."""
     size: Array
-    """Of the columns that the group was made of, (k,), mm and rad."""
+    """By these columns, (k,), mm and rad."""
     std: Array
     share: float
     """Part of the residuals' variance that it explains beyond chance."""
     log_p: float
     """Logarithm of the chance that good shots show as much by any group."""
-    part: Index
-    """Places of its columns in the group's."""
-    columns: Array
-    """Whitened, (N, 3, k)."""
+
+    @property
+    def name(self) -> str:
+        """Name of the cause."""
+        return self.group.name
+
+    @property
+    def arms(self) -> tuple[int, ...]:
+        """Arm of each entry of `size`; () where the cause is no arm's."""
+        return () if self.group.arms is None else tuple(self.group.arms[self.part].tolist())
+
+    @property
+    def columns(self) -> Array:
+        """Whitened, (N, 3, k)."""
+        return np.asarray(self.group.columns[:, :, self.part])
 
     @property
     def p(self) -> float:
@@ -173,14 +182,10 @@ def _lack(
 ) -> LackOfFit:
     rest = (shots.chi2 - solved.gain) / (shots.freedom - solved.rank)
     return LackOfFit(
-        name=group.name,
-        arms=() if group.arms is None else tuple(group.arms[part].tolist()),
-        parameters=tuple(group.parameters[place] for place in part if group.parameters),
-        period=group.period,
+        group=group,
+        part=part,
         size=-solved.size,
         std=np.sqrt(rest * solved.variance),
         share=float(max(0.0, solved.gain - solved.rank * rest) / shots.chi2),
         log_p=min(chance, 0.0),
-        part=part,
-        columns=group.columns[:, :, part],
     )

@@ -72,6 +72,7 @@ LACKS = {
 }
 """Causes of a lack of fit in words, what to do, and the size's unit; of parameters their own."""
 PER_UNIT = {" mm": 1.0, "°": float(np.degrees(1.0)), " %": 100.0}
+TINY = 1e-300
 ACCEPT = {COMMON_SCALE: "--accept-scale", LARGE_CHANGE: "--accept-large-change"}
 """Option with which a result is taken all the same."""
 
@@ -240,9 +241,9 @@ def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> 
         values["arm"] = float(arm)
         alone = len(set(found.arms)) == 1
         words = f"arm {arm}: {words}" if alone else f"{words}, most in arm {arm}"
-    if found.period:
-        values["period_mm"] = found.period
-        words += f" of {found.period:.3g} mm"
+    if period_mm := found.group.period:
+        values["period_mm"] = period_mm
+        words += f" of {period_mm:.3g} mm"
     says = (
         f"{words}{told} ({100.0 * found.share:.0f} % of what is left, {_chance(found.p)}), and "
         f"positions are worse than their σ: {remedy}"
@@ -252,14 +253,16 @@ def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> 
 
 def _largest(found: LackOfFit, space: ParameterSpace, unit: str) -> tuple[float, str, int | None]:
     """Largest effect in a unit for people (that of its parameter where none is given), its arm."""
-    size, arms, names = found.size, found.arms, found.parameters
+    size, arms, names = found.size, found.arms, found.group.parameters
     if found.name in HARMONIC:
         size, arms = np.hypot(size[::2], size[1::2]), arms[::2]
     if found.name == "sag":
         size = size[2:3]
-    most = int(np.argmax(np.abs(size / found.std if names else size)))
+    weight = np.maximum(found.std, TINY) if names else 1.0
+    most = int(np.argmax(np.abs(size / weight)))
     if not unit:
-        own = space.offsets[arms[most]] if not names else space.places((names[most],))[0]
+        offset = space.offsets[arms[most]]
+        own = space.places((names[found.part[most]],))[0] if names else offset
         unit = space.every[own].sign
     return float(size[most]) * PER_UNIT[unit], unit, arms[most] if arms else None
 

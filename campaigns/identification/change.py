@@ -230,8 +230,8 @@ def _taken_up(shots: _AllShots, groups: tuple[Group, ...], lacks: tuple[LackOfFi
     """Columns of what the model lacks, of all shots."""
     known = {each.name: each.columns for each in groups}
     for each in lacks:
-        if each.period:
-            angle = 2.0 * np.pi / each.period * shots.joints
+        if each.group.period:
+            angle = 2.0 * np.pi / each.group.period * shots.joints
             known[each.name] = error_columns.harmonic(shots.linearized.by_joints, angle)
     return np.concatenate([known[each.name][:, :, each.part] for each in lacks], axis=2)
 

@@ -94,7 +94,7 @@ def test_a_period_is_found_and_its_search_counts():
     shots = FittedShots.of(noise - wobble, jacobian)
     assert best_period(shots, by_joints, places).searched > 100
     (found,) = lacks_of_fit(shots, (), (by_joints, places))
-    assert (found.name, found.period) == ("period", pytest.approx(17.0, rel=0.02))
+    assert (found.name, found.group.period) == ("period", pytest.approx(17.0, rel=0.02))
     still = FittedShots.of(noise, jacobian)
     assert tuple(lacks_of_fit(still, (), (by_joints, places))) == ()
 
