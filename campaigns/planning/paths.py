@@ -40,6 +40,9 @@ STANDING_MM = 1.0
 """By so much a robot may read itself beyond a wall at which it stood; no way leads it further."""
 MOST_REROUTES = 40
 
+STRAIGHT_PARTS = (4, 8, 16)
+"""Of the straight line between two poses, as the last way that is tried."""
+
 
 @dataclass(frozen=True, slots=True)
 class PathFault:
@@ -223,6 +226,8 @@ def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]
         inner = [end + pull * (centre - end) for end in (from_pose, to_pose)]
         yield np.stack([inner[0], inner[1]])
         yield np.stack([inner[0], centre, inner[1]])
+    for parts in STRAIGHT_PARTS:  # where a coordinated move leaves the straight line far behind
+        yield np.linspace(from_pose, to_pose, parts + 1)[1:-1]
 
 
 def check_paths(stops: Sequence[Stop], robot: RobotModel) -> tuple[int, float, list[str]]:

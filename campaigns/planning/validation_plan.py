@@ -22,8 +22,8 @@ from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
-APPROACH_MM = 80.0
-"""Distance from which the repeated point is approached."""
+APPROACHES_MM = (80.0, 40.0, 20.0, 10.0)
+"""Distances from which the repeated point is approached: the first that a robot has room for."""
 SHRINK = 0.98
 SHRINKS = 20
 """A line or turn that is too long for the robot is shortened about its middle, step by step."""
@@ -204,11 +204,18 @@ def _repetitions(
     around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack([radius * np.cos(around), radius * np.sin(around), height])
-    poses, approaches = np.tile(centre, (count, 1)), np.tile(centre, (count, 1))
-    approaches[:, :3] += APPROACH_MM * directions
-    if reason := robot.first_reason(np.vstack([poses, approaches])):
-        raise _impossible("repeatability", reason)
-    yield _steps(ShotSet.REPEATABILITY, poses, robot, approaches=approaches), ()
+    poses, first_reason = np.tile(centre, (count, 1)), ""
+    for away_mm in APPROACHES_MM:
+        approaches = poses.copy()
+        approaches[:, :3] += away_mm * directions
+        reason = robot.first_reason(np.vstack([poses, approaches]))
+        if not reason:
+            steps = _steps(ShotSet.REPEATABILITY, poses, robot, approaches=approaches)
+            asked = f"repeatability from {away_mm:g} mm away, not {APPROACHES_MM[0]:g}"
+            yield steps, (f"{asked}: {first_reason}",) if first_reason else ()
+            return
+        first_reason = first_reason or reason
+    raise _impossible("repeatability", first_reason)
 
 
 def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:

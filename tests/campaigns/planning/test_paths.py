@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
 
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.paths import SLACK_RAD, RobotModel
+from campaigns.robots.robot import find_robot
 
 OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
 
@@ -107,3 +109,17 @@ def test_when_every_way_is_blocked_there_is_none():
     here, there = joints_of(0, -50, -575, -0.5), joints_of(0, -50, -575, 0.5)
     nothing_allowed = replace(LIMITS, forearm_swing_rad=-1.0)
     assert RobotModel(NOMINAL, nothing_allowed, CENTRE).safe_path(here, there) is None
+
+
+def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_short_legs():
+    """A fine pinion turns small differences of the joints' ways into large turns."""
+    robot = find_robot("i4r").robot
+    fine = Kinematics.of(robot.mechanism, dict(robot.parameters) | {"pinion_mm": 10.0})
+    turned = np.radians(-88.5)
+    ends = np.array([[-200.0, -200.0, -450.0, turned], [200.0, 200.0, -700.0, turned]])
+    here, there = fine.inverse(ends).values_or_raise()
+    model = RobotModel(fine, robot.limits, robot.workspace_centre)
+    assert "theta leaves its limits" in model.fault(here, there).reason
+    way = model.safe_path(here, there)
+    assert way is not None
+    assert all(model.fault(one, other) is None for one, other in pairwise([here, *way]))

@@ -12,8 +12,8 @@ from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.errors import PlanInvalid
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Step
-from campaigns.planning.validation_plan import APPROACH_MM, Planned, Reachable, validation_steps
-from campaigns.robots.robot import pose_row
+from campaigns.planning.validation_plan import APPROACHES_MM, Planned, Reachable, validation_steps
+from campaigns.robots.robot import find_robot, pose_row
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
 
@@ -118,9 +118,9 @@ def test_repeated_pose_is_approached_from_all_around() -> None:
     assert {step.planned.pose for step in repeated} == {repeated[0].planned.pose}
     joints = np.array([step.approach[0] for step in repeated])
     away = NOMINAL.forward(joints).values_or_raise()[:, :3] - CENTRE[:3]
-    assert np.linalg.norm(away, axis=1) == pytest.approx(APPROACH_MM)
-    assert np.abs(away.mean(axis=0)).max() < 0.05 * APPROACH_MM
-    directions = away / APPROACH_MM
+    assert np.linalg.norm(away, axis=1) == pytest.approx(APPROACHES_MM[0])
+    assert np.abs(away.mean(axis=0)).max() < 0.05 * APPROACHES_MM[0]
+    directions = away / APPROACHES_MM[0]
     nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
     assert np.degrees(np.arccos(nearest)).min() > 15.0
 
@@ -158,3 +158,23 @@ def test_corrected_poses_bring_the_nominal_controller_to_the_joints_of_the_wante
         joints = NOMINAL.inverse(row).values_or_raise()[0]
         np.testing.assert_allclose(joints, step.planned.joints, atol=1e-9)
     assert all(step.corrected is None for step in steps()[0])
+
+
+def test_small_robot_comes_to_the_repeated_pose_from_less_far_and_says_so() -> None:
+    third = par4(
+        {
+            name: value / 3.0 if name.endswith("_mm") else value
+            for name, value in find_robot("par4-prototype").robot.parameters.items()
+        }
+    )
+    config = replace_centre(CONFIG, (0.0, 0.0, -150.0))
+    found = steps(frozenset({ShotSet.REPEATABILITY}), config, Reachable(third, LIMITS))
+    (note,) = found[1]
+    assert note.startswith("repeatability from 40 mm away, not 80: ")
+    joints = np.array([step.approach[0] for step in found[0]])
+    away = third.forward(joints).values_or_raise()[:, :3] - [0.0, 0.0, -150.0]
+    assert np.linalg.norm(away, axis=1) == pytest.approx(40.0)
+
+
+def replace_centre(config: ValidationConfig, centre_mm: tuple[float, float, float]):
+    return config.model_copy(update={"centre_mm": centre_mm})
