@@ -55,7 +55,8 @@ def rehearse(
     after = _validated(campaign, terminal, "after")
     document["after"] = after.result.document()
     show_gain(terminal, after.evaluation)
-    return document, after.verdict.reasons
+    otherwise = after.otherwise
+    return document, after.verdict.reasons or (otherwise.reasons if otherwise else ())
 
 
 def heading(terminal: Terminal, number: int, stage: str) -> None:

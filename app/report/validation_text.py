@@ -7,7 +7,6 @@ from app.exits import Exit
 from app.next import tell_next
 from app.report.results_sections import BEFORE_AND_AFTER, limits
 from campaigns.campaign import Campaign
-from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
@@ -64,11 +63,10 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     verdict = found.verdict
     for reason in verdict.reasons:
         terminal.say(f"not good: {reason}", STYLES.get(verdict.decision or "", ""))
-    whole = found.campaign_verdict
-    open_still = whole is not None and whole.answer not in {verdict.decision, NONE_ASKED_FOR}
-    if verdict.decision == "pass" and not open_still:
+    whole = found.otherwise
+    if verdict.decision == "pass" and whole is None:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
-    if whole is not None and open_still:
+    if whole is not None:
         answer = f"the campaign as a whole: {whole.decision}: {' '.join(whole.reasons)}"
         terminal.say(answer, STYLES[whole.decision])
 

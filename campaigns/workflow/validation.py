@@ -13,7 +13,7 @@ from campaigns.controllers.export import CalibrationRoute
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation import validation
-from campaigns.evaluation.campaign_verdict import CampaignVerdict
+from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR, CampaignVerdict
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification.options import Selection
 from campaigns.journal.journal import Journal, JournalReader
@@ -60,6 +60,13 @@ class Validated:
     def campaign_verdict(self) -> CampaignVerdict | None:
         """Verdict on the whole campaign, as its report has it; None before calibration."""
         return self.evaluation.verdict if self.stage == "after" else None
+
+    @property
+    def otherwise(self) -> CampaignVerdict | None:
+        """Verdict on the campaign where it is another than the stage's; None: it is not."""
+        whole = self.campaign_verdict
+        alike = whole is None or whole.answer in {self.verdict.decision, NONE_ASKED_FOR}
+        return None if alike else whole
 
 
 def validation_work(

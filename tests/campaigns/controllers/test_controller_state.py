@@ -16,6 +16,7 @@ from campaigns.settings.sections import AcceptanceConfig
 from campaigns.workflow.files import export
 from campaigns.workflow.loading import LoadTerms, load
 from campaigns.workflow.reduced_export import export_projected
+from campaigns.workflow.validation import Validated
 
 WIDE = AcceptanceConfig(
     distance_mean_mm=1.0,
@@ -116,6 +117,17 @@ def test_states_are_told_by_digests(identified: PaperCampaign, plain: Evaluation
     assert sets.state(other.digest()).kind == "other"
     rounded = {name: value * (1.0 + 1e-13) for name, value in whole.parameters.items()}
     assert sets.held(rounded).digest() == whole.digest(), "read back in other units"
+
+
+def test_a_stage_says_where_the_campaign_is_judged_otherwise(plain: Evaluation) -> None:
+    stage, result = "after", plain.after
+    assert Validated(stage, result, plain).otherwise is None
+    other = with_form(plain, of="0" * 64)
+    assert other.validated(stage).decision == "pass"
+    found = Validated(stage, result, other).otherwise
+    assert found is not None
+    assert found.decision == "not decided"
+    assert Validated("before", plain.before, other).otherwise is None
 
 
 def test_what_was_identified_again_since_is_told(plain: Evaluation) -> None:
