@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from journal_story import intent, ticking
+from journal_story import ticking
 from tampering import change_text, tamper
 
 from campaigns.errors import JournalFailed
@@ -41,14 +41,7 @@ def damage(path: Path) -> digest_chain.JournalDamaged:
     return caught.value
 
 
-def test_a_changed_digit_is_found_with_its_record(path: Path) -> None:
-    change_text(path, 5, "1000.1", "1000.2")
-    error = damage(path)
-    assert "record 5 was changed after it was written" in error.problem
-    assert error.number == 5
-
-
-@pytest.mark.parametrize("number", [1, 2, 11, STORY])
+@pytest.mark.parametrize("number", [1, 11, STORY])
 @pytest.mark.parametrize(
     "change",
     [
@@ -94,14 +87,6 @@ def test_missing_renumbered_and_foreign_records_are_found(
     error = damage(path)
     assert said in error.problem
     assert error.number == number
-
-
-SWAP = ((4, 100), (7, 4), (100, 7))
-
-
-def test_two_records_that_have_changed_places_are_found(path: Path) -> None:
-    tamper(path, *(f"UPDATE record SET id = {new} WHERE id = {old}" for old, new in SWAP))
-    assert damage(path).number == 4
 
 
 @pytest.mark.parametrize("column", ["body", "at_utc", "kind"])
@@ -210,11 +195,3 @@ def test_a_journal_whose_making_was_just_done_is_whole(tmp_path: Path) -> None:
         assert journal.end() == digest_chain.EMPTY
     with read_journal(tmp_path / "new.db") as reader:
         assert reader.records() == ()
-
-
-def test_records_written_by_two_openings_are_one_chain(path: Path) -> None:
-    with open_journal(path, now_utc=ticking()) as journal:
-        journal.append(intent(9), series=1)
-        end = journal.end()
-    with read_journal(path) as reader:
-        assert reader.end() == end == digest_chain.ChainEnd(STORY + 1, end.digest)

@@ -67,10 +67,21 @@ GOLDEN_TWO_PAIRS = [
 """Readings of the robot that follow one another are one entry."""
 
 
-def test_golden_sequence_of_a_two_pair_plan(tmp_path: Path) -> None:
+def test_golden_sequence_of_a_two_pair_plan_and_what_its_outcomes_hold(tmp_path: Path) -> None:
+    """What was asked, read and measured, and how long it took."""
     cell = FakeCell()
-    cell.run(tmp_path, work(TWO_PAIRS))
+    journal = cell.run(tmp_path, work(TWO_PAIRS))
     assert cell.calls == GOLDEN_TWO_PAIRS
+    shot = journal.shots()[1]
+    assert shot.intent.target == TWO_PAIRS[1].pose
+    assert shot.intent.target_joints == TWO_PAIRS[1].joints
+    assert (shot.intent.purpose, shot.intent.pair) == ("identification", 0)
+    assert shot.outcome.joints == pytest.approx(TWO_PAIRS[1].joints)
+    assert shot.outcome.raw_robot.startswith("reading")
+    assert shot.outcome.raw_tracker == "measurement 2"
+    assert shot.outcome.durations.move_s == pytest.approx(0.4, abs=0.2)
+    assert shot.outcome.durations.settle_s == pytest.approx(0.2, abs=0.03)
+    assert shot.outcome.durations.measure_s == pytest.approx(1.0)
 
 
 def test_intent_is_on_the_disk_before_the_robot_moves(tmp_path: Path) -> None:
@@ -103,21 +114,6 @@ def test_outcome_is_on_the_disk_before_the_next_motion_and_never_before_its_meas
     before_measuring = [list(range(shot)) for shot in range(6)]
     before_moving = [list(range(shot)) for shot in range(1, 6)]
     assert sorted(written, key=len) == sorted(before_measuring + before_moving, key=len)
-
-
-def test_outcome_holds_what_was_asked_read_measured_and_how_long_it_took(tmp_path: Path) -> None:
-    cell = FakeCell()
-    journal = cell.run(tmp_path, work())
-    shot = journal.shots()[1]
-    assert shot.intent.target == TWO_PAIRS[1].pose
-    assert shot.intent.target_joints == TWO_PAIRS[1].joints
-    assert (shot.intent.purpose, shot.intent.pair) == ("identification", 0)
-    assert shot.outcome.joints == pytest.approx(TWO_PAIRS[1].joints)
-    assert shot.outcome.raw_robot.startswith("reading")
-    assert shot.outcome.raw_tracker == "measurement 2"
-    assert shot.outcome.durations.move_s == pytest.approx(0.4, abs=0.2)
-    assert shot.outcome.durations.settle_s == pytest.approx(0.2, abs=0.03)
-    assert shot.outcome.durations.measure_s == pytest.approx(1.0)
 
 
 def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: Path) -> None:

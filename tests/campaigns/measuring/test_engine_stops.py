@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from fake_cell import PATIENCE_S, FakeCell
-from small_plans import TWO_PAIRS, work
+from small_plans import work
 from tested_journal import TestedJournal, journal_in
 
 from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
@@ -243,9 +243,3 @@ def test_journal_that_fails_does_not_hide_an_unknown_state_of_the_robot(tmp_path
         journal.fails_from = 5
         with pytest.raises(errors.RobotStateUnknown, match=r"no answer.*the disk is full"):
             cell.measure(journal, work())
-
-
-def test_run_that_went_well_ends_without_a_stop(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.run(tmp_path, work(TWO_PAIRS))
-    assert not cell.named("robot.stop")

@@ -1,4 +1,7 @@
-"""A journal that is deleted, replaced or cut during a run: the robot makes no further move."""
+"""A journal that is harmed during a run: the robot makes no further move.
+
+That each harm is found is tested with the journal's own file.
+"""
 
 from pathlib import Path
 
@@ -28,16 +31,10 @@ def stopped_by(harm: str, folder: Path, *, move: int = 0, measurement: int = 0) 
     return cell
 
 
-@pytest.mark.parametrize("harm", HARMS)
-def test_no_move_follows_whatever_happens_to_the_files(tmp_path: Path, harm: str) -> None:
-    cell = stopped_by(harm, tmp_path, move=3)
-    assert len(cell.named("robot.move_joints")) == 3
-    assert cell.calls[-1] == ("robot.stop",)
-
-
 @pytest.mark.parametrize("move", [1, 2, 6])
 def test_no_move_follows_whenever_it_happens(tmp_path: Path, move: int) -> None:
     cell = stopped_by("replace", tmp_path, move=move)
+    assert cell.calls[-1] == ("robot.stop",)
     assert len(cell.named("robot.move_joints")) == move
     assert len(cell.named("robot.stop")) == 1
 
