@@ -118,15 +118,6 @@ def test_all_candidates_are_taken_when_so_many_are_asked_for():
     assert sorted(chosen.chosen.tolist()) == list(range(9))
 
 
-def test_same_generator_gives_the_same_design(robot_shots):
-    case = robot_shots
-    criterion = case.criterion("I")
-    first, second = (
-        optimal_design(case.candidates, criterion, 20, rng(5), starts=2) for _ in range(2)
-    )
-    assert first.chosen.tolist() == second.chosen.tolist()
-
-
 def test_d_optimal_design_predicts_its_worst_candidate_nearly_as_well_as_any_can(robot_shots):
     """Kiefer and Wolfowitz: at the optimum no tr(J C Jᵀ) is above P / N."""
     candidates, count = robot_shots.candidates, 200
