@@ -62,11 +62,16 @@ class TestLog:
         assert desk.transport.receive(1.0) == b""
         assert len(desk.entries()) == 1
 
-    def test_each_entry_is_in_the_file_before_work_goes_on(self, tmp_path):
+    def test_each_entry_of_either_device_is_in_the_file_before_work_goes_on(self, tmp_path):
         path = tmp_path / "spy.log"
         with path.open("w", encoding="utf-8") as file:
             ByteLog(file, now_utc=lambda: NOW).enter("tracker", ">", "3 bytes", ["abc"])
             assert "abc" in path.read_text(encoding="utf-8")
+        desk = Desk()
+        other = LoggedTransport(TimedPipe(HandClock()), desk.log, "controller", no_reading())
+        desk.transport.send(b"1", 1.0)
+        other.send(b"2", 1.0)
+        assert [line.split()[1] for line in desk.entries()[1::2]] == ["tracker", "controller"]
 
     def test_failures_of_the_wire_are_written_down_and_passed_on(self):
         desk = Desk((0.1, b""))
@@ -92,13 +97,6 @@ class TestLog:
         with pytest.raises(LinkDown):
             logged(refuse, log, "tracker", no_reading)()
         assert "tracker ! tcp://10.0.0.1:700: nobody answers\n" in file.getvalue()
-
-    def test_two_devices_share_one_log(self):
-        desk = Desk()
-        other = LoggedTransport(TimedPipe(HandClock()), desk.log, "controller", no_reading())
-        desk.transport.send(b"1", 1.0)
-        other.send(b"2", 1.0)
-        assert [line.split()[1] for line in desk.entries()[1::2]] == ["tracker", "controller"]
 
 
 class TestBounds:

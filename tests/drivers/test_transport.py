@@ -170,15 +170,12 @@ def test_host_that_closes_or_resets_breaks_the_pipe(host, of_host, unread, probl
         of_host.receive(1.0)
 
 
-def test_nobody_there_is_said_with_the_address(host):
+def test_a_host_that_is_not_there_or_too_slow_is_said(host, monkeypatch):
     host.goes()
     with pytest.raises(
         LinkDown, match=f"{host.url}: nobody answers .*refused.*check that the device"
     ):
         open_transport(host.url, timeout_s=1.0)
-
-
-def test_connecting_has_a_time_limit(monkeypatch):
     limits_s = []
 
     def too_slow(address, timeout):

@@ -110,7 +110,7 @@ def test_grown_arm_is_neither_trackers_nor_an_encoders() -> None:
     assert found.change.startswith("the robot has changed: the points moved by")
 
 
-def test_farther_than_the_limit_of_drift_is_moved_while_nobody_knows_the_scatter() -> None:
+def test_moved_farther_than_the_limit_and_scatter_of_few_shots_allow() -> None:
     rng = np.random.default_rng(6)
     loose = ReferenceNoise(VarianceComponents(point_mm=2.0), TrackerUncertainty(), limit_mm=1.0)
     now = [
@@ -119,9 +119,6 @@ def test_farther_than_the_limit_of_drift_is_moved_while_nobody_knows_the_scatter
     ]
     assert compared(outcomes(rng), now, loose).change
     assert not compared(outcomes(rng), now, replace(loose, limit_mm=5.0)).change
-
-
-def test_scatter_that_few_shots_tell_allows_more() -> None:
     rng = np.random.default_rng(6)
     now = outcomes(rng, std_mm=3.0 * STD_MM)
     assert compared(outcomes(rng), now).change

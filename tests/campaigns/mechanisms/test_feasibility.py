@@ -72,7 +72,13 @@ def test_turns_coordinates_and_joints_beyond_limits_are_named_with_value_and_lim
     assert judged.describe(0) == ["z -720.000 mm outside [-700 mm, -500 mm]"]
 
 
-def test_a_forearm_that_swings_too_far_is_named_with_value_and_limit():
+def test_swing_is_out_of_the_arms_plane_and_named_where_it_is_too_far():
+    swing = np.radians([0.0, 10.0, -35.0, 60.0])
+    outward, axes, _ = frames_of(NOMINAL)
+    in_plane = 0.6 * outward - 0.8 * np.array([0.0, 0.0, 1.0])
+    forearms = 700.0 * (np.cos(swing)[:, None] * in_plane + np.sin(swing)[:, None] * axes)
+    arms = PAR4.configuration(NOMINAL.p, np.zeros((1, 4))).arms
+    assert arms.swing_rad(forearms.T[..., None])[0] == pytest.approx(swing, abs=1e-14)
     swing_deg = np.degrees(NOMINAL.feasibility(LIMITS, TURNED).swing_rad[0])
     worst = int(np.argmax(np.abs(swing_deg)))
     limits = replace(LIMITS, forearm_swing_rad=np.radians(np.sort(np.abs(swing_deg))[-2:].mean()))
@@ -97,15 +103,6 @@ def test_every_reason_against_a_pose_is_told():
     lines = told(replace(limits, singularity_margin=1.0), TURNED)
     for word in ("joint 0", "joint 1", "joint 2", "joint 3", "theta", "forearm", "singularity"):
         assert any(word in line for line in lines), word
-
-
-def test_swing_is_the_angle_between_a_forearm_and_its_arm_s_plane():
-    swing = np.radians([0.0, 10.0, -35.0, 60.0])
-    outward, axes, _ = frames_of(NOMINAL)
-    in_plane = 0.6 * outward - 0.8 * np.array([0.0, 0.0, 1.0])
-    forearms = 700.0 * (np.cos(swing)[:, None] * in_plane + np.sin(swing)[:, None] * axes)
-    arms = PAR4.configuration(NOMINAL.p, np.zeros((1, 4))).arms
-    assert arms.swing_rad(forearms.T[..., None])[0] == pytest.approx(swing, abs=1e-14)
 
 
 def test_the_margin_vanishes_where_the_assembly_could_turn_over():

@@ -147,7 +147,14 @@ class TestSettingsChangedByOthers:
         with pytest.raises(DeviceNotReady, match="changed the tracker's reflector"):
             station.tracker.measure()
 
-    def test_units_changed_keep_the_head_from_moving(self, station):
+    def test_changes_by_others_are_noticed_through_other_questions_and_keep_the_head_still(
+        self, station
+    ):
+        station.instrument.state[Command.GET_UNITS] = bodies.Units(5, 1, 0, 0, 0)
+        station.comes(bodies.StatusChange(SystemChange.UNITS))
+        station.tracker.state()
+        with pytest.raises(DeviceNotReady, match="units"):
+            station.tracker.measure()
         station.instrument.state[Command.GET_UNITS] = bodies.Units(0, 0, 0, 0, 0)
         station.comes(bodies.StatusChange(SystemChange.UNITS))
         with pytest.raises(DeviceNotReady):
@@ -159,10 +166,3 @@ class TestSettingsChangedByOthers:
             bodies.StatusChange(SystemChange.UNITS), bodies.StatusChange(SystemChange.REFLECTOR)
         )
         assert station.tracker.measure()
-
-    def test_changes_are_noticed_through_other_questions(self, station):
-        station.instrument.state[Command.GET_UNITS] = bodies.Units(5, 1, 0, 0, 0)
-        station.comes(bodies.StatusChange(SystemChange.UNITS))
-        station.tracker.state()
-        with pytest.raises(DeviceNotReady, match="units"):
-            station.tracker.measure()

@@ -31,14 +31,12 @@ class TestSession:
             Station(instrument).connected()
         assert caught.value.code == "10011"
 
-    def test_another_program_told_by_an_error_packet_is_named_too(self):
+    def test_another_program_told_by_an_error_packet_or_instead_of_an_answer_is_named(self):
         station = Station().connected()
         station.comes(bodies.ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED))
         with pytest.raises(DeviceRefused, match="end the other program"):
             station.tracker.reflectors()
         assert station.pipe.is_closed
-
-    def test_another_program_told_instead_of_an_answer_is_named_too(self):
         instrument = Instrument()
         error = bodies.ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED)
         instrument.says[Command.SET_UNITS] = [(0.1, error)]

@@ -17,7 +17,7 @@ def test_point_becomes_a_clockwise_angle_from_north_and_one_from_the_zenith(benc
     assert (precise, to_target, unused) == ("0", "1", "0")
 
 
-def test_prism_in_the_field_of_view_is_followed_without_a_search(bench):
+def test_prism_in_view_is_followed_and_else_searched_for(bench):
     bench.tracker.go_to(POINT_MM)
     assert bench.instrument.calls() == [
         Rpc.AUT_MAKE_POSITIONING,
@@ -25,9 +25,6 @@ def test_prism_in_the_field_of_view_is_followed_without_a_search(bench):
         Rpc.AUT_LOCK_IN,
         Rpc.MOT_READ_LOCK_STATUS,
     ]
-
-
-def test_prism_outside_the_field_of_view_is_searched_for(bench):
     bench.instrument.refuses(Rpc.AUT_MAKE_POSITIONING, Result.AUT_NO_TARGET)
     bench.tracker.go_to((0.0, 1000.0, 0.0))
     width, height, _ = map(float, bench.instrument.words_of_last(Rpc.AUT_SEARCH))
@@ -53,13 +50,10 @@ def test_lock_that_does_not_hold_is_a_broken_beam(bench):
         bench.tracker.go_to(POINT_MM)
 
 
-def test_motors_that_fail_are_no_broken_beam(bench):
-    bench.instrument.refuses(Rpc.AUT_MAKE_POSITIONING, Result.AUT_MOTOR_ERROR)
-    with pytest.raises(DeviceNotReady, match="nothing blocks the telescope"):
-        bench.tracker.go_to(POINT_MM)
-
-
-def test_instruments_own_place_is_no_direction(bench):
+def test_motors_that_fail_and_its_own_place_are_no_broken_beam(bench):
     with pytest.raises(DeviceRefused, match="stands there itself"):
         bench.tracker.go_to((0.0, 0.0, 0.0))
     assert bench.instrument.asked == []
+    bench.instrument.refuses(Rpc.AUT_MAKE_POSITIONING, Result.AUT_MOTOR_ERROR)
+    with pytest.raises(DeviceNotReady, match="nothing blocks the telescope"):
+        bench.tracker.go_to(POINT_MM)

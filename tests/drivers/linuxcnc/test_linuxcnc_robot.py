@@ -71,11 +71,18 @@ def test_other_number_of_joints_is_the_wrong_device_and_is_left_alone(rotary):
     assert "set abort" not in linuxcnc.orders
 
 
-def test_machine_in_inches_is_the_wrong_device():
+def test_another_machine_is_the_wrong_device():
     linuxcnc = ScriptedLinuxcnc()
     linuxcnc.units["USER_LINEAR_UNITS"] = "INCH"
     with pytest.raises(errors.WrongDevice, match="INCH, not in MM"):
         linuxcnc.robot.connect()
+    linuxcnc = connected(Coordinates.WORLD)
+    linuxcnc.overrides["get abs_act_pos"] = (
+        "ABS_ACT_POS 0.100000 0.000000 0.000000 0.000000 0.000000 0.000000\r\n"
+    )
+    with pytest.raises(errors.WrongDevice, match=r"XYZC is 0\.1000") as error:
+        linuxcnc.robot.prepare()
+    assert "[KINS]KINEMATICS" in error.value.remedy
 
 
 def test_preparing_takes_each_step_and_sees_it():
@@ -99,10 +106,14 @@ def test_preparing_again_does_nothing(linuxcnc):
     assert linuxcnc.orders == []
 
 
-def test_emergency_stop_that_stays_on_is_told():
+def test_homing_or_an_emergency_stop_that_does_not_end_is_told():
     linuxcnc = connected()
     linuxcnc.chain_closed = False
     with pytest.raises(errors.EmergencyStop, match="stays on"):
+        linuxcnc.robot.prepare()
+    linuxcnc = connected()
+    linuxcnc.overrides["get joint_homed"] = "JOINT_HOMED YES YES NO YES NO NO\r\n"
+    with pytest.raises(errors.MotionFault, match="no homing within 120 s"):
         linuxcnc.robot.prepare()
 
 
@@ -118,32 +129,12 @@ def test_machine_that_goes_off_again_is_told_in_its_own_words():
         linuxcnc.robot.prepare()
 
 
-def test_homing_that_does_not_end_is_told():
-    linuxcnc = connected()
-    linuxcnc.overrides["get joint_homed"] = "JOINT_HOMED YES YES NO YES NO NO\r\n"
-    with pytest.raises(errors.MotionFault, match="no homing within 120 s"):
-        linuxcnc.robot.prepare()
-
-
-def test_kinematics_that_is_not_what_the_joints_make_of_it_is_the_wrong_device():
-    linuxcnc = connected(Coordinates.WORLD)
-    linuxcnc.overrides["get abs_act_pos"] = (
-        "ABS_ACT_POS 0.100000 0.000000 0.000000 0.000000 0.000000 0.000000\r\n"
-    )
-    with pytest.raises(errors.WrongDevice, match=r"XYZC is 0\.1000") as error:
-        linuxcnc.robot.prepare()
-    assert "[KINS]KINEMATICS" in error.value.remedy
-
-
-def test_geometry_is_replaced_with_the_machine_off_where_it_works_inside():
+def test_geometry_is_replaced_at_rest_and_with_the_machine_off_where_it_works_inside():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.robot.write_geometry({"plate_mm": 101.0})
     assert linuxcnc.orders == ["set machine off"]
     assert not linuxcnc.machine
     assert linuxcnc.robot.read_geometry() == {"plate_mm": 101.0}
-
-
-def test_geometry_is_not_replaced_while_the_robot_moves():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     with pytest.raises(errors.DeviceNotReady, match="moves"):

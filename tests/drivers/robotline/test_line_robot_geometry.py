@@ -53,11 +53,19 @@ def test_geometry_of_another_arm_than_asked_closes_the_wire(controller):
     assert controller.pipes[0].is_closed
 
 
-def test_geometry_is_staged_whole_and_then_committed(controller):
+def test_geometry_is_staged_whole_with_its_extensions_before_the_commit(controller):
     controller.robot.write_geometry(FLAT)
     staged = [f"STAGE ARM {arm} " + ARM.format(arm=arm) for arm in range(4)]
     expected = [*staged, "STAGE PLATE 100.0", "COMMIT"]
     assert [question.split(" ", 1)[1] for question in controller.questions] == expected
+    controller = connected(layout=TILTING_LAYOUT)
+    controller.robot.write_geometry(FLAT | TILTS)
+    assert [question.split(" ", 1)[1] for question in controller.questions][-4:] == [
+        "STAGE PLATE 100.0",
+        "STAGE arm1.axis_tilt_deg 0.02",
+        "STAGE arm2.parallelogram_skew_deg -0.01",
+        "COMMIT",
+    ]
 
 
 def test_committing_may_take_longer_than_other_questions(controller):
@@ -128,17 +136,6 @@ def test_controller_without_extensions_is_asked_once_a_connection(code):
 def test_another_refusal_is_not_taken_for_a_lack_of_extensions():
     with pytest.raises(DeviceRefused, match="BUSY"):
         tilting("NO BUSY").robot.read_geometry()
-
-
-def test_extensions_are_staged_with_the_rest_before_the_commit():
-    controller = connected(layout=TILTING_LAYOUT)
-    controller.robot.write_geometry(FLAT | TILTS)
-    assert [question.split(" ", 1)[1] for question in controller.questions][-4:] == [
-        "STAGE PLATE 100.0",
-        "STAGE arm1.axis_tilt_deg 0.02",
-        "STAGE arm2.parallelogram_skew_deg -0.01",
-        "COMMIT",
-    ]
 
 
 def test_refused_extension_leaves_nothing_half_loaded():

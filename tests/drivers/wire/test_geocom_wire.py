@@ -137,8 +137,11 @@ class TestWords:
         assert word.isprintable()
         assert wire.parse_string(word) == text
 
-    def test_signs_with_a_meaning_are_escaped_as_the_manual_says(self):
+    def test_numbers_have_their_point_and_whole_ones_none(self):
         assert wire.string_word('50 % "°" \\ ~') == r'"50 \% \"\xB0\" \\ \~"'
+        assert wire.words_of(1, True, 2.0, "x") == ("1", "1", "2.0", '"x"')
+        with pytest.raises(WireError, match="1 parameters where 2"):
+            wire.parse_words(("1",), 2)
 
     @given(st.floats(-1e6, 1e6), st.integers(0, 15))
     def test_number_is_read_as_it_was_rounded(self, value, digits):
@@ -149,9 +152,6 @@ class TestWords:
     @pytest.mark.parametrize(("value", "word"), [(100.0, "100.0"), (0.0, "0.0"), (1.25, "1.2")])
     def test_number_always_has_its_point(self, value, word):
         assert wire.number_word(value, 1) == word
-
-    def test_whole_numbers_and_flags_have_none(self):
-        assert wire.words_of(1, True, 2.0, "x") == ("1", "1", "2.0", '"x"')
 
     @pytest.mark.parametrize(
         ("parse", "word"),
@@ -168,10 +168,6 @@ class TestWords:
     def test_word_of_another_kind_is_refused(self, parse, word):
         with pytest.raises(WireError):
             parse(word)
-
-    def test_wrong_number_of_parameters_is_refused(self):
-        with pytest.raises(WireError, match="1 parameters where 2"):
-            wire.parse_words(("1",), 2)
 
 
 class TestTexts:

@@ -63,11 +63,8 @@ def test_message_for_the_operator_may_hold_a_tab_but_no_control_character():
         wire.read_message(b"ERROR a\x1bb")
 
 
-def test_request_becomes_its_line():
+def test_requests_become_lines_of_at_most_255_bytes():
     assert wire.encode("set mdi G53 G0 X1.000000") == b"set mdi G53 G0 X1.000000\n"
-
-
-def test_longest_request_has_255_bytes_with_its_end():
     assert len(wire.encode("x" * 254)) == 255
     with pytest.raises(WireError, match="256 bytes, at most 255 are safe"):
         wire.encode("x" * 255)

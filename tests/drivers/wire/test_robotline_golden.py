@@ -64,15 +64,12 @@ def test_specification_quotes_the_golden_line(case):
     assert case["line"] in SPECIFICATION.splitlines()
 
 
-def test_every_line_in_the_specification_is_right():
+def test_specification_is_right_in_its_lines_and_its_checksum():
     lines = re.findall(r"^[<>]\d+ .* \*[0-9A-F]{4}$", SPECIFICATION, flags=re.MULTILINE)
     assert len(lines) >= len(GOLDEN["requests"] + GOLDEN["replies"])
     for text in lines:
         decode = wire.decode_request if text.startswith(">") else wire.decode_reply
         assert decode(text.encode(), TILTING_LAYOUT)
-
-
-def test_checksum_in_the_specification_is_the_one_used():
     (code,) = re.findall(r"```python\n(.*?)```", SPECIFICATION, flags=re.DOTALL)
     names = {}
     exec(code, names)

@@ -110,21 +110,18 @@ def test_number_that_is_not_finite_is_never_sent(value):
         wire.encode_request(wire.RobotlineRequest(1, wire.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
 
 
-def test_line_that_would_be_too_long_is_never_sent():
+def test_longest_lines_are_read_and_longer_ones_neither_read_nor_sent():
+    room = wire.LINE_BYTES - len(b"<1 STOP NO FAULT  *0000\n")
+    longest = checked(b"<1 STOP NO FAULT " + b"x" * room)
+    assert reply_of(longest).outcome.code == "FAULT"
+    with pytest.raises(WireError, match="more than 255 bytes"):
+        reply_of(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
     with pytest.raises(WireError, match="limit is 255"):
         wire.encode_reply(
             wire.RobotlineReply(
                 1, "STATE", wire.ControllerStatus(False, False, "x" * 300, (0.0,) * 4)
             )
         )
-
-
-def test_longest_line_is_read_and_one_byte_more_is_not():
-    room = wire.LINE_BYTES - len(b"<1 STOP NO FAULT  *0000\n")
-    longest = checked(b"<1 STOP NO FAULT " + b"x" * room)
-    assert reply_of(longest).outcome.code == "FAULT"
-    with pytest.raises(WireError, match="more than 255 bytes"):
-        reply_of(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
 
 
 def test_number_of_a_question_starts_again_after_the_last():
