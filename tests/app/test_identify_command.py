@@ -144,10 +144,9 @@ def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(pkmca
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", list(Estimator))
-def test_a_picture_is_drawn_of_what_was_fitted(pkmcal, clean, tmp_path, estimator):
+def test_a_picture_is_drawn_of_what_was_fitted(pkmcal, clean, tmp_path):
     path = tmp_path / "errors.svg"
-    code, out, _ = pkmcal("identify", clean.folder, "--plot", path, "--estimator", estimator.value)
+    code, out, _ = pkmcal("identify", clean.folder, "--plot", path)
     assert code == 0
     assert f"drawn: {path}" in out
     assert "fitted" in path.read_text(encoding="utf-8")

@@ -193,10 +193,11 @@ def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(plan_of):
 
 @pytest.mark.slow
 def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
-    plan(campaign, PlanOptions(shots=44))
+    plan(campaign, PlanOptions(shots=14))
     before = campaign.plan_path.read_text()
-    for placement in Placement:
-        asked = PlanOptions(shots=60, placement=placement, free=("arm0.z_mm",))
+    for placement, few in ((Placement.BOUNDARY, None), (Placement.OPTIMAL, FEW)):
+        free = ("arm0.z_mm",)
+        asked = PlanOptions(shots=60, placement=placement, candidates=few, free=free)
         with pytest.raises(PlanInvalid, match=r"arm0\.z_mm, .* move together.*--fix"):
             plan(campaign, asked)
     assert campaign.plan_path.read_text() == before
@@ -286,7 +287,7 @@ def test_more_shots_stop_paying_where_they_only_average():
 def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
     texts = []
     for seed in (1, 2, 3):
-        plan(campaign, PlanOptions(shots=44, seed=seed))
+        plan(campaign, PlanOptions(shots=14, seed=seed))
         texts.append(campaign.plan_path.read_text())
     assert len(set(texts)) == 3
     kept = [campaign.path(f"plan-older-{number}.csv").read_text() for number in (1, 2)]
@@ -301,7 +302,7 @@ def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatc
 
     monkeypatch.setattr("campaigns.planning.plan_file.write_plan", write)
     with pytest.raises(WriteFailed):
-        plan(campaign, PlanOptions(shots=44))
+        plan(campaign, PlanOptions(shots=14))
     assert campaign.plan_path.read_text() == "older"
     assert not list(campaign.folder.glob("plan-older-*"))
 

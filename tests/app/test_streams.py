@@ -53,6 +53,7 @@ def test_an_answer_that_finds_no_room_is_an_error(unbuffered):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_talk_that_finds_no_room_changes_nothing():
     with FULL.open("wb") as full:
         assert ended("plan", "no-such-folder", stderr=full).returncode == 2

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from family_cases import flat_in
 from par4_space import indices, par4
 
 from benchmarks.against_rivals import by_differences
@@ -45,15 +46,9 @@ def test_scipy_by_differences_finds_the_parameters_that_we_find(problem):
 def test_the_lab_script_takes_the_golden_joints_to_the_golden_poses():
     text = (VECTORS / "kinematics.json").read_text(encoding="utf-8")
     case = json.loads(text)["cases"]["nominal+table1"]
-    vector = printed_parameters(geometry_in(case["geometry"]))
+    vector = printed_parameters(par4(flat_in(case["geometry"])))
     for pose in case["poses"][:20]:
         x_mm, y_mm, z_mm, theta_deg = (pose[k] for k in ("x_mm", "y_mm", "z_mm", "theta_deg"))
         golden = np.array([x_mm, y_mm, z_mm, np.radians(theta_deg)])
         found = lab_script.forward(vector, np.radians(pose["joints_deg"]), golden + COMMANDED_OFF)
         assert found == pytest.approx(golden, abs=1e-5)
-
-
-def geometry_in(document):
-    arms = enumerate(document["arms"])
-    flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
-    return par4(flat | {"plate_mm": document["plate_mm"]})

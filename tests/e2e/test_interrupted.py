@@ -101,24 +101,6 @@ def test_a_campaign_belongs_to_one_process_until_ctrl_c_stops_the_robot_in_order
     assert_resumes(pkmcal, planned)
 
 
-@pytest.mark.long
-def test_a_run_that_nobody_reads_goes_on_to_its_end(planned):
-    change(planned / "cell.yaml", SLOW)
-    reading, writing = os.pipe()
-    process = started("run", planned, "--yes", "--json", stdout=writing, stderr=writing)
-    os.close(writing)
-    try:
-        wait_until(lambda: is_at_work(planned), process)
-        os.close(reading)
-        assert process.wait(PATIENCE_S) == 0
-    finally:
-        process.kill()
-        process.communicate()
-    with read_journal(planned / "campaign.db") as journal:
-        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["finished"]
-        assert len(journal.shots(1)) == 59
-
-
 def is_waiting(process):
     """Whether it waits, as for an answer: one that comes while the question is written is early."""
     return psutil.Process(process.pid).status() == psutil.STATUS_SLEEPING

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from fake_cell import CENTRE, NOMINAL
+from family_cases import flat_in
 from par4_space import NAMES, SPACE, par4
 from small_plans import LIMITS
 
@@ -35,13 +36,7 @@ def reference(case: str) -> dict[str, object]:
     return json.loads((VECTORS / f"{case}.json").read_text(encoding="utf-8"))
 
 
-def flat(document) -> dict[str, float]:
-    arms = enumerate(document["arms"])
-    values = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
-    return values | {"plate_mm": document["plate_mm"]}
-
-
-TRUTH = par4(flat(reference("table1-exact")["truth"]))
+TRUTH = par4(flat_in(reference("table1-exact")["truth"]))
 
 
 def measured(case: str) -> Shots:

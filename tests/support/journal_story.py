@@ -8,9 +8,9 @@ It stays as it is: it stands for the files that users have. A new version gets a
 """
 
 import sys
-from collections.abc import Callable
-from itertools import count
 from pathlib import Path
+
+from tested_journal import ticking
 
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, open_journal
@@ -21,12 +21,6 @@ TRACKER = Identity("Leica", "AT403", "T-7", "2.3", "emScon")
 WEATHER = Weather(20.5, 1013.25, 45.0)
 SESSION = records.SessionStarted("0.1.0", ROBOT, TRACKER, WEATHER)
 STOPPED = records.SessionStopped("finished", "")
-
-
-def ticking() -> Callable[[], str]:
-    """A clock that is a second later each time it is read."""
-    seconds = count()
-    return lambda: f"2026-03-02T08:00:{next(seconds):02d}Z"
 
 
 def beginning(stage: records.Stage = "run") -> records.SeriesStarted:

@@ -29,16 +29,8 @@ from campaigns.shots.shots_csv import ShotRow
 from drivers.values import Identity, Pose
 
 FIGURES = {
-    "shot-errors",
-    "pair-errors",
-    "histogram",
-    "arrows",
-    "against-position",
-    "straightness",
-    "rotation",
-    "repeatability",
-    "correlations",
-    "over-time",
+    *("shot-errors", "pair-errors", "histogram", "arrows", "against-position", "straightness"),
+    *("rotation", "repeatability", "correlations", "over-time"),
 }
 EVIL = "<script>alert('θ & \"more\"')</script>"
 MEGABYTE = 1_000_000

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import NOMINAL
+from family_cases import flat_in
 from identified_cases import (
     IMPOSSIBLE_RAD,
     NOISE_MM,
     TRUTH,
     deviations,
-    flat,
     identified,
     measured,
     noisy,
@@ -37,7 +37,7 @@ def by_distances(data: Shots, **options) -> IdentificationResult:
 @pytest.mark.parametrize("case", CASES)
 def test_parameters_are_those_of_the_reference(case: str) -> None:
     found = by_distances(measured(case))
-    expected = flat(reference(case)["least_squares_distances"])
+    expected = flat_in(reference(case)["least_squares_distances"])
     for name, value in values(found).items():
         limit = 1e-6 if name.endswith("_deg") else 1e-4
         assert value == pytest.approx(expected[name], abs=limit), name

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from family_cases import flat_in
 
 from sim.errors import AssemblyLost
 from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
@@ -75,9 +76,7 @@ def test_perfect_rods_equal_the_contracted_model(name, count):
 @pytest.mark.slow
 def test_the_golden_poses_are_reached():
     for case in json.loads(VECTORS.read_text())["cases"].values():
-        arms = enumerate(case["geometry"]["arms"])
-        flat = {f"arm{arm}.{key}": value for arm, part in arms for key, value in part.items()}
-        geometry = geometry_of({**flat, "plate_mm": case["geometry"]["plate_mm"]})
+        geometry = geometry_of(flat_in(case["geometry"]))
         rods = mechanism(geometry)
         centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
         for pose in case["poses"]:
