@@ -8,6 +8,7 @@ joints read must be the measured points up to a rigid motion, and nearly so befo
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -257,30 +258,36 @@ def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3
     off_mm, arms = math.dist(found_mm, place_mm), len(nominal.mechanism.joints)
     for step in (1, 2) if arms == OF_ONE_PART else (2,):
         turned_mm = _turned_mm(found_mm, 2.0 * math.pi * step / arms)
-        if off_mm < FAR_MM or math.dist(turned_mm, place_mm) > NEARER * off_mm:
+        if not (off_mm >= FAR_MM and math.dist(turned_mm, place_mm) <= NEARER * off_mm):
             continue
         order = tuple((arm - step) % arms for arm in range(arms))
         cause, remedy = " and ".join(_joint_words(axes_order=order, sign=(1.0,) * arms)), COLUMNS
         if nominal.mechanism.platform.at_point:
-            cause, remedy = ON_HALF_2, TO_HALF_1
+            cause, remedy = f"{ON_HALF_2} and columns swapped", TO_HALF_1
         elif min(each.cost for each in _readings(nominal, joints[:, order], points, "")) > NEAR:
             continue
         x, y, z = found_mm.tolist()
         raise ShotsInvalid(
-            f"{where}: {cause}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
-            f"{off_mm / MM_PER_UNIT['m']:.1f} m from tracker.place_mm",
-            remedy=f"{remedy}; or correct tracker.place_mm",
+            f"{where}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
+            f"{off_mm / MM_PER_UNIT['m']:.1f} m from tracker.place_mm and turned from it by "
+            f"{360 * step // arms}° about the robot's axis",
+            remedy=f"correct tracker.place_mm; if that is right, {cause}: {remedy}",
         )
 
 
 def tracker_place_mm(nominal: Kinematics, joints: Array, points: Array) -> Array:
-    """Tracker's place (3,) in the base frame, by joints (N, n) and points (N, 3) in its own."""
+    """Tracker's place (3,) in the base frame, by joints (N, n) and points (N, 3) in its own.
+
+    NaN where they do not tell.
+    """
     modelled = nominal.forward(joints)
     positions, measured = modelled.values[modelled.found, :3], points[modelled.found]
     if len(measured) < FEWEST:
         return np.full(3, np.nan)
     rows = _greater_part(positions, measured, scaled=False)
-    return fit_transform(positions[rows], measured[rows]).inverted().translation_mm
+    with suppress(ValueError):  # of points on a line
+        return fit_transform(positions[rows], measured[rows]).inverted().translation_mm
+    return np.full(3, np.nan)
 
 
 def _turned_mm(place_mm: Array, angle_rad: float) -> Array:
