@@ -36,7 +36,6 @@ from campaigns.settings.config import new_config
 from campaigns.settings.sections import SettleConfig
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Identity, Measurement, RobotState, Weather
-from sim.clock import ManualClock
 
 LIMIT_MS = 5.0
 SEED = 1
@@ -70,7 +69,7 @@ def measure() -> Report:
 def run(folder: Path) -> "InstantTracker":
     """Measure a default plan on instant devices."""
     shots = make_plan(ROBOT, VIEW, PlanRequest(120, 20, 3, CENTRE), np.random.default_rng(SEED))
-    clock, robot = ManualClock(), InstantRobot(shots[0].joints)
+    clock, robot = HandClock(), InstantRobot(shots[0].joints)
     points = NOMINAL.forward(joints_of(shots)).values_or_raise()[:, :3] + TRACKER_FROM_BASE_MM
     tracker = InstantTracker(points)
     # they know only what a run asks of them
@@ -96,6 +95,19 @@ def work_of(shots: Sequence[PlannedShot]) -> Work:
         search_mm=2500.0,
         setup=EstimationSetup(Estimator.POINTS, FREE, TrackerUncertainty()),
     )
+
+
+class HandClock:
+    """Time that passes only when somebody waits."""
+
+    def __init__(self) -> None:
+        self._time_s = 0.0
+
+    def now_s(self) -> float:
+        return self._time_s
+
+    def sleep_s(self, seconds: float) -> None:
+        self._time_s += seconds
 
 
 @dataclass

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 from sim.cell import Cell
-from sim.clock import CellClock
+from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.robot.controller import SimulatedController
 from sim.robot.follower import FollowingController
@@ -34,7 +34,7 @@ class EmbeddedCell:
     def __init__(
         self,
         cell: Cell,
-        clock: CellClock,
+        clock: ScaledClock,
         *,
         controller_on: Literal["tcp", "pty"] = "tcp",
         tracker_speaks: str = "emscon",

@@ -13,7 +13,7 @@ from operator import itemgetter
 from queue import SimpleQueue
 from typing import TypeVar
 
-from sim.clock import CellClock
+from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.faults import ANSWERS_OF, DeviceName, Fault, FaultScript
 from sim.servers.peers import Channel, Peer, SendQueue, SerialEnd, SessionFactory
@@ -36,7 +36,7 @@ class CellServer:
 
     def __init__(
         self,
-        clock: CellClock,
+        clock: ScaledClock,
         faults: FaultScript,
         *,
         look: Callable[[float], object] = lambda _now_s: None,

@@ -16,6 +16,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+from timed_pipe import HandClock
 
 from benchmarks.engine import AIR, COVARIANCE_MM2, DEVICE, InstantRobot, work_of
 from benchmarks.shared.prototype import CENTRE, EVERYWHERE, NOMINAL, ROBOT
@@ -29,7 +30,6 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plans import PlanRequest, make_plan
 from drivers.values import Measurement, vector
-from sim.clock import ManualClock
 
 pytestmark = [pytest.mark.torture, pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -85,7 +85,7 @@ class TellingJournal(Journal):
 
 def run(folder, shots, tell_to, dies_after):
     """Measure what the plan still lacks."""
-    clock, robot = ManualClock(), InstantRobot(shots[0].joints)
+    clock, robot = HandClock(), InstantRobot(shots[0].joints)
     work, cell = work_of(shots), Cell(robot, SteadyTracker(robot), clock, clock)
     with TellingJournal(folder / "campaign.db", tell_to, dies_after) as journal:
         if complete_series(journal, work) is None:

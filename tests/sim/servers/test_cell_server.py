@@ -9,9 +9,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from timed_pipe import HandClock
 
 from drivers.errors import WireError
-from sim.clock import ManualClock, ScaledClock
+from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.peers import GIVE_UP_ABOVE_BYTES
@@ -102,25 +103,25 @@ def sent_until_full(client):
 
 
 def test_what_is_due_later_comes_later_in_virtual_time():
-    clock = ManualClock()
+    clock = HandClock()
     with Bench(clock) as bench, bench.client() as client:
         client.sendall(b"later")
         client.settimeout(0.01)
         with pytest.raises(TimeoutError):
             client.recv(100)
         client.settimeout(PATIENCE_S)
-        clock.advance(1.0)
+        clock.sleep_s(1.0)
         assert client.recv(100) == b"now"
 
 
 def test_server_looks_at_the_cell_so_often_while_it_has_clients():
-    clock, looks = ManualClock(), []
-    clock.advance(5.0)
+    clock, looks = HandClock(), []
+    clock.sleep_s(5.0)
     with Bench(clock, look=looks.append, look_every_s=0.5) as bench:
         for _ in range(2):
             with bench.client() as client:
                 assert asked(client, b"hello") == b"hello"
-                clock.advance(0.75)
+                clock.sleep_s(0.75)
                 assert asked(client, b"hello") == b"hello"
     assert looks == [5.0, 5.75, 6.5]
 
@@ -219,13 +220,13 @@ def test_an_answer_is_lost_as_scripted(kind, expected):
 
 
 def test_a_late_answer_comes_when_its_time_has_come():
-    clock = ManualClock()
+    clock = HandClock()
     with Bench(clock, faults=[(1, "late", 30.0)]) as bench, bench.client() as client:
         client.sendall(b"hello")
         client.settimeout(0.01)
         with pytest.raises(TimeoutError):
             client.recv(100)
-        clock.advance(30.0)
+        clock.sleep_s(30.0)
         client.settimeout(PATIENCE_S)
         assert client.recv(100) == b"hello"
 
@@ -259,7 +260,7 @@ def test_a_session_that_breaks_is_told_of_when_the_server_stops():
 def test_a_port_that_is_taken_is_named():
     with Bench() as bench:
         port = urlsplit(bench.url).port
-        other = CellServer(ManualClock(), FaultScript([], {}))
+        other = CellServer(HandClock(), FaultScript([], {}))
         with pytest.raises(SimError, match=str(port)):
             other.serve_tcp(bench.session, "tracker", port)
         other.stop()
