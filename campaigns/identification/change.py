@@ -104,6 +104,8 @@ class _AllShots:
     size: Array
     out: Mask
     fitted: Mask
+    period_mm: float | None
+    """Of the carriages' drives, where it is known."""
 
     @property
     def parameters(self) -> Array:
@@ -153,7 +155,9 @@ def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _Al
     size = size / scale
     out = size > rejection_threshold(len(size), 3)
     out |= np.array([not kept.get(number, True) for number in everything.numbers])
-    return _AllShots(everything, linearized, root, found.x, size, out, fitted)
+    return _AllShots(
+        everything, linearized, root, found.x, size, out, fitted, inputs.options.drive_period_mm
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +210,7 @@ def _selected(
     smooth: _Rows, steps: _Rows, groups: tuple[Group, ...], causes: tuple[Cause, ...]
 ) -> tuple[tuple[LackOfFit, ...], Change | None]:
     shots, drives = smooth.shots, None
-    if not shots.is_revolute:
+    if not shots.is_revolute and shots.period_mm is None:
         drives = smooth.white(shots.linearized.by_joints), shots.joints[smooth.rows]
     own, over_time = smooth.of(groups), steps.of(causes)
     change = detect_change(steps.fit, over_time)
@@ -255,6 +259,9 @@ def _groups(shots: _AllShots) -> Iterator[Group]:
     if shots.is_revolute:
         columns = error_columns.harmonic(by_joints, joints)
         yield Group("eccentricity", columns, np.repeat(arms, 2))
+    elif period_mm := shots.period_mm:
+        columns = error_columns.harmonic(by_joints, 2.0 * np.pi / period_mm * joints)
+        yield Group("period", columns, np.repeat(arms, 2), period=period_mm)
     yield Group("ratio", error_columns.of_joints(by_joints, joints), arms)
     if shots.everything.shots.knows_approach:
         approach = shots.everything.shots.approach

@@ -49,6 +49,8 @@ class RobotFile:
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
+    drive_period_mm: float | None = None
+    """Travel of a carriage in a turn of its screw or pulley, where the file says."""
 
     @classmethod
     def of(
@@ -226,6 +228,7 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
+        contents.drive_period_mm,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(

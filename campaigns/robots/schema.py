@@ -72,6 +72,13 @@ class RobotContents(FileModel):
         description="the reflector on the plate, [x, y, z] mm from the controlled point; may be "
         "left out",
     )
+    drive_period_mm: float | None = Field(
+        default=None,
+        ge=1.0,
+        le=10000.0,
+        description="of robots on rails: a carriage's travel in a turn of its screw or pulley, mm; "
+        "may be left out",
+    )
     tolerance: Tolerance = Field(
         default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import NOMINAL
+from family_cases import Member
 from identified_cases import (
     NOISE_MM,
     TRACKER_FROM_BASE,
@@ -68,6 +69,23 @@ def test_what_could_be_freed_is_named_with_the_option_that_frees_it():
     assert "--free 'arm*.azimuth_deg'" in doubt.says
     freed = identified(data, Estimator.POINTS, free=["arm[123].azimuth_deg"])
     assert freed.doubts == ()
+
+
+@pytest.mark.parametrize("told_mm", [None, 20.0])
+def test_a_carriages_drive_is_named_with_its_period_told_or_searched(told_mm):
+    member = Member("linear-delta")
+    poses = member.reachable_poses(member.nominal, 120, seed=5)
+    joints = member.nominal.inverse(poses).values_or_raise()
+    driven = joints + 0.03 * np.sin(2.0 * np.pi * joints / 20.0 + np.arange(3))
+    points = TRACKER_FROM_BASE.apply(member.nominal.forward(driven).values_or_raise()[:, :3])
+    data = replace(PLAIN, joints=joints, points_in_tracker_mm=points, approach=np.zeros((120, 3)))
+    options = IdentificationOptions(drive_period_mm=told_mm)
+    selection = select_parameters(member.space)
+    found = identify(member.nominal, noisy(data, 4), selection, options)
+    (doubt,) = [each for each in found.doubts if each.name == "lack-of-fit"]
+    assert doubt.numbers["cause"] == "period"
+    assert doubt.numbers["period_mm"] == pytest.approx(20.0, rel=0.01)
+    assert doubt.numbers["size"] == pytest.approx(0.03, rel=0.3)
 
 
 class TestReflectorConstant:

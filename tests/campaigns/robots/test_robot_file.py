@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -332,3 +333,15 @@ def any_value_of(name):
 def test_any_parameters_come_back_from_the_file_bit_by_bit(geometry):
     robot = changed(geometry).robot
     assert robot.parameters == geometry
+
+
+def test_a_drives_period_is_in_the_file_and_stays_in_an_identified_set(tmp_path):
+    shipped = find_robot("linear-delta")
+    assert shipped.robot.drive_period_mm is None
+    path = tmp_path / "robot.yaml"
+    text = resources.files("campaigns.robots").joinpath("linear-delta.yaml")
+    path.write_text(f"{text.read_text(encoding='utf-8')}drive_period_mm: 20.0\n", encoding="utf-8")
+    told = read_robot(path)
+    assert told.robot.drive_period_mm == 20.0
+    identified = compensated(told, "identified", told.robot.parameters)
+    assert identified.robot.drive_period_mm == 20.0
