@@ -4,13 +4,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import pytest
+from paper_campaign import PaperCampaign
 
+from campaigns.campaign import open_campaign
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter, Spread
+from campaigns.evidence import Evaluation, gather
 from campaigns.identification.result import RecordedIdentification
-from campaigns.next_step import FEW, CampaignState, NextStep, Unusable, next_step
+from campaigns.next_step import FEW, CampaignState, NextStep, Unusable, next_step, state_of
 
 SESSIONS = {number: 1 + number // 60 for number in range(120)}
 REACHED = Spread(mean_abs=0.02, rms=0.03, max_abs=0.06)
@@ -248,3 +251,27 @@ def test_model_that_was_looked_through_is_not_advised_again_but_limits_are() -> 
     assert "mean 0.020, largest 0.060 mm" in step.first
     assert "or widen" in unusable(replace(place, limits="tight"), found).way_on().first
     assert not unusable(replace(place, limits="met"), found).way_on().first
+
+
+def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None:
+    """What is there of a whole campaign, with one thing after the other taken away."""
+    evidence = gather(open_campaign(whole.folder))
+    assert evidence.journal is not None
+    runs = tuple(each for each in evidence.journal.series if each.started.stage == "run")
+    unfinished = tuple(replace(each, finished=False) for each in runs)
+    left: list[tuple[dict[str, object], str]] = [
+        ({}, "report"),
+        ({"after": ()}, "validate --stage after"),
+        ({"loaded": None}, "load"),
+        ({"parameter_file": None}, "export"),
+        ({"identification": None}, "identify"),
+        ({"journal": replace(evidence.journal, series=unfinished)}, "run"),
+        ({"journal": None, "before": ()}, "validate --stage before"),
+        ({"plan": None}, "devices"),
+    ]
+    for taken, said in left:
+        evidence = replace(evidence, **taken)  # type: ignore[arg-type]
+        step = next_step(state_of(Evaluation(evidence)))
+        assert step is not None
+        words = step.command
+        assert " ".join((words[0], *words[2:])) == said, taken
