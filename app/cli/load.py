@@ -18,7 +18,7 @@ from app.progress import RunDisplay
 from app.wiring import connected_cell, connected_robot, prepare
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load import Change
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import Interrupted, OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
 from drivers.values import Identity
@@ -125,7 +125,10 @@ def command(
     if wish.suspends:
         suspend()
     elif wish():
-        raise KeyboardInterrupt
+        raise Interrupted(
+            "load: interrupted once the parameters were written, and they are in",
+            remedy=f"`pkmcal load {folder} --dry` says what the controller holds",
+        )
 
 
 @contextmanager

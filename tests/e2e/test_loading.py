@@ -43,6 +43,7 @@ def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monke
     ended = pkmcal("load", exported, "--yes")
     assert ended.code == 130
     assert "loaded and verified: " in ended.out
+    assert "they are in →" in ended.error_line
     with read_journal(exported / "campaign.db") as journal:
         assert [e.record.kind for e in journal.records_of(Finding)][-1] == "load"
     assert "holds these already" in pkmcal("load", exported, "--yes").out
