@@ -13,7 +13,7 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused, Interrupted
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
 from campaigns.measuring.reacquisition import distinct_starts
-from campaigns.measuring.station import Station, found_place
+from campaigns.measuring.station import Station, StationMonitor, found_place
 from campaigns.planning.plan_file import PlannedShot
 from drivers.values import Vector3
 
@@ -163,35 +163,29 @@ def test_beam_that_nobody_moved_between_sessions_is_known_from_where_it_was_firs
     assert distinct_starts([None, put, left, other, None]) == (other, put)
 
 
-def places_told(folder: Path, station: Station | None, plan=FOUR_PAIRS) -> list[str]:
-    cell = FakeCell()
-    journal = cell.run(folder, work(plan, station=station))
-    told = events_of(journal, "tracker place")
-    assert cell.observer.events == told
-    return told
+def places_told(place_mm, **changes) -> list[str]:
+    """By a monitor that sees the plan's shots come in."""
+    station = replace(STATION, place_mm=tuple(place_mm), **changes)
+    monitor = StationMonitor(station, NOMINAL, FOUR_PAIRS)
+    seen = [Outcome(s.shot, 1, s.joints, true_mm(s), None, None, "", "", None) for s in FOUR_PAIRS]
+    return [e.text for count in range(len(seen)) for e in monitor.events(seen[: count + 1])]
 
 
-def test_tracker_where_it_is_said_to_stand_is_not_spoken_of(tmp_path: Path) -> None:
-    near_mm = (PLACE_MM[0] + 60.0, *PLACE_MM[1:])
-    assert places_told(tmp_path, replace(STATION, place_mm=near_mm)) == []
-
-
-def test_tracker_elsewhere_is_named_once_with_its_place_and_how_far_off(tmp_path: Path) -> None:
+def test_tracker_elsewhere_is_named_once_with_its_place_and_how_far_off() -> None:
     """All directions are seen, so that nothing is said of the plan."""
-    wrong_mm = tuple(np.add(PLACE_MM, (0.0, 0.0, 1600.0)).tolist())
-    station = replace(STATION, place_mm=wrong_mm)
+    assert places_told(np.add(PLACE_MM, (60.0, 0.0, 0.0))) == []
+    wrong_mm = np.add(PLACE_MM, (0.0, 0.0, 1600.0))
     at, said = (f"({', '.join(f'{v:.0f}' for v in place)})" for place in (PLACE_MM, wrong_mm))
-    assert places_told(tmp_path, station)[-1] == (
+    assert places_told(wrong_mm)[-1] == (
         f"the tracker stands at {at} mm, campaign.yaml says {said}: 1.6 m off; "
         "correct tracker.place_mm"
     )
 
 
-def test_plan_that_cannot_be_seen_from_the_found_place_is_named(tmp_path: Path) -> None:
+def test_plan_that_cannot_be_seen_from_the_found_place_is_named() -> None:
     """The reflector looks where the tracker was said to stand, a quarter turn from where it is."""
     x, y, z = PLACE_MM
-    station = replace(STATION, place_mm=(-y, x, z), facing=(-y, x, z))
-    told = places_told(tmp_path, station)
+    told = places_told((-y, x, z), facing=(-y, x, z))
     assert told[-1].startswith("from there 10 of 10 shots of the plan cannot be seen")
     assert ": 0–9; move the tracker" in told[-1]
 
@@ -199,8 +193,11 @@ def test_plan_that_cannot_be_seen_from_the_found_place_is_named(tmp_path: Path) 
 def test_first_point_at_another_distance_than_the_place_says_is_told_at_once(
     tmp_path: Path,
 ) -> None:
-    station = replace(STATION, place_mm=tuple(np.multiply(PLACE_MM, 2.0).tolist()))
-    first, second = places_told(tmp_path, station)
+    cell, twice_mm = FakeCell(), np.multiply(PLACE_MM, 2.0)
+    station = replace(STATION, place_mm=tuple(twice_mm.tolist()))
+    journal = cell.run(tmp_path, work(FOUR_PAIRS, station=station))
+    first, second = events_of(journal, "tracker place")
+    assert cell.observer.events == [first, second] == places_told(twice_mm)
     assert first.startswith("shot 0: its point is 2.")
     assert "by tracker.place_mm it should be 5." in first
     assert second.startswith("the tracker stands at")
