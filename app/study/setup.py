@@ -201,7 +201,7 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
         if name and any(each.period_mm for each in KINDS[name]):
             raise OptionsInvalid(
                 f"--effects {name}: a {campaign.robot.mechanism.name} has no carriages",
-                remedy="leave it out, or study an i4l or a linear-delta",
+                remedy="leave it out, or study a robot on rails",
             )
     scenarios = [study_scenario(campaign, name) for name in names]
     unperturbed = [

@@ -161,7 +161,7 @@ def _check_tracker(region: FeasibleRegion) -> None:
     if sample is None:
         return
     hull = ConvexHull(np.vstack([sample[:, :3], base_mm(robot)])).equations
-    if (hull[:, :3] @ place + hull[:, 3]).max() > TRACKER_CLEARANCE_MM:
+    if (hull[:, :3] @ place + hull[:, -1]).max() > TRACKER_CLEARANCE_MM:
         return
     hint = ", as if it were given in metres" if 0.0 < np.linalg.norm(place) < FARTHEST_M else ""
     raise PlanInvalid(

@@ -97,7 +97,6 @@ ALLOWED = (
     ("app/report/figures/workspace.py", '"θ, °"', LETTER),
     ("app/report/sections.jinja", "while only θ should change", LETTER),
     ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
-    ("campaigns/robots/robot.py", "says nothing of it: Par4's", "robot files older than the key"),
     ("drivers/ports.py", "`plate_mm`", EXAMPLE),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
     ("drivers/values.py", "if self.theta_rad is None", POSE),
