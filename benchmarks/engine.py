@@ -125,6 +125,9 @@ class InstantRobot:
     def move_joints(self, joints: Sequence[float], _speed_fraction: float) -> None:
         self.joints = tuple(joints)
 
+    def lacks(self, _names: Sequence[str]) -> tuple[str, ...]:
+        return ()
+
 
 @dataclass
 class InstantTracker:
