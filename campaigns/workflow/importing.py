@@ -176,7 +176,7 @@ def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> I
         tell(f"{name}: {lacking}: the order of rows is taken as the order of time")
     elif (late := np.flatnonzero(np.diff(order) < 0)).size:
         first, second = order[late[0] : late[0] + 2].tolist()
-        tell(f"{name}: rows are out of the order of time (shot {second} after {first}): sorted")
+        tell(f"{name}: sorted by time: shot {first} was measured before shot {second}")
     return order
 
 

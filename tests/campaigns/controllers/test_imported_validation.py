@@ -140,7 +140,12 @@ def test_a_form_that_older_software_exported_is_known_by_its_file(paper: PaperCa
 
 
 def test_without_correction_the_last_export_counts(paper: PaperCampaign) -> None:
-    done = taken_in(paper, "after", pairs_of(paper, identified(paper)))
+    told: list[str] = []
+    pairs = enumerate(pairs_of(paper, identified(paper)))
+    backwards = [replace(row, time=f"{-place}") for place, row in pairs]
+    done = taken_in(paper, "after", backwards, tell=told.append)
+    last = len(backwards) - 1
+    assert told == [f"shots: sorted by time: shot {last} was measured before shot {last - 1}"]
     held = done.evaluation.evidence.held("after")
     assert (held.kind, held.targets) == ("identified", False)
     assert held.declared == "robot-compensated.yaml"
@@ -239,7 +244,9 @@ def test_rows_without_a_set_are_pairs_of_a_validation(paper: PaperCampaign, caps
     path.write_text(text.replace(",set", ""), encoding="utf-8")
     words = ["import", str(paper.folder), str(path), "--stage", "after", "--json"]
     assert run_command(words) == 1, "the other tests are asked for, and were not measured"
-    document = json.loads(capsys.readouterr().out)
+    ended = capsys.readouterr()
+    assert "after.csv: there is no column time: the order of rows is taken" in ended.err
+    document = json.loads(ended.out)
     assert document["distances_mm"]["max_abs"] < 0.1
     assert document["held"]["declared"] == "robot-compensated.yaml"
     assert document["campaign"]["decision"] == document["decision"] == "not decided"
