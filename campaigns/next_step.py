@@ -191,7 +191,8 @@ class Unusable:
         if name in FEW:
             return self._with_few_shots(name)
         if name == diagnostics.CHANGE:
-            return self._after_change(str(numbers["kind"]), float(numbers["before_shot"]))
+            at = float(numbers.get("before_shot", 0.0))
+            return self._after_change(str(numbers.get("kind")), at)
         if freed and freed not in found.asked:
             return self._identify("--free", freed)
         return self._past_a_lack()
