@@ -211,6 +211,8 @@ class Unusable:
 
     def _with_few_shots(self, name: str) -> NextStep:
         """Way on where the shots do not tell enough."""
+        if "--weights" in self.found.asked:  # equal ones tell no σ of few
+            return self._identify(without="--weights")
         unseen = name == identification.NOTHING_UNSEEN and "--hold-out" not in self.found.asked
         if unseen and self.shots >= FEWEST_SHOTS:
             return self._identify("--hold-out", "20%")

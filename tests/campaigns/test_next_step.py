@@ -231,6 +231,7 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: 
         (diagnostics.CHANGE, "drift", (), "mend what the diagnostics name, then: run DIR --anew"),
         (identification.NOTHING_UNSEEN, "", (), "identify DIR --hold-out 20%"),
         (identification.UNTOLD, "", (), "plan DIR --shots 240"),
+        (identification.TOO_FEW, "", ("--weights", "equal"), "identify DIR"),
         (identification.PRIOR, "", ("--prior", "x=1", "--sessions"), "identify DIR --sessions"),
         ("", "", (), "identify DIR"),
     ],
