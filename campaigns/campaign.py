@@ -250,9 +250,10 @@ class Campaign:
         return max(found, key=lambda series: series.number)
 
     def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
-        """Shots of the latest import of known lengths alone; () without one."""
-        imports = [each for each in journal.series("import") if each.of_known_lengths]
-        return imports[-1].shots if imports and imports[-1].finished else ()
+        """Shots of the latest whole import of known lengths alone; () without one."""
+        imports = (each for each in journal.series("import") if each.finished)
+        found = [each.shots for each in imports if each.of_known_lengths]
+        return found[-1] if found else ()
 
     def _nothing_measured(self) -> ShotsMissing:
         return ShotsMissing(
