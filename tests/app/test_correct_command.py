@@ -34,7 +34,7 @@ def poses(tmp_path):
 def test_poses_with_what_to_command_beside_them(correct, poses, folder):
     code, out, err = correct("--poses", poses)
     assert code == 0
-    assert err == f"next: pkmcal validate {folder} --stage after --by targets\n"
+    assert err == f"next: pkmcal report {folder}\n"
     written = poses.with_name("targets-corrected.csv")
     assert f"written: {written}" in out
     rows = list(csv.DictReader(written.read_text(encoding="utf-8").splitlines()))

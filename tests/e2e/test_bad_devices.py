@@ -8,6 +8,7 @@ import math
 import socket
 import threading
 from functools import partial
+from itertools import product
 
 import pytest
 from command_line import change
@@ -29,12 +30,10 @@ KINDS = ("late", "silent", "garbage", "torn", "close")
 ANSWERS = (60, 61, 62)
 """One of them answers a question; an event that is lost or late would go unnoticed."""
 
+BRIEF = ("tracker", "silent")
 WIRE_FAULTS = [
-    pytest.param(device, kind, marks=[] if brief else pytest.mark.long)
-    for device, kind, brief in (
-        *(("controller", kind, kind == "torn") for kind in KINDS),
-        *(("tracker", kind, kind == "silent") for kind in KINDS),
-    )
+    pytest.param(*fault, marks=[] if fault == BRIEF else pytest.mark.long)
+    for fault in product(DEVICES, KINDS)
 ]
 
 

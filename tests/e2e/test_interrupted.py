@@ -266,9 +266,8 @@ def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so
         assert len(journal.shots(latest.number)) == 8
 
 
-@pytest.mark.parametrize(
-    "answer", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("answer", [signal.SIGINT, signal.SIGHUP])
 def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, exported, answer):
     screen, process = screen_and_load
     process.send_signal(signal.SIGTSTP)

@@ -66,6 +66,7 @@ def test_a_campaign_on_a_served_cell(served, pkmcal, cell_file, tmp_path):
     assert (stopped.code, stopped.err) == (0, "")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("served", [("--serial",)], indirect=True)
 def test_a_campaign_on_a_serial_line(served, pkmcal, tmp_path):
     process, addresses = served
@@ -77,6 +78,7 @@ def test_a_campaign_on_a_serial_line(served, pkmcal, tmp_path):
     assert ended(process).code == 0
 
 
+@pytest.mark.long
 def test_a_cell_that_dies_at_work_leaves_an_unknown_robot(served, pkmcal, tmp_path, monkeypatch):
     process, addresses = served
     folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
