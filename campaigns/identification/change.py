@@ -24,7 +24,7 @@ from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.lack_of_fit import LEAST_FREEDOM, Group, LackOfFit, lacks_of_fit
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.robust import rejection_threshold, robust_scale
-from campaigns.estimation.variance_components import LinearizedShots
+from campaigns.estimation.variance_components import LinearizedShots, estimate_components
 from campaigns.identification.fit import PointFit
 from campaigns.identification.fit import linearized as linearized_shots
 from campaigns.identification.observations import Inputs, Observations, all_observations
@@ -136,6 +136,14 @@ class _AllShots:
         by_names = data.model.by_geometry(self.parameters, self.space.places(names))
         return np.asarray(data.rotations(self.x) @ by_names)
 
+    def reweighed(self, rows: Index, columns: Array) -> "_AllShots":
+        """The same by the scatter that some of them show beside further columns (N, 3, k)."""
+        some = self.linearized
+        fitted = replace(some, jacobian=np.concatenate([some.jacobian, columns], axis=2))
+        scatter = estimate_components(fitted.rows(rows))
+        covariance = scatter.covariance_mm2(some.stated_mm2, some.by_joints)
+        return replace(self, root=np.asarray(np.linalg.cholesky(covariance)))
+
 
 def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _AllShots:
     """All of them; raises `NoSolution`, and `LinAlgError` for a covariance that is none."""
@@ -192,6 +200,11 @@ def _most_significant(smooth: _Rows, steps: _Rows) -> tuple[tuple[LackOfFit, ...
     shots = smooth.shots
     groups, causes = tuple(_groups(shots)), tuple(_causes(shots))
     found = _selected(smooth, steps, groups, causes)
+    if found[0]:
+        # what the model lacks is no scatter of the robot, for which it was taken
+        weighed = shots.reweighed(smooth.rows, _taken_up(shots, groups, found[0]))
+        smooth, steps = replace(smooth, shots=weighed), replace(steps, shots=weighed)
+        found = _selected(smooth, steps, groups, causes)
     lacks, change = found
     if not lacks and change is None:
         return found
