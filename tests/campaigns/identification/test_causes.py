@@ -151,6 +151,16 @@ class TestChange:
         assert found.verdict == "pass"
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_play_of_gears_is_named_and_makes_no_change(seed):
+    approach = np.random.default_rng([6, seed]).choice([-1.0, 1.0], PLAIN.joints.shape)
+    data = with_joints(PLAIN.joints - 0.5 * np.radians(0.3 / 60.0) * approach, seed)
+    found = identified(replace(data, approach=approach), Estimator.POINTS)
+    (doubt,) = found.doubts
+    assert doubt.numbers["cause"] == "backlash"
+    assert doubt.numbers["size"] == pytest.approx(0.005, rel=0.3)
+
+
 def test_swapped_neighbours_are_told_and_are_no_change():
     data = noisy(PLAIN, 1)
     points = data.points_in_tracker_mm.copy()
