@@ -39,11 +39,11 @@ def test_somebody_in_the_beam_is_waited_for_although_the_robot_was_measured_befo
     def step_in() -> None:
         cell.tracker.break_beam()
         cell.tracker.finds = False
-        cell.clock.after(5.0 * SOON_S, step_out)
+        cell.clock.after(1.25 * SOON_S, step_out)
 
     def step_out() -> None:
         cell.tracker.finds = True
 
     cell.tracker.during_measure[7] = step_in
     assert len(cell.run(tmp_path, work(PLAN)).shots()) == len(PLAN)
-    assert cell.clock.now_s() > 5.0 * SOON_S
+    assert cell.clock.now_s() > 1.25 * SOON_S

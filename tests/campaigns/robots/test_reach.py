@@ -9,9 +9,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, find_robot
 
-MECHANISMS = pytest.mark.parametrize(
-    "name", ["par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l"]
-)
+ROBOTS = ("par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l")
 
 
 def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> RobotFile:
@@ -30,8 +28,9 @@ def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> R
     return RobotFile.of(robot.mechanism, values, name="odd", limits=limits)
 
 
-@MECHANISMS
-@pytest.mark.parametrize("times", [1.0 / 3.0, 1.0, 2.0])
+@pytest.mark.parametrize(
+    ("name", "times"), [*((name, 1.0 / 3.0) for name in ROBOTS), ("delta", 2.0)]
+)
 def test_robot_of_any_size_reaches_all_about_its_centre(name: str, times: float) -> None:
     robot = of_unknown_centre(name, times)
     around = np.tile(robot.workspace_centre, (7, 1))

@@ -291,13 +291,13 @@ def test_digests_and_exported_files_of_every_shipped_robot_are_as_ever(name):
 
 def test_a_controller_is_told_29_parameters_or_why_not():
     lacking = PROTOTYPE.robot.mechanism.parameters.extensions
-    PROTOTYPE.robot.require_known(lacking)
-    tilted().robot.require_known(())
+    PROTOTYPE.robot.require_known(lacking, "identify again")
+    tilted().robot.require_known((), "")
     with pytest.raises(ConfigInvalid) as caught:
-        tilted().robot.require_known(lacking)
+        tilted().robot.require_known(lacking, "identify again")
     assert str(caught.value) == (
         "par4-prototype compensated: arm0.axis_tilt_deg is 0.03, but the controller's kinematics "
-        "has no axis tilts → identify again with --fix 'arm*.axis_tilt_deg', and export again"
+        "has no axis tilts → identify again"
     )
 
 
