@@ -1,7 +1,6 @@
 """What a total station does: turns, searches, follows the prism that is found, measures it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import atan2, cos, isfinite, sin
 
 from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
@@ -19,7 +18,7 @@ from drivers.geocom.client import (
 from drivers.plausible import require, require_point
 from drivers.values import PRESSURE, TEMPERATURE, Vector3, Weather, vector
 from drivers.wire.framing import ascii_bytes
-from drivers.wire.geocom import decode_reply, parse_whole, parse_words
+from drivers.wire.geocom import GeocomReply, decode_reply, parse_whole, parse_words
 from drivers.wire.geocom_constants import INCLINATION_AUTO, LockStatus, Program, Result, Rpc
 
 NARROWEST_RAD, WIDEST_RAD = 0.02, 0.5
@@ -113,15 +112,9 @@ def _lock_status(words: Sequence[str]) -> LockStatus:
         raise WireError(f"{words[0]!r:.80} is no status of a lock") from error
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredPoint:
-    """A point in the instrument's frame; `warned`: it doesn't vouch for its full accuracy."""
-
-    point_mm: Vector3
-    warned: bool
-    raw: str
-    distance_at_ms: int
-    """When its distance was measured, by the instrument's clock; 0: it doesn't say."""
+MeasuredPoint = tuple[Vector3, int, GeocomReply]
+"""Point in the instrument's frame, mm; when its distance was measured, by the instrument's clock,
+ms, 0 where it doesn't say; and the reply, whose code warns of less than its full accuracy."""
 
 
 def measure_point(client: GeocomClient, before_ms: int) -> MeasuredPoint:
@@ -134,7 +127,7 @@ def measure_point(client: GeocomClient, before_ms: int) -> MeasuredPoint:
     try:
         client.tell(Rpc.TMC_DO_MEASURE, Program.DISTANCE, INCLINATION_AUTO)
         point = _taken(client)
-        _require_new(client.name, point, before_ms)
+        _require_new(client.name, *point[1:], before_ms)
     except DeviceRefused:
         if client.attempt(*clear) != Result.OK:
             client.close()  # its distance may still come, and would be the next one's
@@ -179,22 +172,21 @@ def _taken(client: GeocomClient) -> MeasuredPoint:
         INCLINATION_AUTO,
         within_s=wait_s + client.deadlines.answer_s,
     )
-    warned = reply.code != Result.OK
-    if warned:
+    if reply.code != Result.OK:
         _require_aimed(client, reply.line)
     require_point(client.name, point_mm)
-    return MeasuredPoint(point_mm, warned, reply.line, distance_at_ms)
+    return point_mm, distance_at_ms, reply
 
 
-def _require_new(where: str, point: MeasuredPoint, before_ms: int) -> None:
+def _require_new(where: str, at_ms: int, reply: GeocomReply, before_ms: int) -> None:
     """Refuse a distance by its time stamp, which no later one can have.
 
     Coordinates don't tell: they come rounded, and can be the same of a prism that stands still.
     """
-    if point.distance_at_ms == before_ms != 0:
+    if at_ms == before_ms != 0:
         raise NotAMeasurement(
             f"{where}: the distance is that of the point before, by its time stamp of "
-            f"{before_ms} ms ({point.raw})",
+            f"{before_ms} ms ({reply.line})",
             remedy="measure again; if it comes back, restart the instrument",
         )
 

@@ -19,7 +19,7 @@ from drivers.ports import Clock, LaserTracker
 from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.wire.geocom import Conversation, line_framer
-from drivers.wire.geocom_constants import Rpc
+from drivers.wire.geocom_constants import Result, Rpc
 
 SEARCH_RADIUS_MM = 50.0
 FIRST_TRANSACTIONS = (1000, 30_000)
@@ -109,15 +109,15 @@ class GeocomTracker(LaserTracker):
         """
         client, _, (settings, accuracy) = self._session.prepared()
         measuring.require_prism(client, "measuring")
-        found = measuring.measure_point(client, self._distance_at_ms)
-        self._distance_at_ms = found.distance_at_ms
+        point_mm, at_ms, reply = measuring.measure_point(client, self._distance_at_ms)
+        self._distance_at_ms = at_ms
         measuring.require_lock(client, "measuring")
         setup.require_unchanged(client, settings)
         return values.Measurement(
-            point_in_tracker_mm=found.point_mm,
-            covariance_mm2=covariance_mm2(found.point_mm, accuracy, warned=found.warned),
+            point_in_tracker_mm=point_mm,
+            covariance_mm2=covariance_mm2(point_mm, accuracy, warned=reply.code != Result.OK),
             weather=measuring.weather_set(client),
-            raw=found.raw,
+            raw=reply.line,
         )
 
     @override
