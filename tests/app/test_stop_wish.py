@@ -36,27 +36,23 @@ def test_a_signal_becomes_a_wish(wish, number):
     assert wish.suspends is (number == signal.SIGTSTP)
 
 
-def test_asking_again_changes_nothing(wish):
+@pytest.mark.parametrize(
+    ("signals", "may_go_on"),
+    [
+        ([signal.SIGINT] * 10, True),
+        ([signal.SIGINT, signal.SIGHUP], False),
+        ([signal.SIGHUP, signal.SIGINT], False),
+        ([signal.SIGHUP, signal.SIGTSTP], False),
+    ],
+)
+def test_asking_again_changes_nothing_and_with_a_lost_terminal_nobody_is_asked(
+    wish, signals, may_go_on
+):
     with interrupt.stop_on_signals(wish):
-        for _ in range(10):
-            signal.raise_signal(signal.SIGINT)
+        for number in signals:
+            signal.raise_signal(number)
     assert wish()
-    assert wish.may_go_on
-
-
-def test_ctrl_c_and_then_a_lost_terminal_asks_nobody(wish):
-    with interrupt.stop_on_signals(wish):
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGHUP)
-    assert not wish.may_go_on
-
-
-@pytest.mark.parametrize("last", [signal.SIGINT, signal.SIGTSTP])
-def test_after_a_lost_terminal_nobody_is_asked_whatever_comes(wish, last):
-    with interrupt.stop_on_signals(wish):
-        signal.raise_signal(signal.SIGHUP)
-        signal.raise_signal(last)
-    assert not wish.may_go_on
+    assert wish.may_go_on is may_go_on
     assert not wish.suspends
 
 
