@@ -232,10 +232,14 @@ def test_a_line_to_validate_on_is_shortened_or_refused_by_the_zone():
 
 
 def test_repeatability_and_pairs_keep_to_the_space():
-    robot = Reachable(NOMINAL, LIMITS, space=restricted_space(SpaceConfig(z_lowest_mm=-640.0), 0.0))
-    rng = np.random.default_rng(1)
-    with pytest.raises(PlanInvalid, match=r"repeatability cannot be done.*space.z_lowest_mm -640"):
-        validation_steps(ValidationConfig(), (), robot, frozenset({ShotSet.REPEATABILITY}), rng)
+    def above(z_lowest_mm):
+        space = restricted_space(SpaceConfig(z_lowest_mm=z_lowest_mm), 0.0)
+        return Reachable(NOMINAL, LIMITS, space=space)
+
+    robot, rng, only = above(-640.0), np.random.default_rng(1), frozenset({ShotSet.REPEATABILITY})
+    with pytest.raises(PlanInvalid, match=r"repeatability cannot be done.*space.z_lowest_mm -576"):
+        validation_steps(ValidationConfig(), (), above(-576.0), only, rng)
+    assert "40 mm away, not 80" in validation_steps(ValidationConfig(), (), robot, only, rng)[1][0]
     pairs = [replace(s, purpose=ShotSet.VALIDATION) for s in TWO_PAIRS if s.pair is not None]
     found = validation_steps(ValidationConfig(), pairs, robot, frozenset({ShotSet.VALIDATION}), rng)
     assert [step.planned.pair for step in found[0]] == [0, 0]
