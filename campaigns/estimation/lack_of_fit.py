@@ -21,8 +21,9 @@ from campaigns.estimation.information import EXACT, SIGNIFICANCE
 LEAST_FREEDOM = 30
 """Degrees of freedom that must be left beside the columns."""
 MOST_CAUSES = 4
-RANK, TINY = 1e-8, 1e-300
-"""Of squared lengths: directions of a group below it are the fit's own."""
+RANK, TINY = 1e-5, 1e-300
+"""Of squared lengths: directions of a group below it are the fit's own, as a turn of all arms is,
+of which a fit by imperfect parts leaves a trace."""
 SHORTEST_MM, LONGEST_MM = 5.0, 500.0
 """Periods of a carriage's drive that are looked for."""
 STEPS_A_TURN = 2.0

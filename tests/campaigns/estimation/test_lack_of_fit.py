@@ -55,6 +55,17 @@ def test_scatter_alone_seldom_has_a_cause():
     assert sum(bool(lacks_with(seed, nothing)) for seed in range(100)) <= 1
 
 
+def test_a_direction_of_which_the_fit_leaves_but_a_trace_has_no_size():
+    *_, jacobian, noise = drawn(3)
+    columns = np.random.default_rng(4).standard_normal((SHOTS, 3, 3))
+    trace = 1e-3 * columns[:, :, 2]
+    columns[:, :, 2] = jacobian[:, :, -1] - columns[:, :, :2].sum(axis=2) + trace
+    shots = FittedShots.of(noise - columns @ [1.0, -1.0, 0.0] - 300.0 * trace, jacobian)
+    (found,) = lacks_of_fit(shots, [Group("azimuths", columns, np.arange(3))])
+    assert found.part.tolist() == [0, 1, 2]
+    assert found.size == pytest.approx([1.0, -1.0, 0.0], abs=0.3)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_gears_ratio_is_named_with_its_arm_and_size_and_nothing_beside_it(seed):
     (found,) = lacks_with(seed, one_ratio)
