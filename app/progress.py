@@ -10,7 +10,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
+from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress, RunObserver
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
 
@@ -121,8 +121,8 @@ class _Bars(Bars):
         yield from self._below()
 
 
-class RunDisplay(CountedWork):
-    """The shots of a run, with its news below the bar. A `RunObserver`.
+class RunDisplay(CountedWork, RunObserver):
+    """The shots of a run, with its news below the bar.
 
     `verbose` tells every state of every shot.
     """

@@ -33,8 +33,8 @@ def briefing(campaign: Campaign, work: Work, preview: RunPreview, devices: Devic
 def show_run(terminal: Terminal, ran: RunResult) -> None:
     """Say what was measured and what was not, and whether the goal is met."""
     terminal.say(f"measured: series {ran.series} has {_count(ran)}")
-    for skipped in ran.skipped:
-        terminal.say(f"not measured: {in_words(skipped.shots)}: {skipped.reason}", WARNING)
+    for shots, reason in ran.skipped.items():
+        terminal.say(f"not measured: {in_words(shots)}: {reason}", WARNING)
     if ran.goal is None:
         return
     if ran.good:
@@ -57,7 +57,7 @@ def run_document(ran: RunResult) -> dict[str, object]:
         "shots": ran.shots,
         "goal": goal,
         "knowledge": known,
-        "skipped": ran.skipped,
+        "skipped": [{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
     }
 
 
@@ -85,7 +85,7 @@ def knowledge(known: ParameterUncertainty) -> dict[str, object]:
 
 
 def _count(ran: RunResult) -> str:
-    skipped = sum(len(each.shots) for each in ran.skipped)
+    skipped = sum(map(len, ran.skipped))
     missing = [
         f"{count} of the plan {word}"
         for count, word in ((ran.left_out, "were left out"), (skipped, "were skipped"))

@@ -52,7 +52,7 @@ def identify(
 ) -> IdentificationResult:
     """Identification of a nominal robot's parameters from shots, as `pkmcal identify` does it.
 
-    Patterns and priors are as on the command line. Raises `SelectionInvalid`, `ShotsMissing` and
+    Patterns and priors are as on the command line. Raises `OptionsInvalid`, `ShotsMissing` and
     `ShotsInvalid`.
     """
     models = model_selection.candidate_models(robot.mechanism.parameters, model, free, fix, priors)
@@ -70,7 +70,8 @@ def correct_targets(poses: Array, identified: RobotFile, nominal: RobotFile) -> 
     correction = TargetCorrection(identified.kinematics, nominal.kinematics, nominal.limits)
     fault = correction.first_fault(poses)
     if fault is not None:
-        raise TargetsInvalid(f"row {fault.row}: {fault.reason}", remedy="change the pose")
+        row, reason = fault
+        raise TargetsInvalid(f"row {row}: {reason}", remedy="change the pose")
     return correction.commanded(poses).values_or_raise()
 
 
@@ -103,7 +104,7 @@ def plan(
 
     `tracker_mm` is the tracker's place in the base frame; the reflector faces it, and is seen
     within `acceptance_deg`. Poses keep to the `restricted` space. Raises `PlanInvalid` and
-    `SelectionInvalid`.
+    `OptionsInvalid`.
     """
     space, centre = robot.mechanism.parameters, robot.workspace_centre
     known = model_selection.select_geometry(space, model, free, fix)
@@ -115,7 +116,7 @@ def plan(
         request = OptimalRequest(
             plan=wanted, uncertainty=instrument, free=known, estimator=estimator
         )
-        made = make_optimal_plan(robot, view, request, rng).shots
+        made, _ = make_optimal_plan(robot, view, request, rng)
     else:
         made = make_plan(robot, view, wanted, rng)
     setup = predicted_uncertainty.EstimationSetup(estimator, known, instrument)
@@ -143,7 +144,7 @@ def study(
     """Monte Carlo study of a plan: errors, stated σ and Cramér-Rao bounds of drawn campaigns.
 
     The free parameters of each true robot are drawn about the nominal ones with standard deviations
-    `spread`, in mm and deg. Raises `SelectionInvalid`, and `ShotsMissing` when fewer than two
+    `spread`, in mm and deg. Raises `OptionsInvalid`, and `ShotsMissing` when fewer than two
     campaigns can be identified.
     """
     space = robot.mechanism.parameters

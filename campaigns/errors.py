@@ -15,10 +15,6 @@ class PlanInvalid(CampaignError):
     """plan.csv cannot be used as written: correct the line that is named, or plan anew."""
 
 
-class SelectionInvalid(CampaignError):
-    """Selection of parameters that cannot be meant so: correct the option."""
-
-
 class OptionsInvalid(CampaignError):
     """Options that don't go together, cannot be understood, or ask for what there is not."""
 

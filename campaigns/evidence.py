@@ -349,7 +349,7 @@ def _latest(
 
 def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     try:
-        unended = load_history(journal).unended
+        _, unended = load_history(journal)
     except FindingUnreadable as error:
         unreadable.append(error.problem)
         return "a load was begun in a form that this version cannot read"

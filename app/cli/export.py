@@ -58,9 +58,9 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     if shots:
-        path, exported = export_shots(campaign, to, overwrite=overwrite)
-        if exported.halves:
-            terminal.note(f"left out, as their partner is missing: shots {exported.halves}")
+        path, halves = export_shots(campaign, to, overwrite=overwrite)
+        if halves:
+            terminal.note(f"left out, as their partner is missing: shots {halves}")
     elif format_ == "linuxcnc":
         path = export_hal(campaign, to, overwrite=overwrite)
     elif format_ != "yaml":

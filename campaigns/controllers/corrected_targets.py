@@ -16,14 +16,6 @@ from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
 
 
-@dataclass(frozen=True, slots=True)
-class TargetFault:
-    """First of several poses that cannot be taken, and why."""
-
-    row: int
-    reason: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetCorrection:
     """Correction of targets from an identified model to the controller's."""
@@ -49,8 +41,8 @@ class TargetCorrection:
         found[found] = poses.found
         return KinematicSolution.where(found, values)
 
-    def first_fault(self, wanted: Array) -> TargetFault | None:
-        """First of the poses (N, t) that cannot be taken; None: there is none.
+    def first_fault(self, wanted: Array) -> tuple[int, str] | None:
+        """Row of the first of the poses (N, t) that cannot be taken, and why; None: there is none.
 
         The real robot's limits count, at the joints that it will have.
         """
@@ -62,7 +54,7 @@ class TargetCorrection:
         if fine.all():
             return None
         row = int(np.argmin(fine))
-        return TargetFault(row, self._reason(judged.describe(row), wanted[row]))
+        return row, self._reason(judged.describe(row), wanted[row])
 
     def _reason(self, violations: list[str], pose: Array) -> str:
         if violations:

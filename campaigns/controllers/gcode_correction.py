@@ -208,9 +208,10 @@ def _require_possible(
         wanted = paths.at(some, part[begin : begin + CHUNK])
         fault = correction.first_fault(wanted)
         if fault is not None:
-            x, y, z = wanted[fault.row, :3].tolist()
+            row, reason = fault
+            x, y, z = wanted[row, :3].tolist()
             raise TargetsInvalid(
-                f"{name}:{lines[some[fault.row]]}: at X{x:.3f} Y{y:.3f} Z{z:.3f}: {fault.reason}",
+                f"{name}:{lines[some[row]]}: at X{x:.3f} Y{y:.3f} Z{z:.3f}: {reason}",
                 remedy="change the move, or widen the calibrated workspace with --margin and "
                 "--turn-margin",
             )

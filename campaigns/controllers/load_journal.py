@@ -109,27 +109,22 @@ class Load:
             self.fail(journal, reason)
 
 
-@dataclass(frozen=True, slots=True)
-class LoadHistory:
-    """Loads that took effect and were not taken back, oldest first, and one without an end."""
-
-    effective: tuple[Load, ...]
-    unended: Load | None
-
-    def standing(self, held: Mapping[str, float]) -> tuple[Load, ...]:
-        """Effective loads, with the unended one as the controller's parameters show it."""
-        unended = self.unended
-        if unended is None:
-            return self.effective
-        found = unended.holding(held)
-        going_back = unended.rolls_back is not None
-        if found is Holding.OLD or (found is Holding.OTHER and going_back):
-            return self.effective
-        return _after(self.effective, unended)
+def standing_loads(journal: JournalReader, held: Mapping[str, float]) -> tuple[Load, ...]:
+    """Effective loads, with the unended one as the controller's parameters show it."""
+    effective, unended = load_history(journal)
+    if unended is None:
+        return effective
+    found = unended.holding(held)
+    going_back = unended.rolls_back is not None
+    if found is Holding.OLD or (found is Holding.OTHER and going_back):
+        return effective
+    return _after(effective, unended)
 
 
-def load_history(journal: JournalReader) -> LoadHistory:
-    """History of a journal's loads, also of one from before loads were begun in it.
+def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]:
+    """Loads that took effect and were not taken back, oldest first, and one without an end.
+
+    Also of a journal from before loads were begun in it.
 
     Raises `FindingUnreadable` for a begun load in another form.
     """
@@ -151,7 +146,7 @@ def load_history(journal: JournalReader) -> LoadHistory:
                 effective = _after(effective, ended)
             except FindingUnreadable:
                 effective = ()  # nobody knows what it replaced: nothing before it can be put back
-    return LoadHistory(effective, unended)
+    return effective, unended
 
 
 def read_load(body: Mapping[str, JsonValue]) -> Load:

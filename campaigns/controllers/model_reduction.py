@@ -7,7 +7,6 @@ best fit of the controller's frame, which its user may place as he likes (model.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -26,19 +25,6 @@ STEP = 1e-4
 THIRD = 2.0 * np.pi / 3.0
 ARMS = 3
 CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
-
-
-class ReducedModel(Protocol):
-    """Robots that a controller can be told of: so many values, each set of them a robot."""
-
-    @property
-    def start(self) -> Array:
-        """Values to begin with, (C,), mm and rad."""
-        ...
-
-    def vector(self, values: Array) -> Array:
-        """Parameter vector p (G,) of the mechanism."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,28 +72,31 @@ def left_by(kinematics: Kinematics, workspace: Workspace) -> ResidualError:
 
     Raises `IdentificationRefused` when a robot of these parameters cannot take the joints.
     """
-    return ResidualError.of(_fitted(kinematics, workspace).errors)
+    return ResidualError.of(_fitted(kinematics, workspace)[2])
 
 
-def project(mechanism: ClosedChain, model: ReducedModel, workspace: Workspace) -> ModelReduction:
+def project(
+    mechanism: ClosedChain, model: "NamedParameters | SymmetricDelta", workspace: Workspace
+) -> ModelReduction:
     """Values that leave the least mean square error of position.
 
     Raises `IdentificationRefused` when the controller's robot cannot take the joints.
     """
 
-    def fitted(values: Array) -> _Fitted:
-        return _fitted(Kinematics(mechanism, model.vector(values)), workspace)
+    def told(values: Array) -> Kinematics:
+        return Kinematics(mechanism, model.vector(values))
 
     def jacobian(values: Array) -> Array:
-        at = fitted(values)
-        own = Kinematics(mechanism, model.vector(values)).jacobian(workspace.joints, at.poses)
-        by_values = at.frame.rotation @ own[:, :3] @ _by_values(model, values)
-        points = workspace.poses[:, :3] + at.errors
+        robot = told(values)
+        poses, frame, errors = _fitted(robot, workspace)
+        own = robot.jacobian(workspace.joints, poses)
+        by_values = frame.rotation @ own[:, :3] @ _by_values(model, values)
+        points = workspace.poses[:, :3] + errors
         columns = np.concatenate([by_values, frame_jacobian(points)], axis=2)
         return project_out_nuisance(columns.reshape(-1, columns.shape[2]), len(values))
 
     def residual(values: Array) -> Array:
-        return fitted(values).errors.ravel()
+        return _fitted(told(values), workspace)[2].ravel()
 
     found = least_squares(
         residual,
@@ -118,21 +107,13 @@ def project(mechanism: ClosedChain, model: ReducedModel, workspace: Workspace) -
         xtol=CONVERGED,
         gtol=CONVERGED,
     )
-    best = fitted(found.x)
-    kinematics = Kinematics(mechanism, model.vector(found.x))
-    return ModelReduction(found.x, kinematics, best.frame, ResidualError.of(best.errors))
+    kinematics = told(found.x)
+    _, frame, errors = _fitted(kinematics, workspace)
+    return ModelReduction(found.x, kinematics, frame, ResidualError.of(errors))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
-    """Poses (N, t) by other parameters, and errors (N, 3) of them in their best frame."""
-
-    poses: Array
-    frame: Transform
-    errors: Array
-
-
-def _fitted(kinematics: Kinematics, workspace: Workspace) -> _Fitted:
+def _fitted(kinematics: Kinematics, workspace: Workspace) -> tuple[Array, Transform, Array]:
+    """Poses (N, t) by other parameters, their best frame, and errors (N, 3) of them in it."""
     try:
         poses = kinematics.forward(workspace.joints, workspace.poses).values_or_raise()
     except NoSolution as error:
@@ -141,10 +122,10 @@ def _fitted(kinematics: Kinematics, workspace: Workspace) -> _Fitted:
             remedy=CANNOT_FOLLOW,
         ) from error
     frame = fit_transform(poses[:, :3], workspace.poses[:, :3])
-    return _Fitted(poses, frame, frame.apply(poses[:, :3]) - workspace.poses[:, :3])
+    return poses, frame, frame.apply(poses[:, :3]) - workspace.poses[:, :3]
 
 
-def _by_values(model: ReducedModel, values: Array) -> Array:
+def _by_values(model: "NamedParameters | SymmetricDelta", values: Array) -> Array:
     """∂p/∂values, (G, C), by central differences."""
     steps = STEP * np.eye(len(values))
     return np.column_stack(

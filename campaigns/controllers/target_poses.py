@@ -70,9 +70,10 @@ def correct_poses(targets: TargetPoses, correction: TargetCorrection) -> Correct
     """What to command for each; raises `TargetsInvalid` for the first that cannot be taken."""
     fault = correction.first_fault(targets.wanted)
     if fault is not None:
-        name = targets.names[fault.row]
+        row, reason = fault
+        name = targets.names[row]
         raise TargetsInvalid(
-            f"{targets.places[fault.row]}: {f'{name}: ' if name else ''}{fault.reason}",
+            f"{targets.places[row]}: {f'{name}: ' if name else ''}{reason}",
             remedy="change the pose, or widen the calibrated workspace with --margin and "
             "--turn-margin",
         )

@@ -1,6 +1,6 @@
 """Incremental Gauss-Newton: parameters and frame while measuring, to predict the next shot."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,23 +20,6 @@ SPREAD_FOR_A_FRAME_MM = 50.0
 """Least root mean square extent of the points across their main direction: less fixes no frame."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PredictedPoint:
-    """Predicted place of the reflector in the tracker's frame, (3,), and its standard deviation."""
-
-    point_mm: Array
-    std_mm: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Posterior:
-    """Parameters (F,), frame, and a root of the covariance of both, (F + 6, F + 6)."""
-
-    parameters: Array
-    frame: Transform
-    covariance_root: Array
-
-
 class IncrementalGaussNewton:
     """Parameters and the tracker's frame from the shots so far, by one Gauss-Newton step a shot."""
 
@@ -52,7 +35,8 @@ class IncrementalGaussNewton:
         self._points: list[Array] = []
         self._poses: Array | None = None
         self._foreseen: tuple[Array, Array] | None = None
-        self._known: _Posterior | None = None
+        self._known: tuple[Array, Transform, Array] | None = None
+        """Parameters (F,), frame, and a root of the covariance of both, (F + 6, F + 6)."""
         self._linearized: LinearizedShots | None = None
         self._from_nominal = np.zeros(len(free))
 
@@ -76,20 +60,23 @@ class IncrementalGaussNewton:
         """Number of shots it rests on."""
         return len(self._joints)
 
-    def predict(self, joints: Array) -> PredictedPoint | None:
-        """The reflector's place at joints (n,); None while the frame is unknown."""
+    def predict(self, joints: Array) -> tuple[Array, float] | None:
+        """The reflector's place at joints (n,) in the tracker's frame, (3,), and its σ, mm.
+
+        None while the frame is unknown.
+        """
         if self._known is None:
             return None
-        known = self._known
+        parameters, frame, covariance_root = self._known
         model = self._model([joints])
-        point = PointResiduals(model, np.zeros((1, 3)), np.eye(3)[None], known.frame)
-        x = np.concatenate([known.parameters, np.zeros(6)])
+        point = PointResiduals(model, np.zeros((1, 3)), np.eye(3)[None], frame)
+        x = np.concatenate([parameters, np.zeros(6)])
         try:
             place, jacobian = point.residual(x), point.jacobian(x)
         except NoSolution:
             return None
-        self._foreseen = joints, model.poses(known.parameters)[0]
-        return PredictedPoint(place, float(np.linalg.norm(jacobian @ known.covariance_root)))
+        self._foreseen = joints, model.poses(parameters)[0]
+        return place, float(np.linalg.norm(jacobian @ covariance_root))
 
     def max_distance_innovation_mm(self, joints: Array, point_mm: Array) -> float:
         """Largest difference of a measured distance to an earlier shot from the modelled one.
@@ -112,9 +99,7 @@ class IncrementalGaussNewton:
             self._update()
 
     def _parameters(self) -> Array:
-        if self._known is None:
-            return self._nominal_values
-        return self._known.parameters
+        return self._nominal_values if self._known is None else self._known[0]
 
     def _model(self, joints: list[Array], near: Array | None = None) -> PositionModel:
         return PositionModel(self._nominal, self._free, np.array(joints), near)
@@ -153,7 +138,7 @@ class IncrementalGaussNewton:
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
-        self._known = _Posterior(x[:-6], data.tracker_from_base(x), root)
+        self._known = x[:-6], data.tracker_from_base(x), root
 
 
 def _linearized(whitened: Array) -> LinearizedShots:

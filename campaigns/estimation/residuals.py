@@ -35,20 +35,6 @@ class _Assembled:
     """(N, t)"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Expansion:
-    """Poses to first order in the parameters."""
-
-    about: _Assembled
-    by_x: Array
-    """(N, t, F)"""
-    by_all: Array
-    """By every parameter of the mechanism's `parameters.geometry`, (N, t, G)."""
-
-    def at(self, x: Array) -> Array:
-        return np.asarray(self.about.poses + self.by_x @ (x - self.about.x))
-
-
 class PositionModel:
     """Positions of the controlled point as functions of the free parameters, at fixed encoders.
 
@@ -80,7 +66,8 @@ class PositionModel:
         self._approach = np.zeros_like(joints) if approach is None else approach
         self._start = start
         self._last: _Assembled | None = None
-        self._expansion: _Expansion | None = None
+        self._expansion: tuple[_Assembled, Array, Array] | None = None
+        """Poses to first order: about which, by x (N, t, F), by all of `parameters.geometry`."""
 
     @property
     def mechanism(self) -> ClosedChain:
@@ -106,11 +93,11 @@ class PositionModel:
 
     def jacobian(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂x, (N, 3, F); raises `NoSolution`."""
-        return self._expanded(x).by_x[:, :3]
+        return self._expanded(x)[0][:, :3]
 
     def by_geometry(self, x: Array, places: Index) -> Array:
         """∂(X, Y, Z)/∂(parameters at these places), free or not, (N, 3, K)."""
-        by_all = self._expanded(x).by_all
+        _, by_all = self._expanded(x)
         if not self._is_extended and np.isin(places, self._extensions).any():
             there = self._assembled_at(x)
             by_all = there.configuration.jacobian(there.poses)
@@ -120,9 +107,10 @@ class PositionModel:
         """∂(X, Y, Z)/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
         return self.by_geometry(x, self._space.offsets)
 
-    def _expanded(self, x: Array) -> _Expansion:
+    def _expanded(self, x: Array) -> tuple[Array, Array]:
+        """∂poses/∂x, (N, t, F), and by every parameter of `parameters.geometry`, (N, t, G)."""
         there = self._assembled_at(x)
-        if self._expansion is None or self._expansion.about is not there:
+        if self._expansion is None or self._expansion[0] is not there:
             geometry = there.configuration.jacobian(there.poses, extended=self._is_extended)
             by_all = geometry
             if self.free.size and self.free.max() >= by_all.shape[-1]:
@@ -132,8 +120,8 @@ class PositionModel:
                 )
             # shot by shot in memory, as it is read from here on
             by_free = np.ascontiguousarray(by_all[:, :, self.free])
-            self._expansion = _Expansion(there, by_free, geometry)
-        return self._expansion
+            self._expansion = there, by_free, geometry
+        return self._expansion[1:]
 
     def arm_joints(self, x: Array) -> Array:
         """Joints of the arms: encoder values less what the gears have lost, (N, n)."""
@@ -153,7 +141,8 @@ class PositionModel:
     def _near(self, x: Array) -> Array | None:
         """The best that is known of the answer before it is worked out, (N, t)."""
         if self._expansion is not None:
-            return self._expansion.at(x)
+            about, by_x, _ = self._expansion
+            return np.asarray(about.poses + by_x @ (x - about.x))
         return self._start if self._last is None else self._last.poses
 
     def _replaced(self, x: Array) -> Array:

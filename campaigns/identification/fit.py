@@ -174,7 +174,7 @@ def fit_points(inputs: Inputs) -> PointFit:
 def plain_fit(inputs: Inputs) -> PointFit | None:
     """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
     plain = replace(inputs.options, loss=LossShape.LINEAR, outliers=Outliers.EXCLUDE)
-    alone = replace(inputs.selection, priors=())
+    alone = replace(inputs.selection, priors={})
     try:
         return fit_points(replace(inputs, selection=alone, options=plain))
     except (ShotsMissing, NoSolution):

@@ -35,14 +35,14 @@ class UnseenPairs:
 def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
     shots, x = inputs.shots, fit.found.x[: len(inputs.selection.free)]
-    usable = inputs.usable_pairs(ShotSet.VALIDATION)
+    usable, excluded = inputs.usable_pairs(ShotSet.VALIDATION)
     model = inputs.model_of(shots)
     solution = model.kinematics(x).forward(model.arm_joints(x))
-    whole = solution.found[usable.rows].all(axis=1)
-    lost = without_assembly(shots, usable.rows[~whole], solution.found, "identified")
-    kept = usable.rows[whole]
+    whole = solution.found[usable].all(axis=1)
+    lost = without_assembly(shots, usable[~whole], solution.found, "identified")
+    kept = usable[whole]
     if len(kept) == 0:
-        return UnseenPairs(None, None, usable.excluded, lost, kept, solution)
+        return UnseenPairs(None, None, excluded, lost, kept, solution)
     measured_mm = shots.measured_distances_mm(kept)
     before, after = (
         (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
@@ -53,7 +53,7 @@ def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
     rows, places = np.unique(kept, return_inverse=True)
     some = replace(inputs, shots=shots.rows(rows))
     tested = _tested(some, solution.values[rows], places.reshape(kept.shape), fit)
-    return UnseenPairs(errors, tested, usable.excluded, lost, kept, solution)
+    return UnseenPairs(errors, tested, excluded, lost, kept, solution)
 
 
 def _tested(inputs: Inputs, near: Array, pairs: Index, fit: Fit) -> HoldOut | None:

@@ -128,7 +128,7 @@ def _result(
         estimator=options.estimator,
         loss=options.robust_loss,
         outliers=options.outliers,
-        priors={prior.name: prior.std for prior in inputs.selection.priors},
+        priors={**inputs.selection.priors},
         converged=found.fit.converged,
         message=found.fit.message,
         iterations=found.fit.evaluations,

@@ -56,7 +56,7 @@ def select_geometry(
 ) -> tuple[str, ...]:
     """Names of the geometry's parameters that a model looks for, in the order of the vector.
 
-    What a choice of models may end with is looked for whole. Raises `SelectionInvalid`.
+    What a choice of models may end with is looked for whole. Raises `OptionsInvalid`.
     """
     by_default = space.free_in_full
     if model in {Model.PAPER, Model.STANDARD}:
@@ -74,7 +74,7 @@ def candidate_models(
     fixed: Sequence[str] = (),
     priors: Sequence[str] = (),
 ) -> dict[str, ParameterSelection]:
-    """Parameters of each model to compare, the standard one first; raises `SelectionInvalid`."""
+    """Parameters of each model to compare, the standard one first; raises `OptionsInvalid`."""
     names = space.model
     more_of = extensions(space, model)
     if not more_of:
@@ -166,7 +166,7 @@ def bic(found: IdentificationResult) -> float:
 def _narrowed(full: ParameterSelection, allowed: set[str]) -> ParameterSelection:
     return ParameterSelection(
         tuple(name for name in full.free if name in allowed),
-        tuple(prior for prior in full.priors if prior.name in allowed),
+        {name: std for name, std in full.priors.items() if name in allowed},
     )
 
 

@@ -62,9 +62,10 @@ class Inputs:
         places = self.nominal.mechanism.parameters.places(self.selection.free)
         return PositionModel(self.nominal, places, shots.joints, near, approach=shots.approach)
 
-    def usable_pairs(self, purpose: ShotSet) -> "UsablePairs":
-        """Pairs of a set, and by name those that cannot be used.
+    def usable_pairs(self, purpose: ShotSet) -> tuple[Index, tuple[Excluded, ...]]:
+        """Rows (M, 2) of the whole pairs of a set, and by name those that cannot be used.
 
+        At both shots of a usable pair the nominal robot can be assembled.
         Where sessions have frames of their own, both shots must be of one.
         """
         data, found = self.shots, self.at_nominal.found
@@ -80,7 +81,7 @@ class Inputs:
         if self.options.sessions:
             together = data.session[rows[:, 0]] == data.session[rows[:, 1]]
         between = _excluded_pairs(data, rows[~together], "its shots are of two sessions")
-        return UsablePairs(rows[together], halves + apart + between)
+        return rows[together], halves + apart + between
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,14 +163,6 @@ class Observations:
         return self.points.session_frames(x) if self.kind == "shots" else ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UsablePairs:
-    """Whole pairs of a set, rows (M, 2), at both shots of which the robot can be assembled."""
-
-    rows: Index
-    excluded: tuple[Excluded, ...]
-
-
 def _excluded_pairs(data: Shots, rows: Index, reason: str) -> tuple[Excluded, ...]:
     return tuple(Excluded(reason, pair=pair_of(data, row)) for row in rows[:, 0].tolist())
 
@@ -206,10 +199,10 @@ def distance_observations(
     than unknowns and `ShotsInvalid` for a covariance that is none.
     """
     data, options, known = inputs.shots, inputs.options, inputs.selection
-    usable = inputs.usable_pairs(ShotSet.IDENTIFICATION)
-    apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
-    at_one_place = _excluded_pairs(data, usable.rows[~apart], "its two shots are at one place")
-    rows, excluded = usable.rows[apart], usable.excluded + at_one_place
+    rows, excluded = inputs.usable_pairs(ShotSet.IDENTIFICATION)
+    apart = data.measured_distances_mm(rows) >= SHORTEST_MM
+    excluded += _excluded_pairs(data, rows[~apart], "its two shots are at one place")
+    rows = rows[apart]
     wrong = np.isin(np.array(data.numbers)[rows], sorted(left_out))
     rows = rows[~wrong.any(axis=1)]
     wanted = max(1, len(known.free) - len(known.priors))
@@ -309,8 +302,7 @@ def _sessions(shots: Shots) -> Index | None:
 def _check_coordinates(shots: int, inputs: Inputs, excluded: tuple[Excluded, ...]) -> None:
     """Refusal of fewer shots than can tell what is free; a prior is worth a coordinate."""
     known = inputs.selection
-    priors = {prior.name for prior in known.priors}
-    unknown = [name for name in known.free if name not in priors]
+    unknown = [name for name in known.free if name not in known.priors]
     least = inputs.nominal.mechanism.minimum_shots(unknown)
     if shots >= least:
         return
@@ -328,10 +320,9 @@ def _left_out(excluded: tuple[Excluded, ...]) -> str:
 def _priors(inputs: Inputs, model: PositionModel) -> Priors:
     """About the nominal values, in mm and rad."""
     known = inputs.selection
-    names = tuple(prior.name for prior in known.priors)
+    names = tuple(known.priors)
     places = np.array([known.free.index(name) for name in names], dtype=np.intp)
-    std = np.array([prior.std for prior in known.priors])
-    std = std * inputs.nominal.mechanism.parameters.units(names)
+    std = np.array([*known.priors.values()]) * inputs.nominal.mechanism.parameters.units(names)
     return Priors(places, model.nominal[places], std)
 
 

@@ -3,11 +3,11 @@
 Names may be patterns in the manner of a shell: `arm*.azimuth_deg`, `arm[12].*`.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
-from campaigns.errors import SelectionInvalid
+from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import shown, suggestion
 from campaigns.mechanisms.parameters import ParameterSpace
 
@@ -19,19 +19,12 @@ REFLECTOR_CONSTANT = "reflector_constant_mm"
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
-    """Parameter that lies about its nominal value with a standard deviation, mm or deg."""
-
-    name: str
-    std: float
-
-
-@dataclass(frozen=True, slots=True)
 class ParameterSelection:
     """Parameters to find, in the order of all names, and what is known of them before."""
 
     free: tuple[str, ...]
-    priors: tuple[Prior, ...] = ()
+    priors: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation about the nominal value, mm or deg, by name."""
 
 
 def select_parameters(
@@ -46,7 +39,7 @@ def select_parameters(
     """Selection by patterns to free and to fix, and priors such as `arm*.forearm_mm=0.05`.
 
     Of all that a file holds unless other `names` may be told; free by default is what the mechanism
-    has so. A whole name outranks a pattern. Raises `SelectionInvalid` for a pattern that matches
+    has so. A whole name outranks a pattern. Raises `OptionsInvalid` for a pattern that matches
     nothing, for a name both freed and fixed, for a prior on held parameters and when nothing is
     left free.
     """
@@ -57,16 +50,16 @@ def select_parameters(
 
 
 def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names that a pattern means; raises `SelectionInvalid` when there is none."""
+    """Names that a pattern means; raises `OptionsInvalid` when there is none."""
     found = tuple(name for name in names if fnmatchcase(name, pattern))
     if found:
         return found
     if not pattern:
-        raise SelectionInvalid(
+        raise OptionsInvalid(
             "an empty name is not a parameter", remedy="give a name or a pattern, as 'arm*.x_mm'"
         )
     what = "matches no parameter" if WILD & set(pattern) else "is not a parameter"
-    raise SelectionInvalid(f"{shown(pattern)} {what}", remedy=suggestion(pattern, names))
+    raise OptionsInvalid(f"{shown(pattern)} {what}", remedy=suggestion(pattern, names))
 
 
 def _free(
@@ -77,13 +70,13 @@ def _free(
 ) -> tuple[str, ...]:
     for name in names:
         if name in to_free and to_free.get(name) == to_fix.get(name):
-            raise SelectionInvalid(
+            raise OptionsInvalid(
                 f"{name} is both freed and fixed", remedy="give it to one of --free and --fix"
             )
     held = {name for name, rank in to_fix.items() if rank > to_free.get(name, -1)}
     wanted = {*by_default, *to_free} - held
     if not wanted:
-        raise SelectionInvalid("--fix leaves no parameter to find", remedy="fix fewer")
+        raise OptionsInvalid("--fix leaves no parameter to find", remedy="fix fewer")
     return tuple(name for name in names if name in wanted)
 
 
@@ -107,7 +100,7 @@ def _ranked(patterns: Sequence[str], names: tuple[str, ...]) -> dict[str, int]:
 
 def _priors(
     texts: Sequence[str], names: tuple[str, ...], free: tuple[str, ...]
-) -> tuple[Prior, ...]:
+) -> dict[str, float]:
     """The last word on a parameter counts; a pattern means those of its matches that are free."""
     known: dict[str, float] = {}
     for text in texts:
@@ -115,12 +108,12 @@ def _priors(
         meant = matching(pattern, names)
         found = [name for name in meant if name in free]
         if not found:
-            raise SelectionInvalid(
+            raise OptionsInvalid(
                 f"--prior {shown(text)}: {_listed(meant)} held at the nominal value",
                 remedy=f"free it too, with --free '{pattern}', or leave the prior out",
             )
         known |= dict.fromkeys(found, std)
-    return tuple(Prior(name, known[name]) for name in names if name in known)
+    return {name: known[name] for name in names if name in known}
 
 
 def _prior_of(text: str) -> tuple[str, float]:
@@ -133,11 +126,11 @@ def _prior_of(text: str) -> tuple[str, float]:
     if equals and LEAST_STD <= std < float("inf"):
         return pattern.strip(), std
     if equals and 0.0 < std < LEAST_STD:
-        raise SelectionInvalid(
+        raise OptionsInvalid(
             f"--prior {shown(text)}: σ is {std:g}, must be {LEAST_STD:g} or more",
             remedy="hold what is known for sure at its nominal value, with --fix",
         )
-    raise SelectionInvalid(
+    raise OptionsInvalid(
         f"--prior {shown(text)} is not understood: σ must be a number above 0",
         remedy="give name and σ in the name's unit, as arm*.forearm_mm=0.05",
     )

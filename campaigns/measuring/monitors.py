@@ -56,21 +56,19 @@ class InnovationGate:
         The limit follows what is known: near once the shots so far fix robot and frame.
         """
         read, point = np.array(joints), np.array(point_in_tracker_mm)
-        predicted = self._running.predict(read)
-        if predicted is None or predicted.std_mm > self._rules.distance_mm:
+        expected_mm, std_mm = self._running.predict(read) or (None, np.inf)
+        if expected_mm is None or std_mm > self._rules.distance_mm:
             refusal, misfit = self._fault_of_distances(read, point)
             return GateDecision(None, None, refusal, misfit)
-        residual_mm = float(np.linalg.norm(point - predicted.point_mm))
-        near_mm = self._rules.fitted_mm + SIGMAS * predicted.std_mm
+        residual_mm = float(np.linalg.norm(point - expected_mm))
+        near_mm = self._rules.fitted_mm + SIGMAS * std_mm
         limit_mm = min(near_mm, self._rules.distance_mm)
         refusal = ""
         if not residual_mm <= limit_mm:
             refusal = (
                 f"{residual_mm:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: {WRONG}"
             )
-        return GateDecision(
-            vector(predicted.point_mm), residual_mm, refusal, residual_mm / limit_mm
-        )
+        return GateDecision(vector(expected_mm), residual_mm, refusal, residual_mm / limit_mm)
 
     def accept(self, outcome: Outcome) -> None:
         """Let an accepted shot teach the next prediction."""
@@ -152,8 +150,8 @@ class InnovationGate:
         By the running fit, or where a shot at the same pose was.
         """
         predicted = self._running.predict(np.array(joints))
-        if predicted is not None and predicted.std_mm <= POINTING_STD_MM:
-            return vector(predicted.point_mm)
+        if predicted is not None and predicted[1] <= POINTING_STD_MM:
+            return vector(predicted[0])
         same = (
             outcome.point_in_tracker_mm
             for outcome in self._accepted.values()

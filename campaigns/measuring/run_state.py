@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 
@@ -69,29 +68,17 @@ class Progress:
     """σ of the worst length at which measuring may end; None when all shall be measured."""
 
 
-class RunObserver(Protocol):
-    """Whoever shows a run; must not raise and must not take long."""
+class RunObserver:
+    """Whoever shows a run, this one nothing; must not raise and must not take long."""
 
     def progress(self, progress: Progress) -> None:
         """The run has moved on."""
-        ...
 
     def event(self, text: str) -> None:
-        """Something happened that the operator should read."""
-        ...
+        """Something happened that the operator should read; it is in the journal too."""
 
 
-class _Silent:
-    """Shows nothing."""
-
-    def progress(self, progress: Progress) -> None:
-        """Nobody looks."""
-
-    def event(self, text: str) -> None:
-        """Nobody reads: it is in the journal."""
-
-
-SILENT: RunObserver = _Silent()
+SILENT = RunObserver()
 """For runs that nobody watches."""
 
 

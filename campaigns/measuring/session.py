@@ -1,7 +1,7 @@
 """Session: one series begun or resumed, what is missing measured, and closed."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, JournalReader
@@ -23,14 +23,6 @@ from drivers.values import Weather
 
 
 @dataclass(frozen=True, slots=True)
-class SkippedShots:
-    """Shots of the plan that were not measured, and why."""
-
-    shots: tuple[int, ...]
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class RunResult:
     """What there is of a plan when its run is over."""
 
@@ -40,8 +32,8 @@ class RunResult:
     """Shots of the plan that were not taken: the goal was met without them."""
     goal: UncertaintyGoal | None
     known: ParameterUncertainty | None
-    skipped: tuple[SkippedShots, ...] = ()
-    """Shots that could not be measured, or should not be."""
+    skipped: Mapping[tuple[int, ...], str] = field(default_factory=dict)
+    """Shots that could not be measured, or should not be, and why."""
 
     @property
     def good(self) -> bool:
@@ -58,12 +50,12 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
     missing = resume.missing_shots(found, work)
     events = [entry.record for entry in journal.records_of(records.Event, series)]
     latest = {event.shots: event for event in events if event.kind == "shot skipped"}
-    skipped = tuple(
-        SkippedShots(shots, event.text.partition(": ")[2])
+    skipped = {
+        shots: event.text.partition(": ")[2]
         for shots, event in latest.items()
         if set(shots) <= set(missing)
-    )
-    left_out = len(missing) - sum(len(each.shots) for each in skipped)
+    }
+    left_out = len(missing) - sum(map(len, skipped))
     known = work.known_from(found.shots)
     return RunResult(series, len(found.shots), left_out, work.goal, known, skipped)
 

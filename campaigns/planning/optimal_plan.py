@@ -127,20 +127,12 @@ def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
     return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OptimalPlan:
-    """The plan, and what its making showed."""
-
-    shots: tuple[PlannedShot, ...]
-    curve: tuple[tuple[int, information.Uncertainty], ...]
-    """Other numbers of shots and what they would give, this plan's own among them."""
-
-
 def make_optimal_plan(
     robot: RobotFile, view: plans.View, request: OptimalRequest, rng: np.random.Generator
-) -> OptimalPlan:
+) -> tuple[tuple[PlannedShot, ...], tuple[tuple[int, information.Uncertainty], ...]]:
     """Identification shots by optimal design; validation pairs and drift shots as in every plan.
 
+    Then other numbers of shots and what they would give, this plan's own among them.
     Raises `PlanInvalid` when too little of the workspace can be measured, the goal is out of reach,
     there are too few candidates or shots, or the free parameters cannot be told apart.
     """
@@ -159,8 +151,7 @@ def make_optimal_plan(
         raise plans.too_small(error, region, "candidates") from error
     except Unobservable as error:
         raise not_identifiable(error) from error
-    shots = _ordered(region, options, chosen, unseen, wanted.drift_shots)
-    return OptimalPlan(shots, curve)
+    return _ordered(region, options, chosen, unseen, wanted.drift_shots), curve
 
 
 def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:

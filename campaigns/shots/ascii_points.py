@@ -57,14 +57,6 @@ class NamedPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class PointFile:
-    """The points of a file in its order, and how it was understood, for the user to see."""
-
-    points: tuple[NamedPoint, ...]
-    layout: str
-
-
-@dataclass(frozen=True, slots=True)
 class _Line:
     where: str
     words: tuple[str, ...]
@@ -72,15 +64,18 @@ class _Line:
 
 def read_points(
     path: Path, *, unit: LengthUnit | None, columns: Sequence[str] | None = None
-) -> PointFile:
-    """Read a point file; raises `ShotsInvalid`, also when nobody says the unit."""
+) -> tuple[tuple[NamedPoint, ...], str]:
+    """The points of a file in its order, and how it was understood, for the user to see.
+
+    Raises `ShotsInvalid`, also when nobody says the unit.
+    """
     text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
     return parse_points(text, str(path), unit=unit, columns=columns)
 
 
 def parse_points(
     text: str, name: str, *, unit: LengthUnit | None, columns: Sequence[str] | None = None
-) -> PointFile:
+) -> tuple[tuple[NamedPoint, ...], str]:
     """Read points from a file's text; without `columns`, these follow from the lines themselves."""
     if unit is None:
         raise ShotsInvalid(
@@ -93,7 +88,7 @@ def parse_points(
     points = tuple(_point(line, order, unit) for line in lines)
     _check_unique(points)
     words = ", ".join("skipped" if word == "-" else word for word in order)
-    return PointFile(points, f"{words} by {SEPARATORS[separator]}, in {unit}")
+    return points, f"{words} by {SEPARATORS[separator]}, in {unit}"
 
 
 def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:

@@ -178,25 +178,19 @@ def _outcome(number: int, row: ShotRow) -> records.Outcome:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ExportedShots:
-    """Rows of a file, and the numbers of shots that were left out."""
+def exported_shots(
+    series: Series, shots: Sequence[AcceptedShot]
+) -> tuple[tuple[ShotRow, ...], tuple[int, ...]]:
+    """A series' accepted shots as rows of a file, and the numbers of those that were left out.
 
-    rows: tuple[ShotRow, ...]
-    halves: tuple[int, ...]
-    """Shots whose pair has no second one: the file's readers refuse half a pair."""
-
-
-def exported_shots(series: Series, shots: Sequence[AcceptedShot]) -> ExportedShots:
-    """Turn a series' accepted shots into rows, whole pairs only.
-
-    A turn is that of the commanded pose; an import knows none.
+    These are shots whose pair has no second one: the file's readers refuse half a pair. A turn is
+    that of the commanded pose; an import knows none.
     """
     halves = pair_rows([shot.intent.pair for shot in shots]).halves
     whole = [shot for row, shot in enumerate(shots) if row not in halves]
     is_import = series.started.stage == "import"
     rows = tuple(_row(shot, is_import=is_import) for shot in whole)
-    return ExportedShots(rows, tuple(shots[row].intent.shot for row in halves))
+    return rows, tuple(shots[row].intent.shot for row in halves)
 
 
 def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:

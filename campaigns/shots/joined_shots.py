@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
@@ -26,7 +26,6 @@ from drivers.bounded_files import CSV_BYTES
 from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
-JOIN_WORDS = get_args(Join)
 LISTED = 5
 """Number of names that an error line lists."""
 NOWHERE_MM = (math.nan, math.nan, math.nan)
@@ -51,18 +50,19 @@ def read_joined_shots(
     Unit and columns of the points are as `campaigns.shots.ascii_points` has them. Raises
     `ShotsInvalid`.
     """
-    found, points_name = read_points(points, unit=unit, columns=columns), str(points)
+    found, layout = read_points(points, unit=unit, columns=columns)
+    points_name = str(points)
     remedy = "check the name of the joints file"
     text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
     rows = _joints_rows(text, str(joints), mechanism, default)
     matching = _by_order if join == "order" else _by_name
-    matched = matching(found.points, points_name, rows)
+    matched = matching(found, points_name, rows)
     pairs, pair_note = _pairs(rows)
     shots = tuple(
         replace(shot, pair=pair, point_in_tracker_mm=point.point_mm)
         for (_, shot), point, pair in zip(rows, matched, pairs, strict=True)
     )
-    return shots, (f"{points_name}: {found.layout}", pair_note)
+    return shots, (f"{points_name}: {layout}", pair_note)
 
 
 def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet) -> list[JointsRow]:

@@ -13,7 +13,7 @@ from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile
-from campaigns.shots.import_export import ExportedShots, ImportedFile, exported_shots
+from campaigns.shots.import_export import ImportedFile, exported_shots
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
@@ -83,11 +83,14 @@ def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = 
 
 def export_shots(
     campaign: Campaign, to: Path | None = None, *, overwrite: bool = False
-) -> tuple[Path, ExportedShots]:
-    """Write the accepted shots of the latest run or import; raises `OutputExists`."""
+) -> tuple[Path, tuple[int, ...]]:
+    """Write the accepted shots of the latest run or import; raises `OutputExists`.
+
+    Gives the file, and the shots that were left out.
+    """
     path = to or campaign.path(SHOTS_FILE)
     with campaign.journal_reader() as journal:
         series = campaign.measured_series(journal)
-        found = exported_shots(series, journal.shots(series.number))
-    write_shots(path, found.rows, campaign.robot.mechanism, overwrite=overwrite)
-    return path, found
+        rows, halves = exported_shots(series, journal.shots(series.number))
+    write_shots(path, rows, campaign.robot.mechanism, overwrite=overwrite)
+    return path, halves

@@ -22,7 +22,7 @@ def identify(
 ) -> RecordedIdentification:
     """Identify from the latest run or import, and write the result into the journal.
 
-    Raises `SelectionInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    Raises `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
     """
     options = options or IdentificationOptions()
     robot = campaign.robot

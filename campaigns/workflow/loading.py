@@ -14,7 +14,13 @@ from campaigns.controllers import export as parameter_file
 from campaigns.controllers import load_checks
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
-from campaigns.controllers.load_journal import FOUND_AGAIN, Load, already_back, load_history
+from campaigns.controllers.load_journal import (
+    FOUND_AGAIN,
+    Load,
+    already_back,
+    load_history,
+    standing_loads,
+)
 from campaigns.evaluation.validation import lost_beyond
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import Finding
@@ -141,8 +147,7 @@ def roll_back(
     if not campaign.journal_path.exists():
         raise _nothing_to_take_back(campaign)
     with campaign.journal() as journal:
-        history = load_history(journal)
-        if not history.effective and history.unended is None:
+        if load_history(journal) == ((), None):
             raise _nothing_to_take_back(campaign)
         with connection as controller:
             return _Loading(campaign, journal, controller, terms).roll_back()
@@ -206,7 +211,7 @@ class _Loading:
     def roll_back(self) -> LoadResult:
         """Put back what the latest effective load replaced."""
         held = self._held()
-        standing = load_history(self.journal).standing(held)
+        standing = standing_loads(self.journal, held)
         if not standing:
             raise _nothing_to_take_back(self.campaign)
         latest = standing[-1]
@@ -226,7 +231,7 @@ class _Loading:
     def _held(self) -> dict[str, float]:
         """What the controller holds; tells of a load without an end, and ends it in the journal."""
         held = dict(self.controller.read_geometry())
-        unended = load_history(self.journal).unended
+        _, unended = load_history(self.journal)
         if unended is not None:
             self.terms.tell(unended.told(held))
             if not self.terms.dry:

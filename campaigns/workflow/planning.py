@@ -60,7 +60,7 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
     """Make, check and write a plan; an older one is kept.
 
     For the full model unless told otherwise, or for the standard one where that takes more shots.
-    Raises `OptionsInvalid`, `SelectionInvalid`, `PlanInvalid` or `WriteFailed`.
+    Raises `OptionsInvalid`, `PlanInvalid` or `WriteFailed`.
     """
     options = options or PlanOptions()
     planned = _largest(campaign, options)
@@ -93,8 +93,7 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
     rng = np.random.default_rng(seed)
     curve: tuple[tuple[int, Uncertainty], ...] = ()
     if placement is Placement.OPTIMAL:
-        made = make_optimal_plan(campaign.robot, campaign.view, request, rng)
-        shots, curve = made.shots, made.curve
+        shots, curve = make_optimal_plan(campaign.robot, campaign.view, request, rng)
     else:
         shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
     named = None if model is Model.STANDARD else model  # such a plan is as plans always were
@@ -136,7 +135,7 @@ def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
 def _settled(
     campaign: Campaign, options: PlanOptions, model: Model
 ) -> tuple[Placement, OptimalRequest]:
-    """Options before settings; raises `SelectionInvalid` or `OptionsInvalid`."""
+    """Options before settings; raises `OptionsInvalid`."""
     free = free_parameters(campaign, options, model)
     lengths = campaign.robot.parameters.space.of_unit("mm", free)
     until_mm = None if options.until is None else _goal_mm(options.until, lengths)

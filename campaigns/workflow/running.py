@@ -24,7 +24,7 @@ from campaigns.workflow.work import engine_work, free_parameters, known_sets
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:
     """Plan as work for the engine, the shots commanded by joints.
 
-    Raises `SelectionInvalid`, `OptionsInvalid` or `PlanInvalid`.
+    Raises `OptionsInvalid` or `PlanInvalid`.
     """
     options = options or RunOptions()
     goal = None if options.until is None else read_goal(options.until)
@@ -84,7 +84,7 @@ def state_by_journal(campaign: Campaign) -> ControllerState | None:
     if not campaign.journal_path.exists():
         return None
     with campaign.journal_reader() as journal:
-        loads = load_history(journal).effective
+        loads, _ = load_history(journal)
     return known_sets(campaign).state(loads[-1].digest) if loads else None
 
 

@@ -279,7 +279,7 @@ def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[s
     if not campaign.journal_path.exists():
         return ""
     with campaign.journal_reader() as journal:
-        unended = load_history(journal).unended
+        _, unended = load_history(journal)
     if unended is None:
         return ""
     if unended.holding(held) is Holding.OTHER:

@@ -18,7 +18,7 @@ from campaigns.planning.steps import Step
 
 
 def free_parameters(campaign: Campaign, options: Selection, planned: Model) -> tuple[str, ...]:
-    """Names of the parameters that the shots will be looked at for; raises `SelectionInvalid`.
+    """Names of the parameters that the shots will be looked at for; raises `OptionsInvalid`.
 
     By the model that the plan was made for, unless the options name another.
     """

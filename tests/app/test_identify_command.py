@@ -11,7 +11,7 @@ from app.main import run_command
 from app.new_campaign import create_simulated
 from campaigns.campaign import open_campaign
 from campaigns.design.pose_sampling import interior_poses
-from campaigns.errors import SelectionInvalid
+from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.identification.options import AS_THE_PAPER, IdentificationOptions
@@ -165,7 +165,7 @@ def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(pkmcal,
 
 def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
     campaign = made(tmp_path / "campaign")
-    with pytest.raises(SelectionInvalid, match="matches no parameter"):
+    with pytest.raises(OptionsInvalid, match="matches no parameter"):
         identify(campaign, IdentificationOptions(free=("arm7.*",)))
     assert not campaign.journal_path.exists()
 

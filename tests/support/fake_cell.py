@@ -12,7 +12,7 @@ from virtual_time import Act, StopWish, VirtualClock
 
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.journal.journal import Journal
-from campaigns.measuring.run_state import Progress
+from campaigns.measuring.run_state import Progress, RunObserver
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.mechanism import Kinematics
@@ -265,7 +265,7 @@ class FakeCell:
 
 
 @dataclass
-class Listener:
+class Listener(RunObserver):
     """Remembers what it was told."""
 
     told: list[Progress] = field(default_factory=list)

@@ -81,7 +81,7 @@ def findings(campaign: Campaign) -> list[tuple[str, Mapping[str, object]]]:
 
 def unended(campaign: Campaign) -> bool:
     with campaign.journal_reader() as journal:
-        return load_history(journal).unended is not None
+        return load_history(journal)[1] is not None
 
 
 # what is refused
@@ -250,7 +250,7 @@ def test_without_a_controller_it_is_said_how_to_ask_it(campaign: Campaign) -> No
     with pytest.raises(PowerCut):
         loaded(campaign, Controller(next_write="die"))
     with campaign.journal_reader() as journal:
-        left = load_history(journal).unended
+        _, left = load_history(journal)
     assert left is not None
     assert "not ended; `pkmcal load DIR --dry` says what the controller holds" in left.told(None)
 

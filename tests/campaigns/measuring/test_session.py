@@ -21,7 +21,7 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.measuring.resume import complete_series
-from campaigns.measuring.session import SkippedShots, run_result
+from campaigns.measuring.session import run_result
 from campaigns.planning.steps import groups, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Weather
@@ -201,12 +201,12 @@ def test_shot_to_be_skipped_costs_its_pair_is_named_and_measured_by_the_next_run
     ran = run_result(journal, 1, skipping)
     assert complete_series(journal, skipping).number == 1
     assert complete_series(journal, work()) is None
-    assert ran.skipped == (SkippedShots((3, 4), "left out by --skip"),)
+    assert ran.skipped == {(3, 4): "left out by --skip"}
     assert ran.left_out == 0
     journal = FakeCell().run(tmp_path, work())
     assert len(journal.series()) == 1
     assert len(journal.shots()) == len(TWO_PAIRS)
-    assert run_result(journal, 1, work()).skipped == ()
+    assert run_result(journal, 1, work()).skipped == {}
 
 
 @pytest.mark.parametrize(

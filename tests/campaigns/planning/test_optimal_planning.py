@@ -41,6 +41,7 @@ def request(shots=40, *, drift=3, validation_pairs=10, **others):
 
 
 def planned(asked, view=VIEW, seed=1):
+    """Shots, and what other numbers of them would give."""
     return make_optimal_plan(ROBOT, view, asked, np.random.default_rng(seed))
 
 
@@ -71,8 +72,13 @@ def travel(shots):
 
 
 @pytest.fixture(scope="module")
-def plan():
+def made():
     return planned(request(60))
+
+
+@pytest.fixture(scope="module")
+def plan(made):
+    return made[0]
 
 
 @pytest.fixture(scope="module")
@@ -81,70 +87,71 @@ def boundary_plan():
 
 
 def test_plan_holds_what_was_asked_for_in_different_poses_approached_from_both_sides(plan):
-    counts = [len(of(plan.shots, purpose)) for purpose in ShotSet]
+    counts = [len(of(plan, purpose)) for purpose in ShotSet]
     assert counts == [60, 20, 3, *[0] * (len(ShotSet) - 3)]
-    assert [shot.shot for shot in plan.shots] == list(range(83))
-    assert len(pairs_of(plan.shots, ShotSet.IDENTIFICATION)) == 30
-    pairs = pairs_of(plan.shots, ShotSet.IDENTIFICATION)
+    assert [shot.shot for shot in plan] == list(range(83))
+    assert len(pairs_of(plan, ShotSet.IDENTIFICATION)) == 30
+    pairs = pairs_of(plan, ShotSet.IDENTIFICATION)
     assert (pairs[:, 1] == pairs[:, 0] + 1).sum() >= len(pairs) - 1
-    poses = poses_of(of(plan.shots, ShotSet.IDENTIFICATION))
+    poses = poses_of(of(plan, ShotSet.IDENTIFICATION))
     assert len(np.unique(poses, axis=0)) == len(poses)
-    assert all(0.3 <= share <= 0.7 for share in plan_approach_shares(plan.shots))
+    assert all(0.3 <= share <= 0.7 for share in plan_approach_shares(plan))
 
 
 def test_plan_can_be_run_and_is_the_same_by_the_same_seed(plan):
     pace = Pace(1.0, 0.2, 1.0)
-    assert check_plan(plan.shots, ROBOT_MODEL, VIEW, pace).shots == plan.shots
-    assert planned(request(60)).shots == plan.shots
+    assert check_plan(plan, ROBOT_MODEL, VIEW, pace).shots == plan
+    assert planned(request(60))[0] == plan
 
 
 def test_plan_tells_more_and_travels_less_than_the_boundary_plan(plan, boundary_plan):
-    assert worst_length_mm(plan.shots) < 0.8 * worst_length_mm(boundary_plan)
-    assert travel(plan.shots) < 0.85 * travel(boundary_plan)
-    best = worst_length_by_distances_mm(plan.shots)
+    assert worst_length_mm(plan) < 0.8 * worst_length_mm(boundary_plan)
+    assert travel(plan) < 0.85 * travel(boundary_plan)
+    best = worst_length_by_distances_mm(plan)
     assert best < worst_length_by_distances_mm(boundary_plan)
 
 
 def test_plan_for_distances_tells_most_by_distances(plan):
-    by_distances = planned(request(60, estimator=Estimator.DISTANCES))
-    assert len(of(by_distances.shots, ShotSet.IDENTIFICATION)) == 60
-    least = worst_length_by_distances_mm(plan.shots)
-    assert worst_length_by_distances_mm(by_distances.shots) < least
-    check_plan(by_distances.shots, ROBOT_MODEL, VIEW, Pace(1.0, 0.2, 1.0))
+    by_distances, _ = planned(request(60, estimator=Estimator.DISTANCES))
+    assert len(of(by_distances, ShotSet.IDENTIFICATION)) == 60
+    least = worst_length_by_distances_mm(plan)
+    assert worst_length_by_distances_mm(by_distances) < least
+    check_plan(by_distances, ROBOT_MODEL, VIEW, Pace(1.0, 0.2, 1.0))
 
 
 def test_plan_needs_no_validation_pairs_nor_a_tracker_that_sees_the_whole_workspace():
     near = View((1500.0, 1500.0, 0.0), (1500.0, 1500.0, 575.0), np.radians(12.0))
     asked = request(14, validation_pairs=0, drift=2, candidates=100)
-    shots = planned(asked, view=near).shots
+    shots, _ = planned(asked, view=near)
     check_plan(shots, ROBOT_MODEL, near, Pace(1.0, 0.2, 1.0))
     assert [shot.purpose for shot in shots[::15]] == [ShotSet.DRIFT, ShotSet.DRIFT]
     assert len(shots) == 16
 
 
-def test_curve_holds_the_plan_itself_among_fewer_and_more_shots(plan):
-    shots = [count for count, _ in plan.curve]
+def test_curve_holds_the_plan_itself_among_fewer_and_more_shots(made):
+    plan, curve = made
+    shots = [count for count, _ in curve]
     assert shots == sorted(set(shots))
     assert shots[0] == 14
     assert 60 < shots[-1] <= 120
-    lengths = {count: expected.largest("mm") for count, expected in plan.curve}
-    assert lengths[60] == pytest.approx(worst_length_mm(plan.shots), rel=1e-6)
+    lengths = {count: expected.largest("mm") for count, expected in curve}
+    assert lengths[60] == pytest.approx(worst_length_mm(plan), rel=1e-6)
     assert lengths[shots[0]] > 2.0 * lengths[60] > 2.0 * lengths[shots[-1]]
 
 
 def test_goal_takes_as_few_shots_as_it_needs():
-    found = planned(request(60, until_mm=0.05))
-    count = len(of(found.shots, ShotSet.IDENTIFICATION))
+    found, _ = planned(request(60, until_mm=0.05))
+    count = len(of(found, ShotSet.IDENTIFICATION))
     assert count < 30
-    assert worst_length_mm(found.shots) <= 0.05
+    assert worst_length_mm(found) <= 0.05
 
 
 def test_goal_for_distances_takes_whole_pairs():
-    found = planned(request(150, until_mm=0.1, estimator=Estimator.DISTANCES))
-    pairs = pairs_of(found.shots, ShotSet.IDENTIFICATION)
+    found, curve = planned(request(150, until_mm=0.1, estimator=Estimator.DISTANCES))
+    pairs = pairs_of(found, ShotSet.IDENTIFICATION)
     assert 22 <= len(pairs) < 60
-    assert worst_length_by_distances_mm(found.shots) <= 0.1
-    assert 2 * len(pairs) in {count for count, _ in found.curve}
+    assert worst_length_by_distances_mm(found) <= 0.1
+    assert 2 * len(pairs) in {count for count, _ in curve}
 
 
 def test_goals_out_of_reach_or_of_too_few_candidates_are_refused():
@@ -152,7 +159,7 @@ def test_goals_out_of_reach_or_of_too_few_candidates_are_refused():
     with pytest.raises(PlanInvalid, match=r"σ=0\.001 .* 40 shots, .* leave ±0\.0") as refused:
         planned(asked)
     goal = float(refused.value.remedy.split("σ=")[1].split()[0])
-    assert len(of(planned(replace(asked, until_mm=goal)).shots, ShotSet.DRIFT)) == 3
+    assert len(of(planned(replace(asked, until_mm=goal))[0], ShotSet.DRIFT)) == 3
     with pytest.raises(PlanInvalid, match="50 shots, the most allowed"):
         planned(request(1000, until_mm=0.001, candidates=50))
 

@@ -269,7 +269,7 @@ def test_a_space_that_refuses_nothing_changes_nothing(placement):
         request = OptimalRequest(
             plan=wanted, uncertainty=TrackerUncertainty(), free=free, candidates=300
         )
-        plans.append(make_optimal_plan(ROBOT, VIEW, request, rng).shots)
+        plans.append(make_optimal_plan(ROBOT, VIEW, request, rng)[0])
     assert plans[0] == plans[1]
 
 
@@ -283,7 +283,7 @@ def test_optimal_poses_keep_to_the_space_and_are_judged_by_what_it_leaves():
         free=free,
         candidates=300,
     )
-    made = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
-    check_plan(made.shots, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
+    made, _ = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
+    check_plan(made, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
     judged = workspace_poses(NOMINAL, LIMITS, CENTRE, 300, np.random.default_rng(5), SPACE)
     assert SPACE.allows(judged[:, :3]).all()

@@ -28,7 +28,7 @@ def read(text, unit="mm", columns=None):
 
 
 def found(text, **told):
-    return {point.name: point.point_mm for point in read(text, **told).points}
+    return {point.name: point.point_mm for point in read(text, **told)[0]}
 
 
 def complaint(text, **told):
@@ -50,7 +50,7 @@ class TestForms:
         points = found(OPENINDY, unit="m")
         assert points["p1"] == pytest.approx((2000.5, 10.25, -300.125))
         assert list(points) == ["p1", "p2"]
-        points = read("1.0 2.0 3.0\n4.0 5.0 6.0\n").points
+        points = read("1.0 2.0 3.0\n4.0 5.0 6.0\n")[0]
         assert [point.name for point in points] == ["", ""]
         assert points[1].point_mm == (4.0, 5.0, 6.0)
 
@@ -77,12 +77,12 @@ class TestForms:
         path = tmp_path / "points.txt"
         text = "\ufeff// head\r\np1 1.0 2.0 3.0\r\n; note\r\n\r\n# note\r\np2 4.0 5.0 6.0\r\n"
         path.write_bytes(text.encode())
-        points = read_points(path, unit="mm").points
+        points = read_points(path, unit="mm")[0]
         assert [point.where.rpartition(":")[2] for point in points] == ["2", "6"]
 
     def test_how_it_was_understood_is_told(self):
-        assert read(SPATIAL_ANALYZER).layout == "name, name, name, x, y, z by blanks, in mm"
-        assert read("p1;1;2;3\n", unit="inch").layout == "name, x, y, z by semicolons, in inch"
+        assert read(SPATIAL_ANALYZER)[1] == "name, name, name, x, y, z by blanks, in mm"
+        assert read("p1;1;2;3\n", unit="inch")[1] == "name, x, y, z by semicolons, in inch"
 
 
 class TestColumnsThatAreTold:
@@ -194,7 +194,7 @@ def test_whatever_is_exported_is_read_again(points, joint, form):
 def test_any_text_is_read_or_refused_in_one_line(text):
     said, points = "", ()
     try:
-        points = read(text).points
+        points = read(text)[0]
     except ShotsInvalid as error:
         said = str(error)
     assert bool(said) != bool(points)
