@@ -8,7 +8,8 @@ from pathlib import Path
 
 from campaigns.errors import ConfigInvalid
 from campaigns.evaluation.plausibility import beyond_tolerance
-from campaigns.robots.robot import RobotFile
+from campaigns.robots.robot import RobotFile, read_robot
+from drivers.bounded_files import is_there
 
 OWN_FILE = "take the file that `pkmcal export` writes for this campaign"
 
@@ -47,6 +48,18 @@ def refuse(source: Path, objections: Sequence[ConfigInvalid]) -> None:
             f"{source}: not loaded: {problems}",
             remedy=f"{objections[0].remedy}; --force loads it all the same",
         )
+
+
+def read_parameter_file(path: Path, folder: Path, nominal: RobotFile) -> RobotFile:
+    """Robot file with parameters for the robot of a campaign's folder; raises `ConfigInvalid`."""
+    if not is_there(path):
+        raise ConfigInvalid(
+            f"{path}: there is no such file",
+            remedy=f"`pkmcal export {folder}` writes what was identified",
+        )
+    robot = read_robot(path).robot
+    require_same_mechanism(path, robot, nominal)
+    return robot
 
 
 def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -> None:

@@ -15,7 +15,7 @@ from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.gcode import read_program
 from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
-from campaigns.controllers.load_checks import file_objections, require_same_mechanism
+from campaigns.controllers.load_checks import file_objections, read_parameter_file
 from campaigns.controllers.target_poses import (
     CorrectedPoses,
     correct_poses,
@@ -26,13 +26,12 @@ from campaigns.errors import ConfigInvalid
 from campaigns.estimation.information import Uncertainty
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification
-from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.robots.robot import RobotFile
 from campaigns.settings.option import Option, require_finite
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.files import recorded
 from campaigns.workflow.work import known_sets
-from drivers.bounded_files import is_there
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,14 +85,8 @@ def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) 
 def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
     """Identified robot of a file, the exported one by default; raises `ConfigInvalid`."""
     path = path or campaign.path(FILE_NAME)
-    if not is_there(path):
-        raise ConfigInvalid(
-            f"{path}: there is no such file",
-            remedy=f"`pkmcal export {campaign.folder}` writes what was identified",
-        )
-    robot, nominal = read_robot(path).robot, campaign.robot
-    require_same_mechanism(path, robot, nominal)
-    objections = tuple(file_objections(robot, campaign.config.name, nominal))
+    robot = read_parameter_file(path, campaign.folder, campaign.robot)
+    objections = tuple(file_objections(robot, campaign.config.name, campaign.robot))
     if objections:
         problems = "; ".join(each.problem for each in objections)
         raise ConfigInvalid(

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns.arrays import Index
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME, WrittenSet, written_sets
-from campaigns.controllers.load_checks import require_same_mechanism
+from campaigns.controllers.load_checks import read_parameter_file
 from campaigns.errors import OptionsInvalid, PlanInvalid, ShotsInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.evaluation.plausibility import check_distances, check_shots
@@ -20,7 +20,6 @@ from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import plan_model
 from campaigns.robots.reduced_form import form_of
-from campaigns.robots.robot import read_robot
 from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
 from campaigns.shots.shots import shots_of_rows
@@ -108,8 +107,7 @@ def declared_set(
             "`pkmcal correct` has written anything",
             remedy="name the robot file with --with FILE",
         )
-    robot = read_robot(path).robot
-    require_same_mechanism(path, robot, nominal)
+    robot = read_parameter_file(path, campaign.folder, nominal)
     form = form_of(robot.provenance, str(path))
     return WrittenSet.of(path.name, robot.parameters, projection=form)
 
@@ -147,6 +145,9 @@ def import_validation(
         remedy = "say what it held by --with FILE; --anyway takes them in as they are"
         wrong = OptionsInvalid(wrong.problem, remedy=remedy)
     again = replaced(campaign, stage, frozenset(row.purpose for row in rows))
+    if again is not None:
+        remedy = "keep them and go on; --anyway takes these in their place"
+        again = OptionsInvalid(again.problem, remedy=remedy)
     if not anyway:
         require_or_record(campaign, (again, wrong), anyway=False)
     _check(campaign, rows, name, STAGES[stage] if anyway else set())

@@ -174,9 +174,8 @@ def _wanted(
     Raises `ConfigInvalid` unless that is overruled.
     """
     source = source or campaign.path(parameter_file.FILE_NAME)
-    robot, nominal = read_robot(source).robot, campaign.robot
-    load_checks.require_same_mechanism(source, robot, nominal)
-    objections = tuple(load_checks.file_objections(robot, campaign.config.name, nominal))
+    robot = load_checks.read_parameter_file(source, campaign.folder, campaign.robot)
+    objections = tuple(load_checks.file_objections(robot, campaign.config.name, campaign.robot))
     if not terms.force:
         load_checks.refuse(source, objections)
     return source, robot, objections

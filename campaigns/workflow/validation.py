@@ -205,7 +205,7 @@ def replaced(
     return OptionsInvalid(
         f"--stage before: measured already (series {series}): {', '.join(found)}; a later one "
         "would count in its place",
-        remedy=f"`pkmcal run {campaign.folder}` comes next; {AGAIN}",
+        remedy=f"keep them and go on; {AGAIN}",
     )
 
 

@@ -134,6 +134,13 @@ def test_wrong_file_is_refused_with_its_reason(campaign: Campaign) -> None:
     assert (controller.held, controller.writes, findings(campaign)) == (OLD, 0, [])
 
 
+def test_set_that_was_not_exported_is_missed_with_the_command_that_writes_it(campaign: Campaign):
+    campaign.path(EXPORTED).unlink()
+    with pytest.raises(errors.ConfigInvalid, match="there is no such file") as missed:
+        loaded(campaign, Controller())
+    assert missed.value.remedy.startswith("`pkmcal export ")
+
+
 def test_right_file_is_loaded_and_nothing_is_overruled(campaign: Campaign) -> None:
     controller = Controller()
     found = loaded(campaign, controller, terms=FORCED)
