@@ -1,4 +1,4 @@
-"""The next command, as every command says it at its end."""
+"""Next command, named at the end of every command."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,9 +22,8 @@ def tell_next(
 ) -> dict[str, object]:
     """Say which command is next; gives it as a part of what `--json` prints.
 
-    `words`: options that a run or an identification that is next shall get. `held`: what was read
-    from the controller. What cannot be read
-    keeps nobody from the result that is there already: then nothing is said.
+    `words`: options that a next run or identification gets. `held`: what was read from the
+    controller. Where evidence cannot be read, nothing is said: the command's own result stands.
     """
     try:
         state = state_of(evaluate(campaign), answered=answered, reported=reported, held=held)

@@ -517,12 +517,13 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
     statement = "the parameter file holds what was identified"
     yield same_digest(statement, None if file is None else file.digest(), parameters)
     after = evidence.after[-1].series.started if evidence.after else None
-    statement = "the controller held it when it was validated after"
+    how = "the controller held the identified set"
     if after is not None and after.stage == "after by targets":
-        statement = "targets were corrected with it when it was validated after"
+        how = "targets were corrected with the identified set"
     elif after is None or not after.declared:
         last = evidence.state(loaded.digest if loaded else None)
         yield _same_origin("what was loaded last is what was identified", last, parameters)
+    statement = f"{how} when the robot was validated after"
     yield _same_origin(statement, evidence.held("after"), parameters)
 
 
@@ -537,7 +538,7 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
 
 def _before_check(evidence: Evidence) -> Check:
     """Errors before calibration are the nominal robot's; a reader should know of others."""
-    statement = "the controller held the nominal parameters when it was validated before"
+    statement = "the controller held the nominal parameters when the robot was validated before"
     held = evidence.held("before")
     if held is None:
         return Check(statement, None, "nothing to compare", decides=False)

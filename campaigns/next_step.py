@@ -138,7 +138,7 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
     if state.after or state.holds:
         return None if state.after else NextStep(after)
     if imported:
-        put = "put what export wrote into the controller, or correct targets, and measure pairs"
+        put = "put the exported file into the controller, or correct the targets, and measure pairs"
         return NextStep(("import", here, "FILE", "--stage", "after"), put)
     if state.form == "needed":
         return NextStep(("export", here, "--format", "plain"))
@@ -149,12 +149,12 @@ def _to_show(state: CampaignState) -> NextStep | None:
     report = ("report", state.folder)
     if not state.reported:
         return NextStep(report)
+    there = "under acceptance in campaign.yaml"
     by_hand = {
-        "no limits": "write what the robot must keep into campaign.yaml, under acceptance",
-        "not decided": "widen or leave out what is not decided, under acceptance in campaign.yaml "
+        "no limits": f"set the limits that must be met, {there}",
+        "not decided": f"widen or remove the limits that are not decided, {there} "
         f"({state.reasons})",
-        "fail": "mend what breaks the limits, or widen them, under acceptance in campaign.yaml "
-        f"({state.reasons})",
+        "fail": f"mend what breaks the limits, or widen them, {there} ({state.reasons})",
     }
     first = by_hand.get(state.after)
     return None if first is None else NextStep(report, first)
@@ -253,7 +253,7 @@ class Unusable:
         limits = f"acceptance.distance_mean_mm and distance_max_mm (unseen pairs: {figures})"
         if self.limits_mm:
             return self._identify(first=f"{MEND}, or widen {limits} in campaign.yaml")
-        return self._identify(first=f"write what the robot must keep into campaign.yaml, {limits}")
+        return self._identify(first=f"set the limits that must be met in campaign.yaml: {limits}")
 
 
 def state_of(

@@ -35,5 +35,5 @@ class Region:
                 ends[axis.column] = axis.to_file(low), axis.to_file(high)
                 told.append(f"{axis.name} {axis.to_file(low):.0f} to {axis.text(high, '.0f')}")
         share = float(np.mean(inside))
-        says = f"it is for {100.0 * share:.0f} % of the workspace: {', '.join(told)}"
+        says = f"valid for {100.0 * share:.0f} % of the workspace: {', '.join(told)}"
         return cls(1.0 - share, ends, says)

@@ -114,7 +114,7 @@ def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(pkmca
         _, _, written = pkmcal("export", folder, "--overwrite")
         for text in (found, written):
             assert ("takes axis tilts" in text) is tilted
-        assert "next: put what export wrote into the controller" in written
+        assert "next: put the exported file into the controller" in written
 
 
 def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):

@@ -18,13 +18,7 @@ from campaigns.workflow.loading import LoadTerms, load
 from campaigns.workflow.reduced_export import export_projected
 from campaigns.workflow.validation import Validated
 
-WIDE = AcceptanceConfig(
-    distance_mean_mm=1.0,
-    distance_max_mm=1.0,
-    rotation_mm=1.0,
-    straightness_mm=1.0,
-    repeatability_mm=1.0,
-)
+WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +96,7 @@ def test_a_form_of_another_identification_is_none_of_this_one(plain: Evaluation)
     broken = [check.statement for check in found.checks if check.holds is False]
     assert broken == [
         "what was loaded last is what was identified",
-        "the controller held it when it was validated after",
+        "the controller held the identified set when the robot was validated after",
     ]
     assert found.verdict.decision == "not decided"
 

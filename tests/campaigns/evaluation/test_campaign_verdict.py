@@ -17,13 +17,7 @@ from campaigns.evaluation.validation import ValidationResult, validation_verdict
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.settings.sections import AcceptanceConfig
 
-WIDE = AcceptanceConfig(
-    distance_mean_mm=1.0,
-    distance_max_mm=1.0,
-    rotation_mm=1.0,
-    straightness_mm=1.0,
-    repeatability_mm=1.0,
-)
+WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
 PASSED = IdentificationVerdict("pass", ())
 
 

@@ -142,7 +142,7 @@ def test_a_pass_names_the_region_that_it_is_for():
     found = found_with(CLEAN, workspace=workspace())
     assert found.verdict == "pass"
     assert found.region.beyond <= 0.05
-    assert found.reasons[-1].startswith("it is for ")
+    assert found.reasons[-1].startswith("valid for ")
     assert set(found.region.ends) == {"x_mm", "y_mm", "z_mm", "theta_deg"}
 
 
