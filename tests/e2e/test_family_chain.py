@@ -109,7 +109,7 @@ def assert_files(folder, member):
     task, joints = (
         [axis.column for axis in axes] for axes in (member.mechanism.task, member.mechanism.joints)
     )
-    assert head == ["shot", "set", "pair", *task, *joints]
+    assert head == ["shot", "set", "pair", *task, *joints, "model"]
 
 
 def assert_report(path, has_turn):
@@ -125,7 +125,7 @@ def test_the_fewest_best_shots_are_planned_and_a_study_finds_its_drawn_robots(pk
     planned = pkmcal("plan", folder, *words)
     assert planned.code == 0, planned.err
     assert planned.document["placement"] == "optimal"
-    assert set(planned.document["predicted_std"]) == set(member.space.free_by_default)
+    assert set(planned.document["predicted_std"]) == set(member.space.free_in_full)
     assert max(planned.document["predicted_std"].values()) < 1.0
     studied = pkmcal("study", folder, "--campaigns", "4", "--workers", "1", "--json")
     assert studied.code == 0, studied.err
