@@ -29,7 +29,7 @@ from campaigns.evaluation.campaign_verdict import (
 from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
 from campaigns.evaluation.integrity import Check, same_digest
 from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
-from campaigns.evaluation.simulated_devices import SimulatedDevices, simulated_devices
+from campaigns.evaluation.simulated_devices import simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
@@ -144,8 +144,8 @@ class Evidence:
         return state and replace(state, targets=targets, declared=started.declared)
 
     @property
-    def simulated(self) -> SimulatedDevices:
-        """Devices that were simulated, as each series says, or as campaign.yaml plans."""
+    def simulated(self) -> str:
+        """Sentence on simulated devices, as each series says, or as campaign.yaml plans."""
         series = self.journal.series if self.journal else ()
         return simulated_devices(series, planned=self.campaign.is_simulated)
 

@@ -83,8 +83,9 @@ def show_preview(
         answer |= {"series": ran.series, "measured": ran.shots, "left": [], "skipped": []}
     terminal.say("the plan can be run; nothing was moved")
     if predicted is not None and work.goal is not None:
-        terminal.say(f"the whole of it will tell: {certainty(predicted.whole)}")
-        terminal.say(f"for goal {work.goal}, {predicted.shots} shots to identify from will do")
-        answer["goal"] = {"std_mm": work.goal.std_mm, "shots": predicted.shots}
-        answer["knowledge"] = knowledge(predicted.whole)
+        whole, shots = predicted
+        terminal.say(f"the whole of it will tell: {certainty(whole)}")
+        terminal.say(f"for goal {work.goal}, {shots} shots to identify from will do")
+        answer["goal"] = {"std_mm": work.goal.std_mm, "shots": shots}
+        answer["knowledge"] = knowledge(whole)
     terminal.document(answer | tell_next(terminal, campaign))

@@ -328,28 +328,23 @@ def _readings(
                 causes.append(MIRRORED)
                 remedies.append("turn the sign of one coordinate, such as z")
             if unit != 1.0:
-                causes.append(_unit_words(unit))
-                remedies.append(_unit_remedy(unit))
+                cause, way = _unit_words(unit)
+                causes.append(cause)
+                remedies.append(way)
             cost = math.hypot(misfit, math.log(scale / unit)) + lost
             yield Reading(" and ".join(causes), "; ".join(remedies), cost, len(causes))
 
 
-def _unit_words(factor: float) -> str:
-    unit = _unit(factor)
-    if unit is not None:
-        return f"the points look like {UNITS[unit]}"
-    return f"distances between the points are {factor:g} times those of the nominal robot"
-
-
-def _unit_remedy(factor: float) -> str:
-    unit = _unit(factor)
-    if unit is not None:
-        return f"import with --unit {unit}, or give millimetres"
-    return "give millimetres as measured, neither doubled nor halved"
-
-
-def _unit(factor: float) -> LengthUnit | None:
-    return next((unit for unit in UNITS if 1.0 / MM_PER_UNIT[unit] == factor), None)
+def _unit_words(factor: float) -> tuple[str, str]:
+    """Cause and remedy of points in another unit, or too large or small by a factor."""
+    for unit, words in UNITS.items():
+        if 1.0 / MM_PER_UNIT[unit] == factor:
+            return (
+                f"the points look like {words}",
+                f"import with --unit {unit}, or give millimetres",
+            )
+    cause = f"distances between the points are {factor:g} times those of the nominal robot"
+    return cause, "give millimetres as measured, neither doubled nor halved"
 
 
 def similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:

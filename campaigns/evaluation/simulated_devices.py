@@ -1,7 +1,6 @@
 """Simulated devices: which series were not measured on real ones, as their records say."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from campaigns.journal.records import SeriesStarted
 from campaigns.journal.views import Series
@@ -16,29 +15,11 @@ NO_REAL_ROBOT = "Simulated cell: no real robot was measured."
 DEVICES = ("controller", "tracker")
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatedDevices:
-    """Series by the devices that were simulated in them, and whether all that there is was."""
+def simulated_devices(series: Iterable[Series], *, planned: bool) -> str:
+    """Sentence for readers on devices that were simulated; empty where every device was real.
 
-    controller: tuple[int, ...]
-    tracker: tuple[int, ...]
-    everything: bool
-
-    @property
-    def says(self) -> str:
-        """Sentence for readers; empty where every device was real."""
-        if self.everything:
-            return NO_REAL_ROBOT
-        both = {"controller": self.controller, "tracker": self.tracker}
-        parts = [f"the {name} of series {_listed(each)}" for name, each in both.items() if each]
-        return f"Simulated: {'; '.join(parts)}." if parts else ""
-
-
-def simulated_devices(series: Iterable[Series], *, planned: bool) -> SimulatedDevices:
-    """Devices that were simulated; shots that were imported come from none of ours.
-
-    `planned`: whether campaign.yaml names a simulated cell, which counts as long as there is no
-    series at all.
+    Shots that were imported come from none of ours. `planned`: whether campaign.yaml names a
+    simulated cell, which counts as long as there is no series at all.
     """
     every = tuple(series)
     found = {
@@ -47,7 +28,10 @@ def simulated_devices(series: Iterable[Series], *, planned: bool) -> SimulatedDe
     }
     numbers = tuple(each.number for each in every)
     everything = all(each == numbers for each in found.values()) if every else planned
-    return SimulatedDevices(found["controller"], found["tracker"], everything)
+    if everything:
+        return NO_REAL_ROBOT
+    parts = [f"the {name} of series {_listed(each)}" for name, each in found.items() if each]
+    return f"Simulated: {'; '.join(parts)}." if parts else ""
 
 
 def simulated_in(started: SeriesStarted) -> tuple[str, ...]:

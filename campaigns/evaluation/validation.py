@@ -454,16 +454,13 @@ def validation_verdict(
 
 def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[str]:
     """Words on limits that a form breaks by itself somewhere in the workspace."""
-    lost = (
-        ()
-        if form is None
-        else (
-            ("on average", form.lost_mean_mm, limits.distance_mean_mm),
-            ("at most", form.lost_max_mm, limits.distance_max_mm),
-        )
-    )
-    for how, lost_mm, limit_mm in lost:
-        if form is not None and limit_mm is not None and lost_mm > limit_mm:
+    if form is None:
+        return
+    for how, lost_mm, limit_mm in (
+        ("on average", form.lost_mean_mm, limits.distance_mean_mm),
+        ("at most", form.lost_max_mm, limits.distance_max_mm),
+    ):
+        if limit_mm is not None and lost_mm > limit_mm:
             yield (
                 f"the form of what was identified ({form.name}) loses {lost_mm:.3f} mm {how} of "
                 f"position over the workspace, limit for distances {limit_mm:g} mm"

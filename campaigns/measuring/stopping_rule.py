@@ -56,16 +56,6 @@ def _number(text: str) -> float:
         return math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class PredictedStop:
-    """What a plan will tell if its shots scatter only as the tracker states."""
-
-    whole: ParameterUncertainty
-    """All of it."""
-    shots: int
-    """How many to identify from will do for the goal, in the order of the plan."""
-
-
 def is_met(goal: UncertaintyGoal | None, known: ParameterUncertainty | None) -> bool:
     """Whether enough is known; without a goal it never is."""
     return goal is not None and known is not None and known.length_std_mm <= goal.std_mm
@@ -105,9 +95,10 @@ def early_stop(
 
 def predicted_stop(
     goal: UncertaintyGoal, monitor: UncertaintyMonitor, tracker_mm: Vector3
-) -> PredictedStop:
-    """What the plan will tell, seen from there, and how early it may end.
+) -> tuple[ParameterUncertainty, int]:
+    """What the whole plan will tell, seen from there, and how many shots will do for the goal.
 
+    If they scatter only as the tracker states; shots to identify from, in the order of the plan.
     Raises `PlanInvalid` when even the whole of it will not meet the goal.
     """
     whole = monitor.predicted(tracker_mm)
@@ -126,7 +117,7 @@ def predicted_stop(
     fewest = bisect_left(
         counts, x=True, key=lambda count: is_met(goal, monitor.predicted(tracker_mm, count))
     )
-    return PredictedStop(whole, counts[fewest])
+    return whole, counts[fewest]
 
 
 def in_ranges(numbers: Sequence[int]) -> str:

@@ -9,9 +9,9 @@ from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.measuring import resume
-from campaigns.measuring.run_state import SILENT, RunObserver
+from campaigns.measuring.run_state import SILENT, ParameterUncertainty, RunObserver
 from campaigns.measuring.session import RunResult, measure_series, run_result
-from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, read_goal
+from campaigns.measuring.stopping_rule import predicted_stop, read_goal
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
@@ -115,8 +115,8 @@ def run_preview(
     )
 
 
-def predicted_end(campaign: Campaign, work: Work) -> PredictedStop | None:
-    """How early a run's goal will be met, if there is one.
+def predicted_end(campaign: Campaign, work: Work) -> tuple[ParameterUncertainty, int] | None:
+    """What the whole plan will tell, and after how many shots a run's goal, if any, will be met.
 
     Raises `PlanInvalid` when even the whole plan will not meet it.
     """

@@ -30,7 +30,7 @@ def series(
 
 
 def says(*every: Series, planned: bool = False) -> str:
-    return simulated_devices(every, planned=planned).says
+    return simulated_devices(every, planned=planned)
 
 
 def test_neither_real_devices_nor_an_import_are_called_simulated() -> None:

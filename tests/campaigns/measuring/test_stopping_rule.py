@@ -78,11 +78,11 @@ def test_a_plan_predicts_what_its_shots_will_tell() -> None:
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
     whole = monitor().predicted(TRACKER_MM)
-    end = stopping_rule.predicted_stop(
+    told, shots = stopping_rule.predicted_stop(
         stopping_rule.UncertaintyGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM
     )
-    assert end.whole == whole
-    enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
+    assert told == whole
+    enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (shots, shots - 1))
     assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
 
 
