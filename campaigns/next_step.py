@@ -217,7 +217,9 @@ class Unusable:
         if unseen and self.shots >= FEWEST_SHOTS:
             return self._identify("--hold-out", "20%")
         if self.shots < ENOUGH_SHOTS and self.imported:
-            return self._measure(f"plan {2 * self.shots} shots all over the workspace")
+            pairs = ", with pairs of the set validation" if unseen else ""
+            many = f"measure {2 * self.shots} shots all over the workspace{pairs}"
+            return NextStep(("import", self.folder, "FILE"), many)
         if self.shots < ENOUGH_SHOTS:
             return NextStep(("plan", self.folder, "--shots", str(2 * self.shots)))
         if name == diagnostics.EXTRAPOLATION:
