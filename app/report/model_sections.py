@@ -113,8 +113,12 @@ def positions_in_words(found: PositionStd) -> tuple[str, ...]:
         return (random,)
     parts = ", ".join(f"{name} {mm:.4f}" for name, mm in found.common.items())
     mean, most = COVERAGE * found.total_mean, COVERAGE * found.total_max
-    whole = f"U of position (k = 2) with what all shots have in common: {mean:.4f} mm on average"
-    return random, f"{whole}, {most:.4f} mm at most", f"in common (1 σ, mm): {parts}"
+    whole = f"U of position (k = 2), errors common to all shots included: {mean:.4f} mm on average"
+    return (
+        random,
+        f"{whole}, {most:.4f} mm at most",
+        f"errors common to all shots (1 σ, mm): {parts}",
+    )
 
 
 def interval_in_words(interval: float | None) -> str:
@@ -122,7 +126,7 @@ def interval_in_words(interval: float | None) -> str:
     if interval is None:
         return ""
     why = "" if interval < COVERAGE else ", Student's factor: σ themselves are known a little only"
-    return f"95 % intervals are ± {interval:.2f} σ{why}, σ with what all shots have in common"
+    return f"95 % intervals are ± {interval:.2f} σ{why}; σ includes errors common to all shots"
 
 
 def _numbers_of(doubt: Doubt) -> str:
