@@ -60,7 +60,7 @@ class StopRequest:
 
 
 def unblock_signals() -> None:
-    """Have the signals delivered that whoever started us may have blocked; ignored ones stay so."""
+    """Unblock the signals that the parent process may have blocked; ignored ones stay ignored."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, WATCHED)
 

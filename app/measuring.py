@@ -161,7 +161,7 @@ def goes_on(wish: StopRequest, terminal: Terminal) -> bool:
 
 
 def _wants_to_go_on(wish: StopRequest, terminal: Terminal) -> bool:
-    """The operator's answer; out here the signals do what they always do: Ctrl-C means no."""
+    """The operator's answer. Signals are not caught here, so Ctrl-C means no."""
     try:
         return goes_on(wish, terminal)
     except KeyboardInterrupt:

@@ -22,18 +22,18 @@ from campaigns.planning.plan_match import plan_difference
 from campaigns.shots.shot_sets import ShotSet
 
 ENOUGH_SHOTS = 240
-"""To identify from: what so many cannot tell, more of them will not."""
+"""Number of shots to identify from, beyond which more tell nothing new."""
 FEWEST_SHOTS = 40
-"""To identify from a part of them alone, or to keep some pairs unseen."""
+"""Number of shots from which a part can be identified alone, or some pairs be kept unseen."""
 FEW = {
     identification.UNTOLD,
     identification.TOO_FEW,
     identification.NOTHING_UNSEEN,
     diagnostics.EXTRAPOLATION,
 }
-"""Names of what more shots tell."""
+"""Names of doubts that more shots settle."""
 AGAIN = {diagnostics.KNOWN_LENGTH, identification.MANY_LEFT_OUT, identification.LOST}
-"""Names of what neither a model nor limits help against."""
+"""Names of doubts that only another measurement settles."""
 TAKEN = {
     diagnostics.LARGE_CHANGE: "look at units, joints and robot.yaml; if the robot is built so",
     diagnostics.COMMON_SCALE: "check the reflector's and the air's constants; if it is the robot",
@@ -60,7 +60,7 @@ class NextStep:
 
     @property
     def says(self) -> str:
-        """Both, on a line."""
+        """What to do first and the command, in one line."""
         return f"{self.first}, then: {self.text}" if self.first else self.text
 
 
@@ -80,7 +80,7 @@ class CampaignState:
     verdict: Decision | None = None
     """Of an identification from what was measured last."""
     way_on: NextStep | None = None
-    """From one that did not pass."""
+    """Next step after an identification that did not pass."""
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
@@ -89,7 +89,7 @@ class CampaignState:
     after: After = ""
     """Verdict on the robot with what was identified last."""
     reasons: str = ""
-    """Against it."""
+    """What stands against it."""
     weak: bool = False
     """Whether a form breaks limits that corrected targets may keep."""
     to_correct: bool = False

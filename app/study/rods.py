@@ -71,7 +71,7 @@ def rod_robot(
 
 
 def misread(points_mm: Array, perturbation: Perturbation) -> Array:
-    """Points in the tracker's frame as a tracker reads them that is off, (N, 3)."""
+    """Points as a faulty tracker reads them, in its frame, (N, 3)."""
     return misread_mm(points_mm, perturbation.reflector_mm, 1e-3 * perturbation.transit_mrad)
 
 

@@ -243,7 +243,7 @@ class PointResiduals:
     motions: tuple[Transform, ...] = ()
     """Guessed motions of the tracker's frame from session 0 to each later one."""
     nuisance: Array | None = None
-    """Columns (N, 3, k) of what is no robot's, unknowns of their own behind the parameters."""
+    """Columns (N, 3, k) of instrument unknowns, which stand behind the robot's parameters."""
     _modelled: LastAnswer = field(default_factory=LastAnswer, init=False)
     _residual: LastAnswer = field(default_factory=LastAnswer, init=False)
     _jacobian: LastAnswer = field(default_factory=LastAnswer, init=False)

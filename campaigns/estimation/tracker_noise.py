@@ -33,7 +33,7 @@ class TrackerUncertainty:
     scale: float = 2e-6 / 3**0.5
     """Of what all shots have in common, the share of every length: the tracker's and the air's."""
     axes_per_mm: float = 3e-6 / 3**0.5
-    """Likewise of the instrument's axes and beam, each out of where it should be by so many rad."""
+    """Likewise of the misalignment of each of the instrument's axes and beam, rad."""
     reflector_mm: float = 0.01 / 3**0.5
     """Likewise of the reflector's constant, along the beam."""
 

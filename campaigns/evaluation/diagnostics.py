@@ -246,7 +246,7 @@ def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> 
         words += f" of {period_mm:.3g} mm"
     says = (
         f"{words}{told} ({100.0 * found.share:.0f} % of what is left, {_chance(found.p)}), and "
-        f"positions are worse than their σ: {remedy}"
+        f"positions are off by more than their σ: {remedy}"
     )
     return _unless_limits_are_met(LACK, says, values, met=limits_met)
 
@@ -276,7 +276,7 @@ def _chance(p: float) -> str:
 
 
 def region_doubts(region: Region | None) -> Iterator[Doubt]:
-    """Doubt of a result that is for a part of the workspace alone."""
+    """Doubt of a result that is valid for a part of the workspace alone."""
     if region is not None and region.beyond > MOST_BEYOND:
         yield Doubt(
             EXTRAPOLATION,

@@ -61,7 +61,7 @@ class IdentificationEvidence:
     lost: tuple[str, ...]
     """Unseen pairs that the identified robot cannot take, in words."""
     region: str | None = None
-    """Part of the workspace that it is for, in words."""
+    """Part of the workspace that it is valid for, in words."""
 
 
 def identification_verdict(

@@ -64,7 +64,7 @@ TO_HALF_1 = "put it on half 1, which carries the joints of arms 0 and 1, and mea
 COLUMNS = "correct the columns of the joints"
 EITHER = "put it on half 1 and measure again, or correct the columns"
 NEARER = 0.3
-"""A place so much nearer to where the tracker is said to stand is the right one of two."""
+"""Ratio of distances from the stated place below which the nearer of two places is right."""
 FAR_MM = 1000.0
 """Distance from a rough place, below which that is right."""
 PLACES = ("x_mm", "y_mm", "z_mm")
@@ -72,7 +72,7 @@ SCALE_FREEDOM = 3
 SCALE_SIGNIFICANCE = 0.005
 """So often chance alone raises it, half of what is promised."""
 AGREEMENT = 0.05
-"""Chance, on the one side, below which lengths of other kinds say that they changed likewise."""
+"""One-sided chance below which lengths of other kinds count as changed likewise."""
 LEAST_SHARE = 5e-4
 UNKNOWN = Uncertainty()
 

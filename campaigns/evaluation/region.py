@@ -1,4 +1,4 @@
-"""Region of the workspace that a result is for: where positions are about as sure as at its shots.
+"""Region of validity: where positions are about as sure as at the shots of a result.
 
 Beyond it σ of positions is that of an extrapolation.
 """
@@ -12,12 +12,12 @@ from campaigns.arrays import Array
 from campaigns.mechanisms.mechanism import Axis
 
 FARTHER_OFF = 3.0
-"""Times its largest value at the shots up to which σ of a position counts as measured."""
+"""Factor on the largest σ at the shots, up to which σ of a position counts as measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Share of the workspace that is beyond, and the ends of what is not, in words too."""
+    """Share of the workspace that is extrapolated, and the extent of the rest, in words too."""
 
     beyond: float
     ends: dict[str, tuple[float, float]]

@@ -421,7 +421,7 @@ class ValidationVerdict:
     worse: tuple[str, ...]
     """Losses against before, in words."""
     beyond: tuple[str, ...] = ()
-    """What limits are not shown for: a form that loses more than they allow, in words."""
+    """Limits that a reduced form breaks by itself somewhere in the workspace, in words."""
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -268,7 +268,7 @@ class IdentificationResult:
     """Half-width of 95 % intervals in stated σ; None where nothing tells σ."""
     position_std_mm: PositionStd | None = None
     region: Region | None = None
-    """Part of the workspace that it is for; None where σ of positions is not known."""
+    """Part of the workspace that it is valid for; None where σ of positions is not known."""
     known_lengths: KnownLengths | None = None
     """None where none was measured."""
     robot_scatter: RobotScatter | None = None

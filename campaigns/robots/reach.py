@@ -1,4 +1,4 @@
-"""Reach of a robot below its base: where a workspace has its middle of which nobody says one."""
+"""Reach of a robot below its base: the workspace's centre where its file states none."""
 
 import numpy as np
 

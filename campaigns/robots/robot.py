@@ -82,7 +82,7 @@ class RobotFile:
 
     @property
     def workspace_centre(self) -> Array:
-        """Pose well inside the workspace, (t,), mm and rad, where the file says or it reaches most.
+        """Pose well inside the workspace, (t,), mm and rad: the file's, or where it reaches most.
 
         Raises `ConfigInvalid` for a robot that reaches nothing.
         """

@@ -59,7 +59,7 @@ class StudySetup:
     beyond_model: BeyondModel | None = None
     """None where nothing simulates such robots."""
     misread: Callable[[Array, Perturbation], Array] | None = None
-    """Points (N, 3) in its frame as a tracker reads them that is off; None: it is not simulated."""
+    """Points (N, 3) as a faulty tracker reads them, in its frame; None: not simulated."""
     models: Mapping[str, ParameterSelection] | None = None
     """Models among which identification chooses, the standard one first; None: none but one."""
     model: Model = Model.STANDARD

@@ -162,7 +162,7 @@ def wrong_state(
     stage: ValidationStage,
     by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
-    """What speaks against a stage with a controller in this state."""
+    """Objection to a stage with a controller in this state; None without any."""
     nominal, rolled_back = held.kind == "nominal", f"`pkmcal load {campaign.folder} --rollback`"
     if nominal == (stage == "before" or by == "targets"):
         return None
@@ -189,7 +189,7 @@ def wrong_state(
 def replaced(
     campaign: Campaign, stage: ValidationStage, tests: frozenset[ShotSet] = TESTS
 ) -> OptionsInvalid | None:
-    """What speaks against measuring tests before calibration: they were, and are the reference."""
+    """Objection to tests before calibration that were measured already and are the reference."""
     if stage == "after":
         return None
     done = [each for each in gather(campaign).before if each.series.finished]
