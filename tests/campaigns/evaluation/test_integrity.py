@@ -52,7 +52,7 @@ def test_files_of_another_campaign_are_found(evidence: Evidence) -> None:
     (found,) = broken(replace(evidence, loaded=rolled_back))
     assert found.startswith("what was loaded last")
     (found,) = broken(restarted(evidence, robot_file_digest=NOMINAL.robot.digest()))
-    assert found.startswith("the controller held it")
+    assert found.startswith("the controller held the identified set")
 
 
 def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence: Evidence) -> None:
