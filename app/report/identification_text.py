@@ -77,6 +77,8 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
         yield words
     if found.position_std_mm is not None:
         yield from model_sections.positions_in_words(found.position_std_mm)
+    if hidden := model_sections.hidden_in_words(found):
+        yield hidden
     if found.known_lengths is not None:
         yield model_sections.scale_in_words(found.known_lengths)
     known = found.covariance

@@ -10,7 +10,12 @@ from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words
 from campaigns.identification.known_lengths import KnownLengths, MeasuredKnownLength
-from campaigns.identification.result import ComparedModel, IdentifiedParameter, PositionStd
+from campaigns.identification.result import (
+    ComparedModel,
+    IdentificationResult,
+    IdentifiedParameter,
+    PositionStd,
+)
 from campaigns.mechanisms.parameters import ParameterSpace
 
 DECIMALS = 4
@@ -119,6 +124,17 @@ def positions_in_words(found: PositionStd) -> tuple[str, ...]:
         f"{whole}, {most:.4f} mm at most",
         f"errors common to all shots (1 σ, mm): {parts}",
     )
+
+
+def hidden_in_words(found: IdentificationResult) -> str:
+    """The length and the angle that may be off most by what no test shows; "" if not known."""
+    known, worst = found.covariance, dict[str, tuple[float, str]]()
+    for name, unit in zip(known.names, known.units, strict=False) if known else ():
+        for cause, by_name in found.hidden.items():
+            one = by_name[name], f"{name} by {cause}"
+            worst[unit] = max(worst.get(unit, one), one)
+    each = ", ".join(f"{most:.2g} {unit} of {what}" for unit, (most, what) in worst.items())
+    return f"what tests miss in 1 of 5 campaigns hides at most {each}" if each else ""
 
 
 def interval_in_words(interval: float | None) -> str:

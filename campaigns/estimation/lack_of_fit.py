@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtri, ncfdtrinc
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.error_columns import harmonic
@@ -26,6 +27,8 @@ RANK, TINY = 1e-5, 1e-300
 of which a fit by imperfect parts leaves a trace."""
 SHORTEST_MM, LONGEST_MM = 5.0, 500.0
 """Periods of a carriage's drive that are looked for."""
+POWER = 0.8
+"""Share of campaigns that find an effect of the size at which it may hide."""
 STEPS_A_TURN = 2.0
 """Frequencies looked at, from one that makes a turn more over the travel to the next."""
 
@@ -98,6 +101,31 @@ def lacks_of_fit(
         shots = shots.fitted(found.columns)
 
 
+def external_reliability(
+    shots: FittedShots, jacobian: Array, groups: Sequence[Group]
+) -> Iterator[tuple[str, Array]]:
+    """Largest change of each unknown of the fit, (P,), by an effect that may hide, by its cause.
+
+    Baarda 1968: the effect is as large as `POWER` of campaigns find it; `jacobian` (N, 3, P) is the
+    whitened one of the fit.
+    """
+    flat = jacobian.reshape(shots.left.size, -1)
+    lengths = np.maximum(np.linalg.norm(flat, axis=0), TINY)
+    inverse = np.linalg.pinv(flat / lengths, rcond=math.sqrt(RANK)) / lengths[:, None]
+    tests = sum(len(_parts(each)) for each in groups)
+    sigma0 = math.sqrt(max(1.0, shots.chi2 / shots.freedom))
+    for group in groups:
+        solved = _Solved.of(shots.beside(group.columns), shots.left)
+        freedom = shots.freedom - solved.rank
+        if solved.rank == 0 or freedom < LEAST_FREEDOM:
+            continue
+        chance = SIGNIFICANCE / (tests * group.searched)
+        threshold = float(fdtri(solved.rank, freedom, 1.0 - chance))
+        size = math.sqrt(ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
+        moved = inverse @ (group.columns.reshape(len(flat), -1) @ solved.along)
+        yield group.name, sigma0 * size * np.linalg.norm(moved, axis=1)
+
+
 def best_period(shots: FittedShots, by_joints: Array, joints: Array) -> Group:
     """Group of the period, mm, that explains most, the search for it counted."""
     travel = max(float(np.ptp(joints)), SHORTEST_MM)
@@ -159,10 +187,11 @@ def _parts(group: Group) -> list[Index]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solved:
-    """Least squares of columns (3 N, k) beside a fit: sizes, unit variances, gain and rank."""
+    """Least squares of columns (3 N, k) beside a fit: sizes, gain and rank."""
 
     size: Array
-    variance: Array
+    along: Array
+    """Sizes (k, rank) that each move the shots by 1 σ, in directions apart from one another."""
     gain: float
     rank: int
 
@@ -173,9 +202,9 @@ class _Solved:
         scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, TINY), 0.0)
         values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
         kept = values > RANK
-        along = scale[:, None] * vectors[:, kept]
-        size = along @ (along.T @ told / values[kept])
-        return cls(size, np.sum(along**2 / values[kept], axis=1), float(told @ size), sum(kept))
+        along = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+        size = along @ (along.T @ told)
+        return cls(size, along, float(told @ size), sum(kept))
 
 
 def _lack(
@@ -186,7 +215,7 @@ def _lack(
         group=group,
         part=part,
         size=-solved.size,
-        std=np.sqrt(rest * solved.variance),
+        std=np.sqrt(rest * np.sum(solved.along**2, axis=1)),
         share=float(max(0.0, solved.gain - solved.rank * rest) / shots.chi2),
         log_p=min(chance, 0.0),
     )

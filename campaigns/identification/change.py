@@ -21,7 +21,13 @@ from campaigns.estimation.change_detection import (
     without_memory,
 )
 from campaigns.estimation.f_test import FittedShots
-from campaigns.estimation.lack_of_fit import LEAST_FREEDOM, Group, LackOfFit, lacks_of_fit
+from campaigns.estimation.lack_of_fit import (
+    LEAST_FREEDOM,
+    Group,
+    LackOfFit,
+    external_reliability,
+    lacks_of_fit,
+)
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.robust import rejection_threshold, robust_scale
 from campaigns.estimation.variance_components import LinearizedShots, estimate_components
@@ -35,7 +41,7 @@ Columns = TypeVar("Columns", Group, Cause)
 
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
-FOREARM = "forearm_mm"
+FOREARM, GENERAL = "forearm_mm", "joints"
 WORSE = 1.3
 """Scatter of unseen shots over that of fitted ones that is no chance."""
 SWAPPED = 0.1
@@ -53,6 +59,8 @@ class Tested:
     swapped: tuple[tuple[int, int], ...] = ()
     off_from: tuple[int, int] | None = None
     """Number of shots that are off, and the first of the last shots that hold them all."""
+    hidden: tuple[tuple[str, Array], ...] = ()
+    """By cause: largest change of each free parameter, (F,), mm and rad, that it may hide."""
 
 
 def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
@@ -80,7 +88,15 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     elif not lacks and (first := last_together(apart[shots.fitted])) is not None:
         off = int(apart[shots.fitted].sum()), numbers[np.flatnonzero(shots.fitted)[first]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
-    return Tested(lacks, change, between, named, off)
+    return Tested(lacks, change, between, named, off, tuple(_hidden(smooth)))
+
+
+def _hidden(smooth: "_Rows") -> Iterator[tuple[str, Array]]:
+    """External reliability of the free parameters against each cause that has a name."""
+    groups = tuple(each for each in _groups(smooth.shots) if each.name != GENERAL)
+    white, free = smooth.white(smooth.shots.linearized.jacobian), len(smooth.shots.parameters)
+    for name, most in external_reliability(smooth.fit, white, smooth.of(groups)):
+        yield name, most[:free]
 
 
 def isolated(kept: Mask) -> Mask:
@@ -240,7 +256,7 @@ def _selected(
 
 def _general(groups: tuple[Group, ...]) -> Iterator[Array]:
     """Columns that stand for more than one cause."""
-    return (each.columns for each in groups if each.name in {"parts", "joints"})
+    return (each.columns for each in groups if each.name in {"parts", GENERAL})
 
 
 def _taken_up(shots: _AllShots, groups: tuple[Group, ...], lacks: tuple[LackOfFit, ...]) -> Array:
@@ -283,9 +299,14 @@ def _groups(shots: _AllShots) -> Iterator[Group]:
         space.geometry[place] for place in data.model.free.tolist() if place < len(space.geometry)
     }
     azimuths = tuple(name for name in space.of_field("azimuth_deg") if name not in free)
+    # a turn of all arms is the frame's and the mounts': one direction less
+    azimuths = azimuths[len(azimuths) < space.arms :]
     if azimuths:
+        columns = shots.by_parameters(azimuths)
+        if len(azimuths) == space.arms:
+            columns = columns - columns.mean(axis=2, keepdims=True)
         own = np.array([space[name].arm for name in azimuths])
-        yield Group("azimuths", shots.by_parameters(azimuths), own, azimuths)
+        yield Group("azimuths", columns, own, azimuths)
     beside = {*space.free_by_default, *free}
     parts = tuple(name for name in space.free_in_full if name not in beside)
     if parts:
@@ -296,7 +317,7 @@ def _groups(shots: _AllShots) -> Iterator[Group]:
     yield Group("sag", error_columns.sag_by_reach(up, positions_mm, float(reach_mm)))
     yield Group("reflector", error_columns.reflector_constant(measured_mm))
     yield Group("transit axis", error_columns.transit_axis(measured_mm))
-    yield Group("joints", error_columns.smooth(joints))
+    yield Group(GENERAL, error_columns.smooth(joints))
 
 
 def _causes(shots: _AllShots) -> Iterator[Cause]:

@@ -8,7 +8,7 @@ import numpy as np
 from campaigns.arrays import Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
-from campaigns.estimation.estimators import Outliers
+from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.evaluation import diagnostics, identification
@@ -91,8 +91,12 @@ def _result(
     position_std, region = _positions(uncertainty, inputs, fit)
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
+    judged = fit.points
+    if judged is None and options.outliers is not Outliers.KEEP:
+        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
+    told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
     doubts = (
-        *_doubts(inputs, fit, held_out, parameters, covariance),
+        *_doubts(inputs, fit, held_out, parameters, covariance, (judged, told)),
         *diagnostics.region_doubts(region),
         *known_length_doubts(lengths),
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
@@ -152,6 +156,7 @@ def _result(
         region=region,
         known_lengths=lengths,
         robot_scatter=scatter,
+        hidden=_hidden(told, inputs) if options.estimator is Estimator.POINTS else {},
         hold_out=held_out.tested,
         doubts=doubts,
         frame=frames[0] if frames else None,
@@ -227,6 +232,7 @@ def _doubts(
     held_out: UnseenPairs,
     parameters: dict[str, result.IdentifiedParameter],
     covariance: Uncertainty,
+    tests: tuple[PointFit | None, Tested],
 ) -> Iterator[diagnostics.Doubt]:
     """All that speak against the result, by name."""
     options, free = inputs.options, inputs.selection.free
@@ -237,20 +243,18 @@ def _doubts(
     yield from diagnostics.noise_doubts(fit.stated_noise)
     hold_out, unseen = held_out.tested, held_out.errors
     met = unseen is not None and diagnostics.limits_met(unseen.summary().after, options.limits_mm)
-    judged = fit.points
-    if judged is None and options.outliers is not Outliers.KEEP:
-        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
+    judged, told = tests
     if judged is not None:
-        yield from _tested_doubts(inputs, judged, held_out, met=met)
+        yield from _tested_doubts(inputs, judged, told, met=met)
     if hold_out is not None and not hold_out.believable:
         yield diagnostics.hold_out_doubt(hold_out.ratio, hold_out.p, hold_out.pairs, limits_met=met)
 
 
 def _tested_doubts(
-    inputs: Inputs, judged: PointFit, held_out: UnseenPairs, *, met: bool
+    inputs: Inputs, judged: PointFit, told: Tested, *, met: bool
 ) -> Iterator[diagnostics.Doubt]:
     """Doubts by all shots: changes in time, and what the model lacks."""
-    told, space = tested(inputs, judged, held_out.identified), inputs.nominal.mechanism.parameters
+    space = inputs.nominal.mechanism.parameters
     if told.change is not None and told.between is not None:
         yield diagnostics.change_doubt(
             told.change, told.between, space, _play(inputs, judged, told)
@@ -261,6 +265,15 @@ def _tested_doubts(
         yield diagnostics.swapped_doubt(*pair)
     for lack in told.lacks:
         yield diagnostics.lack_doubt(lack, space, limits_met=met)
+
+
+def _hidden(told: Tested, inputs: Inputs) -> dict[str, dict[str, float]]:
+    """Largest change of each free parameter by each cause that may hide, mm and deg."""
+    free = inputs.selection.free
+    units = inputs.nominal.mechanism.parameters.units(free)
+    return {
+        cause: dict(zip(free, (most / units).tolist(), strict=True)) for cause, most in told.hidden
+    }
 
 
 def _play(inputs: Inputs, judged: PointFit, told: Tested) -> float:

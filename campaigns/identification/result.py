@@ -273,6 +273,9 @@ class IdentificationResult:
     """None where none was measured."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
+    hidden: dict[str, dict[str, float]] = field(default_factory=dict)
+    """By what a model may lack, how far each free parameter may be off, mm and deg, by as much of
+    it as four of five campaigns find (external reliability); empty where distances were fitted."""
     hold_out: HoldOut | None = None
     doubts: tuple[Doubt, ...] = ()
     """All that speak against the result, heeded, accepted or only told."""
