@@ -39,7 +39,7 @@ def calibrated(folder, robot="par4-prototype"):
     change(folder / "campaign.yaml", SMALL)
     backlash = "backlash_mm" if robot == "linear-delta" else "backlash_arcmin"
     change(folder / "cell.yaml", {**IMPERFECT, f"robot.{backlash}": None})
-    for words in (("plan", "--model", "standard"), ("run", "--yes"), ("identify",), ("export",)):
+    for words in (("plan",), ("run", "--yes"), ("identify",), ("export",)):
         assert run_command([words[0], str(folder), *words[1:]]) == 0, words
     change(folder / "cell.yaml", HARDLY_ANY_NOISE)
     return folder
