@@ -52,7 +52,7 @@ PATIENT = LinuxcncDeadlines(
     stop_s=10.0,
 )
 """A busy machine may leave LinuxCNC or the test itself without a core for a second."""
-SHORT = replace(PATIENT, order_s=1.0, start_s=3.0, frozen_s=1.5, stop_s=1.0)
+SHORT = replace(PATIENT, order_s=1.0, frozen_s=1.5, stop_s=1.0)
 """For a LinuxCNC that dies: what it will never do again is waited for in full."""
 SEEN_WITHIN_S = 10.0
 """Of what the driver tells when it next looks."""
