@@ -19,6 +19,8 @@ from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, SIGNIFICANCE
 
+GENERAL = "joints"
+"""Name of the group of what no other group stands for."""
 LEAST_FREEDOM = 30
 """Degrees of freedom that must be left beside the columns."""
 MOST_CAUSES = 4
@@ -107,8 +109,10 @@ def external_reliability(
     """Largest change of each unknown of the fit, (P,), by an effect that may hide, by its cause.
 
     Baarda 1968: the effect is as large as `POWER` of campaigns find it; `jacobian` (N, 3, P) is the
-    whitened one of the fit.
+    whitened one of the fit. Nothing where too few degrees of freedom are left to test.
     """
+    if shots.freedom < LEAST_FREEDOM:
+        return
     flat = jacobian.reshape(shots.left.size, -1)
     lengths = np.maximum(np.linalg.norm(flat, axis=0), TINY)
     inverse = np.linalg.pinv(flat / lengths, rcond=math.sqrt(RANK)) / lengths[:, None]

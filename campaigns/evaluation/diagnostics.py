@@ -7,7 +7,7 @@ import numpy as np
 
 from campaigns.estimation.change_detection import Change
 from campaigns.estimation.information import SIGNIFICANCE, ChiSquareTest, TrackerScale, Uncertainty
-from campaigns.estimation.lack_of_fit import LackOfFit
+from campaigns.estimation.lack_of_fit import GENERAL, LackOfFit
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
 from campaigns.evaluation.region import FARTHER_OFF, Region
@@ -36,7 +36,7 @@ ANOTHER_TYPE_MM = 1.0
 PLAY = 2.0
 """Backlash over the scatter of the joints that it makes."""
 BY_LIMITS = "the model has no parameter for it; pass by acceptance limits that are met"
-GENERAL, HARMONIC = "joints", ("eccentricity", "period")
+HARMONIC = ("eccentricity", "period")
 LACKS = {
     "eccentricity": (
         "eccentric encoder, or sag of the arm's own weight",

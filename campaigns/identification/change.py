@@ -22,6 +22,7 @@ from campaigns.estimation.change_detection import (
 )
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.lack_of_fit import (
+    GENERAL,
     LEAST_FREEDOM,
     Group,
     LackOfFit,
@@ -41,7 +42,7 @@ Columns = TypeVar("Columns", Group, Cause)
 
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
-FOREARM, GENERAL = "forearm_mm", "joints"
+FOREARM = "forearm_mm"
 WORSE = 1.3
 """Scatter of unseen shots over that of fitted ones that is no chance."""
 SWAPPED = 0.1
@@ -78,7 +79,8 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     smooth = steps = _Rows(shots, np.flatnonzero(~gross))
     if in_line.sum() > len(smooth.rows):
         steps = _Rows(shots, np.flatnonzero(in_line))
-    lacks, change = _most_significant(smooth, steps)
+    groups = tuple(_groups(shots))
+    lacks, change = _most_significant(smooth, steps, groups)
     numbers = shots.numbers
     between = off = None
     if change is not None:
@@ -88,14 +90,14 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     elif not lacks and (first := last_together(apart[shots.fitted])) is not None:
         off = int(apart[shots.fitted].sum()), numbers[np.flatnonzero(shots.fitted)[first]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
-    return Tested(lacks, change, between, named, off, tuple(_hidden(smooth)))
+    return Tested(lacks, change, between, named, off, tuple(_hidden(smooth, groups)))
 
 
-def _hidden(smooth: "_Rows") -> Iterator[tuple[str, Array]]:
+def _hidden(smooth: "_Rows", groups: tuple[Group, ...]) -> Iterator[tuple[str, Array]]:
     """External reliability of the free parameters against each cause that has a name."""
-    groups = tuple(each for each in _groups(smooth.shots) if each.name != GENERAL)
+    named = tuple(each for each in groups if each.name != GENERAL)
     white, free = smooth.white(smooth.shots.linearized.jacobian), len(smooth.shots.parameters)
-    for name, most in external_reliability(smooth.fit, white, smooth.of(groups)):
+    for name, most in external_reliability(smooth.fit, white, smooth.of(named)):
         yield name, most[:free]
 
 
@@ -211,10 +213,12 @@ class _Rows:
         return tuple(replace(one, columns=own) for one, own in zip(each, split, strict=True))
 
 
-def _most_significant(smooth: _Rows, steps: _Rows) -> tuple[tuple[LackOfFit, ...], Change | None]:
+def _most_significant(
+    smooth: _Rows, steps: _Rows, groups: tuple[Group, ...]
+) -> tuple[tuple[LackOfFit, ...], Change | None]:
     """Lacks of the model and change, the most significant first and the others beside it."""
     shots = smooth.shots
-    groups, causes = tuple(_groups(shots)), tuple(_causes(shots))
+    causes = tuple(_causes(shots))
     found = _selected(smooth, steps, groups, causes)
     if found[0]:
         # what the model lacks is no scatter of the robot, for which it was taken

@@ -88,6 +88,13 @@ def test_what_an_effect_may_hide_is_what_it_moves_where_one_in_five_tests_misses
     assert most == pytest.approx(sigma0 * np.abs(moved).max(axis=1), rel=2e-3)
 
 
+def test_shots_that_the_fit_uses_up_say_nothing_of_what_may_hide():
+    joints, by_joints, jacobian, noise = (each[:6] for each in drawn(5))
+    shots = FittedShots.of(noise, jacobian)
+    assert shots.freedom == 0
+    assert not list(external_reliability(shots, jacobian, groups_of(joints, by_joints)))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_gears_ratio_is_named_with_its_arm_and_size_and_nothing_beside_it(seed):
     (found,) = lacks_with(seed, one_ratio)
