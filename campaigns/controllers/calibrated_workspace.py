@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+import scipy
 
 from campaigns.arrays import Array, Mask
 from campaigns.errors import ShotsMissing
@@ -37,8 +37,8 @@ class CalibratedWorkspace:
     ) -> Self:
         """Workspace of measured poses (N, t); raises `ShotsMissing` when they span no volume."""
         try:
-            hull = ConvexHull(poses[:, :3])
-        except (QhullError, ValueError) as error:
+            hull = scipy.spatial.ConvexHull(poses[:, :3])
+        except (scipy.spatial.QhullError, ValueError) as error:
             raise ShotsMissing(
                 f"the positions of {len(poses)} identification shots span no volume",
                 remedy="measure shots all over the workspace, and identify again",

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import IdentificationRefused
@@ -98,7 +98,7 @@ def project(
     def residual(values: Array) -> Array:
         return _fitted(told(values), workspace)[2].ravel()
 
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         residual,
         model.start,
         jac=jacobian,

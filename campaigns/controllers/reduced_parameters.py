@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from campaigns.arrays import Array
 from campaigns.controllers import model_reduction
@@ -159,9 +159,17 @@ def _frame_lines(few: ReducedParameters, made: ControllerFormat) -> Iterator[str
     frame = few.found.base_from_controller
     if made.first_arm_deg is not None:
         turn = few.model.azimuths[0] - math.radians(made.first_arm_deg)
-        frame = frame.after(Transform(Rotation.from_euler("z", turn).as_matrix(), np.zeros(3)))
+        frame = frame.after(
+            Transform(
+                scipy.spatial.transform.Rotation.from_euler("z", turn).as_matrix(), np.zeros(3)
+            )
+        )
     x, y, z = frame.translation_mm.tolist()
-    turns = Rotation.from_matrix(frame.rotation).as_euler("ZYX", degrees=True).tolist()
+    turns = (
+        scipy.spatial.transform.Rotation.from_matrix(frame.rotation)
+        .as_euler("ZYX", degrees=True)
+        .tolist()
+    )
     yield f"The controller's frame, seen from the base: origin {x:.4f}, {y:.4f}, {z:.4f} mm,"
     yield "turned {:.4f} deg about z, then {:.4f} about y, then {:.4f} about x.".format(*turns)
 

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
+import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design.restricted_space import RestrictedSpace
@@ -81,7 +79,9 @@ class Roadmap:
             taken = np.isin(_keys(lines), _keys(np.array(sorted(blocked), dtype=np.intp)))
             lines = lines[~taken]
         graph = _graph(points, lines)
-        _, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)  # type: ignore[call-overload] # its stubs know no csr_array
+        _, before = scipy.sparse.csgraph.dijkstra(
+            graph, directed=False, indices=first, return_predecessors=True
+        )  # type: ignore[call-overload] # its stubs know no csr_array
         way = [first + 1]
         while way[-1] != first:
             if before[way[-1]] == NOWHERE:
@@ -94,7 +94,7 @@ class Roadmap:
         count = min(NEAREST, len(self.poses))
         if not count:
             return np.empty((len(points), 0), dtype=np.intp), np.empty((len(points), 0), dtype=bool)
-        _, rows = cKDTree(self.poses[:, :3]).query(points, np.arange(1, count + 1))
+        _, rows = scipy.spatial.cKDTree(self.poses[:, :3]).query(points, np.arange(1, count + 1))
         starts = np.repeat(points, count, axis=0)
         clear = self.are_clear(starts, self.poses[rows.ravel(), :3])
         return np.asarray(rows, dtype=np.intp), clear.reshape(rows.shape)
@@ -104,7 +104,7 @@ def _around(roadmap: Roadmap, centre: Array) -> Roadmap:
     """The part of it that a clear line joins with the centre (t,)."""
     (rows,), (clear,) = roadmap.near(centre[None, :3])
     graph = _graph(roadmap.poses[:, :3], roadmap.lines)
-    _, parts = connected_components(graph, directed=False)
+    _, parts = scipy.sparse.csgraph.connected_components(graph, directed=False)
     kept = np.isin(parts, parts[rows[clear]])
     numbers = np.cumsum(kept) - 1
     lines = roadmap.lines[kept[roadmap.lines].all(axis=1)]
@@ -124,10 +124,10 @@ def _neighbours(free: Mask) -> Index:
     return np.vstack(pairs)
 
 
-def _graph(points: Array, lines: Index) -> csr_array:
+def _graph(points: Array, lines: Index) -> "scipy.sparse.csr_array":
     """Graph of lines (K, 2) between rows of points (M, 3), by length."""
     length = np.linalg.norm(points[lines[:, 0]] - points[lines[:, 1]], axis=1)
-    return csr_array((length, lines.T), shape=(len(points), len(points)))
+    return scipy.sparse.csr_array((length, lines.T), shape=(len(points), len(points)))
 
 
 def _keys(lines: Index) -> Index:

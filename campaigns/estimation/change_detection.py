@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtr, ndtri, owens_t
+import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.f_test import FittedShots, log_p
@@ -202,9 +202,12 @@ class _Tests:
             return 0.0
         if not len(self.correlation):
             return p * len(self.gain)
-        u, rho = -float(ndtri(0.5 * p)), np.clip(self.correlation, -1.0 + ROUNDING, 1.0)
-        apart = owens_t(u, np.sqrt((1.0 - rho) / (1.0 + rho)))
-        return float(2.0 * ndtr(-u) + 4.0 * np.sum(apart))
+        u, rho = (
+            -float(scipy.special.ndtri(0.5 * p)),
+            np.clip(self.correlation, -1.0 + ROUNDING, 1.0),
+        )
+        apart = scipy.special.owens_t(u, np.sqrt((1.0 - rho) / (1.0 + rho)))
+        return float(2.0 * scipy.special.ndtr(-u) + 4.0 * np.sum(apart))
 
     def gain_by_shot(self, place: int, left: Array) -> tuple[Array, Array]:
         """Part of the gain that each shot makes, and would make if all showed the change, (N,)."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betainc, betaln
+import scipy
 
 from campaigns.arrays import Array
 from campaigns.estimation.observability import orthonormal_basis
@@ -20,9 +20,11 @@ def log_p(columns: int, freedom: float, gain: Array | float, chi2: float) -> Arr
     """
     left = np.clip(1.0 - np.asarray(gain) / chi2, 1e-300, 1.0)
     a, b = 0.5 * (freedom - columns), 0.5 * columns
-    p = betainc(a, b, left)
+    p = scipy.special.betainc(a, b, left)
     rest = (b - 1.0) * np.log1p(-np.minimum(left, 0.5))
-    first = a * np.log(left) + rest - np.log(a) - betaln(a, b)  # of a series in what is left
+    first = (
+        a * np.log(left) + rest - np.log(a) - scipy.special.betaln(a, b)
+    )  # of a series in what is left
     return np.asarray(np.where(p > UNDERFLOW, np.log(np.maximum(p, UNDERFLOW)), first))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, fdtrc, ndtri, stdtrit
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.observability import Observability, observability, project_out_nuisance
@@ -72,7 +72,7 @@ def chi_square_test(chi2: float, dof: int, sigma0: float | None = None) -> ChiSq
     """Test with the two-sided probability of such a χ²."""
     if dof < 1:
         return ChiSquareTest(chi2, dof, None, sigma0)
-    p = 2.0 * min(float(chdtr(dof, chi2)), float(chdtrc(dof, chi2)))
+    p = 2.0 * min(float(scipy.special.chdtr(dof, chi2)), float(scipy.special.chdtrc(dof, chi2)))
     return ChiSquareTest(chi2, dof, min(p, 1.0), sigma0)
 
 
@@ -111,7 +111,7 @@ def coverage_factor(dof: int | None) -> float:
     it is known.
     """
     tail = 0.5 * (1.0 + CONFIDENCE)
-    return float(ndtri(tail) if dof is None else stdtrit(dof, tail))
+    return float(scipy.special.ndtri(tail) if dof is None else scipy.special.stdtrit(dof, tail))
 
 
 def covariance(jacobian: Array) -> Array:
@@ -365,7 +365,11 @@ class HoldOut:
         chi2 = float(error_mm @ np.linalg.solve(predicted_mm2, error_mm))
         ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted_mm2))))
         count = len(error_mm)
-        p = chdtrc(count, chi2) if dof is None else fdtrc(count, dof, chi2 / count)
+        p = (
+            scipy.special.chdtrc(count, chi2)
+            if dof is None
+            else scipy.special.fdtrc(count, dof, chi2 / count)
+        )
         return cls(count, chi2, float(p), ratio)
 
     @property
@@ -400,10 +404,12 @@ class TrackerScale:
         along, left = np.linalg.solve(root, np.column_stack([lengths_mm, residuals_mm])).T
         square = float(along @ along)
         share, std = float(along @ left) / square, square**-0.5
-        p = chdtrc(1, share**2 / (std**2 + stated**2))
+        p = scipy.special.chdtrc(1, share**2 / (std**2 + stated**2))
         freedom = len(lengths_mm) - 1
         scatter = float(np.sum((left - share * along) ** 2))
-        return cls(share, std, float(p), float(chdtrc(freedom, scatter)) if freedom else 1.0)
+        return cls(
+            share, std, float(p), float(scipy.special.chdtrc(freedom, scatter)) if freedom else 1.0
+        )
 
     @property
     def believable(self) -> bool:

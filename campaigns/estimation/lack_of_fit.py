@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtri, ncfdtrinc
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.error_columns import harmonic
@@ -124,8 +124,8 @@ def external_reliability(
         if solved.rank == 0 or freedom < LEAST_FREEDOM:
             continue
         chance = SIGNIFICANCE / (tests * group.searched)
-        threshold = float(fdtri(solved.rank, freedom, 1.0 - chance))
-        size = math.sqrt(ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
+        threshold = float(scipy.special.fdtri(solved.rank, freedom, 1.0 - chance))
+        size = math.sqrt(scipy.special.ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
         moved = inverse @ (group.columns.reshape(len(flat), -1) @ solved.along)
         yield group.name, sigma0 * size * np.linalg.norm(moved, axis=1)
 

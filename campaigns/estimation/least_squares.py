@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import leastsq
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.mechanisms.mechanism import NoSolution
@@ -205,7 +205,7 @@ def solve(
             return beyond
 
     # MINPACK's LM, scaled by the Jacobian; least_squares wraps the same in a tenth of a fit's time
-    x, _, ended, _, status = leastsq(
+    x, _, ended, _, status = scipy.optimize.leastsq(
         residual,
         begin,
         Dfun=problem.jacobian,

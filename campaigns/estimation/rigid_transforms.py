@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from campaigns.arrays import Array
 
@@ -72,12 +72,16 @@ def frame_jacobian(points_mm: Array) -> Array:
 
 def paper_angles_rad(transform: Transform) -> Array:
     """φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,)."""
-    return np.asarray(Rotation.from_matrix(transform.rotation).as_euler("ZYX"))
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_matrix(transform.rotation).as_euler("ZYX")
+    )
 
 
 def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
     """R(z, φ) R(y, γ) R(x, ψ) and a translation (paper eqs. 22 and 23), from (3,) each."""
-    return Transform(Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm)
+    return Transform(
+        scipy.spatial.transform.Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm
+    )
 
 
 def small_rotation(angles_rad: Array) -> tuple[Array, Array]:

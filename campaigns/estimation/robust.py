@@ -9,7 +9,7 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, fdtri
+import scipy
 
 from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
@@ -92,7 +92,7 @@ def robust_scale(sizes: Array, block: int, unknowns: int) -> float:
     taken = min(unknowns / (block * len(sizes)), MOST_FITTED_AWAY)
     below = 0.5 * (1.0 + taken)
     size = float(np.quantile(sizes, below))
-    return size / float(np.sqrt((1.0 - taken) * chdtri(block, 1.0 - below)))
+    return size / float(np.sqrt((1.0 - taken) * scipy.special.chdtri(block, 1.0 - below)))
 
 
 def loss_weights(shape: LossShape, square: Array) -> Array:
@@ -201,7 +201,7 @@ def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:
     if problem.block != 1 or len(problem.priors) or most < 0 or freedom > FEW_FREEDOM:
         return None
     residual, jacobian = problem.residual(plain.x), problem.jacobian(plain.x)
-    if float(chdtrc(freedom, residual @ residual)) >= UNBELIEVABLE:
+    if float(scipy.special.chdtrc(freedom, residual @ residual)) >= UNBELIEVABLE:
         return None
     basis, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), ROUNDING))
     left = np.eye(problem.blocks) - basis @ basis.T
@@ -249,8 +249,8 @@ def rejection_threshold(blocks: int, block: int, freedom: float = np.inf) -> flo
     """
     chance = FALSE_ALARM / blocks
     if np.isinf(freedom):
-        return float(np.sqrt(chdtri(block, chance)))
-    return float(np.sqrt(block * fdtri(block, freedom, 1.0 - chance)))
+        return float(np.sqrt(scipy.special.chdtri(block, chance)))
+    return float(np.sqrt(block * scipy.special.fdtri(block, freedom, 1.0 - chance)))
 
 
 def _consensus_set(problem: LeastSquaresProblem, start: Array) -> Mask:

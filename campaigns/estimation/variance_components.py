@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -154,7 +154,9 @@ class _RestrictedLikelihood:
             return -self.at(*self._logs(place, log))
 
         low, high = math.log(SMALLEST), math.log(LARGEST)
-        found = minimize_scalar(less, bounds=(low, high), method="bounded", options={"xatol": 0.02})
+        found = scipy.optimize.minimize_scalar(
+            less, bounds=(low, high), method="bounded", options={"xatol": 0.02}
+        )
         return -float(found.fun), self._logs(place, float(found.x))
 
     def best_pair(
@@ -169,7 +171,7 @@ class _RestrictedLikelihood:
 
         high = singles[second][1][second]
         low = max(high - SEARCHED_BELOW, math.log(SMALLEST))
-        along = minimize_scalar(
+        along = scipy.optimize.minimize_scalar(
             lambda log: -self.at(*beside(log)),
             bounds=(low, max(high, low + SEARCHED_BELOW)),
             method="bounded",
@@ -181,7 +183,7 @@ class _RestrictedLikelihood:
         def less(place: Array) -> float:
             return -self.at(float(place[0]), float(place[1]))
 
-        found = minimize(
+        found = scipy.optimize.minimize(
             less,
             np.array(beside(float(along.x))),
             method="Nelder-Mead",

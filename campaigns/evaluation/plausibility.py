@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from scipy.special import stdtr
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
@@ -440,7 +440,7 @@ def _scale_of(
     std = math.sqrt((robot + by_fit) / square)
     if std == 0.0:
         return ScaleTest(share, 0.0 if share else 1.0)
-    return ScaleTest(share, float(2.0 * stdtr(freedom, -abs(share) / std)))
+    return ScaleTest(share, float(2.0 * scipy.special.stdtr(freedom, -abs(share) / std)))
 
 
 def _kind(name: str, nominal: Parameters) -> str:

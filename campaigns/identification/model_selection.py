@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from scipy.special import stdtrit
+import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
@@ -221,7 +221,11 @@ def _is_worse(candidate: _Candidate, standard: _Candidate) -> bool:
     count, mean = len(more), float(more.mean())
     if count < FEWEST_PAIRS:
         return mean >= 0.0
-    limit = float(stdtrit(count - 1, WORSE_BEYOND)) * float(more.std(ddof=1)) / math.sqrt(count)
+    limit = (
+        float(scipy.special.stdtrit(count - 1, WORSE_BEYOND))
+        * float(more.std(ddof=1))
+        / math.sqrt(count)
+    )
     return mean > limit
 
 

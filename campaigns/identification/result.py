@@ -6,6 +6,7 @@ Its fields are the keys of the document `pkmcal/identification/1`; parameters ar
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -353,13 +354,15 @@ class RecordedIdentification(IdentificationResult):
         return cls(**values | provenance)
 
 
-_READER = TypeAdapter(RecordedIdentification)
+@cache
+def _reader() -> TypeAdapter[RecordedIdentification]:
+    return TypeAdapter(RecordedIdentification)
 
 
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     try:
-        return _completed(_READER.validate_python(body))
+        return _completed(_reader().validate_python(body))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

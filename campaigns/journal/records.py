@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
@@ -221,10 +222,11 @@ TYPE_OF_KIND: Mapping[str, type[Record]] = {
 }
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
+
 # Any: an adapter's type parameter cannot be carried through a table of ten different records.
-_ADAPTERS: Mapping[str, TypeAdapter[Any]] = {
-    kind: TypeAdapter(type_) for kind, type_ in TYPE_OF_KIND.items()
-}
+@cache
+def _adapter(kind: str) -> TypeAdapter[Any]:
+    return TypeAdapter(TYPE_OF_KIND[kind])
 
 
 def to_text(record: Record) -> str:
@@ -235,7 +237,7 @@ def to_text(record: Record) -> str:
     """
     kind = KIND_OF_TYPE[type(record)]
     # without its warnings: what does not fit is refused by name, in reading it back
-    values = _ADAPTERS[kind].dump_python(record, by_alias=True, warnings="none")
+    values = _adapter(kind).dump_python(record, by_alias=True, warnings="none")
     text = json.dumps(values, allow_nan=False, ensure_ascii=False)
     from_text(kind, text)
     return text
@@ -243,10 +245,10 @@ def to_text(record: Record) -> str:
 
 def from_text(kind: str, text: str) -> Record:
     """Record that was stored; raises `ValueError` when it is none of that kind."""
-    if kind not in _ADAPTERS:
+    if kind not in TYPE_OF_KIND:
         raise ValueError(f"unknown kind of record {kind!r}")
     try:
-        record: Record = _ADAPTERS[kind].validate_json(text, strict=True)
+        record: Record = _adapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "text"

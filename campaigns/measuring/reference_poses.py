@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import inf, isfinite
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
+import scipy
 
 from campaigns.arrays import Array
 from campaigns.estimation.change_detection import Cause
@@ -177,7 +177,11 @@ def _change(
 
 def _may_be_chance(left: float, rest: int, freedom: float) -> bool:
     """Whether scatter alone leaves as much: Fisher's F, for the scatter is an estimate."""
-    p = fdtrc(rest, freedom, left / rest) if isfinite(freedom) else chdtrc(rest, left)
+    p = (
+        scipy.special.fdtrc(rest, freedom, left / rest)
+        if isfinite(freedom)
+        else scipy.special.chdtrc(rest, left)
+    )
     return bool(p >= SIGNIFICANCE)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.design.pose_sampling import (
@@ -160,7 +160,7 @@ def _check_tracker(region: FeasibleRegion) -> None:
     sample = sample_workspace(robot, region.limits, region.centre)
     if sample is None:
         return
-    hull = ConvexHull(np.vstack([sample[:, :3], base_mm(robot)])).equations
+    hull = scipy.spatial.ConvexHull(np.vstack([sample[:, :3], base_mm(robot)])).equations
     if (hull[:, :3] @ place + hull[:, -1]).max() > TRACKER_CLEARANCE_MM:
         return
     hint = ", as if it were given in metres" if 0.0 < np.linalg.norm(place) < FARTHEST_M else ""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import bdtrik, ndtri, stdtr
+import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
@@ -133,20 +133,22 @@ def normal_scores(setup: StudySetup, rows: Sequence[CampaignRow]) -> Array:
     found = estimates(rows)
     scores = np.array([one.errors for one in found]) / np.array([one.std for one in found])
     if _variance_is_estimated(setup):
-        tails = stdtr(_effective_dof(setup), -np.abs(scores))
-        return np.asarray(-np.sign(scores) * ndtri(tails))
+        tails = scipy.special.stdtr(_effective_dof(setup), -np.abs(scores))
+        return np.asarray(-np.sign(scores) * scipy.special.ndtri(tails))
     return np.asarray(scores)
 
 
 def chance(setup: StudySetup, campaigns: int) -> Chance:
     """Chance in so many campaigns of an honest study, by the normal approximation for σ."""
     tail = FALSE_ALARM / (2.0 * len(setup.free))
-    spread = -float(ndtri(tail)) / math.sqrt(2.0 * campaigns)
+    spread = -float(scipy.special.ndtri(tail)) / math.sqrt(2.0 * campaigns)
     variance, held = 2.0 * spread, CONFIDENCE
     if _variance_is_estimated(setup):
         spread *= math.sqrt(1.0 + 1.0 / _effective_dof(setup))  # the stated σ scatter too
-        held = 1.0 - 2.0 * float(stdtr(_effective_dof(setup), -interval_factor(setup)))
-    few, many = (float(bdtrik(p, campaigns, held)) for p in (tail, 1.0 - tail))
+        held = 1.0 - 2.0 * float(
+            scipy.special.stdtr(_effective_dof(setup), -interval_factor(setup))
+        )
+    few, many = (float(scipy.special.bdtrik(p, campaigns, held)) for p in (tail, 1.0 - tail))
     return Chance(
         (1.0 - spread, 1.0 + spread),
         (math.floor(few) / campaigns, math.ceil(many) / campaigns),
