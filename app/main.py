@@ -50,6 +50,7 @@ COMMANDS = {
     "export": ("export", "Write the identified parameters as a robot file."),
     "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
     "load": ("load", "Put the compensated parameters into the controller."),
+    "status": ("status", "Say where the campaign is, and what comes next."),
     "report": ("report", "Write the report: one page about all of it."),
     "reproduce": ("reproduce", "Do the paper's simulation and experiment again."),
     "study": (

@@ -1,14 +1,22 @@
-"""Next command, named at the end of every command."""
+"""Next command, named at the end of every command, and who else works on a campaign meanwhile."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from app.console import Terminal
+from app.console import WARNING, Terminal
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import evaluate
+from campaigns.files.lock import lock_holder
 from campaigns.next_step import next_step, state_of
+
+
+def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
+    """Say which other process works on the campaign: what is read may change at any moment."""
+    held_by = lock_holder(campaign.folder)
+    if held_by is not None:
+        terminal.note(f"! another process works on this campaign now: {held_by.says}", WARNING)
 
 
 def tell_next(

@@ -15,7 +15,16 @@ from campaigns.settings.option import Option
 EMPTY = inspect.Parameter.empty
 NOTES = "__annotations__"
 PICTURES = (".svg", ".png", ".pdf")
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
+Folder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DIR",
+        help="The campaign's folder; this one unless told.",
+        default_factory=Path,
+        show_default=False,
+    ),
+]
+NewFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
 Json = Annotated[
     bool,
     typer.Option(
@@ -30,6 +39,18 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file i
 Anew = Annotated[
     bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
 ]
+
+
+def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:
+    """The campaign's folder and a file of what was typed: one argument alone is the file.
+
+    Raises `OptionsInvalid` where no file was named.
+    """
+    if second is not None:
+        return first, second
+    if first.is_dir():
+        raise OptionsInvalid("FILE is missing", remedy="name the file to read")
+    return Path(), first
 
 
 def picture_file(path: Path | None) -> Path | None:

@@ -5,6 +5,7 @@ from dataclasses import asdict
 import typer
 
 from app.console import BAD, GOOD, terminal_of
+from app.next import tell_who_works
 from app.options import Folder, Json
 from app.wiring import raw_readers
 from campaigns.campaign import Campaign, open_campaign
@@ -25,6 +26,7 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     campaign.require_journal()
+    tell_who_works(terminal, campaign)
     path = campaign.journal_path
     found = inspect_journal(path, raw_readers(campaign))
     foreign = _foreign(campaign) if found.whole else None

@@ -8,7 +8,7 @@ import typer
 
 from app.console import terminal_of
 from app.next import tell_next
-from app.options import Folder, Json
+from app.options import Folder, Json, folder_and_file
 from app.report.validation_text import show_validation
 from campaigns.campaign import open_campaign
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
@@ -30,7 +30,10 @@ class Form(Enum):
 def command(
     context: typer.Context,
     folder: Folder,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A shots.csv, see above.")],
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="A shots.csv, see above.", show_default=False),
+    ] = None,
     *,
     form: Annotated[
         Form, typer.Option("--format", help="shots: as above; ascii: points of other software.")
@@ -95,6 +98,7 @@ def command(
 
     The journal keeps the files' names and sha256, and the report shows them.
     """
+    folder, file = folder_and_file(folder, file)
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     if stage is None and with_ is not None:
         raise typer.BadParameter("--with goes with --stage")

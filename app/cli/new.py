@@ -7,7 +7,7 @@ import typer
 from app.console import terminal_of
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_for_devices, create_simulated
 from app.next import tell_next
-from app.options import Folder, Json
+from app.options import Json, NewFolder
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
 
@@ -33,7 +33,7 @@ Tracker = Annotated[str | None, typer.Option(metavar="URL", help="The tracker: t
 
 def command(
     context: typer.Context,
-    folder: Folder,
+    folder: NewFolder,
     *,
     robot: Robot = DEFAULT_ROBOT,
     scenario: Scenario = None,

@@ -7,7 +7,7 @@ import typer
 
 from app.console import BAD, terminal_of
 from app.exits import Exit
-from app.next import tell_next
+from app.next import tell_next, tell_who_works
 from app.options import Folder, Json
 from app.report.page import Page, page_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
@@ -40,6 +40,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    tell_who_works(terminal, campaign)
     page, path = report(campaign, to)
     verdict = page.evaluation.verdict
     more = "" if verdict.answer == verdict.decision else f" ({verdict.answer})"

@@ -5,7 +5,7 @@ import typer
 from app.console import Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import found_measured, measure_plan
-from app.next import tell_next
+from app.next import tell_next, tell_who_works
 from app.options import Anew, Dry, Folder, Json, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
@@ -51,6 +51,7 @@ def command(
     work = run_work(campaign, checked, options)
     ran = None if anew else found_measured(campaign, work, terminal)
     if dry:
+        tell_who_works(terminal, campaign)
         show_preview(terminal, campaign, checked, work, ran, anew=anew)
         return
     if ran is None:

@@ -7,8 +7,11 @@ import socket
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
+import psutil
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from campaigns.errors import CampaignLocked, WriteFailed
@@ -18,6 +21,8 @@ LOCK_FILE = "campaign.lock"
 HOLDER_FILE = "campaign.lock.holder"
 """A file of its own: some versions of filelock empty the lock file whenever somebody tries it."""
 HOLDER_BYTES = 10_000
+SAME_CLOCK_S = 2.0
+"""A process that began so much later than the note was written only has the same number."""
 CHECK_THE_FOLDER = "check that the folder exists, the right to write it, and the space on the disk"
 NO_LOCKS = "this file system has no locks: move the campaign folder to a local disk"
 REMEDIES = {
@@ -27,6 +32,33 @@ REMEDIES = {
     errno.EINTR: "a signal came between: start the command again",
 }
 """Remedies by what the system says of a lock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Process that holds a campaign, by what it says of itself."""
+
+    pid: int
+    host: str
+    since_utc: str
+
+    @property
+    def says(self) -> str:
+        """Who it is, in words."""
+        return f"process {self.pid} on {self.host}, since {self.since_utc}"
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether it was of this machine and has died without taking its word back."""
+        if self.host != socket.gethostname():
+            return False
+        try:
+            begun_s: float = psutil.Process(self.pid).create_time()
+            return begun_s > datetime.fromisoformat(self.since_utc).timestamp() + SAME_CLOCK_S
+        except (psutil.NoSuchProcess, ValueError, OverflowError):
+            return True
+        except psutil.Error:
+            return False
 
 
 @contextmanager
@@ -40,8 +72,10 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
     try:
         _acquire(lock)
     except Timeout as held:
+        noted = _noted_holder(folder)
+        held_by = noted.says if noted else "holder unknown"
         raise CampaignLocked(
-            f"{folder}: another process works on this campaign: {_holder(folder)}",
+            f"{folder}: another process works on this campaign: {held_by}",
             remedy="wait until it has finished, or stop it",
         ) from held
     except OSError as error:
@@ -90,13 +124,22 @@ def _named_holder(folder: Path, since_utc: str) -> Iterator[None]:
         note.unlink(missing_ok=True)
 
 
-def _holder(folder: Path) -> str:
-    """Holder of the lock, as far as can be told; the note may be missing for a moment."""
+def lock_holder(folder: Path) -> Holder | None:
+    """Process that works on the campaign now; None: nobody does, as far as can be told.
+
+    Takes no lock, so that it is in nobody's way.
+    """
+    held_by = _noted_holder(folder)
+    return None if held_by is None or held_by.is_gone else held_by
+
+
+def _noted_holder(folder: Path) -> Holder | None:
+    """Holder by the note, which may be missing for a moment and outlives a killed process."""
     try:
         words = json.loads(read_bounded(folder / HOLDER_FILE, HOLDER_BYTES))
-        return f"process {words['pid']} on {words['host']}, since {words['since_utc']}"
-    except (FileRefused, ValueError, KeyError, TypeError, RecursionError):
-        return "holder unknown"
+        return Holder(int(words["pid"]), str(words["host"]), str(words["since_utc"]))
+    except (FileRefused, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
 
 
 def _unwritable(folder: Path, error: OSError) -> WriteFailed:

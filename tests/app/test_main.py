@@ -15,7 +15,17 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "load", "report", "reproduce", "study", "check-journal", "sim", "dry-run"),
+    *(
+        "correct",
+        "load",
+        "status",
+        "report",
+        "reproduce",
+        "study",
+        "check-journal",
+        "sim",
+        "dry-run",
+    ),
 )
 HEAVY = {
     *("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.estimation", "sim.cell")
@@ -58,7 +68,7 @@ def test_it_knows_its_version(pkmcal):
     ("arguments", "words"),
     [
         (["fly"], ["No such command 'fly'", "`pkmcal --help`"]),
-        (["plan"], ["DIR", "`pkmcal plan --help`"]),
+        (["plan"], ["holds no campaign.yaml", "`pkmcal new .`"]),
         (["plan", "x", "--shot", "5"], ["--shot", "`pkmcal plan --help`"]),
         (["plan", "x", "--shots", "many"], ["--shots", "many"]),
         (["plan", "x", "--shots", "7"], ["7", "even"]),
@@ -74,7 +84,7 @@ def test_it_knows_its_version(pkmcal):
         (["new", "x", "--controller", "tcp://h:1"], ["--tracker"]),
         (["new", "x", "--controller", "tcp://h:1", "--tracker", "tcp://h:2", "--scenario", "s"],
          ["--scenario", "--controller"]),
-        (["import", "x"], ["FILE"]),
+        (["import", "."], ["FILE is missing"]),
         (["identify", "x", "--shots", "all"], ["--shots is 'all'", "0-60, -60 or 61-"]),
         (["identify", "x", "--hold-out", "80%"], ["--hold-out is 0.8", "20% is usual"]),
         (["identify", "x", "--loss-scale", "0"], ["--loss-scale", "0.1"]),

@@ -1,0 +1,52 @@
+"""pkmcal status: where a campaign is, and the one next command."""
+
+import typer
+
+from app.console import BAD, GOOD, OPEN, WARNING, terminal_of
+from app.options import Folder, Json
+from campaigns.campaign import open_campaign
+from campaigns.workflow.status import campaign_status
+
+COLOURS = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
+LATEST = 5
+"""Series that are listed; `--json` has all."""
+
+
+def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
+    """Say where the campaign is, and what comes next.
+
+    Who measures now, which series there are, what is open, what is doubtful, the verdict, and the
+    one next command. Nothing is changed, no device is asked, and a run that is going on is not
+    disturbed.
+    """
+    terminal = terminal_of(context, as_json=json)
+    found = campaign_status(open_campaign(folder))
+    terminal.say(f"{found.name} ({found.robot}): {found.phase}", "bold")
+    if found.held_by is not None:
+        terminal.say(f"now: {found.held_by.says}", WARNING)
+    for each in found.series[-LATEST:]:
+        terminal.say(f"  series {each.series}, {each.says}")
+    for text in found.open:
+        terminal.say(f"open: {text}", WARNING)
+    for text in found.doubtful:
+        terminal.say(f"doubtful: {text}", WARNING)
+    if found.decision is not None:
+        terminal.say(f"verdict: {found.answer}", COLOURS[found.decision])
+    terminal.say(f"next: {found.next.says}" if found.next else "nothing is left to do")
+    step = found.next
+    terminal.document(
+        {
+            "folder": found.folder,
+            "name": found.name,
+            "robot": found.robot,
+            "phase": found.phase,
+            "measuring": found.held_by,
+            "series": found.series,
+            "decision": found.decision,
+            "answer": found.answer,
+            "open": found.open,
+            "doubtful": found.doubtful,
+            "next": step and step.text,
+            "before_next": (step and step.first) or None,
+        }
+    )

@@ -1,0 +1,134 @@
+"""Status of a campaign: where it is, who works on it, what is open and doubtful, what is next.
+
+Only reads, and takes no lock: another process may be measuring meanwhile.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from campaigns.campaign import Campaign
+from campaigns.evaluation.decision import Decision
+from campaigns.evidence import Evaluation, Evidence, evaluate
+from campaigns.files.lock import Holder, lock_holder
+from campaigns.journal.views import Series
+from campaigns.next_step import CampaignState, NextStep, next_step, state_of
+
+REPORT = "report.html"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageProgress:
+    """Series of the journal, and how far it is."""
+
+    series: int
+    stage: str
+    shots: int
+    planned: int | None
+    """Shots of plan.csv for a run; None where nobody knows."""
+    finished: bool
+    latest_utc: str
+    """When its latest shot was measured; of a series without any when it began."""
+
+    @property
+    def says(self) -> str:
+        """The progress in words."""
+        of = f" of {self.planned}" if self.planned is not None else ""
+        ended = "" if self.finished else ", not finished"
+        return f"{self.stage}: {self.shots}{of} shots{ended}, {self.latest_utc}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignStatus:
+    """Status of a campaign."""
+
+    folder: str
+    name: str
+    robot: str
+    phase: str
+    held_by: Holder | None
+    """Process that works on it now."""
+    series: tuple[StageProgress, ...]
+    """Every one, the latest last."""
+    decision: Decision | None
+    """Of the verdict on the whole; None before anything was identified."""
+    answer: str
+    """The decision, or what alone it lacks; empty before anything was identified."""
+    open: tuple[str, ...]
+    """What was begun and not ended."""
+    doubtful: tuple[str, ...]
+    """What stands against the result."""
+    next: NextStep | None
+
+
+def campaign_status(campaign: Campaign) -> CampaignStatus:
+    """Status of a campaign; raises `JournalFailed` for a journal that cannot be read."""
+    held_by, evaluation = lock_holder(campaign.folder), evaluate(campaign)
+    evidence, found = evaluation.evidence, evaluation.evidence.identification
+    state = state_of(evaluation, reported=campaign.path(REPORT).exists())
+    series = tuple(_progress(evidence, each) for each in _every(evidence))
+    verdict = evaluation.verdict if found is not None else None
+    return CampaignStatus(
+        folder=str(campaign.folder),
+        name=campaign.config.name,
+        robot=campaign.robot.name,
+        phase=phase(state),
+        held_by=held_by,
+        series=series,
+        decision=verdict.decision if verdict else None,
+        answer=verdict.answer if verdict else "",
+        open=tuple(_open(evidence, series)),
+        doubtful=tuple(_doubtful(evaluation)),
+        next=next_step(state),
+    )
+
+
+def phase(state: CampaignState) -> str:
+    """What a campaign has reached, in words."""
+    if state.reported and state.after:
+        return "validated and reported"
+    if state.after:
+        return "validated after calibration"
+    if state.verdict is not None:
+        calibrated = state.verdict == "pass" and state.holds
+        return "calibrated, not validated" if calibrated else "identified"
+    if state.measured:
+        part = " in part" if state.left == "run" else ""
+        return f"{'imported' if state.measured == 'import' else 'measured'}{part}, not identified"
+    if state.before:
+        return "validated before calibration"
+    return "planned" if state.planned else "set up"
+
+
+def _every(evidence: Evidence) -> tuple[Series, ...]:
+    return evidence.journal.series if evidence.journal else ()
+
+
+def _progress(evidence: Evidence, series: Series) -> StageProgress:
+    is_run, plan = series.started.stage == "run", evidence.plan
+    return StageProgress(
+        series=series.number,
+        stage=series.started.stage,
+        shots=len(series.shots),
+        planned=len(plan) if is_run and plan is not None else None,
+        finished=series.finished,
+        latest_utc=max((s.measured_utc for s in series.shots), default=series.started_utc),
+    )
+
+
+def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str]:
+    """What was begun and not ended: of each stage its latest series, and a load."""
+    latest = {each.stage: each for each in series}
+    yield from (f"series {s.series}, {s.says}" for s in latest.values() if not s.finished)
+    if evidence.journal and evidence.journal.unended_load:
+        yield evidence.journal.unended_load
+    yield from evidence.unreadable
+
+
+def _doubtful(evaluation: Evaluation) -> Iterator[str]:
+    """Doubts of the identification that count, and checks that do not hold."""
+    found = evaluation.evidence.identification
+    if found is None:
+        return
+    yield from (doubt.says for doubt in found.doubts if doubt.affects_verdict)
+    broken = (each for each in evaluation.checks if each.holds is False)
+    yield from (f"does not hold: {each.statement} ({each.detail})" for each in broken)

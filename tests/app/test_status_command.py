@@ -1,0 +1,94 @@
+"""`pkmcal status`: where a campaign is, who works on it, what is next."""
+
+import json
+import os
+
+import pytest
+from paper_campaign import new_campaign
+
+from campaigns.campaign import now_utc
+from campaigns.evidence import evaluate
+from campaigns.files.lock import HOLDER_FILE, campaign_lock
+from campaigns.next_step import CampaignState, next_step, state_of
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow.status import phase
+
+
+def status(pkmcal, folder, *words):
+    code, out, _ = pkmcal("status", folder, "--json", *words)
+    assert code == 0
+    return json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        (CampaignState(), "set up"),
+        (CampaignState(planned=True), "planned"),
+        (CampaignState(planned=True, before=True), "validated before calibration"),
+        (CampaignState(measured="run", left="run"), "measured in part, not identified"),
+        (CampaignState(measured="import"), "imported, not identified"),
+        (CampaignState(measured="run", verdict="not decided"), "identified"),
+        (CampaignState(measured="run", verdict="pass"), "identified"),
+        (
+            CampaignState(measured="run", verdict="pass", holds="identified"),
+            "calibrated, not validated",
+        ),
+        (
+            CampaignState(measured="run", verdict="pass", after="pass"),
+            "validated after calibration",
+        ),
+        (
+            CampaignState(measured="run", verdict="pass", after="pass", reported=True),
+            "validated and reported",
+        ),
+    ],
+)
+def test_what_was_reached_has_words(state, words):
+    assert phase(state) == words
+
+
+def test_what_was_begun_and_not_ended_is_open_and_the_next_command_is_that_of_all(pkmcal, tmp_path):
+    paper = new_campaign(tmp_path / "c")
+    paper.validate("before", frozenset({ShotSet.ROTATION}))
+    paper.run(pairs=3, unseen=1)
+    paper.measure("after", paper.plan(1, 0), finished=False)
+    told = status(pkmcal, paper.folder)
+    assert told["phase"] == "measured, not identified"
+    assert [(each["stage"], each["finished"]) for each in told["series"]] == [
+        ("before", True),
+        ("run", True),
+        ("after", False),
+    ]
+    assert (told["series"][1]["shots"], told["series"][1]["planned"]) == (10, 10)
+    assert [text.split(",")[0] for text in told["open"]] == ["series 3"]
+    assert told["next"] == next_step(state_of(evaluate(paper.campaign))).text
+    assert (told["decision"], told["doubtful"]) == (None, [])
+
+
+def test_somebody_who_measures_is_named_and_a_dead_one_is_not(pkmcal, tmp_path):
+    paper = new_campaign(tmp_path / "c")
+    with campaign_lock(paper.folder, now_utc=now_utc):
+        held_by = status(pkmcal, paper.folder)["measuring"]
+        _, _, err = pkmcal("report", paper.folder)
+        note = json.loads((paper.folder / HOLDER_FILE).read_text())
+    assert held_by["pid"] == os.getpid()
+    assert f"process {os.getpid()}" in err
+    for dead in ({"since_utc": "2001-01-01T00:00:00+00:00"}, {"pid": 2**40}, {"pid": "x"}):
+        (paper.folder / HOLDER_FILE).write_text(json.dumps(note | dead))
+        assert status(pkmcal, paper.folder)["measuring"] is None
+
+
+def test_the_present_folder_is_the_campaign_unless_another_is_named(pkmcal, tmp_path, monkeypatch):
+    paper = new_campaign(tmp_path / "c")
+    monkeypatch.chdir(paper.folder)
+    code, out, _ = pkmcal("status", "--json")
+    assert (code, json.loads(out)["name"]) == (0, paper.campaign.config.name)
+
+
+@pytest.mark.parametrize("words", [(), ("shots.csv",)])
+def test_a_single_argument_of_import_is_the_file(pkmcal, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(new_campaign(tmp_path / "c").folder)
+    code, _, err = pkmcal("import", *words)
+    assert code == 2
+    assert ("FILE is missing", "shots.csv: there is no such file")[len(words)] in err
