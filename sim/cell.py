@@ -18,7 +18,8 @@ from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, Standing
 from sim.robot.follower import FollowingController
 from sim.robot.linuxcnc_joints import joint_source
-from sim.robot.rods import Plate, RodMechanism
+from sim.robot.rods import Growth, Plate, RodMechanism
+from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
 from sim.section import Point
 from sim.tracker.beam import Beam, Scene, Target
@@ -113,15 +114,18 @@ class Cell:
         self.true_geometry = factory.true_geometry(section, self.seed)
         truth = geometry_of(self.true_geometry, kind)
         rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
+        behaviour = factory.behaviour(section, self.seed)
         self._state = state = (
-            _first_state(scenario, self.seed, rods, truth) if past is None else past
+            _first_state(scenario, self.seed, rods, truth, behaviour.transmission)
+            if past is None
+            else past
         )
         self._worked = WorkedTime(state.worked_s)
         self.faults = FaultScript((each.fault() for each in scenario.faults), state.fault_counts)
         self.station = scenario.tracker.station.pose()
         self.robot = DrivenRobot(
             rods,
-            factory.behaviour(section),
+            behaviour,
             factory.mount(section, self.station),
             _standing(state, rods, section.thermal.growth(state.worked_s)),
             seed=self.seed,
@@ -221,18 +225,20 @@ class Cell:
         )
 
 
-def _first_state(scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry) -> CellMemory:
+def _first_state(
+    scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry, gears: Transmission
+) -> CellMemory:
     """State of a new cell: the true robot at the start pose as its controller understands it."""
     start, tracker, kind = scenario.controller.start, scenario.tracker, scenario.robot.kind
     position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
     theta_rad = math.radians(start.theta_deg)
-    geometry, growth = scenario.controller_flat(), scenario.robot.thermal.growth(0.0)
+    geometry = scenario.controller_flat()
     step = scenario.controller.encoder_step(kind)
     try:
         wanted = joints_for(geometry_of(geometry, kind), position_mm, theta_rad)
         encoders = np.round(wanted / step) * step
-        near = assemble(rods, truth, position_mm, theta_rad, growth)
-        assembly = follow(rods, near, encoders, growth)
+        near = assemble(rods, truth, position_mm, theta_rad)
+        assembly = follow(rods, near, gears.joints(encoders))
     except (OutOfReach, AssemblyLost) as error:
         raise ScenarioInvalid(
             f"{scenario.name}: the robot cannot stand at controller.start ({error})",
@@ -269,7 +275,7 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
     return past.seed
 
 
-def _standing(state: CellMemory, rods: RodMechanism, growth: float) -> Standing:
+def _standing(state: CellMemory, rods: RodMechanism, growth: Growth) -> Standing:
     """Standing as it was to the last bit, so that everything goes on unchanged."""
     joints, plate = np.array(state.joints), Plate(np.array(state.plate))
     try:

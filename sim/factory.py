@@ -9,8 +9,9 @@ from sim.geometry import Array, Geometry, Kind, KindParameter, geometry_of
 from sim.random_streams import Purpose, generator
 from sim.robot.driven_robot import Behaviour, SeenReflector
 from sim.robot.rods import Build
-from sim.robot.section import RobotSection, Tolerances
+from sim.robot.section import PPM, RobotSection, Tolerances
 from sim.robot.tilting_kinematics import KnownPlate
+from sim.robot.transmission import Load, Transmission
 from sim.scenarios.schema import Scenario
 from sim.tracker.optics import TrackerPose
 
@@ -21,6 +22,9 @@ PART_HALF_WIDTH_MM = 60.0
 RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
 RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
 RAD_PER_MRAD = 1e-3
+MM_PER_UM = 1e-3
+MM_PER_M = 1e3
+GRAVITY_N_PER_KG = 9.81
 
 
 def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
@@ -88,14 +92,52 @@ def _of_arms(values: Sequence[float], kind: Kind) -> Array:
     return np.array(values) if values else np.zeros(kind.arms)
 
 
-def behaviour(robot: RobotSection) -> Behaviour:
-    """Effects between encoders and mechanism: backlash, noise of arrival, growth of arms."""
+def behaviour(robot: RobotSection, seed: int) -> Behaviour:
+    """Effects between encoders and mechanism, as they were really made."""
     kind, repeatability = robot.kind, robot.repeatability
     backlash = _of_arms(robot.backlash_arcmin, kind) * RAD_PER_ARCMIN
     noise = repeatability.joint_arcsec * RAD_PER_ARCSEC
     if kind.on_rails:
         backlash, noise = _of_arms(robot.backlash_mm, kind), repeatability.joint_mm
-    return Behaviour(backlash, noise, repeatability.position_mm, robot.thermal)
+    return Behaviour(
+        backlash=backlash,
+        joint_noise=noise,
+        position_noise_mm=repeatability.position_mm,
+        thermal=robot.thermal,
+        transmission=transmission(robot, seed),
+        load=_load(robot),
+    )
+
+
+def transmission(robot: RobotSection, seed: int) -> Transmission:
+    """Encoders, gears and screws as they were really made."""
+    kind, told = robot.kind, robot.transmission
+    draw = generator(seed, Purpose.TRANSMISSION)
+    phases = draw.uniform(-math.pi, math.pi, (2, kind.arms))
+    eccentricity = 2.0 * told.eccentricity_um * MM_PER_UM / told.ring_mm
+    ripple = told.ripple_mm if kind.on_rails else told.ripple_arcsec * RAD_PER_ARCSEC
+    return Transmission(
+        eccentricity=np.full(kind.arms, eccentricity),
+        phase_rad=phases[0],
+        ratio=told.ratio_ppm * PPM * draw.standard_normal(kind.arms),
+        ripple=np.full(kind.arms, ripple),
+        ripple_phase_rad=phases[1],
+        motor_rad=2.0 * math.pi / told.pitch_mm if kind.on_rails else told.ripples_per_turn,
+    )
+
+
+def _load(robot: RobotSection) -> Load:
+    """Weights where they act: that of a forearm half at its elbow, half at the plate."""
+    weight, kind = robot.weight, robot.kind
+    arm_kg = weight.arm_kg if kind.on_rails else 0.5 * weight.arm_kg
+    elbow_kg = arm_kg + 0.5 * weight.forearm_kg
+    plate_kg = weight.plate_kg + weight.payload_kg + 0.5 * kind.arms * weight.forearm_kg
+    stiffness = (
+        (weight.drive_n_per_um or math.inf) / MM_PER_UM
+        if kind.on_rails
+        else (weight.gear_nm_per_arcmin or math.inf) * MM_PER_M / RAD_PER_ARCMIN
+    )
+    return Load(GRAVITY_N_PER_KG * elbow_kg, GRAVITY_N_PER_KG * plate_kg, stiffness)
 
 
 def mount(robot: RobotSection, station: TrackerPose) -> SeenReflector:

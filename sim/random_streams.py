@@ -16,6 +16,7 @@ class Purpose(IntEnum):
     SHOT = 3
     RODS = 4
     TILTS = 5
+    TRANSMISSION = 6
 
 
 def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:

@@ -14,7 +14,7 @@ from campaigns.studies.study import Forward
 from sim.geometry import Geometry, Kind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.robot.section import RobotSection
-from sim.robot.transmission import Transmission, height_by_joints
+from sim.robot.transmission import Transmission, heights_by_joints
 from sim.tracker.optics import misread_mm
 
 PITCHES_MM = (8.0, 40.0)
@@ -52,7 +52,7 @@ def rod_robot(
     gears = drawn_transmission(perturbation, kind, rng)
 
     def plates(joints: Array, guesses: Iterable[Plate]) -> list[Plate]:
-        return [rods.settle(row, 0.0, at)[0] for row, at in zip(joints, guesses, strict=True)]
+        return [rods.settle(row, at)[0] for row, at in zip(joints, guesses, strict=True)]
 
     def forward(encoders: Array) -> Array:
         joints = gears.joints(encoders)
@@ -61,7 +61,7 @@ def rod_robot(
         settled = plates(joints, level)
         if perturbation.sag_mm:
             states = zip(joints, settled, strict=True)
-            rises = np.array([height_by_joints(rods, row, at) for row, at in states])
+            rises = np.array([heights_by_joints(rods, row, at)[1] for row, at in states])
             yielding = perturbation.sag_mm / np.ptp(np.sum(rises**2, axis=1))
             settled = plates(joints - yielding * rises, settled)
         return np.array([rods.reflector_mm(each, offset) for each in settled])
@@ -80,12 +80,14 @@ def drawn_transmission(
 ) -> Transmission:
     """Gears, encoders and screws of a perturbation."""
     one = np.eye(kind.arms)[int(rng.integers(kind.arms))]
+    phases = rng.uniform(-np.pi, np.pi, kind.arms)
     return Transmission(
         eccentricity=np.full(kind.arms, np.radians(perturbation.eccentric_deg)),
-        phase_rad=rng.uniform(-np.pi, np.pi, kind.arms),
+        phase_rad=phases,
         ratio=1e-6 * perturbation.ratio_ppm * one,
-        wobble_mm=np.full(kind.arms, perturbation.period_mm),
-        pitch_mm=float(rng.uniform(*PITCHES_MM)),
+        ripple=np.full(kind.arms, perturbation.period_mm),
+        ripple_phase_rad=phases,
+        motor_rad=2.0 * np.pi / float(rng.uniform(*PITCHES_MM)),
     )
 
 

@@ -320,6 +320,7 @@ def study_setup(
 def left_out(scenario: Scenario, models: Iterable[Model]) -> tuple[str, ...]:
     """What the scenario has and a study has not: whatever no parameter of a model describes."""
     robot, asked = scenario.robot, {*models}
+    gears = robot.transmission
     has_skews, has_tilts = asked <= {Model.RODS, Model.FULL}, asked <= {Model.FULL}
     rods = (robot.tolerances.rod_mm, *robot.rod_errors_mm)
     tilts = (robot.tolerances.axis_tilt_mrad, *robot.axis_tilts_mrad)
@@ -328,7 +329,14 @@ def left_out(scenario: Scenario, models: Iterable[Model]) -> tuple[str, ...]:
         "tilted axes": () if has_tilts else tilts,
         "backlash": robot.backlash_arcmin,
         "repeatability": (robot.repeatability.joint_arcsec, robot.repeatability.position_mm),
-        "warm arms": (robot.thermal.rise_degC,),
+        "errors of encoders and gears": (
+            gears.eccentricity_um,
+            gears.ripple_arcsec,
+            gears.ripple_mm,
+        ),
+        "ratios of gears": (gears.ratio_ppm,),
+        "gears that yield": (robot.weight.gear_nm_per_arcmin, robot.weight.drive_n_per_um),
+        "warm parts": [part.rise_degC for part in robot.thermal.parts.values()],
         "faults": scenario.faults,
     }
     return tuple(name for name, sizes in effects.items() if any(sizes))

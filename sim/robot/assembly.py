@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.errors import AssemblyLost
 from sim.geometry import HINGE, Array, Geometry, Kind
-from sim.robot.rods import SETTLED_MM, Plate, RodMechanism
+from sim.robot.rods import COLD, SETTLED_MM, Growth, Plate, RodMechanism
 
 
 class OutOfReach(Exception):
@@ -87,7 +87,7 @@ class Assembly:
 
 
 def assemble(
-    rods: RodMechanism, truth: Geometry, position_mm: Array, theta_rad: float, growth: float
+    rods: RodMechanism, truth: Geometry, position_mm: Array, theta_rad: float, growth: Growth = COLD
 ) -> Assembly:
     """Assembly of the robot at a pose by its contracted geometry, |θ| < 90°.
 
@@ -98,15 +98,15 @@ def assemble(
     return restore(rods, joints, guess, growth)
 
 
-def restore(rods: RodMechanism, joints: Array, guess: Plate, growth: float) -> Assembly:
+def restore(rods: RodMechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
     """The assembly at known joints and an almost exactly known plate; raises `AssemblyLost`."""
-    plate, misfits_mm, jacobian = rods.settle(joints, growth, guess)
+    plate, misfits_mm, jacobian = rods.settle(joints, guess, growth)
     if not _is_whole(rods.kind, plate, misfits_mm):
         raise _lost(rods.kind, joints, 0.0)
     return Assembly(joints, plate, _side(jacobian))
 
 
-def follow(rods: RodMechanism, start: Assembly, target: Array, growth: float) -> Assembly:
+def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = COLD) -> Assembly:
     """Move the joints in a straight line to the target, in steps small enough to stay assembled.
 
     Raises `AssemblyLost` with the part of the line that could be followed.
@@ -132,11 +132,11 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: float) ->
 
 
 def _step(
-    rods: RodMechanism, here: Assembly, joints: Array, growth: float, settled_mm: float
+    rods: RodMechanism, here: Assembly, joints: Array, growth: Growth, settled_mm: float
 ) -> Assembly | None:
     """Assembly after one step of the joints, or nothing when the step may have left it."""
     try:
-        plate, misfits_mm, jacobian = rods.settle(joints, growth, here.plate, settled_mm)
+        plate, misfits_mm, jacobian = rods.settle(joints, here.plate, growth, settled_mm)
     except AssemblyLost:
         return None
     jump_mm = float(np.abs(plate.position_mm - here.plate.position_mm).max())

@@ -1,4 +1,4 @@
-"""The virtual robot as its drives move it: gear backlash, repeatability, arms that grow warm."""
+"""The virtual robot as its drives move it: gears, repeatability, weight, parts that grow warm."""
 
 import math
 from dataclasses import dataclass
@@ -10,8 +10,9 @@ from sim.errors import AssemblyLost
 from sim.geometry import Array
 from sim.random_streams import Attempts, Purpose, WorkedTime, generator
 from sim.robot.assembly import Assembly, follow, restore
-from sim.robot.rods import RodMechanism
+from sim.robot.rods import Growth, RodMechanism
 from sim.robot.section import Thermal
+from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
 SHORT_OF_THE_EDGE_RAD = math.radians(1.0)
 """Distance before a singularity where friction holds the axes; above any noise of arrival.
@@ -31,6 +32,8 @@ class Behaviour:
     position_noise_mm: float
     """Half-width of a uniform draw on each coordinate of the plate, at each arrival."""
     thermal: Thermal
+    transmission: Transmission
+    load: Load = WEIGHTLESS
 
 
 class SeenReflector(NamedTuple):
@@ -81,7 +84,7 @@ class DrivenRobot:
         self.arrivals = arrivals
         self.standing = standing
         self._ahead = standing.assembly
-        self._last_view: tuple[Standing, float, Array, SeenReflector] | None = None
+        self._last_view: tuple[Standing, Growth, Array, SeenReflector] | None = None
         """Reflector as it was seen the last time, after the state that it was seen in."""
 
     def passable_part(self, encoders: Array) -> float:
@@ -107,8 +110,8 @@ class DrivenRobot:
         jitter = self._behaviour.joint_noise * draw.standard_normal(len(encoders))
         limit_mm = self._behaviour.position_noise_mm
         displaced_mm = limit_mm * draw.uniform(-1.0, 1.0, 3)
-        joints = encoders + play + jitter
-        assembly = follow(self._rods, self._ahead, joints, self._growth())
+        joints = self._behaviour.transmission.joints(encoders) + play + jitter
+        assembly = self._moved(self._ahead, joints)
         self.standing = Standing(encoders, play, assembly, displaced_mm)
         self._ahead = assembly
 
@@ -135,7 +138,16 @@ class DrivenRobot:
         return self._seen(self._followed(standing.assembly, encoders), np.zeros(3))
 
     def _followed(self, start: Assembly, encoders: Array) -> Assembly:
-        return follow(self._rods, start, encoders + self._play(encoders), self._growth())
+        joints = self._behaviour.transmission.joints(encoders)
+        return self._moved(start, joints + self._play(encoders))
+
+    def _moved(self, start: Assembly, joints: Array) -> Assembly:
+        """Assembly with these joints beyond the gears, which then yield under the weight."""
+        there, load = follow(self._rods, start, joints, self._growth()), self._behaviour.load
+        if math.isinf(load.stiffness):
+            return there
+        given = joints + load.yielding(self._rods, joints, there.plate)
+        return restore(self._rods, given, there.plate, self._growth())
 
     def _play(self, encoders: Array) -> Array:
         """The gears' lost motion: the arm stays behind until the tooth touches the other flank."""
@@ -143,7 +155,7 @@ class DrivenRobot:
         left_behind = standing.play - (encoders - standing.encoders)
         return np.clip(left_behind, -half, half)
 
-    def _growth(self) -> float:
+    def _growth(self) -> Growth:
         return self._behaviour.thermal.growth(self._worked.seconds)
 
     def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:

@@ -5,7 +5,7 @@ First, rotations by three angles about fixed axes, with their derivatives.
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -42,6 +42,20 @@ RADIAN_AS_MM = 100.0
 SETTLED_MM = 1e-9
 """A step this small leaves an error at the rounding of the figures: convergence is fast."""
 ITERATIONS = 25
+
+
+class Growth(NamedTuple):
+    """Relative growth of a robot's parts since they were cold."""
+
+    arms: float = 0.0
+    """Of cranks, or of the scales of rails."""
+    forearms: float = 0.0
+    """Of rods."""
+    frame: float = 0.0
+    """Of the ways from the base frame's origin to motors or rails."""
+
+
+COLD = Growth()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,21 +121,20 @@ class RodMechanism:
         self._anchors_mm = _pairs(build.plate_joints_mm, half_bar_mm * sideways)
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
 
-    def elbows_mm(self, joints: Array, growth: float) -> Array:
-        """(2n, 3): the rods' upper ends in the base frame.
-
-        Cranks, or the rails' scales, are longer by the fraction `growth`.
-        """
+    def elbows_mm(self, joints: Array, growth: Growth = COLD) -> Array:
+        """(2n, 3): the rods' upper ends in the base frame."""
         places = (joints + self._truth.joint_offsets)[:, None]
+        motors_mm = (1.0 + growth.frame) * self._motors_mm
         if self.kind.on_rails:
-            return _pairs(
-                self._motors_mm + (1.0 + growth) * places * self._rails, self._elbow_bar_mm
-            )
+            ways_mm = (1.0 + growth.arms) * places * self._rails
+            return _pairs(motors_mm + ways_mm, self._elbow_bar_mm)
         cranks = np.cos(places) * self._truth.outward + np.sin(places) * self._down
-        lengths_mm = (self._truth.arms_mm * (1.0 + growth))[:, None]
-        return _pairs(self._motors_mm + lengths_mm * cranks, self._elbow_bar_mm)
+        lengths_mm = (self._truth.arms_mm * (1.0 + growth.arms))[:, None]
+        return _pairs(motors_mm + lengths_mm * cranks, self._elbow_bar_mm)
 
-    def misfit(self, elbows_mm: Array, unknowns: Array) -> tuple[Array, Array]:
+    def misfit(
+        self, elbows_mm: Array, unknowns: Array, growth: Growth = COLD
+    ) -> tuple[Array, Array]:
         """Excess of the gaps over the rods' lengths, (2n,) mm, and its derivative (2n, u)."""
         turn, rates = rotation_and_rates(*unknowns[3:6])
         apart_mm, apart_rate_mm = self._truth.plate_joints_apart(float(unknowns[6:].sum()))
@@ -135,7 +148,7 @@ class RodMechanism:
         if self.kind.turn is not None:
             moved = np.repeat(apart_rate_mm, 2, axis=0) @ turn.T
             jacobian[:, 6] = np.einsum("ri,ri->r", along, moved)
-        return lengths_mm - self._rods_mm, jacobian
+        return lengths_mm - (1.0 + growth.forearms) * self._rods_mm, jacobian
 
     def reflector_mm(self, plate: Plate, offset_mm: Array) -> Array:
         """(3,): a reflector at an offset from the controlled point, on the part that is there.
@@ -147,7 +160,7 @@ class RodMechanism:
         return np.asarray(plate.position_mm + plate.rotation @ offset_mm)
 
     def settle(
-        self, joints: Array, growth: float, guess: Plate, settled_mm: float = SETTLED_MM
+        self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
     ) -> tuple[Plate, Array, Array]:
         """The plate near a guess, with the rods' misfits (2n,) mm and their derivative (2n, u).
 
@@ -157,7 +170,7 @@ class RodMechanism:
         elbows_mm = self.elbows_mm(joints, growth)
         unknowns = guess.unknowns
         for _ in range(ITERATIONS):
-            misfits_mm, jacobian = self.misfit(elbows_mm, unknowns)
+            misfits_mm, jacobian = self.misfit(elbows_mm, unknowns, growth)
             jacobian[:, 3:] /= RADIAN_AS_MM
             step_mm = np.linalg.lstsq(jacobian, -misfits_mm, rcond=None)[0]
             jacobian[:, 3:] *= RADIAN_AS_MM

@@ -8,6 +8,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from sim.geometry import KINDS, NOMINAL_ROBOTS, PAR4, Kind, problem_with
+from sim.robot.rods import Growth
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
 PPM = 1e-6
@@ -22,6 +23,9 @@ ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
     }
 )
 """Keys of a robot that list something of each arm, and how many values of it."""
+
+OF_CARRIAGES = ("_mm", "drive_n_per_um")
+"""Ends of the keys that tell of carriages what others tell of cranks."""
 
 FlatDeltas = dict[str, float]
 """Differences of single parameters, by flat name, in the name's unit."""
@@ -75,17 +79,76 @@ class Repeatability(Section):
     """Half-width of a uniform draw on each coordinate."""
 
 
+class Warmth(Section):
+    """Parts that grow warm, and longer, with worked time."""
+
+    ppm_per_degC: float = 12.0
+    rise_degC: float = 0.0
+    time_constant_s: Positive = 1800.0
+
+    def warmer_by(self, worked_s: float) -> float:
+        """Temperature above that of the start, °C."""
+        return self.rise_degC * -math.expm1(-worked_s / self.time_constant_s)
+
+
 class Thermal(Section):
-    """Arms, or the scales of rails, that grow with worked time."""
+    """Arms, or the scales of rails; and forearms and frame, whose warmth is their own."""
 
     arm_ppm_per_degC: float = 12.0
     rise_degC: float = 0.0
     time_constant_s: Positive = 1800.0
+    forearms: Warmth = Warmth()
+    frame: Warmth = Warmth()
 
-    def growth(self, worked_s: float) -> float:
+    @property
+    def parts(self) -> Mapping[str, Warmth]:
+        """Warmth of arms, forearms and frame."""
+        arms = Warmth(
+            ppm_per_degC=self.arm_ppm_per_degC,
+            rise_degC=self.rise_degC,
+            time_constant_s=self.time_constant_s,
+        )
+        return {"arms": arms, "forearms": self.forearms, "frame": self.frame}
+
+    def growth(self, worked_s: float) -> Growth:
         """Relative growth by now."""
-        final = self.arm_ppm_per_degC * PPM * self.rise_degC
-        return final * -math.expm1(-worked_s / self.time_constant_s)
+        parts = self.parts.items()
+        return Growth(
+            **{name: PPM * part.ppm_per_degC * part.warmer_by(worked_s) for name, part in parts}
+        )
+
+
+class TransmissionSection(Section):
+    """Errors between encoders and joints; where in a turn they are is drawn by the seed."""
+
+    eccentricity_um: NotNegative = 0.0
+    """Of the ring of each crank's encoder, beside its axis."""
+    ring_mm: Positive = 50.0
+    """Diameter of that ring."""
+    ripple_arcsec: NotNegative = 0.0
+    """Largest error in each turn of a crank's motor."""
+    ripples_per_turn: Positive = 30.0
+    """Of a crank."""
+    ripple_mm: NotNegative = 0.0
+    """Largest error in each turn of a carriage's screw."""
+    pitch_mm: Positive = 10.0
+    ratio_ppm: NotNegative = 0.0
+    """Standard deviation of ratios or pitches."""
+
+
+class WeightSection(Section):
+    """Weights that gears or drives carry, which yield beyond their encoders."""
+
+    gear_nm_per_arcmin: Positive | None = None
+    """Stiffness of each crank's gear."""
+    drive_n_per_um: Positive | None = None
+    """Stiffness of each carriage's drive."""
+    arm_kg: NotNegative = 1.0
+    """Of a crank, whose weight is in its middle, or of a carriage."""
+    forearm_kg: NotNegative = 0.3
+    """Of its two rods."""
+    plate_kg: NotNegative = 1.0
+    payload_kg: NotNegative = 0.0
 
 
 class MountSection(Section):
@@ -117,6 +180,8 @@ class RobotSection(Section):
     """Of carriages."""
     repeatability: Repeatability = Repeatability()
     thermal: Thermal = Thermal()
+    transmission: TransmissionSection = TransmissionSection()
+    weight: WeightSection = WeightSection()
     plate_joints_mm: tuple[Point, ...] | None = None
     workspace_centre_mm: Point = (0.0, 0.0, -575.0)
     rod_spacing_mm: Positive = 80.0
@@ -144,9 +209,18 @@ class RobotSection(Section):
             count = entries * self.kind.arms
             if (given := getattr(self, key)) and len(given) != count:
                 raise ValueError(f"{key} has {len(given)} entries, a {self.mechanism} has {count}")
-        unfit = "backlash_arcmin" if self.kind.on_rails else "backlash_mm"
-        if any(getattr(self, unfit)):
-            raise ValueError(f"{unfit} is of other arms than a {self.mechanism} has")
+        told = {
+            "backlash_arcmin": any(self.backlash_arcmin),
+            "backlash_mm": any(self.backlash_mm),
+            "transmission.eccentricity_um": self.transmission.eccentricity_um,
+            "transmission.ripple_arcsec": self.transmission.ripple_arcsec,
+            "transmission.ripple_mm": self.transmission.ripple_mm,
+            "weight.gear_nm_per_arcmin": self.weight.gear_nm_per_arcmin,
+            "weight.drive_n_per_um": self.weight.drive_n_per_um,
+        }
+        for key, size in told.items():
+            if size and key.endswith(OF_CARRIAGES) is not self.kind.on_rails:
+                raise ValueError(f"{key} is of other arms than a {self.mechanism} has")
         return self
 
     @property

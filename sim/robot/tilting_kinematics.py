@@ -49,7 +49,7 @@ def tilted_joints_for(
     for _ in range(ROUNDS):
         joints = joints_for(geometry, aim_mm, aim_rad)
         try:
-            plate, _, _ = rods.settle(joints, 0.0, plate)
+            plate, _, _ = rods.settle(joints, plate)
         except AssemblyLost as lost:
             raise OutOfReach(0) from lost
         error_mm = rods.reflector_mm(plate, sizes.reflector_mm) - wanted_mm

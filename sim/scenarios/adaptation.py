@@ -133,9 +133,24 @@ def _fit_arms(section: CommentedMap, kind: Kind) -> None:
         key = "backlash_mm" if kind.on_rails else "backlash_arcmin"
         size = round(size * ARCMIN * CRANK_MM, DIGITS) if kind.on_rails else size
         section[key] = _row([size] * kind.arms)
+    if kind.on_rails:
+        _fit_drives(section)
     repeatability = section.get("repeatability", {})
     if kind.on_rails and (noise := repeatability.pop("joint_arcsec", None)):
         repeatability["joint_mm"] = round(noise * ARCSEC * CRANK_MM, DIGITS)
+
+
+def _fit_drives(section: CommentedMap) -> None:
+    """Screws and drives of carriages in the place of motors and gears; rings of encoders go."""
+    told, weight = section.get("transmission", {}), section.get("weight", {})
+    for key in ("eccentricity_um", "ring_mm"):
+        told.pop(key, None)
+    if ripple := told.pop("ripple_arcsec", None):
+        told["ripple_mm"] = round(ripple * ARCSEC * CRANK_MM, DIGITS)
+    if turns := told.pop("ripples_per_turn", None):
+        told["pitch_mm"] = round(2.0 * math.pi * CRANK_MM / turns, DIGITS)
+    if stiffness := weight.pop("gear_nm_per_arcmin", None):
+        weight["drive_n_per_um"] = round(stiffness / ARCMIN / CRANK_MM**2, DIGITS)
 
 
 def _fit_controller(tree: CommentedMap, robot: OtherRobot) -> None:

@@ -23,12 +23,16 @@ S_PER_H = 3600.0
 class TakenShot:
     """Record of truth of one shot: what was told, of which reflector, and where the robot stood.
 
-    The place is the encoders' in whole microdegrees.
+    The place is the encoders' in whole microdegrees. Records from before have no true point.
     """
 
     point_in_tracker_mm: Vector3
     on: Target
     robot_target: tuple[int, ...]
+    true_in_tracker_mm: Vector3 | None = None
+    """Where the reflector really was."""
+    worked_s: float | None = None
+    """Of the cell, from which the warmth of its parts follows."""
 
 
 class SimulatedTracker:
@@ -234,7 +238,8 @@ class SimulatedTracker:
         rows = [vector(row) for row in spread_mm @ spread_mm.T]
         weather = Weather(*self.weather(now_s))
         assert self.beam.locked_on is not None, "without a lock there is no shot"
-        self.taken.append(TakenShot(vector(measured_mm), self.beam.locked_on, key))
+        told, true, worked_s = vector(measured_mm), vector(true_mm), self._worked.seconds
+        self.taken.append(TakenShot(told, self.beam.locked_on, key, true, worked_s))
         return Measurement(vector(measured_mm), (rows[0], rows[1], rows[2]), weather)
 
 

@@ -28,6 +28,16 @@ def test_stands_in_the_middle_of_its_workspace(member, name):
     assert cell.memory()["mechanism"] == member.name
 
 
+def test_gears_of_cranks_become_drives_by_the_way_of_a_crank_of_300_mm():
+    text = cell_text(find_robot("linear-delta").robot, "gears").replace(
+        "ripple_mm", "ratio_ppm: 50.0\n    ripple_mm"
+    )
+    told = parse_scenario(text, "cell").robot.transmission
+    assert told.ripple_mm == pytest.approx(300.0 * np.radians(10.0 / 3600.0), abs=1e-5)
+    assert told.pitch_mm == pytest.approx(2.0 * np.pi * 300.0 / 30.0, abs=1e-5)
+    assert (told.eccentricity_um, told.ratio_ppm) == (0.0, 50.0)
+
+
 @all_members
 def test_its_errors_are_as_large_as_the_scenario_s(member):
     """Of the robot's own parameters, drawn by the seed; the frame's are nominal."""

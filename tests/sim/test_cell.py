@@ -110,6 +110,10 @@ def test_the_record_of_truth_says_of_which_reflector_each_shot_was_and_outlives_
     assert first.point_in_tracker_mm == tuple(right)
     encoders_deg = np.degrees(cell.controller.state(now_s).joints)
     assert np.allclose(first.robot_target, encoders_deg * 1e6, atol=1.0)
+    true_mm = cell.station.to_tracker_mm(cell.true_reflector_mm(now_s))
+    assert first.true_in_tracker_mm == pytest.approx(true_mm, abs=1e-4)
+    assert 1e-3 < np.abs(np.array(right) - true_mm).max() < 0.1
+    assert 0.0 < first.worked_s < second.worked_s
 
 
 def test_with_the_true_parameters_loaded_the_robot_goes_where_it_is_told():

@@ -208,7 +208,7 @@ def test_screen_names_every_parameter_of_one_combination_and_the_worst_of_severa
 
 def test_what_no_parameter_describes_is_said_to_be_missing(folder, pkmcal):
     _, _, err = pkmcal("study", folder, "--campaigns", 2, "--workers", 1, "--scenario", "realistic")
-    missing = "rods of unequal length, tilted axes, backlash, repeatability, warm arms"
+    missing = "rods of unequal length, tilted axes, backlash, repeatability, warm parts"
     assert f"realistic: not simulated here: {missing}" in err
     assert left_out(load_scenario("paper-simulation"), STANDARD) == ()
     assert left_out(load_scenario("hostile"), STANDARD)[-1] == "faults"
@@ -216,7 +216,7 @@ def test_what_no_parameter_describes_is_said_to_be_missing(folder, pkmcal):
 
 def test_models_that_describe_rods_and_axes_have_robots_with_them():
     realistic = load_scenario("realistic")
-    others = ("backlash", "repeatability", "warm arms")
+    others = ("backlash", "repeatability", "warm parts")
     assert left_out(realistic, [Model.FULL]) == others
     assert left_out(realistic, [Model.RODS]) == ("tilted axes", *others)
     assert left_out(realistic, [Model.FULL, Model.STANDARD])[0] == "rods of unequal length"

@@ -173,7 +173,7 @@ def driven_robot(backlash_rad):
     """The simulator's eight rods on gears with lost motion, and nothing else wrong."""
     made = geometry_of(NOMINAL.parameters)
     rods = RodMechanism(made, Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4)))
-    start = assemble(rods, made, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
+    start = assemble(rods, made, np.array([0.0, 0.0, -575.0]), 0.0)
     return DrivenRobot(
         rods,
         Behaviour(backlash_rad, 0.0, 0.0, Thermal()),

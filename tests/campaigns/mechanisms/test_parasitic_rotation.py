@@ -128,7 +128,7 @@ def test_every_member_s_rods_and_axes_move_the_reflector_as_its_rods_do(member):
     points, turns = [], []
     for q, pose in zip(joints, poses, strict=True):
         guess = Plate.level(rods.kind, pose[:3], float(pose[3:].sum()))
-        plate = rods.settle(q, 0.0, guess)[0]
+        plate = rods.settle(q, guess)[0]
         points.append(rods.reflector_mm(plate, reflector_mm) - reflector_mm)
         turns.append(Rotation.from_matrix(plate.rotation).as_rotvec())
     assert 1e3 * rms(poses[:, :3] - points) < left_um

@@ -41,8 +41,7 @@ def plate_at(member, pose):
 
 def settled(member, rods, joints, poses):
     return [
-        rods.settle(row, 0.0, plate_at(member, pose))[0]
-        for row, pose in zip(joints, poses, strict=True)
+        rods.settle(row, plate_at(member, pose))[0] for row, pose in zip(joints, poses, strict=True)
     ]
 
 
@@ -93,12 +92,12 @@ def test_it_follows_its_joints_over_the_workspace_and_back(member):
     flat = robot.parameters
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     centre = member.shipped.workspace_centre
-    home = assemble(rods, geometry, centre[:3], 0.0, growth=0.0)
+    home = assemble(rods, geometry, centre[:3], 0.0)
     for pose in member.reachable_poses(robot, 3, seed=43, limits=member.well_inside):
         (joints,) = robot.inverse(pose[None]).values_or_raise()
-        there = follow(rods, home, joints, growth=0.0)
+        there = follow(rods, home, joints)
         assert np.abs(there.plate.position_mm - pose[:3]).max() < 1e-8
-        back = follow(rods, there, home.joints, growth=0.0)
+        back = follow(rods, there, home.joints)
         assert np.abs(back.plate.position_mm - centre[:3]).max() < 1e-8
 
 
@@ -133,7 +132,7 @@ def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
     joints = robot.inverse(member.reachable_poses(robot, 20, seed=45)).values_or_raise()
     elbows = member.mechanism.configuration(p, joints).arms.elbows_mm
     for row, place in zip(joints, elbows.T, strict=True):
-        middle = rods.elbows_mm(row, 0.0).reshape(arms, 2, 3).mean(axis=1)
+        middle = rods.elbows_mm(row).reshape(arms, 2, 3).mean(axis=1)
         assert np.abs(middle - place).max() < 1e-9
 
 
@@ -146,7 +145,7 @@ def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
     tilts, leans = np.full(arms, LARGE_RAD), np.full(arms, -0.5 * LARGE_RAD)
     build = Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts, leans)
     rods = RodMechanism(geometry, build)
-    low, high = (rods.elbows_mm(np.full(arms, q), 0.0).reshape(arms, 2, 3) for q in (-300.0, 300.0))
+    low, high = (rods.elbows_mm(np.full(arms, q)).reshape(arms, 2, 3) for q in (-300.0, 300.0))
     way = (high - low).mean(axis=1) / 600.0
     assert np.linalg.norm(way, axis=1) == pytest.approx(np.ones(arms))
     assert np.sum(way * geometry.sideways, axis=1) == pytest.approx(-LARGE_RAD, abs=1e-3)

@@ -1,6 +1,7 @@
 """Between encoders and mechanism: backlash, repeatability, warm arms, edges of the workspace."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,22 +11,26 @@ from sim.random_streams import Attempts, WorkedTime, target_key
 from sim.robot.assembly import assemble, follow
 from sim.robot.driven_robot import Behaviour, DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Build, RodMechanism
-from sim.robot.section import Thermal
+from sim.robot.section import Thermal, Warmth
+from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
 GEOMETRY = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
 COLD = Thermal()
+PERFECT = Transmission.perfect(4)
 ARCMIN = math.radians(1.0 / 60.0)
 TEN_DEG = np.radians([10.0, 10.0, 10.0, 10.0])
 
 
-def behaviour(*, backlash=0.0, joint_noise=0.0, position_mm=0.0, thermal=COLD):
-    return Behaviour(np.full(4, backlash), joint_noise, position_mm, thermal)
+def behaviour(
+    *, backlash=0.0, joint_noise=0.0, position_mm=0.0, thermal=COLD, gears=PERFECT, load=WEIGHTLESS
+):
+    return Behaviour(np.full(4, backlash), joint_noise, position_mm, thermal, gears, load)
 
 
 def driven(behaviour, *, seed=1, worked=None):
     build = Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4))
     rods = RodMechanism(GEOMETRY, build)
-    start = assemble(rods, GEOMETRY, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
+    start = assemble(rods, GEOMETRY, np.array([0.0, 0.0, -575.0]), 0.0)
     standing = Standing(start.joints, np.zeros(4), start, np.zeros(3))
     mount = SeenReflector(np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0]))
     worked = worked or WorkedTime(0.0)
@@ -114,6 +119,41 @@ def test_arms_grow_with_worked_time_toward_their_end():
     assert steps[1] / steps[0] == pytest.approx(math.exp(-1.0), rel=1e-3)
 
 
+def test_forearms_and_frame_grow_each_in_their_own_time():
+    growth = Thermal(
+        forearms=Warmth(ppm_per_degC=23.0, rise_degC=2.0, time_constant_s=600.0),
+        frame=Warmth(ppm_per_degC=12.0, rise_degC=3.0, time_constant_s=7200.0),
+    ).growth(600.0)
+    assert growth.arms == 0.0
+    assert growth.forearms == pytest.approx(46e-6 * (1.0 - math.exp(-1.0)))
+    assert growth.frame == pytest.approx(36e-6 * (1.0 - math.exp(-1.0 / 12.0)))
+
+
+def test_an_encoder_and_a_motor_that_are_off_put_the_arms_elsewhere():
+    gears = replace(PERFECT, ripple=np.full(4, 1e-4), motor_rad=30.0)
+    gears = replace(gears, eccentricity=np.full(4, 3e-4), phase_rad=np.arange(4.0))
+    robot = driven(behaviour(gears=gears))
+    target = robot.standing.encoders + TEN_DEG
+    move(robot, target)
+    off = robot.standing.assembly.joints - target
+    eccentric = 3e-4 * np.sin(target - np.arange(4.0))
+    assert off == pytest.approx(eccentric + 1e-4 * np.sin(30.0 * target), abs=1e-6)
+    assert np.abs(off).max() > 1e-4
+
+
+def test_gears_that_yield_lower_the_plate_the_more_the_heavier_it_is():
+    def height_mm(kg):
+        load = Load(at_elbow_n=5.0, at_plate_n=9.81 * kg, stiffness=1e8)
+        robot = driven(behaviour(load=load))
+        target = robot.standing.encoders + TEN_DEG
+        return move(robot, target)[2], robot.standing.assembly.joints - target
+
+    (empty, _), (light, _), (heavy, given) = height_mm(0.0), height_mm(1.0), height_mm(3.0)
+    assert heavy - empty == pytest.approx(3.0 * (light - empty), rel=1e-3)
+    assert -0.05 < heavy - light < -0.005
+    assert (given > 0.0).all(), "arms sink with growing angles"
+
+
 def test_the_reflector_turns_with_the_plate():
     robot = driven(behaviour())
     seen = robot.reflector(robot.standing.encoders)
@@ -129,4 +169,4 @@ def test_the_way_to_a_singularity_is_open_only_short_of_it():
     assert 0.0 < part < 1.0
     edge = home + part * (target - home)
     robot.arrive(edge, target_key(edge))
-    assert abs(follow(robot._rods, robot.standing.assembly, home, 0.0).plate.theta_rad) < 1e-9
+    assert abs(follow(robot._rods, robot.standing.assembly, home).plate.theta_rad) < 1e-9

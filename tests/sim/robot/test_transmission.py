@@ -8,7 +8,7 @@ from family_cases import ALL_MEMBERS
 
 from sim.geometry import KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
-from sim.robot.transmission import Transmission, height_by_joints
+from sim.robot.transmission import Load, Transmission, heights_by_joints
 from sim.tracker.optics import misread_mm
 
 ANGLES = np.linspace(-np.pi, np.pi, 721)[:, None] * np.ones(3)
@@ -33,13 +33,31 @@ def test_an_eccentric_scale_is_off_by_its_size_once_a_turn():
 
 def test_a_ratio_and_a_screw_are_off_along_the_way():
     gears = replace(
-        Transmission.perfect(3), ratio=np.array([1e-3, 0, 0]), wobble_mm=np.array([0, 0, 0.02])
+        Transmission.perfect(3),
+        ratio=np.array([1e-3, 0, 0]),
+        ripple=np.array([0, 0, 0.02]),
+        motor_rad=2.0 * np.pi / 10.0,
     )
     places = np.linspace(0.0, 100.0, 1001)[:, None] * np.ones(3)
     off = gears.joints(places) - places
     assert off[-1, 0] == pytest.approx(0.1)
     assert np.abs(off[:, 2]).max() == pytest.approx(0.02, rel=1e-3)
     assert np.abs(off[::100, 2]).max() < 1e-9
+
+
+def test_a_motors_encoder_ripples_once_in_each_of_its_turns_from_a_place_of_its_own():
+    gears = replace(
+        Transmission.perfect(3),
+        ripple=np.full(3, 5e-5),
+        ripple_phase_rad=np.array([0.0, 1.0, 2.0]),
+        motor_rad=30.0,
+    )
+    off = gears.joints(ANGLES[:-1]) - ANGLES[:-1]
+    assert np.abs(off).max(axis=0) == pytest.approx(np.full(3, 5e-5), rel=0.01)
+    periods = np.fft.rfft(off, axis=0)
+    assert np.abs(periods).argmax(axis=0).tolist() == [30, 30, 30]
+    phases = np.angle(periods[30])
+    assert np.diff(phases) % (2.0 * np.pi) == pytest.approx([2.0 * np.pi - 1.0] * 2, abs=1e-6)
 
 
 @pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
@@ -53,15 +71,20 @@ def test_torques_of_the_weight_are_the_plates_rise(member):
     (pose,) = member.reachable_poses(robot, 1, seed=3)
     joints = robot.inverse(pose[None]).values_or_raise()[0]
     level = Plate.level(kind, pose[:3], float(pose[3:].sum()))
-    plate = rods.settle(joints, 0.0, level)[0]
+    plate = rods.settle(joints, level)[0]
     step = 1e-4 * kind.scale
     heights = [
-        rods.settle(joints + step * one, 0.0, plate)[0].position_mm[2]
-        - rods.settle(joints - step * one, 0.0, plate)[0].position_mm[2]
+        rods.settle(joints + step * one, plate)[0].position_mm[2]
+        - rods.settle(joints - step * one, plate)[0].position_mm[2]
         for one in np.eye(arms)
     ]
-    rise = height_by_joints(rods, joints, plate)
+    elbow, rise = heights_by_joints(rods, joints, plate)
     assert rise == pytest.approx(np.array(heights) / (2.0 * step), rel=1e-4, abs=1e-6)
+    angles = joints + geometry.joint_offsets
+    own = geometry.rails[:, 2] if kind.on_rails else -geometry.arms_mm * np.cos(angles)
+    assert elbow == pytest.approx(own, abs=1e-3)
+    given = Load(at_elbow_n=10.0, at_plate_n=20.0, stiffness=1e6).yielding(rods, joints, plate)
+    assert given == pytest.approx(-1e-5 * own - 2e-5 * rise, abs=1e-7)
 
 
 def test_a_tracker_that_is_off_reads_longer_ranges_and_other_azimuths():

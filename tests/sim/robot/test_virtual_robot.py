@@ -11,7 +11,7 @@ from family_cases import flat_in
 from sim.errors import AssemblyLost
 from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
 from sim.robot.assembly import OutOfReach, assemble, follow, joints_for, plate_joints_mm, restore
-from sim.robot.rods import Build, Plate, RodMechanism, rotation, rotation_and_rates
+from sim.robot.rods import Build, Growth, Plate, RodMechanism, rotation, rotation_and_rates
 from sim.scenarios.scenario import load_scenario
 
 VECTORS = Path(__file__).parents[2] / "data" / "vectors" / "kinematics.json"
@@ -64,9 +64,9 @@ def geometry():
 def test_perfect_rods_equal_the_contracted_model(name, count):
     geometry = geometry_of(load_scenario(name).robot.true_flat())
     rods = mechanism(geometry)
-    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0)
     for joints in reachable_joints(geometry, count, seed=7):
-        here = follow(rods, centre, joints, growth=0.0)
+        here = follow(rods, centre, joints)
         assert abs(contracted_misfit_mm(geometry, joints, here.plate)).max() < 1e-9
         assert abs(here.plate.unknowns[3:6]).max() < 1e-11
         back = joints_for(geometry, here.plate.position_mm, here.plate.theta_rad)
@@ -78,14 +78,14 @@ def test_the_golden_poses_are_reached():
     for case in json.loads(VECTORS.read_text())["cases"].values():
         geometry = geometry_of(flat_in(case["geometry"]))
         rods = mechanism(geometry)
-        centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+        centre = assemble(rods, geometry, CENTRE_MM, 0.0)
         for pose in case["poses"]:
             place_mm = np.array([pose["x_mm"], pose["y_mm"], pose["z_mm"]])
             joints = np.radians(pose["joints_deg"])
             assert joints_for(geometry, place_mm, math.radians(pose["theta_deg"])) == pytest.approx(
                 joints, abs=1e-12
             )
-            plate = follow(rods, centre, joints, growth=0.0).plate
+            plate = follow(rods, centre, joints).plate
             assert plate.position_mm == pytest.approx(place_mm, abs=1e-9)
             assert math.degrees(plate.theta_rad) == pytest.approx(pose["theta_deg"], abs=1e-9)
 
@@ -97,10 +97,10 @@ def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate(geometry):
     shifts_mm, tilts_mrad = [], []
     for seed in range(10):
         imperfect = mechanism(geometry, rod_mm=0.05, tilt_mrad=0.5, seed=seed)
-        centre = assemble(perfect, geometry, CENTRE_MM, 0.0, growth=0.0)
+        centre = assemble(perfect, geometry, CENTRE_MM, 0.0)
         for joints in reachable_joints(geometry, 10, seed=seed):
-            ideal = follow(perfect, centre, joints, growth=0.0).plate
-            real, _, _ = imperfect.settle(joints, 0.0, ideal)
+            ideal = follow(perfect, centre, joints).plate
+            real, _, _ = imperfect.settle(joints, ideal)
             moved_mm = (
                 real.position_mm - ideal.position_mm + (real.rotation - np.eye(3)) @ offset_mm
             )
@@ -114,7 +114,7 @@ def test_a_tilted_motor_swings_its_arm_square_to_its_axis(geometry):
     rods = mechanism(geometry, tilt_mrad=200.0)
     motors_mm = geometry.motors_mm + PLATE_JOINTS_MM
     for joints_deg in (-30.0, 0.0, 50.0):
-        ends_mm = rods.elbows_mm(np.radians([joints_deg] * 4), 0.0).reshape(4, 2, 3)
+        ends_mm = rods.elbows_mm(np.radians([joints_deg] * 4)).reshape(4, 2, 3)
         bars_mm = ends_mm[:, 1] - ends_mm[:, 0]
         arms_mm = ends_mm.mean(axis=1) - motors_mm
         assert np.linalg.norm(bars_mm, axis=1) == pytest.approx(np.full(4, 80.0))
@@ -123,10 +123,27 @@ def test_a_tilted_motor_swings_its_arm_square_to_its_axis(geometry):
     assert abs(bars_mm[:, 2]).max() > 10.0
 
 
+def test_a_frame_and_forearms_that_grow_are_those_of_a_larger_robot(geometry):
+    rods = mechanism(geometry)
+    cold = assemble(rods, geometry, CENTRE_MM, 0.0)
+    warm = restore(rods, cold.joints, cold.plate, Growth(forearms=40e-6, frame=30e-6))
+    factors = {".forearm_mm": 40e-6, ".x_mm": 30e-6, ".y_mm": 30e-6, ".z_mm": 30e-6}
+    larger = geometry_of(
+        {
+            name: value * (1.0 + factors.get(name[name.find(".") :], 0.0))
+            for name, value in NOMINAL_ROBOTS["par4-prototype"].items()
+        }
+    )
+    # the plate's joints do not grow: the motors' ways beyond the contracted ones are left
+    left_mm = 30e-6 * np.linalg.norm(PLATE_JOINTS_MM, axis=1).max()
+    assert abs(contracted_misfit_mm(larger, cold.joints, warm.plate)).max() < left_mm
+    assert abs(contracted_misfit_mm(geometry, cold.joints, warm.plate)).max() > 5.0 * left_mm
+
+
 def test_arms_that_grow_spread_the_elbows_and_raise_the_plate(geometry):
     rods = mechanism(geometry)
-    cold = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
-    warm = restore(rods, cold.joints, cold.plate, growth=50e-6)
+    cold = assemble(rods, geometry, CENTRE_MM, 0.0)
+    warm = restore(rods, cold.joints, cold.plate, growth=Growth(arms=50e-6))
     longer = geometry_of(
         {
             k: v * (1 + 50e-6 * k.endswith(".arm_mm"))
@@ -139,34 +156,34 @@ def test_arms_that_grow_spread_the_elbows_and_raise_the_plate(geometry):
 
 def test_joints_that_would_tear_the_robot_apart_are_refused(geometry):
     rods = mechanism(geometry)
-    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0)
     with pytest.raises(AssemblyLost, match="no assembly") as lost:
-        follow(rods, centre, np.radians([90.0, -45.0, 90.0, -45.0]), growth=0.0)
+        follow(rods, centre, np.radians([90.0, -45.0, 90.0, -45.0]))
     assert 0.0 < lost.value.part < 1.0
 
 
 def test_the_way_is_followed_up_to_where_the_assembly_is_lost(geometry):
     rods = mechanism(geometry)
-    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0)
     target = np.radians([90.0, -45.0, 90.0, -45.0])
     with pytest.raises(AssemblyLost) as lost:
-        follow(rods, centre, target, growth=0.0)
+        follow(rods, centre, target)
     edge = centre.joints + 0.999 * lost.value.part * (target - centre.joints)
-    assert abs(follow(rods, centre, edge, growth=0.0).plate.theta_rad) < math.pi / 2
+    assert abs(follow(rods, centre, edge).plate.theta_rad) < math.pi / 2
 
 
 def test_the_other_assembly_of_the_same_joints_is_never_taken(geometry):
     rods = mechanism(geometry)
-    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0)
     turned = Plate(centre.plate.unknowns + np.array([0, -100.0, 60.0, 0, 0, 0, math.pi]))
     with pytest.raises(AssemblyLost):
-        restore(rods, centre.joints, turned, growth=0.0)
+        restore(rods, centre.joints, turned)
 
 
 @pytest.mark.parametrize("step", [1e-3, 1e-5])
 def test_the_rods_derivative_agrees_with_differences(geometry, step):
     rods = mechanism(geometry, rod_mm=0.05, tilt_mrad=0.5)
-    elbows_mm = rods.elbows_mm(np.radians([30.0, 40.0, 20.0, 25.0]), 0.0)
+    elbows_mm = rods.elbows_mm(np.radians([30.0, 40.0, 20.0, 25.0]))
     unknowns = np.array([10.0, -20.0, -560.0, 0.01, -0.02, 0.03, 0.3])
     _, jacobian = rods.misfit(elbows_mm, unknowns)
     for column in range(7):

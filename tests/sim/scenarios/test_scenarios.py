@@ -3,12 +3,14 @@
 import math
 import re
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.cell import Cell
 from sim.errors import ScenarioInvalid
+from sim.factory import transmission
 from sim.geometry import NOMINAL_ROBOTS
 from sim.scenarios.scenario import load_scenario, parse_scenario, shipped_scenarios
 
@@ -31,8 +33,8 @@ def explained(text):
     return line
 
 
-def test_five_scenarios_are_shipped_and_each_makes_a_cell():
-    names = "drawn-robots hostile paper-prototype paper-simulation realistic"
+def test_six_scenarios_are_shipped_and_each_makes_a_cell():
+    names = "drawn-robots gears hostile paper-prototype paper-simulation realistic"
     assert " ".join(shipped_scenarios()) == names
     for name in shipped_scenarios():
         scenario = load_scenario(name)
@@ -71,6 +73,34 @@ def test_the_trackers_stand_some_way_off_and_askew():
         x_mm, y_mm, _ = station.origin_in_base_mm
         assert 2300.0 < math.hypot(x_mm, y_mm) < 2700.0
         assert abs(station.base_from_tracker).max() < 0.999
+
+
+def test_gears_are_the_realistic_robot_with_what_was_bought():
+    gears, realistic = (load_scenario(name).robot for name in ("gears", "realistic"))
+    assert gears.tolerances == realistic.tolerances
+    made = transmission(gears, seed=3)
+    arcsec = np.degrees(made.eccentricity[0]) * 3600.0
+    assert arcsec == pytest.approx(412.5 * 5.0 / 50.0, rel=1e-3)
+    assert np.degrees(made.ripple) * 3600.0 == pytest.approx(np.full(4, 10.0))
+    assert len({*made.phase_rad, *made.ripple_phase_rad}) == 8, "each has its own place"
+    assert not transmission(realistic, seed=3).joints(np.ones(4)) @ np.ones(4) - 4.0
+    grown = gears.thermal.growth(1800.0)
+    assert grown.frame == pytest.approx(69e-6 * (1.0 - math.exp(-1.0)))
+    assert (grown.arms, grown.forearms) == (realistic.thermal.growth(1800.0).arms, 0.0)
+
+
+def test_gears_of_carriages_and_of_cranks_are_not_mistaken_for_each_other():
+    robot = "robot: {nominal: par4-prototype"
+    for key in ("transmission: {ripple_mm: 0.01}", "weight: {drive_n_per_um: 5.0}"):
+        line = explained(MINIMAL.replace(robot, f"{robot}, {key}"))
+        assert "of other arms than a par4 has" in line
+    heavy = parse_scenario(
+        MINIMAL.replace(robot, f"{robot}, weight: {{gear_nm_per_arcmin: 10.0}}"), "cell.yaml"
+    )
+    sunk = Cell(heavy).robot._behaviour.load
+    assert sunk.stiffness == pytest.approx(10.0 * 1e3 * 60.0 * 180.0 / math.pi)
+    assert sunk.at_elbow_n == pytest.approx(9.81 * 0.65)
+    assert sunk.at_plate_n == pytest.approx(9.81 * 1.6)
 
 
 def test_realistic_robots_differ_by_seed_as_their_tolerances_say():
