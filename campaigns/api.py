@@ -67,7 +67,8 @@ def correct_targets(poses: Array, identified: RobotFile, nominal: RobotFile) -> 
 
     In mm and rad. Raises `TargetsInvalid` for a pose that the identified robot cannot take.
     """
-    correction = TargetCorrection(identified.kinematics, nominal.kinematics, nominal.limits)
+    models = identified.kinematics.controlled, nominal.kinematics.controlled
+    correction = TargetCorrection(*models, nominal.limits)
     fault = correction.first_fault(poses)
     if fault is not None:
         row, reason = fault

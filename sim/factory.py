@@ -145,4 +145,5 @@ def mount(robot: RobotSection, station: TrackerPose) -> SeenReflector:
     told = robot.reflector.facing
     centre_mm = np.array(robot.workspace_centre_mm)
     facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)
-    return SeenReflector(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))
+    offset_mm = np.array(robot.reflector.offset_mm)
+    return SeenReflector(offset_mm, facing / np.linalg.norm(facing), robot.reflector.half)

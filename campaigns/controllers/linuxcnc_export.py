@@ -47,7 +47,7 @@ def parameter_pins(mechanism: ClosedChain) -> dict[str, str]:
 
 def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
     """Values of the plate's drawing by name, mm and deg."""
-    plate = mechanism.plate
+    plate = mechanism.seen_from(None).plate
     flat = {
         f"arm{arm}.plate_{axis}_mm": value
         for arm, place in enumerate(plate.joints_mm)

@@ -59,10 +59,7 @@ OF_ONE_PART = 3
 """Arms of a platform of one part, which may be named from any of them."""
 SWAPPED = (2, 3, 0, 1)
 """Order of the joints with the arms of the platform's two parts swapped."""
-ON_HALF_2 = "the reflector seems to be on half 2 of the plate"
-TO_HALF_1 = "put it on half 1, which carries the joints of arms 0 and 1, and measure again"
 COLUMNS = "correct the columns of the joints"
-EITHER = "put it on half 1 and measure again, or correct the columns"
 NEARER = 0.3
 """Ratio of distances from the stated place below which the nearer of two places is right."""
 FAR_MM = 1000.0
@@ -227,25 +224,38 @@ def _all_readings(
         words = " and ".join(_joint_words(axes_order=order, sign=sign))
         read, remedy = some[:, order] * np.array(sign), COLUMNS
         if order == SWAPPED and min(sign) > 0.0 and nominal.mechanism.platform.at_point:
-            found_mm = tracker_place_mm(nominal, read, where)
-            words, remedy = _half_words(words, found_mm, place_mm)
+            words, remedy = _half_words(nominal, words, read, where, place_mm)
         yield from _readings(nominal, read, where, words, remedy)
 
 
-def _half_words(words: str, found_mm: Array, place_mm: Vector3 | None) -> tuple[str, str]:
+def _on_other_half(nominal: Kinematics) -> tuple[str, str]:
+    """Cause and remedy of a reflector on the half that the robot file does not say."""
+    half = 2 if nominal.mechanism.platform.at_point[0] == 0 else 1
+    return (
+        f"the reflector seems to be on half {half} of the plate",
+        f"say reflector_half: {half} in robot.yaml",
+    )
+
+
+def _half_words(
+    nominal: Kinematics, words: str, joints: Array, points: Array, place_mm: Vector3 | None
+) -> tuple[str, str]:
     """Cause and remedy of joints that fit with the arms of the platform's parts swapped.
 
     A reflector on the other part turns the tracker's place about the robot's axis by 180°, columns
     that are swapped leave it where it is.
     """
+    half, remedy = _on_other_half(nominal)
     if place_mm is not None:
+        found_mm = tracker_place_mm(nominal, joints, points)
         by_columns_mm = math.dist(found_mm, place_mm)
         by_half_mm = math.dist(_turned_mm(found_mm, math.pi), place_mm)
         if by_columns_mm < NEARER * by_half_mm:
             return words, COLUMNS
         if by_half_mm < NEARER * by_columns_mm:
-            return ON_HALF_2, TO_HALF_1
-    return f"{ON_HALF_2}, or {words}", f"correct tracker.place_mm, which tells; then {EITHER}"
+            return half, remedy
+    tells = "correct tracker.place_mm, which tells"
+    return f"{half}, or {words}", f"{tells}; then {remedy}, or {COLUMNS}"
 
 
 def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3) -> None:
@@ -263,7 +273,8 @@ def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3
         order = tuple((arm - step) % arms for arm in range(arms))
         cause, remedy = " and ".join(_joint_words(axes_order=order, sign=(1.0,) * arms)), COLUMNS
         if nominal.mechanism.platform.at_point:
-            cause, remedy = f"{ON_HALF_2} and columns swapped", TO_HALF_1
+            half, remedy = _on_other_half(nominal)
+            cause = f"{half} and columns swapped"
         elif min(each.cost for each in _readings(nominal, joints[:, order], points, "")) > NEAR:
             continue
         x, y, z = found_mm.tolist()

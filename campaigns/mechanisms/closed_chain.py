@@ -104,7 +104,7 @@ class ClosedChain:
             datum,
         )
         self._arms = arms
-        self.platform = platform
+        self.platform = self._own_platform = platform
         self.plate = PlateGeometry.typical(
             np.linspace(0.0, 2.0 * np.pi, platform.arms, endpoint=False),
             follows_arms=arms.azimuth_is_outward,
@@ -115,7 +115,8 @@ class ClosedChain:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ClosedChain):
             return NotImplemented
-        return self.name == other.name and self.plate == other.plate
+        own, others = ((each.name, each.plate, each.platform.at_point) for each in (self, other))
+        return own == others
 
     def __hash__(self) -> int:
         return hash((self.name, self.plate))
@@ -176,6 +177,22 @@ class ClosedChain:
         """Mechanism with another plate."""
         chain = copy.copy(self)
         chain.plate = plate
+        return chain
+
+    def seen_from(self, half: int | None) -> Self:
+        """Mechanism whose measured point is on part 1 or 2 of its platform; None: as controlled.
+
+        Parameters are the same: where on a part a point is, a frame takes up. Raises `ValueError`
+        for a platform of one part.
+        """
+        own = self._own_platform
+        seen = own if half is None else own.seen_from(half)
+        if seen.at_point == self.platform.at_point:
+            return self
+        chain = copy.copy(self)
+        chain.platform = seen
+        if half is None:  # where the reflector is on another part says nothing of this one
+            chain.plate = replace(self.plate, reflector_mm=(0.0, 0.0, 0.0))
         return chain
 
     def configuration(self, p: Array, joints: Array) -> Configuration:
@@ -244,7 +261,12 @@ class ClosedChain:
         near = self.platform.at_point
         if not near:
             return max(FEWEST_SHOTS, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
-        own = sum(self.parameters[name].arm in near for name in names)
+        every, free = self.parameters, [self.parameters[name] for name in names]
+        held = (every[name] for name in every.datum if name not in names)
+        fixed = {each.field.name for each in held if each.arm == 0}
+        own = sum(each.arm in near for each in free)
+        if 0 not in near:  # the rest alone tells how these arms stand to the datum
+            own -= sum(each.arm == near[0] and each.field.name in fixed for each in free)
         by_rest = int(self.platform.points_along_x and not self._arms.shows_turn)
         by_two = math.ceil((own + FRAME_UNKNOWNS - by_rest) / len(near))
         return max(FEWEST_SHOTS, by_two, len(names) - own + by_rest)

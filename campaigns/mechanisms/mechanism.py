@@ -241,6 +241,11 @@ class Kinematics:
         """Parameters by name in mm and deg."""
         return Parameters.of_vector(self.mechanism.parameters, self.p)
 
+    @property
+    def controlled(self) -> "Kinematics":
+        """Model of the point that the controller's poses are of, wherever the reflector is."""
+        return replace(self, mechanism=self.mechanism.seen_from(None))
+
     def inverse(self, poses: Array) -> KinematicSolution:
         """Joints (N, n) of poses (N, t)."""
         return self.mechanism.inverse(self.p, poses)

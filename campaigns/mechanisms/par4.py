@@ -10,6 +10,7 @@ from campaigns.mechanisms.platforms import HingedPlate
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """The component after each of x, y, z, and the one after that."""
+FIRST_HALF = (0, 1)
 
 
 class Par4(ClosedChain):
@@ -23,17 +24,19 @@ class Par4(ClosedChain):
             held_fields=("azimuth_deg",),  # hypothesis (iii) of the paper
         )
 
-    def assembly_sign(self, p: Array) -> float:  # noqa: ARG002 - the same for all
+    def assembly_sign(self, p: Array) -> float:
         """Sign of the determinant at home: positive, as the elimination below forms it."""
-        return 1.0
+        return 1.0 if self.platform.at_point == FIRST_HALF else super().assembly_sign(p)
 
     def newton_step(self, limbs: Limbs, poses: Array) -> tuple[Array, Array, Array]:
         """Step (4, N), the determinant (N,) and by how much forearms are too long, (4, N).
 
         The first two closures don't know θ: they leave one free direction, their forearms' normal,
         along which the other two are solved. This is the 4 x 4 system by hand, some ten times
-        faster in batch.
+        faster in batch. Seen from half 2 it is the last two that don't, and nothing is saved.
         """
+        if self.platform.at_point != FIRST_HALF:
+            return super().newton_step(limbs, poses)
         sin, cos, h = np.sin(poses[3]), np.cos(poses[3]), limbs.platform[0]
         w = poses[:3, None] - limbs.elbows_mm
         w[0, 2:] -= h * sin

@@ -3,9 +3,11 @@
 They depend on the platform's turn alone: B_i = X + b_i(θ).
 """
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from typing_extensions import override
@@ -56,6 +58,10 @@ class Platform(ABC):
         """Sizes of the turn; beyond 90° a hinged plate has turned over."""
         return TurnScale(HINGE_LEVER * float(forearms_mm.mean()), HINGE_STEP_RAD, HINGE_LIMIT_RAD)
 
+    def seen_from(self, half: int) -> Self:  # noqa: ARG002 - two parts have two
+        """Platform whose measured point is on one of its parts, 1 or 2; raises `ValueError`."""
+        raise ValueError("a platform of one part has no halves")
+
     @abstractmethod
     def joints_mm(self, values: Array, poses: Array) -> Array:
         """B_i in the base frame, (N, n, 3), at poses (N, t)."""
@@ -104,6 +110,14 @@ class TwoPartPlatform(Platform):
     def __init__(self, shares: tuple[float, float]) -> None:
         self._shares = np.repeat(shares, OF_TWO_PARTS // 2)
         self.at_point = tuple(np.flatnonzero(self._shares == 0.0).tolist())
+
+    @override
+    def seen_from(self, half: int) -> Self:
+        """The same two parts: what holds of differences of shares holds of each."""
+        seen = copy.copy(self)
+        first, second = self._shares[[0, -1]] - self._shares[0 if half == 1 else -1]
+        TwoPartPlatform.__init__(seen, (float(first), float(second)))
+        return seen
 
     @abstractmethod
     def apart(self, turn: Array) -> Array:

@@ -218,6 +218,13 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
     contents = yaml_file.checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
     mechanism = MECHANISMS[contents.mechanism]
+    if contents.reflector_half is not None:
+        try:
+            mechanism = mechanism.seen_from(contents.reflector_half)
+        except ValueError as error:
+            raise ConfigInvalid(
+                f"{document.place_of('reflector_half')}: {error}", remedy="delete the line"
+            ) from error
     values = _by_name(mechanism.parameters, contents.geometry)
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     robot = RobotFile(

@@ -72,6 +72,11 @@ class RobotContents(FileModel):
         description="the reflector on the plate, [x, y, z] mm from the controlled point; may be "
         "left out",
     )
+    reflector_half: Literal[1, 2] | None = Field(
+        default=None,
+        description="1 or 2, the part of a platform of two parts that carries the reflector; may "
+        "be left out",
+    )
     drive_period_mm: float | None = Field(
         default=None,
         ge=1.0,

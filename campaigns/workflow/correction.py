@@ -69,11 +69,12 @@ def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) 
     with campaign.journal_reader() as journal:
         series = found.series if found else campaign.measured_series(journal).number
         shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
-    measured = robot.kinematics.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
+    identified, own = robot.kinematics.controlled, campaign.robot.kinematics.controlled
+    measured = identified.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
     poses = measured.values[measured.found]
     return TargetCorrection(
-        robot.kinematics,
-        campaign.robot.kinematics,
+        identified,
+        own,
         campaign.robot.limits,
         campaign.space,
         CalibratedWorkspace.of(poses, robot.mechanism.task, terms.margin_mm, terms.turn_margin_deg),

@@ -83,10 +83,12 @@ def validation_work(
     Raises `ConfigInvalid` for a file that is not for this campaign.
     """
     unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()
+    held = _active_robot(campaign, active)
     if by == "parameters":
-        return _work(campaign, stage, _active_robot(campaign, active), tests, unseen)
-    identified, held = identified_set(campaign), _active_robot(campaign, active)
-    correct = TargetCorrection(identified.kinematics, held.kinematics, held.limits).commanded
+        return _work(campaign, stage, held, tests, unseen, _to_controlled_point(held))
+    identified = identified_set(campaign)
+    own = held.kinematics.controlled
+    correct = TargetCorrection(identified.kinematics, own, held.limits).commanded
     return _work(campaign, "after by targets", identified, tests, unseen, correct)
 
 
@@ -127,7 +129,8 @@ def verification_work(
 ) -> Work:
     """Pairs as work for the engine, commanded by poses as in a validation."""
     robot = _active_robot(campaign, active)
-    work, _ = _work(campaign, stage, robot, frozenset({ShotSet.VALIDATION}), shots)
+    correct = _to_controlled_point(robot)
+    work, _ = _work(campaign, stage, robot, frozenset({ShotSet.VALIDATION}), shots, correct)
     return work
 
 
@@ -304,6 +307,13 @@ def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
 def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
     nominal, held = campaign.robot, known_sets(campaign).held(active)
     return RobotFile.of(nominal.mechanism, held, name="active", limits=nominal.limits)
+
+
+def _to_controlled_point(held: RobotFile) -> Correct | None:
+    """Poses to command where the reflector is on another part of the plate than they are of."""
+    model, own = held.kinematics, held.kinematics.controlled
+    same = own.mechanism == model.mechanism
+    return None if same else TargetCorrection(model, own, held.limits).commanded
 
 
 def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:

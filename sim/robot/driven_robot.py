@@ -37,16 +37,18 @@ class Behaviour:
 
 
 class SeenReflector(NamedTuple):
-    """A reflector's centre, and where it looks: on half 1 of a Par4's plate.
+    """A reflector's centre, and where it looks.
 
-    In the base frame; of one's mount from the controlled point, as long as the plate is level and
-    not turned.
+    In the base frame; of one's mount from the controlled point, or from the joints of the half that
+    carries it, as long as the plate is level and not turned.
     """
 
     point_mm: Array
     """(3,)"""
     facing: Array
     """(3,): unit vector."""
+    half: int | None = None
+    """Of a platform of two parts, where it is not the controlled point's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,6 +161,6 @@ class DrivenRobot:
         return self._behaviour.thermal.growth(self._worked.seconds)
 
     def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
-        rotation = assembly.plate.rotation
-        point_mm = self._rods.reflector_mm(assembly.plate, self._mount.point_mm) + displaced_mm
-        return SeenReflector(point_mm, rotation @ self._mount.facing)
+        rotation, mount = assembly.plate.rotation, self._mount
+        point_mm = self._rods.reflector_mm(assembly.plate, mount.point_mm, mount.half)
+        return SeenReflector(point_mm + displaced_mm, rotation @ mount.facing)

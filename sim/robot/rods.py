@@ -150,12 +150,15 @@ class RodMechanism:
             jacobian[:, 6] = np.einsum("ri,ri->r", along, moved)
         return lengths_mm - (1.0 + growth.forearms) * self._rods_mm, jacobian
 
-    def reflector_mm(self, plate: Plate, offset_mm: Array) -> Array:
+    def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
         """(3,): a reflector at an offset from the controlled point, on the part that is there.
 
         A part that turns takes the offset with it: only along its axis does an offset stay.
         """
-        if self.kind.turns_point:
+        if half is not None:
+            arm = 0 if half == 1 else -1
+            offset_mm = offset_mm + self._truth.plate_joints_apart(plate.theta_rad)[0][arm]
+        elif self.kind.turns_point:
             offset_mm = _about(2, plate.theta_rad)[0] @ offset_mm
         return np.asarray(plate.position_mm + plate.rotation @ offset_mm)
 

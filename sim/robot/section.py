@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -156,6 +156,8 @@ class MountSection(Section):
 
     offset_mm: Point = (20.0, -30.0, -45.0)
     facing: Point | None = None
+    half: Literal[1, 2] | None = None
+    """Of a platform of two parts; None: the controlled point's part."""
 
     @model_validator(mode="after")
     def _faces_somewhere(self) -> Self:
@@ -221,6 +223,8 @@ class RobotSection(Section):
         for key, size in told.items():
             if size and key.endswith(OF_CARRIAGES) is not self.kind.on_rails:
                 raise ValueError(f"{key} is of other arms than a {self.mechanism} has")
+        if self.reflector.half is not None and self.kind.turn is None:
+            raise ValueError(f"reflector.half: the platform of a {self.mechanism} has no halves")
         return self
 
     @property

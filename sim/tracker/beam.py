@@ -158,6 +158,6 @@ class Beam:
         """
         if target is Target.STANDING or not self._scene.robot_is_still(now_s):
             return True
-        point_mm, facing = self._scene.robot_reflector(now_s)
-        back_mm = self._station.origin_in_base_mm - point_mm
-        return angle_between_rad(facing, back_mm) <= self._acceptance_rad
+        seen = self._scene.robot_reflector(now_s)
+        back_mm = self._station.origin_in_base_mm - seen.point_mm
+        return angle_between_rad(seen.facing, back_mm) <= self._acceptance_rad

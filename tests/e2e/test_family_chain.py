@@ -28,6 +28,7 @@ SMALL = {
 }
 FAST = {"speed_up": 1000}
 
+WITH_HALVES = [each for each in MEMBERS if len(each.mechanism.task) > 3]
 all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
 
 
@@ -53,6 +54,29 @@ def new_once(tmp_path_factory):
 def new(new_once, tmp_path):
     """Copies a member's new campaign."""
     return lambda member: shutil.copytree(new_once(member), tmp_path / member.name)
+
+
+@pytest.mark.parametrize("member", WITH_HALVES, ids=lambda each: each.name)
+def test_a_reflector_on_half_2_is_said_in_the_robot_file(pkmcal, new, member):
+    """Parameters are as true as from half 1, and poses that hold its point do hold it."""
+    folder = new(member)
+    change(folder / "cell.yaml", {"robot.reflector.half": 2})
+    with (folder / "robot.yaml").open("a", encoding="utf-8") as file:
+        file.write("reflector_half: 2\n")
+    change(folder / "campaign.yaml", {"validation.rotation_steps": 5})
+    ended = pkmcal("dry-run", folder, "--json")
+    assert ended.code == 0, ended.err
+    after, found = ended.document["after"], ended.document["identification"]["parameters"]
+    assert max(after["distances_mm"]["max_abs"], after["frame_mm"]["max"]) < 0.1
+    assert after["rotation_mm"] < 0.1
+    truth = true_robot(member, folder)
+    for name, entry in found.items():
+        assert entry["value"] == pytest.approx(truth[name], abs=6.0 * (entry["std"] or 1e-9))
+    assert pkmcal("load", folder, "--rollback", "--yes").code == 0
+    by = ("--stage", "after", "--by", "targets", "--anyway", "--yes")
+    by_targets = pkmcal("validate", folder, *by, "--json").document
+    assert by_targets["distances_mm"]["max_abs"] < 0.1
+    assert by_targets["rotation_mm"] < 0.1
 
 
 def true_robot(member, folder):

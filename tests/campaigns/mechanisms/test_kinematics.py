@@ -1,5 +1,7 @@
 """Every mechanism: both ways against reference models, derivatives by differences, what is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from family_cases import ALL_MEMBERS, PAR4_REFERENCE, flat_in
@@ -363,6 +365,16 @@ class TestWhatShotsTell:
         for shots, is_enough in ((least, True), (least - 1, False)):
             poses = member.reachable_poses(member.perturbed, shots, seed=5)
             found = rank(singular_values(member.perturbed, poses, free))
+            assert (found == len(free) + 6) == is_enough
+
+    @pytest.mark.parametrize("name", ["par4", "i4r", "i4l"])
+    def test_a_reflector_on_half_2_needs_as_many_shots_as_one_on_half_1(self, name):
+        member = BY_NAME[name]
+        free, least = member.space.free_by_default, FEWEST_SHOTS[name]
+        robot = replace(member.perturbed, mechanism=member.mechanism.seen_from(2))
+        assert robot.mechanism.minimum_shots(free) == least
+        for shots, is_enough in ((least, True), (least - 1, False)):
+            found = rank(singular_values(robot, member.reachable_poses(robot, shots, seed=5), free))
             assert (found == len(free) + 6) == is_enough
 
     @with_rails

@@ -1,5 +1,7 @@
 """The simulator's rods and the estimator's contracted models, which share no equation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from family_cases import ALL_MEMBERS
@@ -152,6 +154,24 @@ def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
     assert np.sum(way * geometry.outward, axis=1) == pytest.approx(-0.5 * LARGE_RAD, abs=1e-3)
     bars = low[:, 1] - low[:, 0]
     assert np.sum(way * bars, axis=1) == pytest.approx(np.zeros(arms), abs=1e-9)
+
+
+@pytest.mark.parametrize("half", [1, 2])
+@pytest.mark.parametrize(
+    "member", [each for each in ALL_MEMBERS if kind_of(each).turn], ids=lambda each: each.name
+)
+def test_a_reflector_on_either_half_is_where_the_model_has_it(member, half):
+    controlled = member.perturbed
+    robot = replace(controlled, mechanism=member.mechanism.seen_from(half))
+    rods = twin(member, controlled)
+    poses = member.reachable_poses(robot, POSES, seed=46)
+    joints = robot.inverse(poses).values_or_raise()
+    level = controlled.forward(joints).values_or_raise()
+    assert np.abs(level - robot.controlled.forward(joints).values_or_raise()).max() < 1e-9
+    for plate, pose in zip(settled(member, rods, joints, level), poses, strict=True):
+        assert np.abs(rods.reflector_mm(plate, OFFSET_MM, half) - OFFSET_MM - pose[:3]).max() < 1e-8
+        assert np.abs(plate.theta_rad - pose[3]) < 1e-10
+    assert robot.forward(joints).values_or_raise() == pytest.approx(poses, abs=1e-8)
 
 
 def test_only_the_crossbar_of_an_h4_turns_its_reflector():

@@ -15,7 +15,14 @@ from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.mechanisms.delta import DELTA
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.mechanisms.parameters import Parameters
-from campaigns.robots.robot import RobotFile, compensated, find_robot, read_robot, write_new_robot
+from campaigns.robots.robot import (
+    RobotFile,
+    compensated,
+    find_robot,
+    parse_robot,
+    read_robot,
+    write_new_robot,
+)
 
 VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 PROTOTYPE = find_robot("par4-prototype")
@@ -333,6 +340,19 @@ def any_value_of(name):
 def test_any_parameters_come_back_from_the_file_bit_by_bit(geometry):
     robot = changed(geometry).robot
     assert robot.parameters == geometry
+
+
+def test_the_half_that_carries_the_reflector_is_one_of_two():
+    text = PROTOTYPE.document.text + "reflector_half: "
+    told = parse_robot(f"{text}2", "robot.yaml")
+    identified = compensated(told, "identified", told.robot.parameters).robot
+    assert identified.mechanism == told.robot.mechanism != PROTOTYPE.robot.mechanism
+    assert identified.digest() == PROTOTYPE.robot.digest()
+    assert parse_robot(f"{text}1", "robot.yaml").robot.mechanism == PROTOTYPE.robot.mechanism
+    of_delta = find_robot("delta").document.text
+    for wrong, why in ((f"{text}3", "1 or 2"), (f"{of_delta}reflector_half: 1", "no halves")):
+        with pytest.raises(ConfigInvalid, match=why):
+            parse_robot(wrong, "robot.yaml")
 
 
 def test_a_drives_period_is_in_the_file_and_stays_in_an_identified_set(tmp_path):

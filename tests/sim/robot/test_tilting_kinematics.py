@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.mechanisms.parasitic_rotation import PlateGeometry as Drawing
 from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
-from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
+from sim.robot.rods import Plate
+from sim.robot.tilting_kinematics import KnownPlate, _mechanism, is_level, tilted_joints_for
 
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
 SPACING_MM = 80.0
@@ -66,6 +68,24 @@ def test_rods_put_the_reflector_where_the_models_tilted_plate_has_it(name):
     assert left_mm < LEFT_RMS_MM
     assert shift_mm > 50.0 * left_mm
     assert shift_mm > 0.02
+
+
+@pytest.mark.parametrize("name", ["par4", "h4", "i4r", "i4l"])
+def test_the_tilted_plate_of_the_model_has_a_reflector_on_half_2_where_rods_have_it(name):
+    robot, kind, drawing, poses = drawn(name)
+    seen_from_2 = replace(robot.kinematics, mechanism=robot.mechanism.seen_from(2))
+    joints = robot.kinematics.inverse(poses).values_or_raise()
+    _, rods = _mechanism(dict(robot.parameters), kind, drawing)
+    real_mm = np.empty((len(poses), 3))
+    for row, (at, pose) in enumerate(zip(joints, poses, strict=True)):
+        plate, _, _ = rods.settle(at, 0.0, Plate.level(kind, pose[:3], pose[3]))
+        real_mm[row] = rods.reflector_mm(plate, drawing.reflector_mm, 2)
+    modelled = seen_from_2.forward(joints).values_or_raise()[:, :3] + drawing.reflector_mm
+    plain = Parameters.of(robot.mechanism.parameters, {n: robot.parameters[n] for n in kind.names})
+    level = replace(seen_from_2, p=plain.vector).forward(joints).values_or_raise()[:, :3]
+    left_mm, tilted_mm = rms(real_mm - modelled), rms(real_mm - drawing.reflector_mm - level)
+    assert left_mm < LEFT_RMS_MM
+    assert tilted_mm > 50.0 * left_mm
 
 
 def test_pose_out_of_reach_is_told():
