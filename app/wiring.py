@@ -324,6 +324,7 @@ def linuxcnc_settings(campaign: Campaign, section: LinuxcncConfig) -> LinuxcncSe
         full_speed_per_s=section.full_speed_rad_s if are_rotary else section.full_speed_mm_per_s,
         store=_store(campaign, section),
         poses_of=partial(ActiveKinematics, mechanism),
+        known=frozenset(mechanism.parameters.geometry),
         robot=mechanism.name.capitalize(),
         joints=len(mechanism.joints),
         are_rotary=are_rotary,

@@ -19,7 +19,6 @@ from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
-from campaigns.estimation.residuals import arm_joints
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
@@ -441,11 +440,8 @@ def _by_parameters(
     shots: Shots, found: RecordedIdentification, model: Kinematics
 ) -> tuple[Shots, Array, Array]:
     """Shots that were not excluded, and both poses of each worked out again."""
-    space, flat = model.mechanism.parameters, found.flat()
-    lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
-    joints = arm_joints(shots.joints, shots.approach, lost * space.units(space.backlashes))
-    before = Kinematics.of(model.mechanism, found.nominal_flat()).forward(shots.joints)
-    after = model.forward(joints)
+    nominal, sides = Kinematics.of(model.mechanism, found.nominal_flat()), shots.approach
+    before, after = (each.forward(shots.joints, approach=sides) for each in (nominal, model))
     rows = np.flatnonzero(before.found & after.found & ~_left_out(shots, found))
     return shots.rows(rows), before.values[rows], after.values[rows]
 

@@ -81,7 +81,6 @@ def compensated_robot(
     """Nominal robot with the identified parameters, their 1 σ and their provenance.
 
     `controller` answered when the shots were taken; None where nobody knows, as of an import.
-    A backlash is no part of the geometry: it is reported, and stays out of the file.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
     _check_usable(nominal, found)

@@ -108,7 +108,14 @@ def parse_hal(text: str, name: str, whose: RobotIdentity) -> RobotFile:
 
 
 def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -> None:
-    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
+    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`.
+
+    Raises `ConfigInvalid` for errors of gears and encoders, which the kinematics has no pins of.
+    """
+    robot.require_known(
+        robot.mechanism.parameters.transmission,
+        "`pkmcal export --format plain` writes the nearest parameters that it takes",
+    )
     write_text_unless_there(path, hal_text(robot, identity), overwrite=overwrite)
 
 

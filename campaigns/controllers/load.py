@@ -41,10 +41,10 @@ class Change:
 def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
     """Changes that loading a robot file would make, parameter by parameter, all of them.
 
-    Extensions (axis tilts, skews) are among them where they are not 0 before or after.
+    What is optional (tilts, skews, transmission) is among them where it is not 0 before or after.
     """
     new, std, space = robot.parameters, robot.parameters.std or {}, robot.mechanism.parameters
-    beyond = (name for name in space.extensions if name in active or name in new)
+    beyond = (name for name in space.optional if name in active or name in new)
     own = tuple(Change(n, active[n], new[n], std.get(n)) for n in space.names)
     return own + tuple(Change(n, active.get(n, 0.0), new.get(n, 0.0), std.get(n)) for n in beyond)
 

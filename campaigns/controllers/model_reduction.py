@@ -126,7 +126,7 @@ def _fitted(kinematics: Kinematics, workspace: Workspace) -> tuple[Array, Transf
 
 
 def _by_values(model: "NamedParameters | SymmetricDelta", values: Array) -> Array:
-    """∂p/∂values, (G, C), by central differences."""
+    """∂p/∂values, (P, C), by central differences."""
     steps = STEP * np.eye(len(values))
     return np.column_stack(
         [
@@ -141,16 +141,16 @@ class NamedParameters:
     """Controller of the same mechanism that knows some parameters, the others being fixed."""
 
     fixed: Array
-    """(G,)"""
+    """(P,)"""
     places: Index
     """Of the C that it knows."""
 
     @classmethod
     def plain(cls, identified: Kinematics) -> "NamedParameters":
-        """Parameters that controllers know, without extensions; those that are held stay."""
+        """Parameters that controllers know, without optional ones; those that are held stay."""
         space = identified.mechanism.parameters
         fixed = identified.p.copy()
-        fixed[space.places(space.extensions)] = 0.0
+        fixed[len(space.names) :] = 0.0
         return cls(fixed, space.places(space.free_by_default))
 
     @property
@@ -230,7 +230,7 @@ class SymmetricDelta:
             "forearm": self.of_arms(values, "forearm"),
         }
         space = self.mechanism.parameters
-        p = np.zeros(len(space.geometry))
+        p = np.zeros(len(space.of_robot))
         for field in space.arm_fields:
             p[space.places(space.of_field(field.name))] = by_stem.get(field.stem, 0.0)
         return p

@@ -53,7 +53,7 @@ def datum_parameters(
     joints, near = sample or datum_sample(nominal)
     solved = own.forward(joints, near)
     joints, poses = joints[solved.found], solved.values[solved.found]
-    told = [each for each in space if not each.fixes_datum and each.role is not Role.LOST_MOTION]
+    told = [space[name] for name in space.geometry if not space[name].fixes_datum]
     free = space.places([each.name for each in told])
     level = space.places([each.name for each in told if each.role is not Role.EXTENSION])
     if not wanted[space.places(space.extensions)].any():

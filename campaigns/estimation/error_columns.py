@@ -9,9 +9,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.mechanisms.transmission import LEFT_BEHIND
 
-LEFT_BEHIND = -0.5
-"""What part of the backlash an arm is from its encoder, in the direction of approach."""
 DEGREE = 2
 TINY = 1e-9
 """Instead of lengths of 0, by which nothing can be divided."""

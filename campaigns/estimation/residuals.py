@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation import error_columns
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -39,8 +38,8 @@ class PositionModel:
     """Positions of the controlled point as functions of the free parameters, at fixed encoders.
 
     `free` are places in the mechanism's `parameters.model`. `approach` (N, n) says how each joint
-    came: +1 from smaller values, -1 from larger ones, 0 for all that nobody knows of. An arm stays
-    behind its encoder by half of its gear's backlash, which is nominally 0.
+    came: +1 from smaller values, -1 from larger ones, 0 for all that nobody knows of; `regressor`
+    (N,) how warm each shot was: by so many expansions the robot has grown, to first order.
 
     Keeps its last answer, which residual and Jacobian share, and its last Jacobian, which predicts
     the next answer so well that the forward model has little left to do.
@@ -54,16 +53,20 @@ class PositionModel:
         start: Array | None = None,
         *,
         approach: Array | None = None,
+        regressor: Array | None = None,
     ) -> None:
         self._mechanism = nominal.mechanism
         self._space = nominal.mechanism.parameters
-        self._geometry = slice(0, len(self._space.geometry))
-        self._vector = np.concatenate([nominal.p, np.zeros(len(self._space.backlashes))])
+        self._of_robot = slice(0, len(self._space.of_robot))
+        self._vector = np.zeros(len(self._space.model))
+        self._vector[: len(nominal.p)] = nominal.p
+        self._thermal = self._space.places(self._space.thermal)
         self.free = free
         self._extensions = self._space.places(self._space.extensions)
         self._is_extended = bool(np.isin(free, self._extensions).any())
         self._joints = joints
-        self._approach = np.zeros_like(joints) if approach is None else approach
+        self._approach = approach
+        self._regressor = np.zeros(len(joints)) if regressor is None else regressor
         self._start = start
         self._last: _Assembled | None = None
         self._expansion: tuple[_Assembled, Array, Array] | None = None
@@ -80,12 +83,16 @@ class PositionModel:
         return self._vector[self.free]
 
     def kinematics(self, x: Array) -> Kinematics:
-        """Kinematic model with the free parameters replaced."""
-        return Kinematics(self._mechanism, self._replaced(x)[self._geometry])
+        """Kinematic model with the free parameters replaced, of the cold robot."""
+        return Kinematics(self._mechanism, self._replaced(x)[self._of_robot])
 
     def poses(self, x: Array) -> Array:
-        """(N, t), mm and rad; raises `NoSolution`."""
-        return self._assembled_at(x).poses
+        """(N, t), mm and rad, as warm as each shot was; raises `NoSolution`."""
+        poses, expansions = self._assembled_at(x).poses, self._replaced(x)[self._thermal]
+        if not expansions.any():
+            return poses
+        _, by_geometry = self._expanded(x)
+        return np.asarray(poses + self._by_expansions(x, by_geometry) @ expansions)
 
     def positions_mm(self, x: Array) -> Array:
         """(N, 3); raises `NoSolution`."""
@@ -96,7 +103,7 @@ class PositionModel:
         return self._expanded(x)[0][:, :3]
 
     def by_geometry(self, x: Array, places: Index) -> Array:
-        """∂(X, Y, Z)/∂(parameters at these places), free or not, (N, 3, K)."""
+        """∂(X, Y, Z)/∂(the geometry's parameters at these places), free or not, (N, 3, K)."""
         _, by_all = self._expanded(x)
         if not self._is_extended and np.isin(places, self._extensions).any():
             there = self._assembled_at(x)
@@ -115,24 +122,30 @@ class PositionModel:
             by_all = geometry
             if self.free.size and self.free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
-                by_all = np.concatenate(
-                    [by_all, error_columns.backlash(by_offset, self._approach)], axis=-1
-                )
+                transmission = self._mechanism.transmission
+                own = transmission.columns(by_offset, self._joints, self._approach)
+                grown = self._by_expansions(x, by_all)
+                by_all = np.concatenate([by_all, own, grown], axis=-1)
             # shot by shot in memory, as it is read from here on
             by_free = np.ascontiguousarray(by_all[:, :, self.free])
             self._expansion = there, by_free, geometry
         return self._expansion[1:]
 
+    def _by_expansions(self, x: Array, by_geometry: Array) -> Array:
+        """∂poses/∂expansions, (N, t, 3)."""
+        p, joints = self._replaced(x), self.arm_joints(x)
+        grown = self._mechanism.by_expansions(p, by_geometry, joints)
+        return np.asarray(self._regressor[:, None, None] * grown)
+
     def arm_joints(self, x: Array) -> Array:
-        """Joints of the arms: encoder values less what the gears have lost, (N, n)."""
-        backlash = self._replaced(x)[len(self._space.geometry) :]
-        return arm_joints(self._joints, self._approach, backlash)
+        """Joints of the arms: encoder values as the transmission changes them, (N, n)."""
+        return self._mechanism.true_joints(self._replaced(x), self._joints, self._approach)
 
     def _assembled_at(self, x: Array) -> _Assembled:
         """The last answer, if it was for this x; raises `NoSolution`."""
         if self._last is None or not np.array_equal(x, self._last.x):
-            p = self._replaced(x)[self._geometry]
-            configuration = self._mechanism.configuration(p, self.arm_joints(x))
+            p = self._replaced(x)
+            configuration = self._mechanism.configuration(p, self._joints, self._approach)
             tilt = None if self._last is None else self._last.configuration.last_tilt
             poses = configuration.assemble(self._near(x), CLOSE_ENOUGH_MM, tilt).values_or_raise()
             self._last = _Assembled(np.array(x), configuration, poses)
@@ -150,11 +163,6 @@ class PositionModel:
         vector = self._vector.copy()
         vector[self.free] = x
         return vector
-
-
-def arm_joints(encoders: Array, approach: Array, backlash: Array) -> Array:
-    """Joints of the arms when their encoders came by `approach`, each (N, n); backlash (n,)."""
-    return np.asarray(encoders + error_columns.LEFT_BEHIND * approach * backlash)
 
 
 class LastAnswer:

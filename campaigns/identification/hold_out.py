@@ -37,7 +37,7 @@ def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
     shots, x = inputs.shots, fit.found.x[: len(inputs.selection.free)]
     usable, excluded = inputs.usable_pairs(ShotSet.VALIDATION)
     model = inputs.model_of(shots)
-    solution = model.kinematics(x).forward(model.arm_joints(x))
+    solution = model.kinematics(x).forward(shots.joints, approach=shots.approach)
     whole = solution.found[usable].all(axis=1)
     lost = without_assembly(shots, usable[~whole], solution.found, "identified")
     kept = usable[whole]

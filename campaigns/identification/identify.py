@@ -303,7 +303,7 @@ def _robot_scatter(fit: Fit, nominal: Kinematics) -> result.RobotScatter | None:
 def _parameters(
     inputs: Inputs, found: Estimate, uncertainty: Uncertainty
 ) -> dict[str, result.IdentifiedParameter]:
-    """All of files, extensions that are not 0, and whatever else was free."""
+    """All of files, what is optional and not 0, and whatever else was free."""
     std, total = uncertainty.std(), uncertainty.total_std()
     free, known = inputs.selection.free, inputs.nominal.parameters
     old = known | dict.fromkeys((name for name in free if name not in known), 0.0)

@@ -55,7 +55,8 @@ class Inputs:
         options: IdentificationOptions,
     ) -> "Inputs":
         """Inputs with the nominal robot's poses."""
-        return cls(nominal, shots, selection, options, nominal.forward(shots.joints))
+        at_nominal = nominal.forward(shots.joints, approach=shots.approach)
+        return cls(nominal, shots, selection, options, at_nominal)
 
     def model_of(self, shots: Shots, near: Array | None = None) -> PositionModel:
         """Positions of shots by the parameters to be found, from poses (N, t) near theirs."""

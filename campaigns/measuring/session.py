@@ -86,7 +86,7 @@ def measure_series(
         tracker,
         cell.tracker.weather(),
         model=work.model,
-        lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.extensions)),
+        lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.optional)),
     )
     found = None if anew else resume.series_to_take_up(journal, work)
     if found is not None:

@@ -13,6 +13,7 @@ from typing_extensions import override
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.mechanism import ArmWords, Limits
 from campaigns.mechanisms.parameters import ParameterField
+from campaigns.mechanisms.transmission import OF_CRANKS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +27,8 @@ class Arms(ABC):
     """Of each arm, in the order of its values."""
     extensions: ClassVar[tuple[ParameterField, ...]]
     """Beyond what controllers know."""
-    lost_motion: ClassVar[ParameterField]
-    """Of a joint's gear."""
+    transmission: ClassVar[tuple[ParameterField, ...]]
+    """Of a joint's gear and encoder."""
     joint: ClassVar[Literal["revolute", "prismatic"]]
     shows_turn: ClassVar[bool]
     """Whether arms of known azimuths show how the base is turned about z."""
@@ -72,9 +73,9 @@ class Arms(ABC):
     @staticmethod
     @abstractmethod
     def sensitivity_scale_mm(values: Array) -> Array:
-        """Lengths that turn errors into errors of place, (n, k + e + 1).
+        """Lengths that turn errors into errors of place, (n, k + e + f).
 
-        Of each field, of each extension and of the lost motion.
+        Of each field, of each extension and of each field of the transmission.
         """
 
     @staticmethod
@@ -107,7 +108,7 @@ class RotaryArms(Arms):
 
     fields = CRANK_FIELDS
     extensions = (AXIS_TILT,)
-    lost_motion = ParameterField("backlash_deg", "the gear's lost motion, deg", "angle")
+    transmission = OF_CRANKS
     joint = "revolute"
     shows_turn = True
     azimuth_is_outward = True
@@ -191,9 +192,9 @@ class RotaryArms(Arms):
     @override
     @staticmethod
     def sensitivity_scale_mm(values: Array) -> Array:
-        """The crank's length for angles, 1 for lengths: of fields, tilt and backlash, (n, 9)."""
-        scale = np.ones((len(values), len(CRANK_FIELDS) + 2))
-        scale[:, [3, 4, 7, 8]] = values[:, 5:6]
+        """The crank's length for angles and ratios, 1 for lengths."""
+        scale = np.ones((len(values), len(CRANK_FIELDS) + 1 + len(OF_CRANKS)))
+        scale[:, [3, 4, *range(7, scale.shape[1])]] = values[:, 5:6]
         return scale
 
     @override

@@ -39,6 +39,7 @@ from campaigns.mechanisms.parasitic_rotation import (
     rotation_vectors,
 )
 from campaigns.mechanisms.platforms import Platform
+from campaigns.mechanisms.transmission import Transmission
 
 CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
@@ -66,6 +67,9 @@ carriages, which keep the platform from it."""
 FIRST_CRANK = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZONTAL)
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
+
+GROWING = (("arm_mm",), ("forearm_mm",), ("x_mm", "y_mm", "z_mm"))
+"""Fields whose lengths each expansion lets grow; a rail has no length of its own."""
 
 INITIAL_GUESSES = (
     (0.0, 0.0),
@@ -99,12 +103,13 @@ class ClosedChain:
             arms.fields,
             platform.fields,
             (*arms.extensions, PARALLELOGRAM_SKEW),
-            arms.lost_motion,
+            arms.transmission,
             dict.fromkeys(held_fields, Role.HELD) | dict.fromkeys(arms.leaning, Role.LEANING),
             datum,
         )
         self._arms = arms
         self.platform = self._own_platform = platform
+        self.transmission = Transmission(arms.transmission)
         self.plate = PlateGeometry.typical(
             np.linspace(0.0, 2.0 * np.pi, platform.arms, endpoint=False),
             follows_arms=arms.azimuth_is_outward,
@@ -115,14 +120,17 @@ class ClosedChain:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ClosedChain):
             return NotImplemented
-        own, others = ((each.name, each.plate, each.platform.at_point) for each in (self, other))
+        own, others = (
+            (each.name, each.plate, each.platform.at_point, each.transmission)
+            for each in (self, other)
+        )
         return own == others
 
     def __hash__(self) -> int:
-        return hash((self.name, self.plate))
+        return hash((self.name, self.plate, self.transmission))
 
-    def inverse(self, p: Array, poses: Array) -> KinematicSolution:
-        """Joints (N, n) of poses (N, t) as the encoders read them."""
+    def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> KinematicSolution:
+        """Joints (N, n) of poses (N, t) as the encoders read them, reached by `approach`."""
         values, platform, extensions = self._split(p)
         targets_mm = self.platform.joints_mm(platform, poses)
         tilts, pairs = extensions[:, :-1], self._rod_pairs(values, extensions)
@@ -141,10 +149,16 @@ class ClosedChain:
                 if not np.abs(level - before)[held].max(initial=0.0) > TILT_SETTLED_JOINT:
                     break
             joints[found], found[found] = level, held
+        joints = self.transmission.encoder_readings(self._lost(p), joints, approach)
         return KinematicSolution.where(found, joints)
 
-    def forward(self, p: Array, joints: Array, near: Array | None = None) -> KinematicSolution:
-        """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded."""
+    def forward(
+        self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
+    ) -> KinematicSolution:
+        """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded.
+
+        `approach` (N, n) says by its sign to which side each joint moved last.
+        """
         joints = np.atleast_2d(np.asarray(joints, dtype=np.float64))
         starts = None if near is None else np.atleast_2d(near)
         poses = np.empty((len(joints), len(self.task)))
@@ -152,16 +166,43 @@ class ClosedChain:
         for first in range(0, len(joints), CHUNK):
             rows = slice(first, first + CHUNK)
             some_near = None if starts is None else starts[rows]
-            solved = self.configuration(p, joints[rows]).assemble(some_near)
+            sides = None if approach is None else approach[rows]
+            solved = self.configuration(p, joints[rows], sides).assemble(some_near)
             poses[rows], found[rows] = solved.values, solved.found
         return KinematicSolution(poses, found)
 
-    def jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints, by the implicit function theorem on the closures.
+    def jacobian(
+        self, p: Array, joints: Array, poses: Array, approach: Array | None = None
+    ) -> Array:
+        """d(pose)/dp (N, t, P) at fixed joints, by the implicit function theorem on the closures.
 
         Raises `numpy.linalg.LinAlgError` at a singular pose.
         """
-        return self.configuration(p, joints).jacobian(poses)
+        geometry = self.configuration(p, joints, approach).jacobian(poses)
+        by_offsets = geometry[:, :, self.parameters.offsets]
+        more = self.transmission.columns(by_offsets, joints, approach)
+        return np.concatenate([geometry, more], axis=2)
+
+    def true_joints(self, p: Array, joints: Array, approach: Array | None = None) -> Array:
+        """Joints of the arms (N, n), but for their offsets, at encoder readings (N, n)."""
+        return self.transmission.true_joints(self._lost(p), joints, approach)
+
+    def steepest_error(self, p: Array) -> float:
+        """Bound of the change of any joint's error over its motion."""
+        return self.transmission.steepest(self._lost(p))
+
+    def by_expansions(self, p: Array, by_geometry: Array, true_joints: Array) -> Array:
+        """Columns (N, t, 3) of arms, forearms and frame that grow, from those of the geometry.
+
+        Each is the sum of lengths times the columns by them; of a carriage's rail, what it moved.
+        """
+        space = self.parameters
+        lengths = [space.of_field(*names) for names in GROWING]
+        columns = [by_geometry[:, :, at] @ p[at] for at in map(space.places, lengths)]
+        if not self.joints[0].is_revolute:
+            moved = true_joints + p[space.offsets]
+            columns[0] = np.einsum("ktn,kn->kt", by_geometry[:, :, space.offsets], moved)
+        return np.stack(columns, axis=2)
 
     def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
         """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""
@@ -195,10 +236,18 @@ class ClosedChain:
             chain.plate = replace(self.plate, reflector_mm=(0.0, 0.0, 0.0))
         return chain
 
-    def configuration(self, p: Array, joints: Array) -> Configuration:
-        """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
+    def with_ripples(self, rate: float) -> Self:
+        """Mechanism whose joints' ripples have this phase in rad over a reading in rad or mm."""
+        chain = copy.copy(self)
+        chain.transmission = replace(self.transmission, ripple_rate=rate)
+        return chain
+
+    def configuration(
+        self, p: Array, joints: Array, approach: Array | None = None
+    ) -> Configuration:
+        """Arms at encoder readings (N, n), for whoever needs both poses and Jacobian."""
         values, platform, extensions = self._split(p)
-        arms = self._arms.at(values, extensions[:, :-1], joints)
+        arms = self._arms.at(values, extensions[:, :-1], self.true_joints(p, joints, approach))
         pairs = self._rod_pairs(values, extensions)
         return Configuration(self, platform, arms, pairs, self.assembly_sign(p))
 
@@ -273,18 +322,27 @@ class ClosedChain:
 
     def sensitivity_scale_mm(self, p: Array) -> Array:
         """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
-        values, platform, _ = self._split(p)
+        values, platform, extensions = self._split(p)
         scale, fields = self._arms.sensitivity_scale_mm(values), values.shape[1]
-        scale = np.insert(scale, -1, SKEW_SCALE_MM, axis=1)
+        last = fields + extensions.shape[1] - 1
+        scale = np.insert(scale, last, SKEW_SCALE_MM, axis=1)
         own, beyond = scale[:, :fields].ravel(), scale[:, fields:].T.ravel()
-        return np.concatenate([own, np.ones(len(platform)), beyond])
+        grown = np.full(len(self.parameters.thermal), values[:, -1].max())
+        return np.concatenate([own, np.ones(len(platform)), beyond, grown])
 
     def _split(self, p: Array) -> tuple[Array, Array, Array]:
         """Fields of the arms (n, k), of the platform (f,), and extensions of the arms (n, e)."""
         space, end = self.parameters, self._of_arms
         named = len(space.names)
-        extensions = p[named:].reshape(len(space.extension_fields), space.arms).T
+        beyond = p[named : len(space.geometry)]
+        extensions = beyond.reshape(len(space.extension_fields), space.arms).T
         return p[:end].reshape(space.arms, -1), p[end:named], extensions
+
+    def _lost(self, p: Array) -> Array:
+        """Transmission (f, n) in a vector, which may hold the geometry alone."""
+        space, fields = self.parameters, len(self.transmission.fields)
+        own = p[len(space.geometry) : len(space.of_robot)]
+        return own.reshape(fields, -1) if len(own) else np.zeros((fields, space.arms))
 
     def _rod_pairs(self, values: Array, extensions: Array) -> RodPairs:
         azimuths = values[:, AZIMUTH]

@@ -13,6 +13,7 @@ from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Limits
 from campaigns.mechanisms.parameters import ParameterField
+from campaigns.mechanisms.transmission import OF_CARRIAGES
 
 UPRIGHT = 1e-12
 """A rail that goes less aside than that is upright: no azimuth moves it."""
@@ -47,7 +48,7 @@ class LinearArms(Arms):
 
     fields = RAIL_FIELDS
     extensions = (RAIL_TILT, BAR_TILT)
-    lost_motion = ParameterField("backlash_mm", "the drive's lost motion, mm", "place")
+    transmission = OF_CARRIAGES
     joint = "prismatic"
     shows_turn = False
     leaning = ("elevation_deg",)
@@ -121,9 +122,9 @@ class LinearArms(Arms):
     @override
     @staticmethod
     def sensitivity_scale_mm(values: Array) -> Array:
-        """A typical travel for angles, 1 for lengths: of fields, tilts and backlash, (n, 10)."""
-        scale = np.ones((len(values), len(RAIL_FIELDS) + 3))
-        scale[:, [3, 4, 7, 8]] = MM_PER_RAD
+        """A typical travel for angles and the gain, 1 for lengths."""
+        scale = np.ones((len(values), len(RAIL_FIELDS) + 2 + len(OF_CARRIAGES)))
+        scale[:, [3, 4, 7, 8, 9]] = MM_PER_RAD
         return scale
 
     @override

@@ -229,7 +229,7 @@ class Kinematics:
 
     mechanism: "ClosedChain"
     p: Array
-    """(G,), mm and rad."""
+    """(P,), or the geometry alone, (G,); mm and rad."""
 
     @classmethod
     def of(cls, mechanism: "ClosedChain", values: Mapping[str, float]) -> Self:
@@ -246,17 +246,22 @@ class Kinematics:
         """Model of the point that the controller's poses are of, wherever the reflector is."""
         return replace(self, mechanism=self.mechanism.seen_from(None))
 
-    def inverse(self, poses: Array) -> KinematicSolution:
-        """Joints (N, n) of poses (N, t)."""
-        return self.mechanism.inverse(self.p, poses)
+    def inverse(self, poses: Array, approach: Array | None = None) -> KinematicSolution:
+        """Encoder readings (N, n) of poses (N, t) that the joints reach by `approach` (N, n)."""
+        return self.mechanism.inverse(self.p, poses, approach)
 
-    def forward(self, joints: Array, near: Array | None = None) -> KinematicSolution:
-        """Poses (N, t) of joints (N, n), from poses `near` them where there are such."""
-        return self.mechanism.forward(self.p, joints, near)
+    def forward(
+        self, joints: Array, near: Array | None = None, approach: Array | None = None
+    ) -> KinematicSolution:
+        """Poses (N, t) of encoder readings (N, n), from poses `near` them where there are such.
 
-    def jacobian(self, joints: Array, poses: Array) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints; raises `LinAlgError` at a singular pose."""
-        return self.mechanism.jacobian(self.p, joints, poses)
+        `approach` (N, n): the sign of each joint's last motion, 0 where it is not known.
+        """
+        return self.mechanism.forward(self.p, joints, near, approach)
+
+    def jacobian(self, joints: Array, poses: Array, approach: Array | None = None) -> Array:
+        """d(pose)/dp (N, t, P) at fixed joints; raises `LinAlgError` at a singular pose."""
+        return self.mechanism.jacobian(self.p, joints, poses, approach)
 
     def feasibility(self, limits: Limits, poses: Array) -> Feasibility:
         """Margins of poses (N, t), and each violation."""

@@ -15,6 +15,19 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 
+Unit = Literal["mm", "deg", "ppm"]
+UNITS: Mapping[str, Unit] = {
+    "place": "mm",
+    "length": "mm",
+    "angle": "deg",
+    "small angle": "deg",
+    "ratio": "ppm",
+}
+INNER: Mapping[Unit, float] = {"mm": 1.0, "deg": np.pi / 180.0, "ppm": 1e-6}
+"""Factors from the units of files to inner ones: mm, rad and ratios."""
+SIGNS: Mapping[Unit, str] = {"mm": " mm", "deg": "°", "ppm": " ppm"}
+
+BACKLASHES = ("backlash_deg", "backlash_mm")
 JOINT_OFFSETS = ("joint_offset_deg", "joint_offset_mm")
 
 
@@ -24,12 +37,12 @@ class ParameterField:
 
     name: str
     description: str
-    quantity: Literal["place", "length", "angle", "small angle"]
+    quantity: Literal["place", "length", "angle", "small angle", "ratio"]
 
     @property
-    def unit(self) -> Literal["mm", "deg"]:
+    def unit(self) -> Unit:
         """Unit in files and on screens."""
-        return "mm" if self.quantity in {"place", "length"} else "deg"
+        return UNITS[self.quantity]
 
     @property
     def stem(self) -> str:
@@ -57,9 +70,21 @@ class Role(Enum):
     HELD = "nominal unless told otherwise"
     LEANING = "held unless imperfect parts are looked for: which way they lean"
     EXTENSION = "of imperfect parts, nominally 0: not every controller has it"
-    LOST_MOTION = "of a joint's gear: it belongs to what is measured and is in no file"
+    TRANSMISSION = "of a joint's gear and encoder, nominally 0: not every controller has it"
+    THERMAL = "of a run's warmth: it belongs to what is measured and is in no file"
 
 
+EXPANSIONS = tuple(
+    ParameterField(f"{group}_expansion_ppm", f"the growth of {words}, ppm of their length", "ratio")
+    for group, words in (
+        ("arm", "the arms or rails"),
+        ("forearm", "the forearms"),
+        ("frame", "the frame that carries the arms"),
+    )
+)
+"""Of the whole robot, for a regressor of 1."""
+OPTIONAL = (Role.EXTENSION, Role.TRANSMISSION)
+"""Roles of what a file leaves out where it is 0."""
 IN_FILES = (Role.FREE, Role.HELD, Role.LEANING)
 
 
@@ -84,27 +109,32 @@ class Parameter:
         return self.field.stem if self.arm is None else f"arm{self.arm}.{self.field.stem}"
 
     @property
-    def unit(self) -> Literal["mm", "deg"]:
+    def unit(self) -> Unit:
         """Unit in files and on screens."""
         return self.field.unit
 
     @property
     def sign(self) -> str:
-        """Unit as it follows a number: `°` or ` mm`."""
-        return "°" if self.is_angle else " mm"
+        """Unit as it follows a number: `°`, ` mm` or ` ppm`."""
+        return SIGNS[self.unit]
 
     @property
     def is_angle(self) -> bool:
         """Whether it is in rad inside."""
         return self.field.unit == "deg"
 
+    @property
+    def is_ripple(self) -> bool:
+        """Whether it counts by the phase of a drive, which nobody may know."""
+        return self.field.stem.startswith("ripple_")
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterSpace:
     """Parameters of a mechanism, in the order of its vectors.
 
-    First those of each arm, then the platform's, then extensions, which a robot file holds where
-    they are not 0, then lost motions. Selections are by name.
+    First those of each arm, then the platform's, then extensions and the joints' transmission,
+    which a robot file holds where they are not 0, then expansions. Selections are by name.
     """
 
     every: tuple[Parameter, ...]
@@ -116,7 +146,7 @@ class ParameterSpace:
         arm_fields: Sequence[ParameterField],
         platform_fields: Sequence[ParameterField],
         extensions: Sequence[ParameterField],
-        lost_motion: ParameterField,
+        transmission: Sequence[ParameterField],
         roles: Mapping[str, Role],
         datum: Collection[str],
     ) -> Self:
@@ -126,7 +156,8 @@ class ParameterSpace:
             *((arm, each, Role.FREE) for arm in numbers for each in arm_fields),
             *((None, each, Role.FREE) for each in platform_fields),
             *((arm, each, Role.EXTENSION) for each in extensions for arm in numbers),
-            *((arm, lost_motion, Role.LOST_MOTION) for arm in numbers),
+            *((arm, each, Role.TRANSMISSION) for each in transmission for arm in numbers),
+            *((None, each, Role.THERMAL) for each in EXPANSIONS),
         )
         every = (Parameter(arm, each, roles.get(each.name, role)) for arm, each, role in named)
         return cls(tuple(replace(each, fixes_datum=each.name in datum) for each in every))
@@ -145,7 +176,7 @@ class ParameterSpace:
     @cached_property
     def arms(self) -> int:
         """Number of arms."""
-        return len(self.backlashes)
+        return len(self.offsets)
 
     @cached_property
     def arm_fields(self) -> tuple[ParameterField, ...]:
@@ -155,12 +186,19 @@ class ParameterSpace:
     @cached_property
     def platform_fields(self) -> tuple[ParameterField, ...]:
         """Fields of the platform."""
-        return tuple(each.field for each in self.every if each.arm is None)
+        own = (each for each in self.every if each.role in IN_FILES)
+        return tuple(each.field for each in own if each.arm is None)
 
     @cached_property
     def extension_fields(self) -> tuple[ParameterField, ...]:
-        """Fields of each arm beyond those of every file."""
+        """Fields of each arm's geometry beyond those of every file."""
         own = (each for each in self.every if each.role is Role.EXTENSION)
+        return tuple(each.field for each in own if each.arm == 0)
+
+    @cached_property
+    def optional_fields(self) -> tuple[ParameterField, ...]:
+        """Fields of each arm that a file leaves out where they are 0."""
+        own = (each for each in self.every if each.role in OPTIONAL)
         return tuple(each.field for each in own if each.arm == 0)
 
     @cached_property
@@ -181,7 +219,22 @@ class ParameterSpace:
     @cached_property
     def backlashes(self) -> tuple[str, ...]:
         """Names of the backlashes of the joints' gears."""
-        return self._of_roles(Role.LOST_MOTION)
+        return self.of_field(*BACKLASHES)
+
+    @cached_property
+    def transmission(self) -> tuple[str, ...]:
+        """Names of what joints' gears and encoders add to their readings: nominally 0."""
+        return self._of_roles(Role.TRANSMISSION)
+
+    @cached_property
+    def thermal(self) -> tuple[str, ...]:
+        """Names of what grows with a regressor of a run."""
+        return self._of_roles(Role.THERMAL)
+
+    @cached_property
+    def optional(self) -> tuple[str, ...]:
+        """Names of what is nominally 0 and not known to every controller."""
+        return self._of_roles(*OPTIONAL)
 
     @cached_property
     def arm_lengths(self) -> tuple[str, ...]:
@@ -191,13 +244,18 @@ class ParameterSpace:
 
     @cached_property
     def geometry(self) -> tuple[str, ...]:
-        """Names of the entries of a vector p, (G,)."""
+        """Names of what places the limbs, (G,): the first entries of a vector p."""
         return self.names + self.extensions
+
+    @cached_property
+    def of_robot(self) -> tuple[str, ...]:
+        """Names of the entries of a vector p, (P,): all that a robot file may hold."""
+        return self.geometry + self.transmission
 
     @cached_property
     def model(self) -> tuple[str, ...]:
         """Names of all that a fit may free."""
-        return self.geometry + self.backlashes
+        return self.of_robot + self.thermal
 
     @cached_property
     def datum(self) -> tuple[str, ...]:
@@ -216,8 +274,8 @@ class ParameterSpace:
 
     @cached_property
     def free_if_extended(self) -> tuple[str, ...]:
-        """Names of all that shots with known directions of approach can tell apart."""
-        return self._told(*Role)
+        """Names of the geometry and backlashes that shots of known approach can tell apart."""
+        return tuple(n for n in self.geometry + self.backlashes if not self[n].fixes_datum)
 
     @cached_property
     def is_angle(self) -> Mask:
@@ -226,8 +284,8 @@ class ParameterSpace:
 
     @cached_property
     def file_unit(self) -> Array:
-        """Factors from the units of files (mm, deg) to inner ones (mm, rad), for `model`."""
-        return np.where(self.is_angle, np.pi / 180.0, 1.0)
+        """Factors from the units of files (mm, deg, ppm) to inner ones, for `model`."""
+        return np.array([INNER[each.unit] for each in self.every])
 
     @cached_property
     def offsets(self) -> Index:
@@ -239,7 +297,7 @@ class ParameterSpace:
         return tuple(each.name for each in self.every if each.field.name in fields)
 
     def of_unit(self, unit: str, names: Sequence[str]) -> tuple[str, ...]:
-        """Those of some names that are in mm, or in deg."""
+        """Those of some names that are in mm, deg or ppm."""
         return tuple(name for name in names if self[name].unit == unit)
 
     def places(self, names: Sequence[str]) -> Index:
@@ -259,17 +317,17 @@ class ParameterSpace:
 
 @dataclass(frozen=True, eq=False)
 class Parameters(Mapping[str, float]):
-    """Values of one robot's parameters, by name in mm and deg as its file has them.
+    """Values of one robot's parameters, by name in mm, deg and ppm as its file has them.
 
-    It lists what a file lists: extensions only where they are not 0. `vector` is the same for the
-    solver, `std` what a file says of its uncertainty.
+    It lists what a file lists: what is optional only where it is not 0. `vector` is the same for
+    the solver, `std` what a file says of its uncertainty.
     """
 
     space: ParameterSpace
     values_in_file: tuple[float, ...]
-    """Of all of `space.geometry`."""
+    """Of all of `space.of_robot`."""
     covariance: Array | None = None
-    """Of `space.geometry`, (G, G), mm and deg; NaN where it is not known. None: nothing is."""
+    """Of `space.of_robot`, (P, P), mm, deg, ppm; NaN where it is not known. None: nothing is."""
 
     @classmethod
     def of(
@@ -278,24 +336,26 @@ class Parameters(Mapping[str, float]):
         values: Mapping[str, float],
         std: Mapping[str, float] | None = None,
     ) -> Self:
-        """From values by name, extensions that are not named being 0, and 1 σ of some of them.
+        """From values by name, what is optional and not named being 0, and 1 σ of some of them.
 
-        Names beyond the geometry are left out. Raises `KeyError` for a value that is missing.
+        Names beyond a robot file's are left out. Raises `KeyError` for a value that is missing.
         """
         ordered = [values[name] for name in space.names]
-        ordered += [values.get(name, 0.0) for name in space.extensions]
-        known = None if std is None else _covariance(space.geometry, std)
+        ordered += [values.get(name, 0.0) for name in space.optional]
+        known = None if std is None else _covariance(space.of_robot, std)
         return cls(space, tuple(map(float, ordered)), known)
 
     @classmethod
     def of_vector(cls, space: ParameterSpace, p: Array) -> Self:
-        """From a vector p (G,), mm and rad."""
-        return cls(space, tuple((p / space.file_unit[: len(p)]).tolist()))
+        """From a vector p (P,), or its geometry (G,), mm and rad."""
+        whole = np.zeros(len(space.of_robot))
+        whole[: len(p)] = p
+        return cls(space, tuple((whole / space.file_unit[: len(whole)]).tolist()))
 
     @cached_property
     def _by_name(self) -> dict[str, float]:
         named = zip(self.space.every, self.values_in_file, strict=False)
-        return {each.name: v for each, v in named if v or each.role is not Role.EXTENSION}
+        return {each.name: v for each, v in named if v or each.role not in OPTIONAL}
 
     def __getitem__(self, name: str) -> float:
         """Value of a parameter that is listed; raises `KeyError`."""
@@ -312,7 +372,7 @@ class Parameters(Mapping[str, float]):
 
     @cached_property
     def vector(self) -> Array:
-        """Vector p (G,), mm and rad."""
+        """Vector p (P,), mm and rad."""
         values = np.array(self.values_in_file)
         return np.asarray(values * self.space.file_unit[: len(values)])
 
@@ -322,12 +382,12 @@ class Parameters(Mapping[str, float]):
         if self.covariance is None:
             return None
         std = np.sqrt(np.diag(self.covariance)).tolist()
-        return {name: s for name, s in zip(self.space.geometry, std, strict=True) if s == s}
+        return {name: s for name, s in zip(self.space.of_robot, std, strict=True) if s == s}
 
     @property
     def extended_by(self) -> tuple[str, ...]:
-        """Names of extensions that are not 0: what not every controller knows."""
-        return tuple(name for name in self.space.extensions if name in self)
+        """Names of what is optional and not 0: what not every controller knows."""
+        return tuple(name for name in self.space.optional if name in self)
 
     def __or__(self, other: Mapping[str, float]) -> dict[str, float]:
         """Values by name with others in their place, as of dictionaries."""
@@ -338,7 +398,7 @@ class Parameters(Mapping[str, float]):
         return {**other, **self}
 
     def digest(self) -> str:
-        """SHA-256 of the geometry: equal exactly when all its doubles are.
+        """SHA-256 of all that is listed: equal exactly when all doubles are.
 
         It is taken of lines `name=value`, the value in the shortest decimals that give the double.
         """

@@ -20,8 +20,9 @@ from campaigns.files.wording import suggestion
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
-from campaigns.mechanisms.parameters import Parameters, ParameterSpace, Role
+from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.mechanisms.parasitic_rotation import PlateGeometry
+from campaigns.mechanisms.transmission import STEEPEST
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
@@ -30,7 +31,8 @@ from drivers.values import Pose, Vector3
 
 FOR_SOME_CONTROLLERS = (
     "only a controller that computes plate tilt takes axis tilts and skews, as LinuxCNC with "
-    "pkmkins does; for any other: export --format plain, or `pkmcal correct`"
+    "pkmkins does; for any other, and for errors of gears and encoders: export --format plain, or "
+    "`pkmcal correct`"
 )
 """Remark where such a set is found and where it is written."""
 
@@ -51,12 +53,14 @@ class RobotFile:
     tolerance: Tolerance = field(default_factory=Tolerance)
     drive_period_mm: float | None = None
     """Travel of a carriage in a turn of its screw or pulley, where the file says."""
+    ripples_per_turn: float | None = None
+    """Periods of a gear's error in a turn of its crank, where the file says."""
 
     @classmethod
     def of(
         cls, mechanism: ClosedChain, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
-        """Robot from values by name, extensions being 0 if not named; raises `ConfigInvalid`."""
+        """Robot from values by name, the optional 0 if not named; raises `ConfigInvalid`."""
         return cls(name, mechanism, checked_parameters(mechanism, values, name), limits)
 
     @property
@@ -70,7 +74,7 @@ class RobotFile:
         return bool(self.parameters.extended_by)
 
     def require_known(self, lacking: Collection[str], remedy: str) -> None:
-        """Raise `ConfigInvalid` where an extension that a controller lacks is not 0."""
+        """Raise `ConfigInvalid` where a parameter that a controller lacks is not 0."""
         values = self.parameters
         beyond = [name for name in lacking if name in values]
         if beyond:
@@ -167,11 +171,9 @@ def write_new_robot(path: Path, robot: RobotDocument) -> None:
 def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
     """Replace what differs; what stays equal keeps the form in which it was written.
 
-    An extension that becomes 0 leaves the file.
+    What is optional and becomes 0 leaves the file.
     """
-    for each in parameters.space:
-        if each.role is Role.LOST_MOTION:
-            continue
+    for each in map(parameters.space.__getitem__, parameters.space.of_robot):
         holder = geometry if each.arm is None else geometry["arms"][each.arm]
         value = parameters.get(each.name, 0.0)
         if value == holder.get(each.field.name, 0.0):
@@ -188,17 +190,17 @@ def checked_parameters(
     name: str,
     std: Mapping[str, float] | None = None,
 ) -> Parameters:
-    """Parameters of values by name, extensions that are not given being 0, and 1 σ of some.
+    """Parameters of values by name, the optional ones 0 if not given, and 1 σ of some.
 
     `name` says whose they are. Raises `ConfigInvalid` for what is unknown, missing or not finite.
     """
     space = mechanism.parameters
-    for unknown in values.keys() - set(space.geometry):
+    for unknown in values.keys() - set(space.of_robot):
         raise ConfigInvalid(
             f"{name}: {unknown} is not a parameter of a robot",
-            remedy=suggestion(unknown, space.geometry),
+            remedy=suggestion(unknown, space.of_robot),
         )
-    for parameter in (*space.names, *(each for each in space.extensions if each in values)):
+    for parameter in (*space.names, *(each for each in space.optional if each in values)):
         if not math.isfinite(values.get(parameter, math.nan)):
             raise ConfigInvalid(
                 f"{name}: {parameter} is {values.get(parameter, 'missing')}",
@@ -229,13 +231,14 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     robot = RobotFile(
         contents.name,
-        mechanism.with_plate(_plate(mechanism, parameters, contents)),
+        _drawn(mechanism, parameters, contents),
         parameters,
         _limits(mechanism, contents.limits),
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
         contents.drive_period_mm,
+        contents.ripples_per_turn,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(
@@ -244,6 +247,31 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
             remedy="somebody changed the geometry: restore the file, or delete the line sha256",
         )
     return RobotDocument(robot, document)
+
+
+def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotContents) -> ClosedChain:
+    """Mechanism with the file's plate and drives; raises `ConfigInvalid` for ripples that are none.
+
+    A ripple needs its period, and no error of a joint may turn its motion round.
+    """
+    rate = contents.ripples_per_turn or 0.0
+    if not mechanism.joints[0].is_revolute:
+        rate = 2.0 * math.pi / (contents.drive_period_mm or math.inf)
+    drawn = mechanism.with_plate(_plate(mechanism, parameters, contents)).with_ripples(rate)
+    ripples = [name for name in parameters.extended_by if parameters.space[name].is_ripple]
+    if ripples and not rate:
+        raise ConfigInvalid(
+            f"{contents.name}: {ripples[0]} is {parameters[ripples[0]]:g}, but the file does not "
+            "say how often it comes",
+            remedy="give ripples_per_turn, or drive_period_mm of robots on rails",
+        )
+    if (steepest := drawn.steepest_error(parameters.vector)) > STEEPEST:
+        raise ConfigInvalid(
+            f"{contents.name}: the errors of a joint change by {steepest:.2g} of its motion, "
+            f"limit {STEEPEST:g}",
+            remedy="correct the encoder gains, eccentricities and ripples, which are small",
+        )
+    return drawn
 
 
 def _plate(
@@ -264,8 +292,7 @@ def _by_name(space: ParameterSpace, geometry: yaml_file.FileModel) -> dict[str, 
     arms = values.pop("arms")
     return {
         each.name: (values if each.arm is None else arms[each.arm])[each.field.name]
-        for each in space
-        if each.role is not Role.LOST_MOTION
+        for each in map(space.__getitem__, space.of_robot)
     }
 
 

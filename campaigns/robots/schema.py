@@ -38,7 +38,13 @@ Deviations = dict[str, Deviation]
 # Any: pydantic takes types made at run time, of which mypy can know nothing.
 Definition = tuple[Any, Any]
 
-VALUE_OF: dict[str, Any] = {"place": Place, "length": Length, "angle": Turn, "small angle": Tilt}
+VALUE_OF: dict[str, Any] = {
+    "place": Place,
+    "length": Length,
+    "angle": Turn,
+    "small angle": Tilt,
+    "ratio": Annotated[float, Field(ge=-1e5, le=1e5)],
+}
 JOINTS_ON_PLATE = "where each arm's bar sits on its part of the plate, [x, y, z] mm"
 COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
@@ -49,9 +55,12 @@ class Tolerance(FileModel):
     length_mm: float = Field(default=10.0, gt=0.0, description="of a length or place, mm")
     angle_deg: float = Field(default=5.0, gt=0.0, description="of an angle, deg")
 
+    ratio_ppm: float = Field(default=10000.0, gt=0.0, description="of a ratio, ppm")
+
     def of(self, parameter: Parameter) -> float:
         """Limit for a parameter, in its file unit."""
-        return self.angle_deg if parameter.is_angle else self.length_mm
+        limits = {"deg": self.angle_deg, "mm": self.length_mm, "ppm": self.ratio_ppm}
+        return limits[parameter.unit]
 
 
 class RobotContents(FileModel):
@@ -84,12 +93,20 @@ class RobotContents(FileModel):
         description="of robots on rails: a carriage's travel in a turn of its screw or pulley, mm; "
         "may be left out",
     )
+    ripples_per_turn: float | None = Field(
+        default=None,
+        ge=2.0,
+        le=10000.0,
+        description="of robots with cranks: periods of a gear's error in a turn of the arm, as its "
+        "ratio is; may be left out",
+    )
     tolerance: Tolerance = Field(
         default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",
     )
     uncertainty: Deviations | None = Field(
-        default=None, description="one standard deviation for each identified parameter, mm or deg"
+        default=None,
+        description="one standard deviation for each identified parameter: mm, deg, ppm",
     )
     provenance: Annotated[dict[str, JsonValue], AfterValidator(_finite)] | None = Field(
         default=None, description="keys and values that say where the parameters come from"
@@ -118,7 +135,7 @@ def contents_model(word: object) -> type[RobotContents]:
 def _model_of(word: str) -> type[RobotContents]:
     mechanism = MECHANISMS[word]
     space = mechanism.parameters
-    arm = _fields_model("ArmContents", space.arm_fields, space.extension_fields)
+    arm = _fields_model("ArmContents", space.arm_fields, space.optional_fields)
     count, keys = COUNTS[space.arms], len(space.arm_fields)
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _made(
@@ -134,7 +151,7 @@ def _model_of(word: str) -> type[RobotContents]:
         points | None,
         Field(default=None, description=f"{count} places, {JOINTS_ON_PLATE}"),
     )
-    deviations = Annotated[Deviations, AfterValidator(_naming(space.geometry))]
+    deviations = Annotated[Deviations, AfterValidator(_naming(space.of_robot))]
     return create_model(
         "RobotContents",
         __base__=RobotContents,
@@ -175,10 +192,10 @@ def _range_of(axis: Axis, what: str) -> Definition:
 
 
 def _fields_model(
-    name: str, fields: tuple[ParameterField, ...], extensions: tuple[ParameterField, ...]
+    name: str, fields: tuple[ParameterField, ...], optional: tuple[ParameterField, ...]
 ) -> type[FileModel]:
     definitions = {field.name: _definition(field) for field in fields}
-    for field in extensions:
+    for field in optional:
         definitions[field.name] = (
             VALUE_OF[field.quantity],
             Field(default=0.0, description=field.description),

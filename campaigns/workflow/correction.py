@@ -138,5 +138,5 @@ def _uncertainty(robot: RobotFile, found: RecordedIdentification | None) -> Unce
     """Uncertainty of the parameters that the robot file holds, as the identification stated it."""
     if found is None or found.covariance is None:
         return None
-    geometry = robot.mechanism.parameters.geometry
-    return found.covariance.only(name for name in found.covariance.names if name in geometry)
+    own = robot.mechanism.parameters.of_robot
+    return found.covariance.only(name for name in found.covariance.names if name in own)

@@ -148,9 +148,10 @@ class LinuxcncRobot(RobotController):
     def read_geometry(self) -> Mapping[str, float]:
         return self._store.read()
 
-    def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
-        """Nothing: pkmkins has all parameters, and so has what converts poses to joints."""
-        return ()
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        """Parameters among the named ones that its kinematics does not have."""
+        known = self._settings.known
+        return () if known is None else tuple(name for name in names if name not in known)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters, or none; the robot must stand.

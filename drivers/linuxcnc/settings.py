@@ -75,6 +75,8 @@ class LinuxcncSettings:
     """The parameters that poses are converted with; of a controller that does it, its pins too."""
     poses_of: Callable[[Mapping[str, float]], PosesOfJoints]
     """Puts a parameter set, by flat name in mm and deg, to work."""
+    known: frozenset[str] | None = None
+    """Names of the parameters that its kinematics has; None: all."""
     robot: str = "Par4"
     joints: int = 4
     are_rotary: bool = True

@@ -136,10 +136,13 @@ class LineRobot(RobotController):
         return geometry
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        """Parameters of imperfect parts among the named ones, of a controller that has none."""
-        asked = tuple(name for name in names if name in self._layout.extensions)
+        """Parameters among the named ones that it does not have."""
+        asked = {*names} & {*self._layout.extensions}
+        known = set(self._layout.parameters)
         with self._stopping.undisturbed():
-            return asked if asked and not self._knows_extensions() else ()
+            if asked and self._knows_extensions():
+                known |= asked
+        return tuple(name for name in names if name not in known)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters at once, or none; raises `DeviceRefused`.

@@ -43,8 +43,10 @@ def par4(flat: Mapping[str, float]) -> Kinematics:
 
 
 def par4_of(vector: np.ndarray) -> Kinematics:
-    """Robot of a vector, mm and rad, that may end with backlashes."""
-    return Kinematics(PAR4, np.asarray(vector)[: len(GEOMETRY_NAMES)])
+    """Robot of a vector, mm and rad, or of its first entries."""
+    p = np.zeros(len(SPACE.of_robot))
+    p[: len(vector)] = vector[: len(p)]
+    return Kinematics(PAR4, p)
 
 
 def turning_limits(joint, theta, swing_rad, **margins) -> Limits:

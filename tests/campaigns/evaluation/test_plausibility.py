@@ -43,6 +43,7 @@ def measured(name, seed=1, share=0.3):
         ]
     )
     limits *= space.units(space.geometry)
+    limits = np.pad(limits, (0, len(space.transmission)))
     off = Kinematics(
         robot.mechanism, robot.kinematics.p + share * rng.uniform(-1, 1, len(limits)) * limits
     )

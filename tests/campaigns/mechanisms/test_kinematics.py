@@ -61,8 +61,8 @@ def closures_mm2(robot, joints, poses):
 
 def steps(member, size):
     """A step of each entry of a vector: 0.01 is 0.01 rad or 1 mm."""
-    is_angle = member.space.is_angle[: len(member.space.geometry)]
-    return size * np.where(is_angle, 1.0, LEVER_MM)
+    units = [member.space[name].unit for name in member.space.of_robot]
+    return size * np.where(np.array(units) == "mm", LEVER_MM, 1.0)
 
 
 def singular_values(robot, poses, names):

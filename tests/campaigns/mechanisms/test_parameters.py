@@ -16,6 +16,7 @@ from par4_space import (
     OFFSETS,
     PLATE,
     SKEW_NAMES,
+    SPACE,
     TILTS,
     indices,
     par4,
@@ -65,8 +66,12 @@ def test_a_missing_parameter_is_named_and_an_unknown_one_has_no_place():
 
 
 def test_what_lies_beyond_the_29_stands_after_them_and_22_of_them_are_free():
-    """A place by name is the same whether one thinks of 29, 37 or 41 parameters."""
-    assert MODEL_NAMES == NAMES + AXIS_TILT_NAMES + SKEW_NAMES + BACKLASH_NAMES
+    """A place by name is the same whether one thinks of 29, 37, 61 or 64 parameters."""
+    beyond = SPACE.transmission + SPACE.thermal
+    assert tuple(MODEL_NAMES) == NAMES + AXIS_TILT_NAMES + SKEW_NAMES + beyond
+    assert SPACE.transmission[-4:] == BACKLASH_NAMES
+    assert [SPACE[name].unit for name in SPACE.transmission] == ["ppm"] * 4 + ["deg"] * 20
+    assert SPACE.thermal == ("arm_expansion_ppm", "forearm_expansion_ppm", "frame_expansion_ppm")
     assert indices(NAMES).tolist() == list(range(29))
     assert NAMES[PLATE] == "plate_mm"
     assert [NAMES[place] for place in OFFSETS] == [f"arm{i}.joint_offset_deg" for i in range(4)]

@@ -6,12 +6,14 @@ import math
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from par4_space import AXIS_TILT_NAMES, NAMES, indices
 
 from campaigns.errors import ConfigInvalid, OutputExists
+from campaigns.files.yaml_file import yaml_text
 from campaigns.mechanisms.delta import DELTA
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.mechanisms.parameters import Parameters
@@ -308,10 +310,51 @@ def test_a_controller_is_told_29_parameters_or_why_not():
     )
 
 
-def test_a_backlash_is_no_parameter_of_a_robot():
-    flat = PROTOTYPE.robot.parameters | {"arm0.backlash_deg": 0.01}
-    with pytest.raises(ConfigInvalid, match=r"arm0\.backlash_deg is not a parameter of a robot"):
+def test_warmth_is_no_parameter_of_a_robot():
+    flat = PROTOTYPE.robot.parameters | {"arm_expansion_ppm": 10.0}
+    with pytest.raises(ConfigInvalid, match="arm_expansion_ppm is not a parameter of a robot"):
         RobotFile.of(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
+
+
+def geared(tmp_path, **of_arm):
+    """Prototype whose second arm has more values."""
+    tree = PROTOTYPE.document.editable_tree()
+    told = of_arm.pop("ripples_per_turn", None)
+    tree["geometry"]["arms"][1].update(of_arm)
+    if told:
+        tree["ripples_per_turn"] = told
+    path = tmp_path / "geared.yaml"
+    path.write_text(yaml_text(tree), encoding="utf-8")
+    return read_robot(path).robot
+
+
+def test_a_file_holds_transmission_where_it_is_not_0(tmp_path):
+    robot = geared(
+        tmp_path,
+        encoder_gain_ppm=-120.0,
+        ripple_cos_deg=0.003,
+        backlash_deg=0.01,
+        ripples_per_turn=30.0,
+    )
+    names = ("arm1.encoder_gain_ppm", "arm1.ripple_cos_deg", "arm1.backlash_deg")
+    assert robot.parameters.extended_by == names
+    assert robot.digest() != PROTOTYPE.robot.digest()
+    assert geared(tmp_path, backlash_deg=0.0).digest() == PROTOTYPE.robot.digest()
+    joints, side = np.full((1, 4), 0.3), np.array([[0.0, 1.0, 0.0, 0.0]])
+    true = joints.copy()
+    true[0, 1] += -120e-6 * 0.3 + np.radians(0.003) * np.cos(30.0 * 0.3) - np.radians(0.005)
+    expected = PROTOTYPE.robot.kinematics.forward(true).values_or_raise()
+    found = robot.kinematics.forward(joints, approach=side).values_or_raise()
+    assert found == pytest.approx(expected, abs=1e-9)
+    back = robot.kinematics.inverse(found, approach=side).values_or_raise()
+    assert back == pytest.approx(joints, abs=1e-12)
+
+
+def test_a_ripple_without_its_period_and_a_joint_that_turns_round_are_refused(tmp_path):
+    with pytest.raises(ConfigInvalid, match=r"arm1\.ripple_sin_deg is 0\.01, but .* how often"):
+        geared(tmp_path, ripple_sin_deg=0.01)
+    with pytest.raises(ConfigInvalid, match=r"errors of a joint change by 0\.52 of its motion"):
+        geared(tmp_path, ripple_sin_deg=1.0, ripples_per_turn=30.0)
 
 
 lengths = st.floats(min_value=1e-6, max_value=1e5)

@@ -1,0 +1,129 @@
+"""Transmission of joints: against independent shots, by differences, for every member."""
+
+import json
+
+import numpy as np
+import pytest
+from family_cases import ALL_MEMBERS, VECTORS, flat_in
+from par4_cases import NOMINAL, central_differences
+
+from campaigns.estimation.least_squares import solve
+from campaigns.estimation.residuals import PointResiduals, PositionModel
+
+SIZES = {"deg": np.radians(0.03), "mm": 0.04, "ppm": 300e-6}
+FIELDS = {
+    "a_deg": "eccentricity_sin_deg",
+    "b_deg": "eccentricity_cos_deg",
+    "c_deg": "ripple_sin_deg",
+    "d_deg": "ripple_cos_deg",
+    "beta_deg": "backlash_deg",
+}
+
+all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
+
+
+def geared(member):
+    """Perturbed robot whose joints all have every error, and sides of approach of three shots."""
+    robot = member.perturbed
+    rate = 30.0 if member.mechanism.joints[0].is_revolute else 2.0 * np.pi / 20.0
+    p, space, draw = robot.p.copy(), member.space, np.random.default_rng(3)
+    for name in space.transmission:
+        p[space.places([name])] = SIZES[space[name].unit] * draw.uniform(-1.0, 1.0)
+    poses = member.reachable_poses(robot, 3, seed=5, limits=member.well_inside)
+    own = type(robot)(robot.mechanism.with_ripples(rate), p)
+    return own, poses, draw.choice([-1.0, 0.0, 1.0], (3, space.arms))
+
+
+@all_members
+def test_readings_and_poses_undo_each_other_from_either_side(member):
+    robot, poses, approach = geared(member)
+    joints = robot.inverse(poses, approach).values_or_raise()
+    found = robot.forward(joints, approach=approach).values_or_raise()
+    assert np.abs(found - poses).max() < 1e-9
+    assert np.abs(robot.forward(joints).values_or_raise() - poses).max() > 1e-3
+    assert np.abs(member.perturbed.inverse(poses).values_or_raise() - joints).max() > 1e-5
+
+
+@all_members
+def test_derivatives_by_every_parameter_are_those_of_differences(member):
+    robot, poses, approach = geared(member)
+    joints, space = robot.inverse(poses, approach).values_or_raise(), member.space
+    scale = robot.mechanism.sensitivity_scale_mm(robot.p)[: len(robot.p)]
+
+    def moved(vector):
+        return type(robot)(robot.mechanism, vector).forward(joints, poses, approach).values
+
+    exact = robot.jacobian(joints, poses, approach) / scale
+    differences = central_differences(moved, robot.p, 0.01 / scale) / scale
+    assert np.abs(exact - differences).max() < 1e-6 * np.abs(exact).max()
+    assert (np.abs(exact[:, :, space.places(space.transmission)]).max(axis=(0, 1)) > 1e-3).all()
+
+
+@all_members
+def test_a_warm_robot_grows_as_its_lengths_do(member):
+    robot, poses, approach = geared(member)
+    joints, space = robot.inverse(poses, approach).values_or_raise(), member.space
+    regressor = np.array([0.0, 1.0, -2.0])
+    places = space.places(space.thermal)
+    model = PositionModel(robot, places, joints, poses, approach=approach, regressor=regressor)
+    x = np.array([20e-6, 11e-6, 7e-6])
+    groups = (("arm_mm",), ("forearm_mm",), ("x_mm", "y_mm", "z_mm"))
+    for row, warmth in enumerate(regressor):
+        p, side = robot.p.copy(), approach[[row]]
+        for growth, fields in zip(x, groups, strict=True):
+            p[space.places(space.of_field(*fields))] *= 1.0 + growth * warmth
+        if not robot.mechanism.joints[0].is_revolute:
+            travelled = robot.mechanism.true_joints(p, joints[[row]], side)[0]
+            p[space.offsets] += x[0] * warmth * (travelled + p[space.offsets])
+        warm = type(robot)(robot.mechanism, p).forward(joints[[row]], poses[[row]], side)
+        assert np.abs(model.poses(x)[row] - warm.values[0]).max() < 1e-6
+    cold = model.kinematics(x).forward(joints, poses, approach).values
+    assert np.abs(cold - poses).max() < 1e-9
+    differences = central_differences(model.positions_mm, x, np.full(3, 1e-5))
+    assert np.abs(model.jacobian(x) - differences).max() < 1e-6 * np.abs(differences).max()
+
+
+def shots(case):
+    """Joints, sides of approach, points and covariances of a vector's file, and its answers."""
+    table = np.genfromtxt(VECTORS / f"{case}.csv", delimiter=",", names=True)
+
+    def columns(*names):
+        return np.stack([table[name] for name in names], axis=1)
+
+    covariance = columns("sxx", "sxy", "sxz", "sxy", "syy", "syz", "sxz", "syz", "szz")
+    joints = np.radians(columns(*(f"q{arm}_deg" for arm in range(4))))
+    approach, points = columns(*(f"side{arm}" for arm in range(4))), columns("x_mm", "y_mm", "z_mm")
+    answers = json.loads((VECTORS / f"{case}.json").read_text(encoding="utf-8"))
+    return joints, approach, points, covariance.reshape(-1, 3, 3), answers
+
+
+def named(answer):
+    """Values of an answer by the names of parameters."""
+    flat = flat_in(answer["geometry"])
+    return flat | {
+        f"arm{arm}.{field}": value
+        for key, field in FIELDS.items()
+        for arm, value in enumerate(answer[key])
+    }
+
+
+@pytest.mark.parametrize(
+    ("case", "answer", "within"),
+    [
+        ("transmission-exact", "truth", {"mm": 1e-6, "deg": 1e-7}),
+        ("transmission-noise", "least_squares_points", {"mm": 1e-5, "deg": 1e-7}),
+    ],
+)
+def test_all_terms_are_found_as_an_independent_model_has_them(case, answer, within):
+    joints, approach, points_mm, covariance_mm2, answers = shots(case)
+    nominal = type(NOMINAL)(NOMINAL.mechanism.with_ripples(answers["N"]), NOMINAL.p)
+    space, expected = nominal.mechanism.parameters, named(answers[answer])
+    added = tuple(name for name in space.transmission if name in expected)
+    free = (*space.free_by_default, *added)
+    assert len(free) == 42
+    model = PositionModel(nominal, space.places(free), joints, approach=approach)
+    fit = solve(PointResiduals.from_points(model, points_mm, covariance_mm2))
+    found = fit.x[: len(free)] / space.units(free)
+    assert fit.converged
+    for name, value in zip(free, found, strict=True):
+        assert abs(value - expected[name]) < within[space[name].unit], name
