@@ -51,6 +51,7 @@ COMMANDS = {
     "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
     "load": ("load", "Put the compensated parameters into the controller."),
     "status": ("status", "Say where the campaign is, and what comes next."),
+    "watch": ("watch", "Serve a live page of the campaign, for a tablet or the wall."),
     "report": ("report", "Write the report: one page about all of it."),
     "reproduce": ("reproduce", "Do the paper's simulation and experiment again."),
     "study": (

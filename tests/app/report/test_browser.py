@@ -1,8 +1,10 @@
 """The page in a real browser: nothing cut, nothing missing, nothing complained of."""
 
+import json
 import re
 import shutil
 import subprocess
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -141,3 +143,38 @@ def test_no_table_and_no_figure_is_cut_by_a_page(pdf_pages: list[str]) -> None:
         pages = [text for text in pdf_pages if first in text]
         assert len(pages) == 1, first
         assert last in pages[0], first
+
+
+def test_the_live_page_fits_a_phone_and_shows_injected_names_as_text(
+    browser: Browser, tmp_path: Path
+) -> None:
+    evil = "<img src=x onerror=document.title='owned'>" * 3
+    state = {
+        "name": evil,
+        "colour": "red",
+        "state": "the beam is broken",
+        "detail": "lost " * 20,
+        "done": 1234,
+        "total": 10000,
+        "map": [{"shot": n, "set": evil, "state": "done", "at": [n, -n]} for n in range(40)],
+        "lost": [[1.0, 2.0]],
+        "drift": [[0.0, 0.0], [60.0, 0.01]],
+        "sigma": [[20, 0.1], [60, 0.05]],
+        "known": {"weakest": "arm2.forearm_mm", "weakest_std": 0.0123, "unit": "mm"},
+        "events": [{"at_utc": "2026-03-02T08:00:00+00:00", "text": evil}],
+        "latest_utc": "2026-03-02T08:00:00+00:00",
+        "now_utc": "2026-03-02T08:00:01+00:00",
+        "next": "pkmcal run " + "very-long-folder-name" * 5,
+    }
+    text = files("app.monitor").joinpath("live.html").read_text(encoding="utf-8")
+    live = tmp_path / "live.html"
+    live.write_text(text.replace("STATE", json.dumps(state).replace("<", "\\u003c")), "utf-8")
+    for width in (390, 1280):
+        assert browser.measure(live, width, WHOLE_WIDTH) <= max(width, 500)
+        assert browser.measure(live, width, OUTSIDE) == []
+    shown = (
+        "[document.images.length, document.title, document.querySelectorAll('#map circle').length]"
+    )
+    images, title, circles = browser.measure(live, 390, shown)
+    assert (images, circles) == (0, 40)
+    assert title == f"1234/10000 {evil}"

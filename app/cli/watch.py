@@ -1,0 +1,79 @@
+"""pkmcal watch: a live page of a campaign."""
+
+import os
+import threading
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+
+from app.console import terminal_of
+from app.interrupt import awaited_signal
+from app.monitor.follower import followed
+from app.monitor.live_state import utc_now
+from app.monitor.server import LiveServer, News, follow
+from app.options import Folder, Json
+from campaigns.campaign import open_campaign
+from campaigns.errors import OptionsInvalid
+
+EVERY_S = 0.3
+POLITE = 10
+"""Added to the process's niceness: a run on the same machine comes first."""
+Host = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Where to serve: this machine alone, or for the hall 0.0.0.0 or its own address; "
+        "the page's address then has a token.",
+    ),
+]
+Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
+
+
+def command(
+    context: typer.Context,
+    folder: Folder,
+    *,
+    host: Host = "127.0.0.1",
+    port: Port = 0,
+    json: Json = False,
+) -> None:
+    """Serve a live page of the campaign, for a tablet or the wall.
+
+    What is measured, what is left and when it ends, a map as the tracker sees it, drift, how well
+    the parameters are known, and the next command. It reads nothing but the campaign's folder and
+    changes nothing: it may begin before a run, and goes on after the process that measured has
+    ended, whatever ended it. Prints the page's address, then serves until Ctrl-C or SIGTERM.
+    """
+    terminal = terminal_of(context, as_json=json)
+    open_campaign(folder)
+    news, over = News(), threading.Event()
+    try:
+        server = LiveServer(host, port, news)
+    except (OSError, OverflowError) as error:
+        raise OptionsInvalid(
+            f"--host {host} --port {port}: cannot serve there: {error}",
+            remedy="name an address of this machine and a free port, or leave --port out",
+        ) from error
+    with suppress(OSError, AttributeError):
+        os.nice(POLITE)
+
+    def read() -> None:
+        with followed(folder, utc_now) as follower:
+            follow(follower.news, news, lambda: over.wait(EVERY_S))
+
+    threads = [
+        threading.Thread(target=read, name="follower", daemon=True),
+        threading.Thread(target=server.serve_forever, name="server", daemon=True),
+    ]
+    with awaited_signal() as wait, server:
+        for thread in threads:
+            thread.start()
+        terminal.say(f"live page: {server.url}")
+        terminal.document({"url": server.url})
+        wait()
+        over.set()
+        news.close()
+        server.shutdown()
+        for thread in threads:
+            thread.join()

@@ -1,0 +1,151 @@
+"""Follower of a journal that another process writes: what is new, as the live page is told it."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from datetime import datetime
+from pathlib import Path
+
+from app.monitor.live_state import View, Watched, live_state
+from campaigns.campaign import open_campaign
+from campaigns.errors import CampaignError
+from campaigns.files.lock import lock_holder
+from campaigns.journal.journal import JournalReader
+from campaigns.journal.records import (
+    Finding,
+    Record,
+    SeriesFinished,
+    SeriesStarted,
+    SessionStarted,
+    SessionStopped,
+)
+from campaigns.journal.views import Entry, Series
+from campaigns.measuring.run_state import ParameterUncertainty
+from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow.running import run_work
+from campaigns.workflow.status import campaign_status
+
+MARKS = (SeriesStarted, SeriesFinished, SessionStarted, SessionStopped, Finding)
+"""Records with which a campaign may reach another stage."""
+SHOTS_BETWEEN_FITS = 8
+"""Identification shots that make the uncertainty worth fitting anew."""
+
+
+class Follower:
+    """Follower of one campaign. For one thread; takes no lock and writes nothing."""
+
+    def __init__(self, folder: Path, now_utc: Callable[[], datetime]) -> None:
+        self._folder, self._now_utc = folder, now_utc
+        self._campaign = open_campaign(folder)
+        self._journal: JournalReader | None = None
+        self._file: tuple[int, int] | None = None
+        self._seen: object = None
+        self._known: list[ParameterUncertainty] = []
+        self._monitor: UncertaintyMonitor | None = None
+        self._monitored: object = None
+        self._status_of: object = None
+        self._told = ("", "")
+
+    def close(self) -> None:
+        """Close the journal."""
+        if self._journal is not None:
+            self._journal.close()
+            self._journal = None
+
+    def news(self) -> dict[str, object] | None:
+        """State of the campaign where it is another than before; None where nothing is new."""
+        held_by = lock_holder(self._folder)
+        try:
+            entries = self._reader().records() if self._campaign.journal_path.exists() else ()
+        except (CampaignError, OSError) as error:
+            return self._trouble(error)
+        seen = (len(entries), self._file, held_by, self._plan_time())
+        if seen == self._seen:
+            return None
+        self._seen = seen
+        campaign = self._campaign
+        try:
+            phase, following = self._status(entries)
+            series = self._journal.series()[-1] if self._journal and entries else None
+            plan = campaign.read_plan() if campaign.plan_path.exists() else ()
+        except (CampaignError, OSError) as error:
+            return self._trouble(error)
+        watched = Watched(
+            entries=entries,
+            series=series,
+            plan=plan,
+            held_by=held_by,
+            known=self._uncertainty(series),
+            phase=phase,
+            next=following,
+        )
+        view = View.from_tracker(
+            campaign.config.tracker.place_mm, campaign.config.validation.centre_mm
+        )
+        name, mechanism = campaign.config.name, campaign.robot.mechanism
+        return live_state(watched, view, mechanism, name, self._now_utc())
+
+    def _reader(self) -> JournalReader:
+        """Journal, opened anew where another file is in its place."""
+        stat = self._campaign.journal_path.stat()
+        if self._journal is None or self._file != (stat.st_dev, stat.st_ino):
+            self.close()
+            self._campaign = open_campaign(self._folder)
+            self._journal, self._file = self._campaign.journal_reader(), (stat.st_dev, stat.st_ino)
+        return self._journal
+
+    def _plan_time(self) -> int:
+        path = self._campaign.plan_path
+        return path.stat().st_mtime_ns if path.exists() else 0
+
+    def _status(self, entries: Sequence[Entry[Record]]) -> tuple[str, str]:
+        """Phase and next command, worked out anew only when a stage has begun or ended."""
+        marks = sum(isinstance(each.record, MARKS) for each in entries)
+        of = (marks, self._file, self._plan_time())
+        if of != self._status_of:
+            found = campaign_status(self._campaign)
+            self._status_of = of
+            self._told = found.phase, found.next.says if found.next else ""
+        return self._told
+
+    def _trouble(self, error: CampaignError | OSError) -> dict[str, object] | None:
+        if self._seen == str(error):
+            return None
+        self._seen = str(error)
+        return {
+            "name": self._campaign.config.name,
+            "colour": "red",
+            "state": "cannot be read",
+            "detail": str(error),
+            "now_utc": self._now_utc().isoformat(timespec="milliseconds"),
+        }
+
+    def _uncertainty(self, series: Series | None) -> tuple[ParameterUncertainty, ...]:
+        """Uncertainty after every few shots of a run; nothing where the plan cannot be read."""
+        if series is None or series.started.stage != "run":
+            return ()
+        of = (self._file, series.number, self._plan_time())
+        if of != self._monitored:
+            self._known, self._monitored, self._monitor = [], of, self._monitor_of_plan()
+        outcomes = [shot.outcome for shot in series.shots]
+        identifying = ShotSet.IDENTIFICATION.value
+        count = sum(shot.intent.purpose == identifying for shot in series.shots)
+        before = self._known[-1].shots if self._known else 0
+        if self._monitor is not None and (
+            count - before >= SHOTS_BETWEEN_FITS or (series.finished and count > before)
+        ):
+            found = self._monitor.fitted(outcomes)
+            self._known += [found] if found is not None else []
+        return tuple(self._known)
+
+    def _monitor_of_plan(self) -> UncertaintyMonitor | None:
+        try:
+            work = run_work(self._campaign, self._campaign.checked_plan())
+            return work.uncertainty_monitor()
+        except CampaignError:
+            return None
+
+
+def followed(folder: Path, now_utc: Callable[[], datetime]) -> "closing[Follower]":
+    """Follower that is closed at the end of a block; raises `ConfigInvalid`."""
+    return closing(Follower(folder, now_utc))
