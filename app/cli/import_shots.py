@@ -93,8 +93,8 @@ def command(
 
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
     "validation", which is the default then, and the sets rotation, straightness and repeatability.
-    What the controller held is declared, not read, and the report says so. Exit code 1 then: a
-    limit is not surely kept, or distances are worse than before.
+    What the controller held is declared, not read, and the report says so. Exit code 1 then as of
+    `pkmcal validate`.
 
     The journal keeps the files' names and sha256, and the report shows them.
     """

@@ -43,8 +43,7 @@ def command(
     tell_who_works(terminal, campaign)
     page, path = report(campaign, to)
     verdict = page.evaluation.verdict
-    more = "" if verdict.answer == verdict.decision else f" ({verdict.answer})"
-    terminal.say(f"verdict: {verdict.decision}{more}: {' '.join(verdict.reasons)}")
+    terminal.say(f"verdict: {verdict.says}")
     journal = page.evaluation.evidence.journal
     if journal is not None and journal.unended_load:
         terminal.say(f"! {journal.unended_load}", BAD)

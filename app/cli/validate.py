@@ -67,8 +67,9 @@ def command(
     poses are commanded, as `pkmcal correct` writes them, and errors are judged against the wanted
     ones.
 
-    Exit code 1: a limit under `acceptance` in campaign.yaml is not surely kept, or distances after
-    loading are worse than before.
+    Exit code 1: a limit under `acceptance` in campaign.yaml is not surely kept, distances after
+    loading are worse than before, or, --stage after, the campaign as a whole does not pass. That no
+    limit is asked for is told, and is no 1.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

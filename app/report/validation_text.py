@@ -25,7 +25,8 @@ def validation_document(found: Validated) -> dict[str, object]:
         "decision": verdict.decision,
         "reasons": list(verdict.reasons),
         "held": found.evaluation.evidence.held(found.stage),
-        "campaign": whole and {"decision": whole.decision, "reasons": whole.reasons},
+        "campaign": whole
+        and {"decision": whole.decision, "answer": whole.answer, "reasons": whole.reasons},
         "requirements": [
             {
                 "name": each.name,
@@ -45,7 +46,7 @@ def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) ->
     if found.stage == "after" and found.evaluation.before is not None:
         show_gain(terminal, found.evaluation)
     terminal.document(validation_document(found) | tell_next(terminal, campaign))
-    if found.verdict.decision not in {None, "pass"}:
+    if found.verdict.decision not in {None, "pass"} or found.otherwise is not None:
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -63,12 +64,11 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     verdict = found.verdict
     for reason in verdict.reasons:
         terminal.say(f"not good: {reason}", STYLES.get(verdict.decision or "", ""))
-    whole = found.otherwise
-    if verdict.decision == "pass" and whole is None:
+    whole = found.campaign_verdict
+    if verdict.decision == "pass" and found.otherwise is None:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
-    if whole is not None:
-        answer = f"the campaign as a whole: {whole.decision}: {' '.join(whole.reasons)}"
-        terminal.say(answer, STYLES[whole.decision])
+    if whole is not None and whole.answer != verdict.decision:
+        terminal.say(f"the campaign as a whole: {whole.says}", STYLES[whole.decision])
 
 
 def show_gain(terminal: Terminal, found: Evaluation) -> None:

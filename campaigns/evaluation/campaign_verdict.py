@@ -47,6 +47,12 @@ class CampaignVerdict:
     reasons: tuple[str, ...]
     requirements: tuple[Requirement, ...]
 
+    @property
+    def says(self) -> str:
+        """The decision in words, and why."""
+        more = "" if self.answer == self.decision else f" ({self.answer})"
+        return f"{self.decision}{more}: {' '.join(self.reasons)}"
+
 
 def campaign_verdict(
     identification: IdentificationVerdict | None,

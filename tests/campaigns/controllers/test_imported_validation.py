@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import change
 from paper_campaign import NOMINAL, TRACKER_FROM_BASE, PaperCampaign, new_campaign, validation_shots
 from target_cases import TARGETS
 
@@ -301,6 +302,26 @@ def test_terminal_program_and_page_tell_one_verdict(
     page = (paper.folder / "report.html").read_text(encoding="utf-8")
     assert '<p class="decision">Pass</p>' in page
     assert "declared by robot-compensated.yaml, not read" in page
+
+
+def test_that_no_limit_is_asked_for_is_told_and_what_else_stands_against_the_whole_is_not_good(
+    paper: PaperCampaign, capsys
+) -> None:
+    change(paper.folder / "campaign.yaml", {"acceptance": {}})
+    path = paper.folder / "after.csv"
+    write_shots(path, rows(paper, identified(paper)), NOMINAL.robot.mechanism)
+    words = ["import", str(paper.folder), str(path), "--stage", "after", "--json"]
+    assert run_command(words) == 0
+    ended = capsys.readouterr()
+    assert "the campaign as a whole: not decided (no limit asked for): " in ended.err
+    document = json.loads(ended.out)
+    assert document["decision"] is None
+    assert document["campaign"]["answer"] == "no limit asked for"
+    identify(paper.campaign, IdentificationOptions(fix=("arm3.arm_mm",)))
+    assert run_command([*words, "--anyway"]) == 1
+    ended = capsys.readouterr()
+    assert "the campaign as a whole: not decided: " in ended.err
+    assert json.loads(ended.out)["campaign"]["answer"] == "not decided"
 
 
 def test_a_measured_validation_takes_up_no_imported_one(paper: PaperCampaign) -> None:
