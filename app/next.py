@@ -30,16 +30,15 @@ def tell_next(
 ) -> dict[str, object]:
     """Say which command is next; gives it as a part of what `--json` prints.
 
-    `words`: options that a next run or identification gets. `held`: what was read from the
-    controller. Where evidence cannot be read, nothing is said: the command's own result stands.
+    `words`: options that a next run or identification gets, not those recorded. `held`:
+    what was read from the controller. Where evidence cannot be read, nothing is said: the command's
+    own result stands.
     """
     try:
         state = state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
-        step = next_step(state)
+        step = next_step(replace(state, words=tuple(words) or state.words))
     except CampaignError:
         step = None
-    if step is not None and step.command[0] in {"run", "identify"}:
-        step = replace(step, command=(*step.command, *words))
     if step is not None:
         terminal.note(f"next: {step.says}")
     return {"next": step and step.text, "before_next": (step and step.first) or None}

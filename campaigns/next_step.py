@@ -10,7 +10,7 @@ from typing import Literal
 
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.export import PLAIN_FILE
-from campaigns.estimation.estimators import Model
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence
@@ -41,6 +41,8 @@ TAKEN = {
 """What to do before a doubt is accepted."""
 FREED = {"azimuths": "arm*.azimuth_deg", "reflector": "reflector_constant_mm"}
 """Parameters that are in no model, by the cause of a lack of fit."""
+SELECTION = {"--estimator", "--model", "--free", "--fix"}
+"""Options that say what is to be found, which stay for further shots."""
 MEND = "mend what the diagnostics name"
 Held = Literal["", "identified", "form"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
@@ -69,6 +71,8 @@ class CampaignState:
     """State of a campaign, as far as the next step depends on it."""
 
     folder: str = "DIR"
+    words: tuple[str, ...] = ()
+    """Options for run and identify."""
     answered: bool = True
     """Whether the devices were asked who they are; a simulated cell need not be."""
     planned: bool = False
@@ -104,9 +108,10 @@ def next_step(state: CampaignState) -> NextStep | None:
     if not state.measured:
         return _to_measure(state)
     if state.left:
-        return NextStep(("run", here, *(["--anew"] if state.left == "anew" else [])))
+        anew = ["--anew"] if state.left == "anew" else []
+        return NextStep(("run", here, *anew, *state.words))
     if state.verdict is None:
-        return NextStep(("identify", here))
+        return NextStep(("identify", here, *state.words))
     return state.way_on or _to_calibrate(state) or _to_show(state)
 
 
@@ -118,7 +123,7 @@ def _to_measure(state: CampaignState) -> NextStep:
         return NextStep(("plan", here))
     if not state.before:
         return NextStep(("validate", here, "--stage", "before"))
-    return NextStep(("run", here))
+    return NextStep(("run", here, *state.words))
 
 
 def _to_calibrate(state: CampaignState) -> NextStep | None:
@@ -193,6 +198,8 @@ class Unusable:
         if name == diagnostics.CHANGE:
             at = float(numbers.get("before_shot", 0.0))
             return self._after_change(str(numbers.get("kind")), at)
+        if numbers.get("cause") == "backlash" and Estimator.DISTANCES.value in found.asked:
+            return self._identify(without="--estimator")  # all coordinates tell what gears lose
         if freed and freed not in found.asked:
             return self._identify("--free", freed)
         return self._past_a_lack()
@@ -277,6 +284,7 @@ def state_of(
     runs = [each for each in counted if each.started.stage == "run" or _is_import(each)]
     state = CampaignState(
         folder=str(campaign.folder),
+        words=_words(evidence),
         answered=answered or campaign.is_simulated,
         planned=evidence.plan is not None,
         before=bool(evidence.before),
@@ -307,6 +315,17 @@ def state_of(
         imported=imported,
     )
     return replace(state, verdict=found.verdict, way_on=unusable.way_on())
+
+
+def _words(evidence: Evidence) -> tuple[str, ...]:
+    """Options, as typed, that say what is to be found: of the last identification or a new plan."""
+    found, plan = evidence.identification, evidence.plan
+    digest = plan and plan_digest(plan, evidence.campaign.robot.mechanism)
+    if plan and not (found and found.plan_digest == digest):
+        return plan[0].asked
+    asked = found.asked if found else ()
+    pairs = zip(asked, ("", *asked), strict=False)
+    return tuple(word for word, before in pairs if {word, before} & SELECTION)
 
 
 def _is_import(series: Series) -> bool:

@@ -1,5 +1,6 @@
 """pkmcal import: shots measured with other software."""
 
+import shlex
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,7 @@ from app.next import tell_next
 from app.options import Folder, Json, folder_and_file
 from app.report.validation_text import show_validation
 from campaigns.campaign import open_campaign
+from campaigns.evidence import evaluate
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, read_joined_shots
@@ -129,5 +131,8 @@ def command(
         return
     series = import_shots(campaign, rows, str(file), files, tell=terminal.note, anyway=anyway)
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
+    if evaluate(campaign).before is None:
+        again = shlex.join(["pkmcal", "import", str(campaign.folder), "FILE", "--stage", "before"])
+        terminal.note(f"pairs measured with the controller's own parameters: {again} takes them in")
     taken = {"series": series, "shots": len(rows)}
     terminal.document(taken | tell_next(terminal, campaign))

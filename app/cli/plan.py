@@ -1,6 +1,5 @@
 """pkmcal plan: where to measure."""
 
-import shlex
 from dataclasses import asdict
 
 import typer
@@ -47,11 +46,7 @@ def command(
         terminal.say(f"drawn: {plot}")
     if planned.note:
         terminal.note(planned.note, WARNING)
-    words = options.words()
-    following = tell_next(terminal, campaign, words=words)
-    if words and " run " not in str(following["next"]):
-        terminal.note(f"then: {shlex.join(['pkmcal', 'run', str(folder), *words])}")
-    terminal.document(plan_document(campaign, planned) | following)
+    terminal.document(plan_document(campaign, planned) | tell_next(terminal, campaign))
 
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:

@@ -53,7 +53,7 @@ LACKS = {
         f"correct the controller's; {BY_LIMITS}",
         " %",
     ),
-    "backlash": ("backlash", "--model auto or extended fits it; or mend the gear", ""),
+    "backlash": ("backlash", "--estimator points, --model auto fit it; or mend the gear", ""),
     "azimuths": ("azimuths off nominal", "--free 'arm*.azimuth_deg', or --model auto", ""),
     "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them", ""),
     "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}", " mm"),

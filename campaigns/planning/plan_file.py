@@ -1,6 +1,7 @@
 """plan.csv: one row a shot, readable and editable."""
 
 import hashlib
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from drivers.values import Pose
 KEYS = ("shot", "set", "pair")
 MODEL = "model"
 """Column of the model that a plan was made for; older plans lack it."""
+ASKED = "asked"
+"""Column of the options with which a plan was asked for what it shall tell; others lack it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +30,8 @@ class PlannedShot:
     """Shot to be taken: where the plate shall be, and the joint values that bring it there.
 
     The pose is the controlled point in the base frame. `pair` is None for sets without pairs,
-    `model`, which the plan was made to tell, in plans that don't say.
+    `model`, which the plan was made to tell, in plans that don't say. `asked`: options that say it
+    to a run and an identification, as typed.
     """
 
     shot: int
@@ -36,6 +40,7 @@ class PlannedShot:
     pose: Pose
     joints: tuple[float, ...]
     model: Model | None = None
+    asked: tuple[str, ...] = ()
 
 
 def plan_model(shots: Sequence[PlannedShot]) -> Model:
@@ -82,16 +87,18 @@ def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
 def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """Text of a plan's file."""
     rows = [_row_of(shot, mechanism) for shot in shots]
-    if not any(shot.model for shot in shots):
-        return csv_text(plan_columns(mechanism), rows)
-    models = [shot.model or "" for shot in shots]
-    named = [[*row, model] for row, model in zip(rows, models, strict=True)]
-    return csv_text((*plan_columns(mechanism), MODEL), named)
+    head = plan_columns(mechanism)
+    models, asked = [s.model or "" for s in shots], [shlex.join(s.asked) for s in shots]
+    for name, values in ((MODEL, models), (ASKED, asked)):
+        if any(values):
+            head = (*head, name)
+            rows = [[*row, value] for row, value in zip(rows, values, strict=True)]
+    return csv_text(head, rows)
 
 
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
-    form = CsvForm(required=plan_columns(mechanism), optional=(MODEL,), invalid=PlanInvalid)
+    form = CsvForm(required=plan_columns(mechanism), optional=(MODEL, ASKED), invalid=PlanInvalid)
     rows = list(parse_csv(text, name, form))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
@@ -144,6 +151,15 @@ def _model_of(row: CsvRow) -> Model | None:
     return Model(text) if text else None
 
 
+def _asked_of(row: CsvRow) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(row.text(ASKED)))
+    except ValueError as error:
+        raise row.wrong(
+            f"{ASKED} is '{shown(row.text(ASKED))}'", remedy="close its quotes"
+        ) from error
+
+
 def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
     purpose = columns.shot_set(row)
     return PlannedShot(
@@ -153,6 +169,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
         pose=pose_of(columns.axis_values(row, mechanism.task)),
         joints=columns.axis_values(row, mechanism.joints),
         model=_model_of(row),
+        asked=_asked_of(row),
     )
 
 

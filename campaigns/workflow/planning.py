@@ -97,7 +97,8 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
     else:
         shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
     named = None if model is Model.STANDARD else model  # such a plan is as plans always were
-    checked = campaign.checked_plan(tuple(replace(shot, model=named) for shot in shots))
+    asked = tuple(options.words())
+    checked = campaign.checked_plan(tuple(replace(s, model=named, asked=asked) for s in shots))
     robot, view, space = campaign.robot, campaign.view, campaign.space
     sample = judged_positions(robot, campaign.centre, space, request.free, shots)
     setup = EstimationSetup(request.estimator, request.free, request.uncertainty)

@@ -45,6 +45,7 @@ OPTIONS = (
     (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
 )
 """All that a next step may ask an identification for: each changes it once."""
+FIXED_A = "identify DIR --fix a"
 MENDED = {"run", "import"}
 """Commands before which a person has mended something: what they measure is another campaign."""
 
@@ -202,6 +203,8 @@ def test_no_advice_leads_back_and_all_end() -> None:
     [
         ({"answered": False}, "look through campaign.yaml (tracker.place_mm!), then: devices DIR"),
         ({"measured": "run", "left": "anew"}, "run DIR --anew"),
+        ({"left": "run", "words": ("--fix", "a*")}, "run DIR --fix 'a*'"),
+        ({"words": ("--estimator", "distances")}, "identify DIR --estimator distances"),
         ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
         ({"verdict": "pass", "file": "identified", "form": "needed"}, "export DIR --format plain"),
         (
@@ -226,6 +229,7 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: 
     [
         (diagnostics.LACK, "reflector", (), "identify DIR --free reflector_constant_mm"),
         (diagnostics.LACK, "sag", ("--model", "full"), "identify DIR --model auto"),
+        (diagnostics.LACK, "backlash", ("--estimator", "distances", "--fix", "a"), FIXED_A),
         (diagnostics.CHANGE, "frame", (), "identify DIR --sessions"),
         (diagnostics.CHANGE, "joint", ("--fix", "a"), "identify DIR --fix a --shots -59"),
         (diagnostics.CHANGE, "drift", (), "mend what the diagnostics name, then: run DIR --anew"),
@@ -258,6 +262,8 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
     """What is there of a whole campaign, with one thing after the other taken away."""
     evidence = gather(open_campaign(whole.folder))
     assert evidence.journal is not None
+    assert evidence.plan is not None
+    asked = tuple(replace(shot, asked=("--fix", "a")) for shot in evidence.plan)
     runs = tuple(each for each in evidence.journal.series if each.started.stage == "run")
     unfinished = tuple(replace(each, finished=False) for each in runs)
     left: list[tuple[dict[str, object], str]] = [
@@ -265,8 +271,9 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         ({"after": ()}, "validate --stage after"),
         ({"loaded": None}, "load"),
         ({"parameter_file": None}, "export"),
-        ({"identification": None}, "identify"),
-        ({"journal": replace(evidence.journal, series=unfinished)}, "run"),
+        ({"plan": asked}, "export"),
+        ({"identification": None}, "identify --fix a"),
+        ({"journal": replace(evidence.journal, series=unfinished)}, "run --fix a"),
         ({"journal": None, "before": ()}, "validate --stage before"),
         ({"plan": None}, "devices"),
     ]
