@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import dist
 
-from campaigns.errors import GateRefused
+from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.reacquisition import Reacquisition
@@ -25,17 +25,21 @@ from campaigns.measuring.shot_taker import (
     ShotFailed,
     ShotRefused,
     ShotTaker,
+    Skipped,
     TargetRefused,
 )
 from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
 from campaigns.measuring.station import StationMonitor
 from campaigns.measuring.stopping_rule import early_stop, in_ranges, in_words, may_stop
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
+from campaigns.measuring.wishes import Wish
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import RobotStateUnknown
 
+LOOK_S = 0.1
+"""How often a pause looks at faults and wishes."""
 MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
 MOST_DEFERRED = 0.2
@@ -135,7 +139,7 @@ class Engine:
         left = self.wanted(groups_left)
         while left:
             first = self._measured(left[0])
-            left = self.wanted((*first, *left[1:]))
+            left = self.wanted(self._heeded((*first, *left[1:])))
         for group in self.wanted(self._deferred):
             self._measure_once_more(group)
         self._update_by_a_fit()
@@ -167,9 +171,54 @@ class Engine:
                 if first is not None:
                     return (*first, group)
             self._defer(group, error, lost)
+        except Skipped:
+            self._tell_skipped_by_wish(group)
         else:
             self._in_a_row = 0
         return ()
+
+    def _heeded(self, left: tuple[Group, ...]) -> tuple[Group, ...]:
+        """Heed the operator's wishes between two groups; gives what is to be measured now."""
+        wishes = self._session.wishes
+        if wishes.take(Wish.AGAIN) and self._gate.accepted:
+            last = self._gate.accepted[-1].shot
+            group = next((g for g in self._plan if last in shots_of(g)), None)
+            left = left if group is None else (self._void_by_wish(group), *left)
+        if wishes.take(Wish.PARK):
+            self._park()
+        elif wishes.take(Wish.PAUSE):
+            self._pause("paused by the operator")
+        return left
+
+    def _void_by_wish(self, group: Group) -> Group:
+        counted = {outcome.shot for outcome in self._gate.accepted}
+        shots = tuple(shot for shot in shots_of(group) if shot in counted)
+        text = f"{in_words(shots)} measured again, as the operator wishes"
+        self._log.announce(Event("operator note", text, shots))
+        self._void(group[0].planned.pair, shots, text)
+        return group
+
+    def _park(self) -> None:
+        """Go where somebody can reach the robot, by a checked way, and wait there."""
+        joints = self._session.work.park_joints
+        if joints is not None:
+            mover = self._session.mover
+            try:
+                mover.return_to(joints, "to where it is parked", self._run_state.enter)
+            except (TargetOutOfReach, NotSettled) as error:
+                self._log.announce(Event("operator note", f"not parked: {error.problem}"))
+            self._run_state.rest()
+        self._pause("parked by the operator")
+
+    def _pause(self, text: str) -> None:
+        """Wait, the robot watched, until the operator goes on."""
+        self._log.announce(Event("operator note", text))
+        self._run_state.enter(EngineState.PAUSED)
+        while not self._session.wishes.take(Wish.PAUSE):
+            self._session.mover.require_sound()
+            self._session.mover.pause(LOOK_S)
+        self._run_state.rest()
+        self._log.announce(Event("operator note", "the operator goes on"))
 
     def _obey(self, action: Recovery, lost: ShotRefused) -> tuple[Group, ...] | None:
         """The groups to measure anew before the refused one is; None: it is the one at fault.
@@ -240,6 +289,13 @@ class Engine:
             if not isinstance(error.__cause__, ShotFailed):
                 raise
             self._tell_skipped(group, "skipped", error)
+        except Skipped:
+            self._tell_skipped_by_wish(group)
+
+    def _tell_skipped_by_wish(self, group: Group) -> None:
+        shots = shots_of(group)
+        text = f"{in_words(shots)} skipped: by the operator"
+        self._log.announce(Event("shot skipped", text, shots))
 
     def _tell_skipped(self, group: Group, how: str, error: GateRefused) -> None:
         shots = shots_of(group)

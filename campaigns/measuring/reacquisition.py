@@ -18,6 +18,7 @@ from campaigns.measuring.monitors import STANDING_MM, is_same_pose
 from campaigns.measuring.recovery import ELSEWHERE, LOOK_AT_THE_DRIVES, NOT_MOVING
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
+from campaigns.measuring.wishes import Wish
 from campaigns.measuring.work import Session
 from drivers.errors import BeamBroken, LimitViolation
 from drivers.values import Vector3
@@ -75,10 +76,11 @@ class Reacquisition:
                 found.append(each)
         return tuple(found)
 
-    def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool:
+    def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool | None:
         """Wait until the reflector is found, for as long as it takes, and say how long it took.
 
         False: it was never seen at this pose, for as long as is waited before another is asked.
+        None: the operator wishes to skip the shot.
         The robot stands still meanwhile, and is watched. Raises `GateRefused` once the reflector is
         found where it was before the encoders moved: then the robot has not moved with them.
         """
@@ -90,6 +92,9 @@ class Reacquisition:
         while (failure := self._failure_to_find(joints, here)) is not None:
             self._mover.check_stop()
             self._mover.require_sound()
+            if self._session.wishes.take(Wish.SKIP):
+                self._run_state.see_beam(locked=False)
+                return None
             lasted_s = self._clock.now_s() - since_s
             self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
             if look_back.has_passed():

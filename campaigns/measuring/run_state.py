@@ -19,6 +19,7 @@ class EngineState(Enum):
     SETTLING = "settling"
     MEASURING = "measuring"
     SUSPENDED = "suspended"
+    PAUSED = "paused"
     STOPPED = "stopped"
     FINISHED = "finished"
 
@@ -44,6 +45,8 @@ class ParameterUncertainty:
     """Whether the scatter, by that factor or as the robot's own, made σ larger than stated."""
     unit: str = "mm"
     """Of `weakest_std`, mm or deg."""
+    weakest_words: str = ""
+    """The parameter known worst as people call it: `forearm of arm 3`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,17 +100,21 @@ def time_left_s(shot_seconds: Sequence[float], shots_left: int) -> tuple[float, 
 
 
 FOLLOWERS: Mapping[EngineState, frozenset[EngineState]] = {
-    EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.FINISHED}),
+    EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.PAUSED, EngineState.FINISHED}),
     EngineState.MOVING: frozenset({EngineState.SETTLING, EngineState.IDLE}),
-    EngineState.SETTLING: frozenset({EngineState.MEASURING, EngineState.SUSPENDED}),
+    EngineState.SETTLING: frozenset(
+        {EngineState.MEASURING, EngineState.SUSPENDED, EngineState.IDLE}
+    ),
     EngineState.MEASURING: frozenset({EngineState.IDLE, EngineState.SUSPENDED}),
     EngineState.SUSPENDED: frozenset({EngineState.IDLE}),
+    EngineState.PAUSED: frozenset({EngineState.IDLE}),
     EngineState.STOPPED: frozenset(),
     EngineState.FINISHED: frozenset(),
 }
 """What may come after what; `STOPPED` may come after anything.
 
-Idle after moving: the controller refused a target. Suspended after settling: the robot is back at a
+Idle after moving: the controller refused a target; after settling: the operator skips the shot, or
+the robot is parked. Suspended after settling: the robot is back at a
 pose where the reflector is looked for.
 """
 

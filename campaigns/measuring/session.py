@@ -15,6 +15,7 @@ from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import ShotTaker
 from campaigns.measuring.station import StationMonitor
 from campaigns.measuring.stopping_rule import UncertaintyGoal, in_words, is_met
+from campaigns.measuring.wishes import Wishes
 from campaigns.measuring.work import Cell, Session, Work
 from campaigns.planning.paths import PathCache
 from campaigns.planning.steps import Group, shots_of, stops_of
@@ -68,9 +69,11 @@ def measure_series(
     stop_requested: Callable[[], bool],
     *,
     anew: bool = False,
+    wishes: Wishes | None = None,
 ) -> int:
     """Measure what the latest series of this stage still lacks, or a new one; gives its number.
 
+    `wishes`: what the operator asks for meanwhile.
     `anew` leaves an unfinished series as it is and begins another. Raises `ResumeRefused` when plan
     or devices are not those it began with, `Interrupted`, or whatever stopped the engine. What the
     journal says afterwards is on the disk, opened anew and verified.
@@ -110,7 +113,9 @@ def measure_series(
         mover = Mover(
             cell.robot, cell.clock, work.speed_fraction, work.settle, ways, stop_requested
         )
-        session = Session(cell, work, log, run_state, work.gate_taught_by(left.kept), mover)
+        session = Session(
+            cell, work, log, run_state, work.gate_taught_by(left.kept), mover, wishes or Wishes()
+        )
         began = found.started if found else today
         _measure(session, left, began.weather, distinct_starts(starts))
         if not (found and found.finished):  # one that ended early is finished already

@@ -9,6 +9,7 @@ from campaigns.journal.records import Durations, Event, Intent, Outcome, Rejecte
 from campaigns.measuring.motion import Arrival
 from campaigns.measuring.reacquisition import Reacquisition
 from campaigns.measuring.run_state import EngineState
+from campaigns.measuring.wishes import Wish
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Step
 from drivers.errors import BeamBroken, LimitViolation, NoReflector, NotAMeasurement
@@ -18,6 +19,7 @@ BROKEN = "beam broken"
 """Beginning of the reason of a shot that was lost with the beam; the report counts these."""
 IMPOSSIBLE = "no measurement"
 """Beginning of the reason of a shot whose result cannot be."""
+SKIPPED = "skipped by the operator"
 FORGIVEN_BREAKS = 10
 """Breaks of the beam, one after another at one shot, that count no attempt.
 
@@ -48,6 +50,10 @@ class ShotRefused(ShotFailed):
         """Whether the tracker is on a reflector where this pose's should be."""
 
 
+class Skipped(ShotFailed):
+    """The operator leaves the shot out."""
+
+
 class TargetRefused(ShotFailed):
     """The robot cannot be sent there; the next attempt could not either. Its cause says why."""
 
@@ -69,6 +75,8 @@ class ShotTaker:
         while len(failures) < (allowed or self._session.work.gate.attempts):
             try:
                 return attempt()
+            except Skipped:
+                raise
             except BeamReturned as lost:
                 breaks += 1
                 failures += [lost] if breaks > FORGIVEN_BREAKS else []
@@ -124,7 +132,12 @@ class ShotTaker:
         session, clock = self._session, self._session.cell.clock
         session.run_state.begin(step)
         intent = session.log.begin(step)
+        session.wishes.take(Wish.SKIP)  # it was about another shot
         arrival = self._arrived(step, intent)
+        if session.wishes.take(Wish.SKIP):
+            session.log.write(Rejected(intent.shot, intent.attempt, SKIPPED))
+            session.run_state.rest()
+            raise Skipped(SKIPPED)
         session.run_state.enter(EngineState.MEASURING)
         started_s = clock.now_s()
         try:
@@ -166,6 +179,8 @@ class ShotTaker:
         seen_here = not isinstance(error, NoReflector)
         found = self._reacquisition.wait(arrival.state.joints, seen_here=seen_here)
         self._session.run_state.rest()
+        if found is None:
+            raise Skipped(SKIPPED)
         if found:
             raise BeamReturned(text)
         raise ReflectorUnseen(f"shot {intent.shot}: its reflector was not seen from the tracker")

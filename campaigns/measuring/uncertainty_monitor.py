@@ -181,6 +181,7 @@ class UncertaintyMonitor:
             known.sigma0,
             known.sigma0 > 1.0 or robot_scatters,
             space[weakest].unit,
+            space[weakest].words,
         )
 
 

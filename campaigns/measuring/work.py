@@ -17,10 +17,12 @@ from campaigns.measuring.series_log import SeriesLog
 from campaigns.measuring.station import Station
 from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
+from campaigns.measuring.wishes import Wishes
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.settings.sections import GateConfig, SettleConfig
+from campaigns.shots.shot_sets import ShotSet
 from drivers.ports import Clock, LaserTracker, RobotController
 
 UNKNOWN_NOISE = 0.25
@@ -66,10 +68,18 @@ class Work:
     """Shots that shall not be measured, nor the partners of their pairs."""
     override: bool = False
     """Whether to go on although poses have moved since the last session."""
+    park: tuple[float, ...] = ()
+    """Joints where the robot is parked; (): at the first drift pose, or where it stands."""
     model: str = ""
     """What the shots were planned to tell, by the word of `--model`; of a run."""
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
+
+    @property
+    def park_joints(self) -> tuple[float, ...] | None:
+        """Joints where the robot is parked; None: nowhere else than it stands."""
+        drift = (s.planned.joints for s in self.steps if s.planned.purpose is ShotSet.DRIFT)
+        return self.park or next(drift, None)
 
     @property
     def skipped_groups(self) -> tuple[Group, ...]:
@@ -122,3 +132,4 @@ class Session:
     run_state: RunState
     gate: InnovationGate
     mover: Mover
+    wishes: Wishes

@@ -104,6 +104,11 @@ class Parameter:
         return self.field.name if self.arm is None else f"arm{self.arm}.{self.field.name}"
 
     @property
+    def words(self) -> str:
+        """What it is called: `joint offset of arm 2`."""
+        return self.field.words if self.arm is None else f"{self.field.words} of arm {self.arm}"
+
+    @property
     def label(self) -> str:
         """Name without the unit: `arm2.arm`."""
         return self.field.stem if self.arm is None else f"arm{self.arm}.{self.field.stem}"

@@ -282,6 +282,11 @@ class RunConfig(FileModel):
         description="the wait for a reflector that was never seen at a pose, before the robot goes "
         "back to where it was; a beam that breaks is waited for as long as it takes, s",
     )
+    park_mm: Point | None = Field(
+        default=None,
+        description="where the robot is parked when the operator wishes, [x, y, z] mm in the base "
+        "frame; left out: the first drift pose",
+    )
 
 
 class ValidationConfig(FileModel):

@@ -2,8 +2,11 @@
 
 from math import dist
 
+import numpy as np
+
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import KnownSets
+from campaigns.errors import ConfigInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.options import Selection
@@ -56,6 +59,7 @@ def engine_work(
         gate=config.gate,
         search_mm=dist(config.tracker.place_mm, config.validation.centre_mm),
         look_back_s=config.run.look_back_s,
+        park=_park_joints(campaign, kinematics),
         setup=setup,
         station=Station(
             config.tracker.place_mm,
@@ -64,3 +68,19 @@ def engine_work(
             config.validation.centre_mm,
         ),
     )
+
+
+def _park_joints(campaign: Campaign, kinematics: Kinematics) -> tuple[float, ...]:
+    """Joints of `run.park_mm`, the plate unturned; () without it. Raises `ConfigInvalid`."""
+    park_mm = campaign.config.run.park_mm
+    if park_mm is None:
+        return ()
+    pose = np.zeros((1, len(campaign.robot.mechanism.task)))
+    pose[0, :3] = park_mm
+    found = kinematics.feasibility(campaign.robot.limits, pose)
+    if not found.feasible[0]:
+        raise ConfigInvalid(
+            f"run.park_mm in campaign.yaml: {found.describe(0)[0]}",
+            remedy="name a place that the robot can take, or leave it out",
+        )
+    return tuple(found.joints[0].tolist())

@@ -14,6 +14,7 @@ from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import Progress, RunObserver
 from campaigns.measuring.session import measure_series
+from campaigns.measuring.wishes import Wishes
 from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
@@ -246,13 +247,16 @@ class FakeCell:
         self.tracker = FakeTracker(self.clock, self.calls, self.robot, self.truth)
         self.tracker.cancelled = self.wish
         self.observer = Listener()
+        self.wishes = Wishes()
 
     @property
     def devices(self) -> Cell:
         return Cell(self.robot, self.tracker, self.clock, self.clock)
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
-        return measure_series(self.devices, journal, work, self.observer, self.wish, anew=anew)
+        return measure_series(
+            self.devices, journal, work, self.observer, self.wish, anew=anew, wishes=self.wishes
+        )
 
     def run(self, folder: Path, work: Work, *, anew: bool = False) -> Told:
         """Measure, and read what the journal on the disk holds of it."""
