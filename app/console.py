@@ -44,6 +44,11 @@ def forget_what_was_typed() -> None:
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
+def _print(console: Console, text: str, style: str) -> None:
+    """A line; on a terminal it is broken between words, elsewhere not at all."""
+    console.print(text, style=style, markup=False, soft_wrap=not console.is_terminal)
+
+
 def _not_confirmed() -> NotConfirmed:
     return NotConfirmed(
         "not confirmed, nothing was done",
@@ -62,11 +67,11 @@ class Terminal:
 
     def say(self, text: str, style: str = "") -> None:
         """A line of the answer."""
-        self._answers.print(printable(text), style=style, markup=False, soft_wrap=True)
+        _print(self._answers, printable(text), style)
 
     def note(self, text: str, style: str = TALK) -> None:
         """A line of talk."""
-        self._talk.print(printable(text), style=style, markup=False, soft_wrap=True)
+        _print(self._talk, printable(text), style)
 
     def alarm(self, text: str) -> None:
         """A line that the operator has to read at once."""
@@ -139,6 +144,6 @@ class Terminal:
         if not yes and not self.asks(question):
             raise _not_confirmed()
 
-    def watching(self, title: str) -> RunDisplay:
-        """Shows a run while the block runs."""
-        return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose)
+    def watching(self, title: str, *, plain: bool = False) -> RunDisplay:
+        """Shows a run while the block runs; `plain` by lines."""
+        return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose, plain=plain)

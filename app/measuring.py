@@ -1,25 +1,27 @@
 """Measuring on the cell: a series with its progress shown, and asked about again after Ctrl-C."""
 
 import shlex
-from collections.abc import Callable, Iterator
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
 from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
+from app.keys import keys_heard
+from app.progress import RunDisplay
 from app.retrying import Retries
 from app.run_text import DeviceIdentities, briefing
 from app.wiring import connected_cell, prepare, require_consents
 from campaigns.campaign import Campaign
-from campaigns.controllers.export import CalibrationRoute
-from campaigns.errors import CampaignError, Interrupted
+from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
 from campaigns.measuring.session import RunResult, measure_series, run_result
+from campaigns.measuring.wishes import Wish, Wishes
 from campaigns.measuring.work import Cell, Work
-from campaigns.options import RunOptions
+from campaigns.options import RunOptions, ValidationOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow import validation
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
@@ -40,28 +42,32 @@ def measure(
     again: str,
     anew: bool,
     retries: Retries,
-    clearance: "Clearance | None" = None,
+    clearance: "Clearance",
+    plain: bool = False,
 ) -> Result:
     """Connect, make the work, measure it, and finish with the journal still held.
 
     `again` is the command that goes on later. After a lost link it connects anew as often as
-    `retries` allow. Without a `clearance` the operator has said already that the cell is clear.
+    `retries` allow. `plain` shows it by lines, and hears no keys.
     Raises `Interrupted` when the operator stopped and does not want to go on now.
     """
     with campaign.held():
         require_consents(campaign)  # before anything is shown that goes on while it asks
-        if clearance is not None:
-            clearance.obtain(campaign, terminal)
+        clearance.obtain(campaign, terminal)
         before = _latest_series(campaign)
 
         def measure_once(wish: StopRequest, *, anew: bool) -> Result:
+            wishes = Wishes()
             with (
-                terminal.watching(title) as display,
+                terminal.watching(title, plain=plain) as display,
+                _keys(display, wish, wishes),
                 _ready_cell(campaign, wish, terminal, clearance) as cell,
             ):
                 work = make_work(cell)
                 with campaign.opened_journal() as journal:
-                    series = measure_series(cell, journal, work, display, wish, anew=anew)
+                    series = measure_series(
+                        cell, journal, work, display, wish, anew=anew, wishes=wishes
+                    )
                     return finish(journal, series)
 
         while True:
@@ -78,6 +84,27 @@ def measure(
             except (Interrupted, Cancelled) as stopped:
                 if not (wish.may_go_on and _wants_to_go_on(wish, terminal)):
                     raise _interrupted(title, again) from stopped
+
+
+WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
+STOP_KEY = "q"
+
+
+@contextmanager
+def _keys(display: RunDisplay, stop: StopRequest, wishes: Wishes) -> Iterator[None]:
+    """Keys as wishes of the operator while the screen names them; q stops at once, as Ctrl-C."""
+
+    def pressed(key: str) -> None:
+        if key == STOP_KEY:
+            stop.ask(signal.SIGINT)
+        elif key in WISH_OF_KEY:
+            wishes.ask(WISH_OF_KEY[key])
+
+    if not display.has_screen:
+        yield
+        return
+    with keys_heard(pressed):
+        yield
 
 
 def _wait_for_next_try(
@@ -138,15 +165,14 @@ class Clearance:
 
 @contextmanager
 def _ready_cell(
-    campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance | None
+    campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance
 ) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
     with connected_cell(campaign, wish, terminal.alarm) as cell:
         found = identities(cell)
         terminal.detail(f"controller: {found.controller}")
         terminal.detail(f"tracker: {found.tracker}")
-        if clearance is not None:
-            clearance.check(found, terminal)
+        clearance.check(found, terminal)
         prepare(campaign, cell)
         yield cell
 
@@ -195,8 +221,8 @@ def run_plan(campaign: Campaign, checked: CheckedPlan, terminal: Terminal) -> Ru
     before = found_measured(campaign, work, terminal)
     if before is not None:
         return before
-    preview = run_preview(campaign, checked, work)
-    return measure_plan(campaign, preview, work, terminal, options, yes=True)
+    preview = run_preview(campaign, checked.seconds, work)
+    return measure_plan(campaign, preview, work, terminal, options, yes=True, plain=True)
 
 
 def measure_plan(
@@ -208,6 +234,7 @@ def measure_plan(
     *,
     yes: bool,
     anew: bool = False,
+    plain: bool = False,
 ) -> RunResult:
     """Take up the unfinished series, or begin one, with the operator's yes."""
 
@@ -229,34 +256,54 @@ def measure_plan(
         anew=anew,
         retries=Retries(campaign, "run", allowed, SystemClock()),
         clearance=Clearance(partial(briefing, campaign, work, preview), yes=yes),
+        plain=plain,
     )
 
 
 def measure_validation(
     campaign: Campaign,
-    stage: validation.ValidationStage,
     terminal: Terminal,
-    tests: frozenset[ShotSet] = validation.TESTS,
+    options: ValidationOptions,
+    held: Mapping[str, float],
+    objections: Sequence[OptionsInvalid] = (),
     *,
-    again: str,
+    yes: bool,
     anew: bool = False,
-    by: CalibrationRoute = "parameters",
+    plain: bool = False,
 ) -> validation.Validated:
-    """Measure, evaluate and judge; `again` is the command that goes on later."""
+    """Measure, with the operator's yes, evaluate and judge.
+
+    `held`: what the controller holds. What is done in spite of `objections` the journal keeps.
+    """
+    unsaid = [*objections]
 
     def prepare(cell: Cell) -> Work:
-        work, notes = validation.validation_work(
-            campaign, stage, cell.robot.read_geometry(), tests, by
-        )
+        with campaign.opened_journal() as journal:
+            while unsaid:
+                validation.record_objection(journal, unsaid.pop(0))
+        work, notes = validation.validation_work(campaign, cell.robot.read_geometry(), options)
         for note in notes:
             terminal.note(f"! {note}", WARNING)
         return work
 
     def finish(journal: Journal, series: int) -> validation.Validated:
-        return validation.record_validation(campaign, journal, series, stage, by)
+        return validation.record_validation(campaign, journal, series, options.stage, options.by)
 
-    title = f"validate {stage}"
-    retries = Retries(campaign, stage, campaign.config.run.retry, SystemClock())
+    def told(devices: DeviceIdentities) -> str:
+        work, _ = validation.validation_work(campaign, held, options)
+        preview = run_preview(campaign, validation.seconds_of(campaign, work), work, anew=anew)
+        return f"Validation '{options.stage}': {briefing(campaign, work, preview, devices)}"
+
+    allowed = campaign.config.run.retry if options.retry is None else options.retry
     return measure(
-        campaign, prepare, finish, terminal, title=title, again=again, anew=anew, retries=retries
+        campaign,
+        prepare,
+        finish,
+        terminal,
+        title=f"validate {options.stage}",
+        again=shlex.join(["pkmcal", "validate", str(campaign.folder), *options.words()]),
+        anew=anew,
+        retries=Retries(campaign, options.stage, allowed, SystemClock()),
+        clearance=Clearance(told, yes=yes),
+        plain=plain,
     )

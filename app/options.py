@@ -40,6 +40,10 @@ Anew = Annotated[
     bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
 ]
 
+Plain = Annotated[
+    bool, typer.Option("--plain", help="Print lines instead of the screen, and hear no keys.")
+]
+
 
 def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:
     """The campaign's folder and a file of what was typed: one argument alone is the file.

@@ -1,15 +1,19 @@
 """Progress of a work, told the way the screen can take it: a bar, or a line now and then."""
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from typing import Self
 
 from rich.console import Console, RenderableType
+from rich.live import Live
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
+from app.run_screen import run_screen
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress, RunObserver
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
@@ -20,6 +24,10 @@ QUIET_RUN_S = 30.0
 QUIET_SHOTS = 10
 """Of a run the same: after so many seconds, also while one thing is waited for, or shots."""
 BAR_WIDTH = 30
+USUAL_RESIDUALS = 30
+"""Last residuals by which the next is called good or large."""
+REDRAWN_S = 0.25
+"""Each drawing takes its time from the work."""
 SHORTEST_S = 0.1
 MINUTE_S = 60.0
 
@@ -44,7 +52,7 @@ class CountedWork:
         self._what, self._total = what, total
         self._before = self._done = self._told = done
         self._began_s = self._told_s = now_s()
-        self._bars = _Bars(console, self._below)
+        self._bars = _Bars(console)
         self._bar = self._bars.add_task(what, total=max(total, 1), completed=done, text=self)
         self.news = ""
         """Words behind the numbers."""
@@ -95,16 +103,11 @@ class CountedWork:
         """Whether the last line was long enough ago."""
         return self._now_s() - self._told_s >= self._quiet_s
 
-    def _below(self) -> Iterable[Text]:
-        """Lines below the bar."""
-        return ()
-
 
 class _Bars(Bars):
-    """A title, its bar and its text in one row that is never wrapped, and lines below it."""
+    """A title, its bar and its text in one row that is never wrapped."""
 
-    def __init__(self, console: Console, below: Callable[[], Iterable[Text]]) -> None:
-        self._below = below
+    def __init__(self, console: Console) -> None:
         super().__init__(
             TextColumn("{task.description}", style="bold", markup=False),
             BarColumn(BAR_WIDTH),
@@ -115,95 +118,158 @@ class _Bars(Bars):
             disable=not console.is_interactive,
         )
 
-    def get_renderables(self) -> Iterable[RenderableType]:
-        """The parts of the picture, from above."""
-        yield from super().get_renderables()
-        yield from self._below()
 
+class RunDisplay(RunObserver):
+    """The shots of a run: a screen of its own on a terminal, lines now and then elsewhere.
 
-class RunDisplay(CountedWork, RunObserver):
-    """The shots of a run, with its news below the bar.
-
-    `verbose` tells every state of every shot.
+    `plain` asks for the lines on a terminal too; `verbose` tells every state of every shot. What
+    happened meanwhile stays on the terminal when the screen is left.
     """
 
     def __init__(
-        self, console: Console, title: str, *, now_s: Callable[[], float], verbose: bool
+        self,
+        console: Console,
+        title: str,
+        *,
+        now_s: Callable[[], float],
+        verbose: bool,
+        plain: bool = False,
+        clock: Callable[[], datetime] = datetime.now,
     ) -> None:
-        self._progress: Progress | None = None  # first: the bars look at it when they are made
-        super().__init__(console, title, 0, now_s=now_s, quiet_s=QUIET_RUN_S)
+        self._console, self._what, self._now_s, self._clock = console, title, now_s, clock
         self._verbose = verbose
+        self._progress: Progress | None = None
+        self._residuals_mm: deque[float] = deque(maxlen=USUAL_RESIDUALS)
+        self._events: list[str] = []
+        self._began_s = self._told_s = now_s()
+        self._told = 0
         self._turn = threading.Lock()
         self._over = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="progress", daemon=True)
-        self._bars.update(self._bar, visible=False)
+        self._live: Live | None = None
+        self._shown: object = None
+        if console.is_interactive and not plain and not verbose:
+            self._live = Live(
+                console=console, screen=True, auto_refresh=False, get_renderable=self.screen
+            )
+
+    @property
+    def has_screen(self) -> bool:
+        """Whether there is a screen, on which keys are named."""
+        return self._live is not None
 
     def __enter__(self) -> Self:
-        super().__enter__()
-        if self._bars.disable:
-            self._heart.start()
+        if self._live is not None:
+            self._live.start()
+        self._heart.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        super().__exit__(*error)
         self._over.set()
         if self._heart.ident is not None:
             self._heart.join()
+        if self._live is not None:
+            self._live.stop()
+            self._say_events()
         if isinstance(error[1], RobotStateUnknown):
             self.say(PRESS_THE_EMERGENCY_STOP, "bold red")
         if self._progress is not None:
             for line in (summary(self._progress), *_known(self._progress)):
                 self.say(f"{self._what}: {line}")
 
-    def __str__(self) -> str:
-        return "connecting" if self._progress is None else counted(self._progress)
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Time without the screen, for questions and answers."""
+        if self._live is None:
+            yield
+            return
+        with self._turn:
+            self._live.stop()
+        self._say_events()
+        try:
+            yield
+        finally:
+            with self._turn:
+                self._live.start()
+                self._shown = None
+
+    def screen(self) -> RenderableType:
+        """What is drawn now."""
+        now, size = self._clock(), (self._console.width, self._console.height)
+        return run_screen(
+            self._what, self._progress, tuple(self._residuals_mm), self._events, now, size
+        )
+
+    def say(self, text: str, style: str = "dim") -> None:
+        """Print a line that stays."""
+        soft_wrap = not self._console.is_terminal  # there it is broken between words
+        self._console.print(Text(printable(text), style), soft_wrap=soft_wrap)
 
     def progress(self, progress: Progress) -> None:
         """The run has moved on."""
         if self._progress is None:
             self._told = progress.done
-        self._progress, self._done = progress, progress.done
-        total = max(progress.total, 1)
-        self._bars.update(self._bar, completed=progress.done, total=total, visible=True)
+        elif progress.done > self._progress.done and progress.residual_mm is not None:
+            self._residuals_mm.append(progress.residual_mm)
+        self._progress = progress
         if self._verbose:
             self.say(f"{progress.done}/{progress.total} {news(progress)}")
         else:
             self._say_if_due()
 
-    def _say_if_due(self) -> None:
-        with self._turn:
-            super()._say_if_due()
-
-    def _is_due(self) -> bool:
-        """The same, and after every few shots."""
-        return super()._is_due() or abs(self._done - self._told) >= QUIET_SHOTS
-
-    def _beat(self) -> None:
-        """Say that it is still there, also while nothing is new."""
-        while not self._over.wait(max(self._told_s + self._quiet_s - self._now_s(), SHORTEST_S)):
-            self._say_if_due()
-
     def event(self, text: str) -> None:
         """Something happened that the operator should read."""
-        self.say(f"! {text}", "yellow")
+        if self._live is not None and self._live.is_started:
+            self._events.append(text)
+        else:
+            self.say(f"! {text}", "yellow")
 
     def line(self) -> str:
         """Everything in one line."""
-        return " · ".join([super().line(), *(line.plain for line in self._below())])
+        progress = self._progress
+        if progress is None:
+            return f"{self._what}: connecting"
+        advice = [progress.beam_advice] if progress.beam_advice else []
+        told = [counted(progress), news(progress), *advice, *_goal(progress), *_known(progress)]
+        return f"{self._what}: {' · '.join(told)}"
 
-    def _below(self) -> Iterable[Text]:
-        """News, and what is known: lines that are cut rather than wrapped."""
-        if self._progress is None:
-            return [Text(f"{self._what}: {self}", "dim")]
-        style = "dim" if self._progress.beam_locked else "bold red"
-        told = [(news(self._progress), style)]
-        if self._progress.beam_advice:
-            told += [(self._progress.beam_advice, style)]
-        if knowledge := [*_goal(self._progress), *_known(self._progress)]:
-            told += [(" · ".join(knowledge), "dim")]
-        return [
-            Text(printable(text), style, no_wrap=True, overflow="ellipsis") for text, style in told
-        ]
+    def _say_events(self) -> None:
+        for text in self._events:
+            self.say(f"! {text}", "yellow")
+        self._events.clear()
+
+    def _say_if_due(self) -> None:
+        """Where there is no screen, print a line if one is due: by time, or every few shots."""
+        if self._live is not None:
+            return
+        with self._turn:
+            done = 0 if self._progress is None else self._progress.done
+            late = self._now_s() - self._told_s >= QUIET_RUN_S
+            if late or abs(done - self._told) >= QUIET_SHOTS:
+                self._told_s, self._told = self._now_s(), done
+                self.say(self.line())
+
+    def _beat(self) -> None:
+        """Draw the screen anew; without one say that it is still there, also if nothing is new."""
+        while not self._over.wait(self._pause_s()):
+            self._say_if_due()
+            with self._turn:
+                self._redraw()
+
+    def _redraw(self) -> None:
+        """Draw the screen where it is another than before: a slow line carries no more."""
+        if self._live is None or not self._live.is_started:
+            return
+        minute = self._clock().minute
+        shown = (self._progress, len(self._events), self._console.size, minute)
+        if shown != self._shown:
+            self._shown = shown
+            self._live.refresh()
+
+    def _pause_s(self) -> float:
+        if self._live is not None:
+            return REDRAWN_S
+        return max(self._told_s + QUIET_RUN_S - self._now_s(), SHORTEST_S)
 
 
 def state_and_rate(done: int, total: int, before: int, seconds: float) -> str:

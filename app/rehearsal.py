@@ -12,9 +12,9 @@ from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.next_step import state_of
-from campaigns.options import PlanOptions
+from campaigns.options import PlanOptions, ValidationOptions, ValidationStage
 from campaigns.workflow.reduced_export import PLAIN, export_projected
-from campaigns.workflow.validation import Validated, ValidationStage
+from campaigns.workflow.validation import Validated
 
 STAGES = 8
 
@@ -66,8 +66,10 @@ def heading(terminal: Terminal, number: int, stage: str) -> None:
 
 
 def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:
-    again = f"pkmcal validate {campaign.folder} --stage {stage}"
-    found = measure_validation(campaign, stage, terminal, again=again)
+    with connected_robot(campaign) as controller:
+        held = controller.read_geometry()
+    options = ValidationOptions(stage=stage)
+    found = measure_validation(campaign, terminal, options, held, yes=True, plain=True)
     terminal.say(_distance_line(found.result))
     return found
 

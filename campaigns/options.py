@@ -1,16 +1,38 @@
-"""Options of planning and running, as the command line and Python give them."""
+"""Options of planning, running and validating, as the command line and Python give them."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Annotated
+from enum import StrEnum
+from typing import Annotated, Literal
 
+from campaigns.controllers.export import CalibrationRoute
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
+from campaigns.evaluation.validation import SET_OF
 from campaigns.identification.options import Fixed, Freed, ModelChoice, ModelToPlan, Selection
 from campaigns.planning.plans import Placement
 from campaigns.settings.option import Option, typed_words
+from campaigns.shots.shot_sets import ShotSet
+
+ValidationStage = Literal["before", "after"]
+ValidationTest = StrEnum("ValidationTest", {name: name for name in SET_OF})  # type: ignore[misc] # words of the tests
+Skip = Annotated[
+    tuple[int, ...],
+    Option("Leave this shot out, and the other one of its pair; repeatable.", metavar="SHOT"),
+]
+Retry = Annotated[
+    int | None,
+    Option(
+        "After a lost link or a drive's fault connect again and go on, up to N times in a "
+        "row without a new shot. The cell must be safe without anybody there.",
+        metavar="N",
+        least=0,
+        most=1000,
+    ),
+]
+"""None: as campaign.yaml says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,21 +139,8 @@ class RunOptions(Selection):
     model: ModelChoice = None
     free: Freed = ()
     fix: Fixed = ()
-    skip: Annotated[
-        tuple[int, ...],
-        Option("Leave this shot out, and the other one of its pair; repeatable.", metavar="SHOT"),
-    ] = ()
-    retry: Annotated[
-        int | None,
-        Option(
-            "After a lost link or a drive's fault connect again and go on, up to N times in a "
-            "row without a new shot. The cell must be safe without anybody there.",
-            metavar="N",
-            least=0,
-            most=1000,
-        ),
-    ] = None
-    """None: as campaign.yaml says."""
+    skip: Skip = ()
+    retry: Retry = None
     anyway: Annotated[
         bool, Option("Go on although poses have moved since the last session; it is recorded.")
     ] = False
@@ -139,3 +148,42 @@ class RunOptions(Selection):
     def run_words(self) -> list[str]:
         """The options again, as they are typed; not `--anyway`, which is said each time."""
         return typed_words(self, {each.name for each in fields(self)} - {"anyway"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValidationOptions:
+    """Options of a validation; raises `OptionsInvalid`."""
+
+    stage: Annotated[ValidationStage, Option("Before or after `pkmcal load`.")]
+    only: Annotated[
+        tuple[ValidationTest, ...],
+        Option(f"Only this test; repeatable: {', '.join(SET_OF)}.", metavar="TEST"),
+    ] = ()
+    anyway: Annotated[
+        bool, Option("Measure though it is the wrong stage, or 'before' is measured.")
+    ] = False
+    by: Annotated[
+        CalibrationRoute,
+        Option(
+            "What calibrates the robot, --stage after: parameters in its controller, or targets "
+            "corrected for a controller that keeps the nominal ones."
+        ),
+    ] = "parameters"
+    skip: Skip = ()
+    retry: Retry = None
+
+    def __post_init__(self) -> None:
+        if self.by == "targets" and self.stage == "before":
+            raise OptionsInvalid(
+                "--stage before --by targets: before calibration no target is corrected",
+                remedy="give --stage after, or leave --by targets out",
+            )
+
+    @property
+    def tests(self) -> frozenset[ShotSet]:
+        """Sets of the tests that are asked for; all without a word."""
+        return frozenset(SET_OF[name] for name in self.only or SET_OF)
+
+    def words(self) -> list[str]:
+        """The options again, as they are typed."""
+        return typed_words(self)

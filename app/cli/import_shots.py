@@ -13,12 +13,12 @@ from app.options import Folder, Json, folder_and_file
 from app.report.validation_text import show_validation
 from campaigns.campaign import open_campaign
 from campaigns.evidence import evaluate
+from campaigns.options import ValidationStage
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, read_joined_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import in_unit, read_shots
-from campaigns.workflow import validation
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
 
 
@@ -55,7 +55,7 @@ def command(
         str | None, typer.Option(metavar="NAMES", help="For ascii: such as name,x,y,z.")
     ] = None,
     stage: Annotated[
-        validation.ValidationStage | None,
+        ValidationStage | None,
         typer.Option(help="Shots of a validation before or after calibration, measured elsewhere."),
     ] = None,
     with_: Annotated[

@@ -6,7 +6,7 @@ from app.console import Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import found_measured, measure_plan
 from app.next import tell_next, tell_who_works
-from app.options import Anew, Dry, Folder, Json, Yes
+from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
 from app.run_text import knowledge, preview_document, preview_line, run_document, show_run
@@ -26,12 +26,16 @@ def command(
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
+    plain: Plain = False,
     json: Json = False,
 ) -> None:
     """Measure what the plan still lacks.
 
     Every shot is in the journal, campaign.db, before the next motion: whatever happens, the next
     run takes up where this one ended. It then measures the drift pose first and compares it.
+
+    On a terminal it has a screen, and keys: p pauses after this pair, s skips the shot, r measures
+    the last pair again, k parks the robot, q stops. --plain prints lines instead.
 
     Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run for as long as it
     lasts, then the pair is measured again. A pose that cannot be measured is set aside, tried once
@@ -56,8 +60,10 @@ def command(
         return
     if ran is None:
         predicted_end(campaign, work)
-        preview = run_preview(campaign, checked, work, anew=anew)
-        ran = measure_plan(campaign, preview, work, terminal, options, yes=yes, anew=anew)
+        preview = run_preview(campaign, checked.seconds, work, anew=anew)
+        ran = measure_plan(
+            campaign, preview, work, terminal, options, yes=yes, anew=anew, plain=plain
+        )
     show_run(terminal, ran)
     terminal.document(run_document(ran) | tell_next(terminal, campaign, words=options.words()))
     if not ran.good:
@@ -77,7 +83,7 @@ def show_preview(
     answer: dict[str, object] = {"shots": len(checked.shots), "seconds_estimated": checked.seconds}
     predicted = predicted_end(campaign, work) if ran is None else None
     if ran is None:
-        preview = run_preview(campaign, checked, work, anew=anew)
+        preview = run_preview(campaign, checked.seconds, work, anew=anew)
         terminal.say(preview_line(preview, work))
         answer |= preview_document(preview)
     else:

@@ -11,7 +11,8 @@ from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
-from campaigns.workflow.validation import Validated, ValidationStage
+from campaigns.options import ValidationStage
+from campaigns.workflow.validation import Validated
 
 STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 

@@ -30,6 +30,10 @@ class Pace:
     settle_s: float
     measure_s: float
 
+    def seconds(self, shots: int, travel_rad: float) -> float:
+        """Time of shots and the ways between them."""
+        return travel_rad / self.joint_speed_rad_s + shots * (self.settle_s + self.measure_s)
+
 
 @dataclass(frozen=True, slots=True)
 class CheckedPlan:
@@ -63,9 +67,7 @@ def check_plan(
     ]
     detours, travel_rad, faults = check_paths(stops, robot)
     refuse(faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
-    seconds = travel_rad / pace.joint_speed_rad_s
-    seconds += len(shots) * (pace.settle_s + pace.measure_s)
-    return CheckedPlan(tuple(shots), detours, seconds)
+    return CheckedPlan(tuple(shots), detours, pace.seconds(len(shots), travel_rad))
 
 
 def refuse(faults: Sequence[str], *, remedy: str) -> None:

@@ -18,6 +18,7 @@ from campaigns.evidence import STAGES
 from campaigns.journal.records import Finding, Stage
 from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.options import ValidationStage
 from campaigns.planning.plan_file import plan_model
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig
@@ -26,7 +27,6 @@ from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow.validation import (
     Validated,
-    ValidationStage,
     record_validation,
     replaced,
     require_or_record,

@@ -1,6 +1,6 @@
 """Running of a plan on a connected cell, or as much of it as a goal takes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from campaigns.campaign import Campaign
@@ -39,7 +39,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     setup = EstimationSetup(options.estimator, free, campaign.instrument)
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
-    skip = _known_shots(checked, options.skip)
+    skip = known_shots((shot.shot for shot in checked.shots), options.skip)
     work = replace(
         work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True, model=model.value
     )
@@ -48,12 +48,15 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     return work
 
 
-def _known_shots(checked: CheckedPlan, skip: tuple[int, ...]) -> frozenset[int]:
-    unknown = sorted(set(skip) - {shot.shot for shot in checked.shots})
+def known_shots(
+    shots: Iterable[int], skip: tuple[int, ...], of: str = "plan.csv"
+) -> frozenset[int]:
+    """Shots to skip; raises `OptionsInvalid` for one that is not among the shots."""
+    unknown = sorted(set(skip) - {*shots})
     if unknown:
         raise OptionsInvalid(
-            f"--skip {unknown[0]}: plan.csv has no such shot",
-            remedy="give a number of the column shot",
+            f"--skip {unknown[0]}: {of} has no such shot",
+            remedy="give a number of the column shot, or one that the screen says",
         )
     return frozenset(skip)
 
@@ -89,9 +92,9 @@ def state_by_journal(campaign: Campaign) -> ControllerState | None:
 
 
 def run_preview(
-    campaign: Campaign, checked: CheckedPlan, work: Work, *, anew: bool = False
+    campaign: Campaign, seconds: float, work: Work, *, anew: bool = False
 ) -> RunPreview:
-    """What `run` would do now, by plan.csv, journal and campaign.yaml; asks no device.
+    """What `run` would do now, by work that takes so long, journal and campaign.yaml.
 
     Raises `ResumeRefused` as far as that can be known without one.
     """
@@ -111,7 +114,7 @@ def run_preview(
         len(work.steps) - sum(map(len, kept.left)),
         tuple(left),
         tuple(shot for group in skipped for shot in shots_of(group)),
-        checked.seconds * len(left) / len(work.steps),
+        seconds * len(left) / max(len(work.steps), 1),
     )
 
 

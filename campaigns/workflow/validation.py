@@ -1,7 +1,7 @@
 """Validation of a campaign: how good the robot is as its user commands it."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
+from campaigns.options import ValidationOptions, ValidationStage
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
@@ -28,9 +29,9 @@ from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.correction import identified_set
+from campaigns.workflow.running import known_shots
 from campaigns.workflow.work import engine_work, known_sets
 
-ValidationStage = Literal["before", "after"]
 AGAIN = "--anyway measures it all the same"
 VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(validation.SET_OF.values())
@@ -70,26 +71,33 @@ class Validated:
 
 
 def validation_work(
-    campaign: Campaign,
-    stage: ValidationStage,
-    active: Mapping[str, float],
-    tests: frozenset[ShotSet] = TESTS,
-    by: CalibrationRoute = "parameters",
+    campaign: Campaign, active: Mapping[str, float], options: ValidationOptions
 ) -> tuple[Work, tuple[str, ...]]:
     """Tests as work for the engine, and what had to be shortened or left out.
 
     Planned with the parameters that are active in the controller, which takes the pose commands; by
     targets with the identified ones of the exported file, the active ones being the controller's.
-    Raises `ConfigInvalid` for a file that is not for this campaign.
+    Raises `ConfigInvalid` for a file that is not for this campaign, and `OptionsInvalid` for a shot
+    to skip that is none.
     """
+    tests = options.tests
     unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()
-    held = _active_robot(campaign, active)
-    if by == "parameters":
-        return _work(campaign, stage, held, tests, unseen, _to_controlled_point(held))
-    identified = identified_set(campaign)
-    own = held.kinematics.controlled
-    correct = TargetCorrection(identified.kinematics, own, held.limits).commanded
-    return _work(campaign, "after by targets", identified, tests, unseen, correct)
+    if options.by == "parameters":
+        robot = _active_robot(campaign, active)
+        work, notes = _work(campaign, options.stage, robot, tests, unseen)
+    else:
+        identified, held = identified_set(campaign), _active_robot(campaign, active)
+        correct = TargetCorrection(identified.kinematics, held.kinematics, held.limits).commanded
+        work, notes = _work(campaign, "after by targets", identified, tests, unseen, correct)
+    skip = known_shots((step.planned.shot for step in work.steps), options.skip, "this validation")
+    return replace(work, skip=skip), notes
+
+
+def seconds_of(campaign: Campaign, work: Work) -> float:
+    """Time that work takes, by straight ways."""
+    joints = np.array([step.planned.joints for step in work.steps])
+    turns = np.abs(np.diff(work.robot.kinematics.comparable(joints), axis=0))
+    return campaign.pace.seconds(len(joints), float(turns.max(axis=1, initial=0.0).sum()))
 
 
 def verification_pairs(
@@ -212,15 +220,6 @@ def replaced(
     )
 
 
-def require_means(stage: ValidationStage, by: CalibrationRoute) -> None:
-    """Raise `OptionsInvalid` for corrected targets before calibration."""
-    if by == "targets" and stage == "before":
-        raise OptionsInvalid(
-            "--stage before --by targets: before calibration no target is corrected",
-            remedy="give --stage after, or leave --by targets out",
-        )
-
-
 def require_or_record(
     campaign: Campaign, objections: Iterable[OptionsInvalid | None], *, anyway: bool
 ) -> None:
@@ -230,19 +229,21 @@ def require_or_record(
         raise found[0]
     for wrong in found:
         with campaign.journal() as journal:
-            journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
+            record_objection(journal, wrong)
+
+
+def record_objection(journal: Journal, wrong: OptionsInvalid) -> None:
+    """Write into the journal in spite of what is measured."""
+    journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
 
 
 def validate(
     campaign: Campaign,
     cell: Cell,
-    stage: ValidationStage,
-    tests: frozenset[ShotSet] = TESTS,
+    options: ValidationOptions,
     *,
     observer: RunObserver = SILENT,
     stop_requested: Callable[[], bool] = lambda: False,
-    anyway: bool = False,
-    by: CalibrationRoute = "parameters",
 ) -> Validated:
     """Measure on a connected cell how good the robot is as its user commands it, and judge it.
 
@@ -250,17 +251,16 @@ def validate(
     are judged against the wanted ones. Raises `OptionsInvalid` for the wrong stage, and for what
     was measured before already, unless it is measured `anyway`.
     """
-    require_means(stage, by)
-    active = cell.robot.read_geometry()
-    again = replaced(campaign, stage, tests)
-    wrong = wrong_stage(campaign, active, stage, observer.event, by=by)
-    require_or_record(campaign, (again, wrong), anyway=anyway)
-    work, notes = validation_work(campaign, stage, active, tests, by)
+    active, stage = cell.robot.read_geometry(), options.stage
+    again = replaced(campaign, stage, options.tests)
+    wrong = wrong_stage(campaign, active, stage, observer.event, by=options.by)
+    require_or_record(campaign, (again, wrong), anyway=options.anyway)
+    work, notes = validation_work(campaign, active, options)
     for note in notes:
         observer.event(note)
     with campaign.journal() as journal:
         series = measure_series(cell, journal, work, observer, stop_requested)
-        return record_validation(campaign, journal, series, stage, by)
+        return record_validation(campaign, journal, series, stage, options.by)
 
 
 def record_validation(

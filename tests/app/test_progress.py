@@ -4,6 +4,7 @@ import io
 import threading
 from contextlib import suppress
 from dataclasses import replace
+from datetime import UTC, datetime
 from time import monotonic
 
 import pytest
@@ -19,6 +20,7 @@ from app.progress import (
     state_and_rate,
     summary,
 )
+from app.run_screen import run_screen
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
 from drivers.errors import RobotStateUnknown
 
@@ -30,7 +32,9 @@ AT_WORK = Progress(
 BEGUN = Progress(0, 59, EngineState.IDLE)
 DONE = Progress(59, 59, EngineState.FINISHED, 58, "drift", None, 0.01, 0.002)
 LOST = Progress(3, 9, EngineState.SUSPENDED, 3, "validation", beam_locked=False)
-KNOWN = ParameterUncertainty(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
+KNOWN = ParameterUncertainty(
+    40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9, weakest_words="z of arm 2"
+)
 OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213, unit="deg")
 
 
@@ -71,30 +75,74 @@ def test_what_is_known_is_told_and_nothing_else(say, what, text):
 WEAKEST = "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"
 
 
-def pictured(progress):
-    display, stream, _ = display_on()
-    display.progress(progress)
-    Console(file=stream, width=80, color_system=None).print(display._bars)
-    return stream.getvalue().splitlines()
+def pictured(progress, width=80, height=24, residuals_mm=(), events=()):
+    """Lines of the screen."""
+    stream = io.StringIO()
+    screen = run_screen("run", progress, residuals_mm, events, NOW, (width, height))
+    Console(file=stream, width=width, color_system=None).print(screen)
+    return [line.rstrip() for line in stream.getvalue().splitlines()]
+
+
+NOW = datetime(2026, 3, 2, 14, 30, tzinfo=UTC)
+RESIDUALS_MM = (0.004, 0.006, 0.005, 0.004, 0.006)
+
+
+def test_the_screen_says_state_end_figures_and_keys():
+    progress = replace(AT_WORK, known=KNOWN, goal_mm=0.02)
+    lines = pictured(progress, residuals_mm=(*RESIDUALS_MM, 0.0123))
+    assert lines[0] == "run: measuring shot 12 (identification)"
+    assert lines[2:8] == [
+        "12 of 59 shots · 47 left · ends between 14:33 and 14:35",
+        "last residual 0.012 mm: good · drift 0.004 mm",
+        "least certain: z of arm 2, ±0.021 mm · positions ±0.006 mm",
+        "goal: every length to ±0.02 mm, now ±0.034 mm",
+        "",
+        "p pause · s skip this shot · r the last again · k park · q stop",
+    ]
 
 
 @pytest.mark.parametrize(
-    ("known", "goal_mm", "line"),
+    ("residuals_mm", "words"),
     [
-        (KNOWN, None, WEAKEST),
-        (KNOWN, 0.02, f"goal σ=0.02: 0.0341 · {WEAKEST}"),
-        (None, 0.02, "goal σ=0.02: not yet known"),
+        ((*RESIDUALS_MM, 0.016), "last residual 0.012 mm: large, 0.005 mm is usual"),
+        ((0.016,), "last residual 0.012 mm"),
     ],
 )
-def test_what_is_known_stands_in_a_line_of_its_own(known, goal_mm, line):
-    assert pictured(replace(AT_WORK, known=known, goal_mm=goal_mm))[2:] == [line]
+def test_a_large_residual_is_called_so_once_others_tell_what_is_usual(residuals_mm, words):
+    assert words in [line.split(" · ")[0] for line in pictured(AT_WORK, residuals_mm=residuals_mm)]
 
 
-@pytest.mark.parametrize("weakest", ["arm2.z_mm", "arm3.forearm_mm"])
-def test_what_is_known_fits_80_columns(weakest):
-    known = replace(KNOWN, weakest=weakest)
-    line = pictured(replace(AT_WORK, known=known, goal_mm=0.0125))[2]
-    assert line.endswith("position ±0.006 mm")
+@pytest.mark.parametrize(
+    ("progress", "first", "to_do"),
+    [
+        (replace(LOST, beam_lost_s=4.0), "run: the tracker lost the beam 4 s ago", None),
+        (
+            replace(LOST, beam_lost_s=45.0, beam_advice="clear the way"),
+            "run: the tracker lost the beam 45 s ago",
+            ["clear the way", "s skips this shot"],
+        ),
+        (replace(AT_WORK, state=EngineState.PAUSED), "run: paused, the robot stands still", None),
+        (replace(AT_WORK, state=EngineState.SUSPENDED), "run: trying again: shot 12", None),
+        (BEGUN, "run: between two shots", None),
+        (None, "run: connecting", None),
+    ],
+)
+def test_each_state_has_words_and_what_can_be_done(progress, first, to_do):
+    lines = pictured(progress)
+    assert lines[0].startswith(first)
+    assert to_do is None or lines[3:5] == to_do
+
+
+@pytest.mark.parametrize(("width", "height"), [(40, 12), (80, 24), (120, 40)])
+def test_the_screen_fits_and_breaks_no_word(width, height):
+    events = ["shot 9, attempt 1: the robot moved while it was measured"] * 50
+    progress = replace(AT_WORK, known=KNOWN)
+    lines = pictured(progress, width, height, RESIDUALS_MM, events)
+    assert all(len(line) <= width for line in lines)
+    words = " ".join(lines).split()
+    assert {"(identification)", "certain:", "positions", "±0.006"} <= {*words}
+    if width >= 80:
+        assert len(lines) <= height
 
 
 def test_what_is_known_is_told_at_the_end():
@@ -115,7 +163,6 @@ def test_what_to_do_about_a_lost_beam_stands_below_it_and_in_the_plain_line():
         beam_lost_s=45.0,
         beam_advice="put the beam onto the robot's reflector by hand",
     )
-    assert pictured(lost)[2] == "put the beam onto the robot's reflector by hand"
     display, stream, hands = display_on()
     with display:
         display.progress(replace(lost, beam_lost_s=1.0))
@@ -226,24 +273,30 @@ def test_an_event_is_never_cut():
     assert stream.getvalue() == text
 
 
-def test_before_the_first_news_it_is_connecting():
+def test_what_happened_behind_the_screen_is_told_when_it_is_left():
     display, stream, _ = display_on(is_terminal=True)
-    Console(file=stream, width=80, color_system=None).print(display._bars)
-    assert stream.getvalue() == "run: connecting\n"
+    with display:
+        display.progress(AT_WORK)
+        display.event("the air has changed")
+        assert "! the air" not in stream.getvalue()
+        with display.paused():
+            assert "! the air has changed" in stream.getvalue()
+    assert stream.getvalue().count("! the air has changed") == 1
+    assert "run: 12 of 59 shots" in stream.getvalue()
 
 
-@pytest.mark.parametrize("width", [40, 80, 120])
-def test_on_a_terminal_nothing_wraps(width):
-    display, stream, _ = display_on(width=width, is_terminal=True)
-    display.progress(AT_WORK)
-    console = Console(file=stream, width=width, color_system=None)
-    console.print(display._bars)
-    lines = stream.getvalue().splitlines()
-    assert len(lines) == 2
-    assert all(len(line) <= width for line in lines)
-    assert lines[0].startswith("run")
-    assert "12/59" in lines[0]
-    assert lines[1].startswith("measuring identification 12")
+def test_a_plain_run_has_no_screen_on_a_terminal():
+    console, stream, hands = screen(200, is_terminal=True)
+    display = RunDisplay(console, "run", now_s=hands, verbose=False, plain=True)
+    with display:
+        for shots in range(0, 30, 10):
+            display.progress(replace(AT_WORK, done=shots))
+    assert not display.has_screen
+    assert [line[:9] for line in stream.getvalue().splitlines()] == [
+        "run: 10/5",
+        "run: 20/5",
+        "run: 20 o",
+    ]
 
 
 def test_a_run_that_never_began_says_nothing_at_its_end():

@@ -10,6 +10,7 @@ from ruamel.yaml import YAML
 from sim.scenarios.scenario import load_scenario
 
 NEXT = {"next", "before_next"}
+DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 PLAN_KEYS = {
     *NEXT,
     *("model", "fitting_lines_mm"),
@@ -203,10 +204,10 @@ def test_without_a_terminal_nothing_moves_unless_told(pkmcal, exported):
 @pytest.mark.parametrize(
     ("command", "question"),
     [
-        (("run",), "59 shots, about 103 s, 50 % speed, controller SIM-C-0001, tracker 390001. Is"),
+        (("run",), f"59 shots, about 103 s, {DEVICES}. Is"),
         (
             ("validate", "--stage", "before"),
-            "Validation 'before', 50 % speed, controller SIM-C-0001: the robot will move. Is",
+            f"Validation 'before': 23 shots, about 39 s, {DEVICES}. Is",
         ),
     ],
     ids=["run", "validate"],

@@ -25,6 +25,7 @@ AT_WORK_SHOTS = 4
 DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 RESUMED = re.compile(rf"series 1 has (\d+) of 59 shots, (\d+) are left, about .*, {DEVICES}")
 PATIENCE_S = 20.0
+ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 def wait_until(condition, process):
@@ -126,7 +127,12 @@ class Screen:
 
     def __init__(self, controlling_end):
         self._end = controlling_end
-        self.shown = ""
+        self._written = ""
+
+    @property
+    def shown(self):
+        """Words that were written, whatever their places, colours and lines."""
+        return " ".join(ESCAPES.sub(" ", self._written).split())
 
     def read_until(self, text):
         give_up = time.monotonic() + PATIENCE_S
@@ -134,7 +140,7 @@ class Screen:
             assert time.monotonic() < give_up, self.shown
             if select.select([self._end], [], [], 0.1)[0]:
                 try:
-                    self.shown += os.read(self._end, 65536).decode(errors="replace")
+                    self._written += os.read(self._end, 65536).decode(errors="replace")
                 except OSError:  # the other end is closed
                     return
 
@@ -142,24 +148,26 @@ class Screen:
         give_up = time.monotonic() + seconds
         while (left := give_up - time.monotonic()) > 0:
             if select.select([self._end], [], [], left)[0]:
-                self.shown += os.read(self._end, 65536).decode(errors="replace")
+                self._written += os.read(self._end, 65536).decode(errors="replace")
 
     def type(self, text):
-        self.shown = ""
+        self._written = ""
         os.write(self._end, text.encode())
 
 
 @contextlib.contextmanager
-def on_a_screen(*arguments, typed=b""):
+def on_a_screen(*arguments, typed=b"", in_foreground=False):
     """A program on a terminal of its own, and the operator's end of it."""
     operator_end, program_end = pty.openpty()
     os.write(operator_end, typed)
+    # in the foreground its keys are heard; else its group is its own, for nobody could continue it
+    group = {"preexec_fn": lambda: os.login_tty(0)} if in_foreground else {"process_group": 0}
     process = started(
         *arguments,
         stdin=program_end,
         stderr=program_end,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
-        process_group=0,  # else nobody could continue it, and the system does not suspend it
+        **group,
     )
     os.close(program_end)
     try:
@@ -187,7 +195,7 @@ def screen_and_run(planned):
 
 def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
     screen, process = screen_and_run
-    for part in ("/59", "residual", "drift", "beam ok", "measuring"):
+    for part in ("of 59 shots", "residual", "drift", "q stop", "measuring shot"):
         screen.read_until(part)
     change(planned / "cell.yaml", FAST)  # read when the cell is connected again
     process.send_signal(signal.SIGINT)
@@ -201,6 +209,33 @@ def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
         endings = [e.record.how for e in journal.records_of(SessionStopped)]
         assert endings == ["interrupted", "finished"]
         assert len(journal.shots(1)) == 59
+
+
+def test_keys_pause_measure_again_park_and_stop(planned):
+    change(planned / "cell.yaml", SLOW)
+    with on_a_screen("run", planned, "--yes", in_foreground=True) as (screen, process):
+        screen.read_until("3 of 59 shots")
+        screen.type("p")
+        screen.read_until("paused by the operator")
+        screen.type("p")
+        screen.read_until("the operator goes on")
+        screen.type("r")
+        screen.read_until("measured again, as the operator wishes")
+        screen.type("k")
+        screen.read_until("parked by the operator")
+        screen.type("q")
+        screen.read_until("Go on where it was? [y/N]")
+        screen.type("n\n")
+        screen.read_until("takes up where it was")
+        assert process.wait(PATIENCE_S) == 130
+    with read_journal(planned / "campaign.db") as journal:
+        notes = [e.record.text for e in journal.records_of(Event) if "operator" in e.record.text]
+    assert [text.split(" measured")[0].split()[0] for text in notes] == [
+        "paused",
+        "the",
+        "shots",
+        "parked",
+    ]
 
 
 @pytest.mark.long
@@ -255,7 +290,7 @@ def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so
     process.send_signal(signal.SIGCONT)
     screen.read_until("Go on where it was? [y/N]")
     screen.type("y\n")
-    screen.read_until("4/8")
+    screen.read_until("4 of 8 shots")
     out, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, "loaded and verified" in out) == (0, True)
     assert loads(exported) == ["load begun", "load"]
@@ -271,6 +306,7 @@ def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so
 def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, exported, answer):
     screen, process = screen_and_load
     process.send_signal(signal.SIGTSTP)
+    screen.read_until("the robot stands still")
     wait_until(lambda: is_suspended(process), process)
     process.send_signal(signal.SIGCONT)
     screen.read_until("Go on where it was? [y/N]")

@@ -23,6 +23,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
 from campaigns.measuring.resume import series_to_take_up
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.options import ValidationOptions
 from campaigns.robots.robot import compensated, pose_row, read_robot
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.import_export import exported_shots
@@ -326,6 +327,8 @@ def test_that_no_limit_is_asked_for_is_told_and_what_else_stands_against_the_who
 
 def test_a_measured_validation_takes_up_no_imported_one(paper: PaperCampaign) -> None:
     taken_in(paper, "before", pairs_of(paper, NOMINAL.robot.kinematics))
-    work, _ = validation_work(paper.campaign, "before", dict(NOMINAL.robot.parameters))
+    work, _ = validation_work(
+        paper.campaign, dict(NOMINAL.robot.parameters), ValidationOptions(stage="before")
+    )
     with paper.campaign.journal_reader() as journal:
         assert series_to_take_up(journal, work) is None
