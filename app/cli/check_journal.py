@@ -1,6 +1,9 @@
 """pkmcal check-journal: whether the journal is what was written, and what is in it."""
 
+import re
 from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -9,17 +12,35 @@ from app.next import tell_who_works
 from app.options import Folder, Json
 from app.wiring import raw_readers
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.errors import JournalFailed
+from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
+from campaigns.files.text_file import read_text
 from campaigns.journal.inspection import Inspection, Problem, inspect_journal, require_whole
 from campaigns.journal.journal import read_journal
 
+HEAD = 2000
+"""So many characters of a report hold what it says of itself."""
+PAGE_JOURNAL = re.compile(
+    r'name="journal" content="(?P<records>\d{1,12}):(?P<digest>[0-9a-f]{64})"'
+)
 
-def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
+Page = Annotated[
+    Path | None,
+    typer.Option(
+        "--page", metavar="FILE", help="Say whether this report was made from this journal."
+    ),
+]
+
+
+def command(
+    context: typer.Context, folder: Folder, *, page: Page = None, json: Json = False
+) -> None:
     """Say whether the journal is whole, and what is in it.
 
     Every record is read: the chain of digests, its text, the file's pages and rules, whose campaign
     it is, and whether joints and points are what the devices' raw answers beside them say. Nothing
     is changed. Each problem is named with its record.
+
+    With --page: whether a report and the journal belong together; exit code 1: they do not.
 
     Exit code 4: it is not whole. With --json the document is printed then, too.
     """
@@ -38,6 +59,28 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
         terminal.say(f"! {problem.problem}", BAD)
     terminal.document(_document(campaign, found, found.problems))
     require_whole(path, found)
+    if page is not None:
+        require_page_of(campaign, page)
+        terminal.say(f"{page} was made from this journal", GOOD)
+
+
+def require_page_of(campaign: Campaign, page: Path) -> None:
+    """Raise `VerdictBad` for a report of another journal, `OptionsInvalid` for no report."""
+    head = read_text(page, OptionsInvalid, if_missing="name a report")[:HEAD]
+    found = PAGE_JOURNAL.search(head)
+    if found is None:
+        raise OptionsInvalid(
+            f"{page}: does not say which journal it was made from",
+            remedy="name a report of this version, or write it anew with `pkmcal report`",
+        )
+    records, digest = int(found["records"]), found["digest"]
+    with campaign.journal_reader() as journal:
+        same = records <= journal.last_number() and journal.digest(through=records) == digest
+    if not same:
+        raise VerdictBad(
+            f"{page} was not made from this journal, or one of them was changed since",
+            remedy="compare the digests under Identities, and write the report anew",
+        )
 
 
 def _foreign(campaign: Campaign) -> JournalFailed | None:

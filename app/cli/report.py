@@ -10,6 +10,7 @@ from app.exits import Exit
 from app.next import tell_next, tell_who_works
 from app.options import Folder, Json
 from app.report.page import Page, page_of
+from app.report.pdf import find_browser, print_pdf
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate
@@ -28,6 +29,9 @@ def command(
     to: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Default: report.html in DIR.")
     ] = None,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="A PDF beside it too, as an installed browser prints it.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write the report: one page about all of it.
@@ -40,6 +44,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    browser = find_browser() if pdf else None
     tell_who_works(terminal, campaign)
     page, path = report(campaign, to)
     verdict = page.evaluation.verdict
@@ -50,6 +55,9 @@ def command(
     for text in page.outline.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
+    if browser is not None:
+        print_pdf(browser, path, path.with_suffix(".pdf"))
+        terminal.say(f"written: {path.with_suffix('.pdf')}")
     terminal.document(report_document(page, path) | tell_next(terminal, campaign, reported=True))
     if verdict.decision == "fail":
         raise typer.Exit(Exit.NOT_GOOD)

@@ -2,7 +2,13 @@
 
 from dataclasses import dataclass
 
-from app.report import groups, model_sections, record_sections, results_sections
+from app.report import (
+    certificate_sections,
+    groups,
+    model_sections,
+    record_sections,
+    results_sections,
+)
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.rendering import Outline, rendered
 from campaigns.evaluation.campaign_verdict import RULE
@@ -12,6 +18,7 @@ MAKERS = {
     "results": results_sections,
     "model": model_sections,
     "record": record_sections,
+    "certificate": certificate_sections,
     "groups": groups,
     "distances": distances,
     "workspace": workspace,

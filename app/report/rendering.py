@@ -6,6 +6,7 @@ in which words rows and pictures stand by the macros of parts.html.jinja.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -67,8 +68,16 @@ def drawn(draw: "Callable[..., Figure]", name: str, title: str, *given: Any, **n
 
 
 def moment(utc: str) -> str:
-    """Time of the journal as people read it: `2026-03-02 08:15 UTC`."""
-    return f"{utc[:10]} {utc[11:16]} UTC"
+    """Time of the journal as people read it: `2026-03-02 08:15 UTC (09:15 CET)`.
+
+    The local time stands beside it where the machine that writes the page has another.
+    """
+    told = f"{utc[:10]} {utc[11:16]} UTC"
+    try:
+        local = datetime.fromisoformat(utc).astimezone()
+    except ValueError:
+        return told
+    return told if not local.utcoffset() else f"{told} ({local:%H:%M} {local.tzname()})"
 
 
 @cache

@@ -10,6 +10,7 @@ from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
 from campaigns.robots.robot import RobotDocument, read_robot
 from campaigns.settings import sections
+from campaigns.settings.certificate import CertificateConfig
 from campaigns.settings.space import SpaceConfig
 from drivers.bounded_files import is_file
 
@@ -67,6 +68,10 @@ class CampaignConfig(yaml_file.FileModel):
     instruments: sections.InstrumentsConfig = Field(
         default=sections.InstrumentsConfig(),
         description="what no device tells about itself, for the record",
+    )
+    certificate: CertificateConfig = Field(
+        default=CertificateConfig(),
+        description="the head of the certificate; with a number the report is one",
     )
 
 

@@ -1,0 +1,137 @@
+"""Certificate: its facts, who signs, the tracker's certificate, the uncertainty budget."""
+
+from collections.abc import Iterator
+from datetime import datetime
+
+import numpy as np
+
+from app.report.rendering import moment
+from campaigns.evaluation.uncertainty_budget import Contribution, uncertainty_budget
+from campaigns.evidence import Evaluation, Evidence
+from campaigns.files.table import NOTHING, Column, Row, words
+from campaigns.settings.certificate import CertificateConfig
+
+ONLY_THIS_ITEM = (
+    "The results relate only to the item described here, in the state and under the conditions in "
+    "which it was measured. This certificate may not be reproduced other than in full without "
+    "the laboratory's approval."
+)
+BUDGET: tuple[Column[Contribution], ...] = (
+    words("source", lambda each: each.source),
+    Column("u", lambda each: each.u_mm, "mm", 4),
+    words("type", lambda each: each.evaluated),
+    words("counts", lambda each: "" if each.counts else "no"),
+)
+
+
+def is_asked_for(evidence: Evidence) -> bool:
+    """Whether campaign.yaml names a certificate."""
+    return bool(evidence.campaign.config.certificate.number)
+
+
+def facts(evaluation: Evaluation) -> Iterator[Row]:
+    """Facts that ISO/IEC 17025 asks for: name and text; a dash where nobody said."""
+    evidence = evaluation.evidence
+    config, certificate = evidence.campaign.config, evidence.campaign.config.certificate
+    series = evidence.journal.series if evidence.journal else ()
+    robot = next((each.started.robot for each in reversed(series) if each.started.robot), None)
+    tracker = next(
+        (each.started.tracker for each in reversed(series) if each.started.tracker), None
+    )
+    found = evidence.identification
+    method = (
+        NOTHING
+        if found is None
+        else f"identification of {len(found.free)} parameters from {found.shots} shots "
+        f"(estimator {found.estimator.value}, model {found.model or 'standard'}), validated on "
+        "pairs that were not fitted"
+    )
+    yield from (
+        ("certificate", certificate.number),
+        ("customer", certificate.customer),
+        ("laboratory", certificate.laboratory),
+        ("item", " ".join(filter(None, (certificate.robot_type, evidence.campaign.robot.name)))),
+        ("serial number", config.instruments.robot_serial),
+        ("controller", "" if robot is None else str(robot)),
+        ("tracker", "" if tracker is None else str(tracker)),
+        ("tracker's certificate", _tracker_certificate(certificate)),
+        ("reflector", f"{config.tracker.reflector} {config.instruments.reflector_serial}".strip()),
+        ("tool", certificate.tool),
+        ("payload", "" if certificate.payload_kg is None else f"{certificate.payload_kg:g} kg"),
+        ("speed", f"{config.controller.speed_percent:g} % of full speed"),
+        ("measured", " to ".join(_times(evidence))),
+        ("conditions", certificate.conditions),
+        ("method", method),
+    )
+
+
+def traceability(evidence: Evidence) -> str:
+    """Sentence on how lengths are traceable; what it lacks is said."""
+    tracker = evidence.campaign.config.certificate.tracker
+    if not tracker.number or not tracker.laboratory:
+        return "It is not stated how lengths are traceable: the tracker's certificate is not named."
+    return (
+        "Lengths are traceable to the SI metre by the laser tracker, calibrated by "
+        f"{tracker.laboratory}, certificate {tracker.number}"
+        + (f" of {tracker.issued.isoformat()}." if tracker.issued else ".")
+    )
+
+
+def expiry_warning(evidence: Evidence) -> str:
+    """Sentence where the tracker's certificate had expired when it was measured; else empty."""
+    certificate, times = evidence.campaign.config.certificate, [*_moments(evidence)]
+    if not times or not certificate.expired_on(times[-1].date()):
+        return ""
+    return (
+        f"The tracker's certificate had expired on {certificate.tracker.expires}, before the last "
+        "series was measured."
+    )
+
+
+def signatures(evidence: Evidence) -> tuple[Row, ...]:
+    """Who signs as what."""
+    certificate = evidence.campaign.config.certificate
+    return ("measured by", certificate.measured_by), ("authorised by", certificate.authorised_by)
+
+
+def budget_rows(evaluation: Evaluation) -> tuple[Contribution, ...]:
+    """Uncertainty budget of positions; () where the identification tells none."""
+    evidence, found = evaluation.evidence, evaluation.evidence.identification
+    known = found.position_std_mm if found else None
+    if found is None or known is None or known.total_mean is None or evidence.run is None:
+        return ()
+    shots = evidence.run.shots
+    stated_mm2 = float(
+        np.trace(shots.covariance_mm2(evidence.campaign.instrument), axis1=1, axis2=2).mean() / 3.0
+    )
+    scatter_mm = 0.0 if found.robot_scatter is None else found.robot_scatter.point_mm
+    air = next((each.air_range for each in reversed(evaluation.time_series)), None)
+    points = shots.points_in_tracker_mm
+    return tuple(
+        uncertainty_budget(
+            random_mm=known.mean,
+            common_mm=known.common,
+            total_mm=known.total_mean,
+            tracker_share=stated_mm2 / (stated_mm2 + scatter_mm**2),
+            air_change_degC=None if air is None else air[1] - air[0],
+            reach_mm=float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()),
+        )
+    )
+
+
+def _tracker_certificate(certificate: CertificateConfig) -> str:
+    own = certificate.tracker
+    dated = f"of {own.issued}" if own.issued else ""
+    until = f"valid until {own.expires}" if own.expires else ""
+    return ", ".join(filter(None, (f"{own.number} {dated}".strip(), own.laboratory, until)))
+
+
+def _moments(evidence: Evidence) -> Iterator[datetime]:
+    every = evidence.journal.series if evidence.journal else ()
+    times = [shot.measured_utc for series in every for shot in series.shots if shot.measured_utc]
+    yield from (datetime.fromisoformat(text) for text in sorted(times))
+
+
+def _times(evidence: Evidence) -> tuple[str, ...]:
+    times = [each.isoformat() for each in _moments(evidence)]
+    return (moment(times[0]), moment(times[-1])) if times else ()

@@ -1,0 +1,121 @@
+"""The certificate: what ISO/IEC 17025 asks for, what is empty, the budget, and whose page it is."""
+
+import json
+from datetime import date
+
+import pytest
+from paper_campaign import PaperCampaign, new_campaign
+from test_page import page, words_of
+
+from app.cli.report import report
+from app.report import certificate_sections
+from campaigns.campaign import open_campaign
+from campaigns.evaluation.uncertainty_budget import uncertainty_budget
+from campaigns.evidence import evaluate
+from campaigns.settings.certificate import CertificateConfig, TrackerCertificateConfig
+
+TRACKER = TrackerCertificateConfig(
+    number="T-9", laboratory="NMI", issued=date(2025, 3, 1), expires=date(2027, 3, 1)
+)
+WHOLE = CertificateConfig(
+    number="C-17",
+    customer="Acme, Main Street 1",
+    laboratory="Cal Lab",
+    measured_by="A. Bee",
+    authorised_by="C. Dee",
+    robot_type="Acme P4",
+    tool="flange",
+    payload_kg=1.5,
+    conditions="doors shut",
+    tracker=TRACKER,
+)
+
+
+@pytest.fixture
+def certified(tmp_path):
+    def made(certificate):
+        paper = new_campaign(tmp_path / "c", certificate=certificate)
+        paper.run(pairs=20, unseen=4)
+        return paper
+
+    return made
+
+
+def test_a_whole_head_stands_with_every_fact_and_lacks_nothing(certified) -> None:
+    text = words_of(page(certified(WHOLE)).html)
+    for fact in ("C-17", "Acme, Main Street 1", "Cal Lab", "1.5 kg", "T-9 of 2025-03-01, NMI"):
+        assert fact in text
+    assert "measured by: A. Bee, date" in text
+    assert "relate only to the item" in text
+    assert "traceable to the SI metre by the laser tracker, calibrated by NMI" in text
+    assert "Empty in campaign.yaml" not in text
+
+
+def test_empty_keys_are_named_and_an_expired_certificate_is_told(certified) -> None:
+    expired = TRACKER.model_copy(update={"expires": date(2026, 3, 1)})
+    paper = certified(CertificateConfig(number="C-18", tracker=expired))
+    found = page(paper)
+    assert "certificate.customer, certificate.laboratory" in " ".join(found.outline.missing)
+    assert "expired on 2026-03-01" in words_of(found.html)
+
+
+def test_without_a_number_there_is_no_certificate(certified) -> None:
+    assert 'id="certificate"' not in page(certified(CertificateConfig(customer="Acme"))).html
+
+
+def test_the_budget_combines_to_the_stated_uncertainty(whole: PaperCampaign) -> None:
+    evaluation = evaluate(open_campaign(whole.folder))
+    known = evaluation.evidence.identification.position_std_mm
+    rows = {row.source.split(":")[0]: row for row in certificate_sections.budget_rows(evaluation)}
+    *_, combined, expanded = certificate_sections.budget_rows(evaluation)
+    assert (combined.u_mm, expanded.u_mm) == (known.total_mean, 2.0 * known.total_mean)
+    assert not rows["temperature"].counts
+    counted = [
+        row.u_mm
+        for row in certificate_sections.budget_rows(evaluation)
+        if row.evaluated and row.counts
+    ]
+    assert sum(u**2 for u in counted) ** 0.5 == pytest.approx(combined.u_mm, rel=0.05)
+
+
+def test_scatter_of_the_robot_is_apart_from_the_trackers_noise() -> None:
+    tracker, robot, *_ = uncertainty_budget(
+        random_mm=0.05,
+        common_mm={},
+        total_mm=0.05,
+        tracker_share=0.36,
+        air_change_degC=None,
+        reach_mm=400.0,
+    )
+    assert (tracker.u_mm, robot.u_mm) == (pytest.approx(0.03), pytest.approx(0.04))
+
+
+def test_a_page_and_its_journal_are_told_from_others(pkmcal, certified, tmp_path) -> None:
+    paper = certified(WHOLE)
+    _, made = report(open_campaign(paper.folder))
+    assert 'aria-label="the journal\'s digest as a QR code"' in made.read_text("utf-8")
+    paper.measure("before", paper.plan(1, 0))  # it may have grown since
+    assert pkmcal("check-journal", paper.folder, "--page", made).code == 0
+    text = made.read_text(encoding="utf-8")
+    digest = text.partition('name="journal" content="')[2].partition(":")[2][:64]
+    other = tmp_path / "other.html"
+    other.write_text(text.replace(digest, digest[::-1]), "utf-8")
+    foreign = pkmcal("check-journal", paper.folder, "--page", other)
+    assert (foreign.code, "not made from this journal" in foreign.err) == (1, True)
+    other.write_text("<html></html>")
+    assert pkmcal("check-journal", paper.folder, "--page", other).code == 2
+
+
+def test_a_pdf_needs_a_browser_and_says_so_before_it_works(pkmcal, certified, monkeypatch) -> None:
+    paper = certified(WHOLE)
+    monkeypatch.setattr("app.report.pdf.shutil.which", lambda _: None)
+    code, _, err = pkmcal("report", paper.folder, "--pdf", "--json")
+    assert (code, "chromium" in err) == (2, True)
+    assert not (paper.folder / "report.html").exists()
+
+
+def test_settings_of_a_certificate_are_in_a_new_campaign_with_their_meaning(tmp_path) -> None:
+    paper = new_campaign(tmp_path / "c")
+    text = (paper.folder / "campaign.yaml").read_text(encoding="utf-8")
+    assert "who authorises the certificate" in text
+    assert json.loads(paper.campaign.config.certificate.model_dump_json())["payload_kg"] is None
