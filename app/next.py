@@ -9,7 +9,7 @@ from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import evaluate
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import next_step, state_of
+from campaigns.next_step import CampaignState, next_step, state_of
 
 
 def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
@@ -38,7 +38,11 @@ def tell_next(
         state = state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
         step = next_step(replace(state, words=tuple(words) or state.words))
     except CampaignError:
-        step = None
+        state, step = CampaignState(), None
+    ways = state.ways if state.verdict == "not decided" else ()
+    for way in ways:
+        terminal.note(way.says)
     if step is not None:
         terminal.note(f"next: {step.says}")
-    return {"next": step and step.text, "before_next": (step and step.first) or None}
+    found = {"next": step and step.text, "before_next": (step and step.first) or None}
+    return found | ({"ways": [way.document for way in ways]} if ways else {})

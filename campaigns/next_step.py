@@ -4,8 +4,11 @@ Pure. A step changes the state that it follows from, so that no advice leads bac
 """
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import datetime
+from itertools import pairwise
+from statistics import median
 from typing import Literal
 
 from campaigns.controllers.controller_state import ControllerState
@@ -13,6 +16,7 @@ from campaigns.controllers.export import PLAIN_FILE
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.summary import Spread
 from campaigns.evidence import Evaluation, Evidence
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.views import Series
@@ -66,6 +70,25 @@ class NextStep:
         return f"{self.first}, then: {self.text}" if self.first else self.text
 
 
+@dataclass(frozen=True, slots=True)
+class WayOn:
+    """Way on from an identification that is not decided, and what it costs."""
+
+    by: Literal["model", "limits", "shots"]
+    step: NextStep
+    cost: str
+
+    @property
+    def document(self) -> dict[str, str]:
+        """The way for programs."""
+        return {"by": self.by, "next": self.step.text, "before": self.step.first, "cost": self.cost}
+
+    @property
+    def says(self) -> str:
+        """The way and its cost in a line."""
+        return f"by {self.by}: {self.step.says} ({self.cost})"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignState:
     """State of a campaign, as far as the next step depends on it."""
@@ -85,6 +108,8 @@ class CampaignState:
     """Of an identification from what was measured last."""
     way_on: NextStep | None = None
     """Next step after an identification that did not pass."""
+    ways: tuple[WayOn, ...] = ()
+    """All ways on from one that is not decided."""
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
@@ -179,6 +204,22 @@ class Unusable:
     sessions: Mapping[int, int] = field(default_factory=dict)
     folder: str = "DIR"
     imported: bool = False
+    shot_s: float | None = None
+    """Time that a shot took; None where nobody knows."""
+
+    def ways_on(self) -> Iterator[WayOn]:
+        """Ways on with what each would cost: a larger model, limits, more shots."""
+        found, unseen = self.found, self.found.unseen_mm
+        if found.model not in {Model.AUTO, Model.EXTENDED}:
+            larger = self._identify("--model", Model.AUTO.value, without="--model")
+            yield WayOn("model", larger, "no new shot, some seconds")
+        if unseen is not None and found.verdict == "not decided":
+            yield WayOn("limits", self._by_limits(unseen.after), "no new shot, if these will do")
+        if self.shots < ENOUGH_SHOTS and not self.imported:
+            more = NextStep(("plan", self.folder, "--shots", str(2 * self.shots)))
+            took = "" if self.shot_s is None else f", about {self.shot_s * self.shots / 60:.0f} min"
+            halved = "σ falls to about 0.7 of what it is"
+            yield WayOn("shots", more, f"{self.shots} more shots{took}; {halved}")
 
     def way_on(self) -> NextStep:
         """Next step by the first that stands against it."""
@@ -255,7 +296,10 @@ class Unusable:
             return self._identify("--model", Model.AUTO.value, without="--model")
         if found.verdict == "fail" or unseen is None:
             return self._measure(MEND)
-        reached = unseen.after
+        return self._by_limits(unseen.after)
+
+    def _by_limits(self, reached: Spread) -> NextStep:
+        """Identification again once the limits are such as unseen pairs keep."""
         if diagnostics.limits_met(reached, self.limits_mm):
             return self._identify()
         figures = f"mean {reached.mean_abs:.3f}, largest {reached.max_abs:.3f} mm"
@@ -313,8 +357,10 @@ def state_of(
         sessions=dict(zip(shots.numbers, shots.session.tolist(), strict=True)) if shots else {},
         folder=state.folder,
         imported=imported,
+        shot_s=_shot_seconds(latest),
     )
-    return replace(state, verdict=found.verdict, way_on=unusable.way_on())
+    ways = tuple(unusable.ways_on())
+    return replace(state, verdict=found.verdict, way_on=unusable.way_on(), ways=ways)
 
 
 def _words(evidence: Evidence) -> tuple[str, ...]:
@@ -326,6 +372,15 @@ def _words(evidence: Evidence) -> tuple[str, ...]:
     asked = found.asked if found else ()
     pairs = zip(asked, ("", *asked), strict=False)
     return tuple(word for word, before in pairs if {word, before} & SELECTION)
+
+
+def _shot_seconds(series: Series) -> float | None:
+    """Median time from a shot to the next; None for too few."""
+    at = sorted(
+        datetime.fromisoformat(shot.measured_utc) for shot in series.shots if shot.measured_utc
+    )
+    gaps = [(after - before).total_seconds() for before, after in pairwise(at)]
+    return median(gaps) if gaps else None
 
 
 def _is_import(series: Series) -> bool:

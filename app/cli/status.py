@@ -32,6 +32,8 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
         terminal.say(f"doubtful: {text}", WARNING)
     if found.decision is not None:
         terminal.say(f"verdict: {found.answer}", COLOURS[found.decision])
+    for way in found.ways:
+        terminal.say(way.says)
     terminal.say(f"next: {found.next.says}" if found.next else "nothing is left to do")
     step = found.next
     terminal.document(
@@ -48,5 +50,6 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
             "doubtful": found.doubtful,
             "next": step and step.text,
             "before_next": (step and step.first) or None,
+            "ways": [way.document for way in found.ways],
         }
     )

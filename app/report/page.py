@@ -13,6 +13,7 @@ from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.rendering import Outline, rendered
 from campaigns.evaluation.campaign_verdict import RULE
 from campaigns.evidence import Evaluation
+from campaigns.next_step import next_step, state_of
 
 MAKERS = {
     "results": results_sections,
@@ -41,5 +42,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     """Write the page and draw its figures."""
     key_figures = results_sections.key_figure_rows(evaluation)
     own = {"evaluation": evaluation, "key_figures": key_figures}
-    values = {**MAKERS, **own, "made_utc": made_utc, "rule": RULE}
+    state = state_of(evaluation, reported=True)
+    following = {"next": next_step(state), "ways": state.ways}
+    values = {**MAKERS, **own, **following, "made_utc": made_utc, "rule": RULE}
     return Page(evaluation, *rendered("page.html.jinja", values))

@@ -11,7 +11,7 @@ from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence, evaluate
 from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.views import Series
-from campaigns.next_step import CampaignState, NextStep, next_step, state_of
+from campaigns.next_step import CampaignState, NextStep, WayOn, next_step, state_of
 
 REPORT = "report.html"
 
@@ -58,6 +58,8 @@ class CampaignStatus:
     doubtful: tuple[str, ...]
     """What stands against the result."""
     next: NextStep | None
+    ways: tuple[WayOn, ...] = ()
+    """Ways on where the identification is not decided."""
 
 
 def campaign_status(campaign: Campaign) -> CampaignStatus:
@@ -79,6 +81,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         open=tuple(_open(evidence, series)),
         doubtful=tuple(_doubtful(evaluation)),
         next=next_step(state),
+        ways=state.ways if state.verdict == "not decided" else (),
     )
 
 

@@ -283,3 +283,16 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         assert step is not None
         words = step.command
         assert " ".join((words[0], *words[2:])) == said, taken
+
+
+def test_each_way_on_from_what_is_not_decided_says_what_it_costs() -> None:
+    open_one = identified(Place(CampaignState()), "not decided", diagnostics.LACK, "")
+    ways = {way.by: way for way in Unusable(found=open_one, shots=60, shot_s=2.0).ways_on()}
+    assert {*ways} == {"model", "limits", "shots"}
+    assert ways["model"].step.command[-2:] == ("--model", "auto")
+    assert "acceptance.distance_mean_mm" in ways["limits"].says
+    assert ways["shots"].cost.startswith("60 more shots, about 2 min")
+    imported = Unusable(found=open_one, shots=60, imported=True).ways_on()
+    assert "shots" not in {way.by for way in imported}
+    looked = replace(open_one, model=Model.AUTO)
+    assert "model" not in {way.by for way in Unusable(found=looked, shots=400).ways_on()}
