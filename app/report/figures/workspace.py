@@ -1,8 +1,10 @@
 """Pictures in the workspace: where was measured, and by how much the model misses there."""
 
+import json
 from collections.abc import Mapping
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure, FigureBase
 
 from app.report.figures import drawing
@@ -10,6 +12,7 @@ from app.report.figures.space import axes_in_space, one_scale
 from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array, Mask
 from campaigns.design.restricted_space import RestrictedSpace
+from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.evaluation.summary import binned_medians
 from campaigns.shots.shot_sets import ShotSet
 
@@ -130,3 +133,17 @@ def magnification(errors_mm: Array) -> float:
     wanted = ARROW_MM / longest
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(max(f * power for f in ROUND_FACTORS if f * power <= wanted))
+
+
+def turning_data(positions: PositionErrors) -> Markup:
+    """Places and errors, both stages at one scale, as JSON that is safe inside a page."""
+    before, after = positions.before_mm, positions.after_mm
+    told = {
+        "shots": positions.numbers,
+        "places": positions.poses[:, :3].round(2).tolist(),
+        "before": before.round(5).tolist(),
+        "after": None if after is None else after.round(5).tolist(),
+        "fitted": positions.fitted.tolist(),
+        "magnified": magnification(before),
+    }
+    return Markup(json.dumps(told).replace("<", "\\u003c"))  # noqa: S704 - numbers alone
