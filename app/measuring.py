@@ -4,6 +4,7 @@ import shlex
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -58,12 +59,17 @@ def measure(
 
         def measure_once(wish: StopRequest, *, anew: bool) -> Result:
             wishes = Wishes()
+
+            def ask(what: str) -> bool:
+                with display.paused():
+                    return terminal.asks(what)
+
             with (
                 terminal.watching(title, plain=plain) as display,
                 _keys(display, wish, wishes),
                 _ready_cell(campaign, wish, terminal, clearance) as cell,
             ):
-                work = make_work(cell)
+                work, cell = make_work(cell), replace(cell, ask=ask)
                 with campaign.opened_journal() as journal:
                     series = measure_series(
                         cell, journal, work, display, wish, anew=anew, wishes=wishes

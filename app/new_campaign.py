@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from uuid import uuid4
 
+import numpy as np
+
 from campaigns.campaign import SIMULATED
 from campaigns.errors import OutputExists
 from campaigns.files import text_file
@@ -61,6 +63,8 @@ def create_simulated(
         text = computing_plate_tilt(text)
     cell = parse_scenario(text, scenario)
     tracker = cell.tracker
+    base = tracker.station.pose()
+    places = {each.name: base.to_tracker_mm(np.array(each.place_mm)) for each in tracker.nests}
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
     config = new_config(
         {
@@ -72,6 +76,10 @@ def create_simulated(
                 "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
                 "uncertainty": _limits(tracker.noise.data_sheet),
             },
+            "nests": [
+                {"name": name, "place_mm": np.round(mm).tolist(), "occupied": True}
+                for name, mm in places.items()
+            ],
             **({"acceptance": cell.acceptance.model_dump()} if with_limits else {}),
             **_validation(nominal.robot),
         }

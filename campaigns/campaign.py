@@ -153,7 +153,8 @@ class Campaign:
         shots = self.read_plan() if shots is None else shots
         robot = self.robot
         model = RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
-        return check_plan(shots, model, self.view, self.pace)
+        names = [nest.name for nest in self.config.nests]
+        return check_plan(shots, model, self.view, self.pace, names, self.config.known_lengths)
 
     @contextmanager
     def held(self) -> Iterator[None]:

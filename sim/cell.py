@@ -27,6 +27,8 @@ from sim.tracker.instrument import SimulatedTracker, TakenShot
 
 SCHEMA: Literal["pkmcal/cell-memory/1"] = "pkmcal/cell-memory/1"
 REMEDY = "delete the simulated cell's memory to begin with a new cell"
+NEST = "nest "
+"""Before the names of nests, so that none is called as another target."""
 REMEMBERED_WITHIN_MM = 0.1
 """Distance beyond any growth of the arms since the robot came to rest."""
 
@@ -54,7 +56,7 @@ class CellMemory(BaseModel):
     tracker_initialised: bool
     tracker_warm: bool
     selected_reflector: int
-    beam_on: Target | None
+    beam_on: str | None
     taken: tuple[TakenShot, ...] = ()
     """What the tracker told, as it really was; memories from before have none."""
 
@@ -202,11 +204,13 @@ class Cell:
 
     def _tracker(self, state: CellMemory) -> SimulatedTracker:
         section = self.scenario.tracker
-        other = section.other_reflector_mm
+        standing = {NEST + nest.name: np.array(nest.place_mm) for nest in section.nests}
+        if (other := section.other_reflector_mm) is not None:
+            standing[Target.STANDING] = np.array(other)
         beam = Beam(
             self._scene,
-            self.station,
-            standing_in_base_mm=None if other is None else np.array(other),
+            lambda: section.station.pose(self._worked.seconds),
+            standing_in_base_mm=standing,
             acceptance_rad=math.radians(section.acceptance_deg),
             locked_on=state.beam_on,
         )

@@ -108,6 +108,7 @@ class Intent:
     """Intention of one attempt, written before anything moves. `purpose` is the shot's set.
 
     `commanded` is the pose that the controller is sent where that is another than the target.
+    `nest` names the fixed place whose reflector is measured while the robot stands there.
     """
 
     shot: int
@@ -118,6 +119,7 @@ class Intent:
     command: Command
     pair: int | None = None
     commanded: Pose | None = None
+    nest: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from typing import Generic, TypeVar
 
 from campaigns.journal import records
 
-KNOWN = "known-length"
-"""Set of shots at calibrated lengths, without the robot."""
+FIXED = {"known-length", "nest"}
+"""Sets of shots without the robot: at calibrated lengths, at fixed places."""
 RecordT = TypeVar("RecordT", bound=records.Record, covariant=True)
 
 
@@ -52,8 +52,8 @@ class Series:
 
     @property
     def of_known_lengths(self) -> bool:
-        """Whether nothing but known lengths was measured."""
-        return bool(self.shots) and all(each.intent.purpose == KNOWN for each in self.shots)
+        """Whether nothing but known lengths and nests was measured."""
+        return bool(self.shots) and all(each.intent.purpose in FIXED for each in self.shots)
 
 
 def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:

@@ -147,6 +147,7 @@ class Engine:
             change = self._stability.at_end(references)
             if change:
                 self._log.tell(change)
+        self._shot_taker.nests.leave()
         self._run_state.enter(EngineState.FINISHED)
 
     def _chosen_at_end(self) -> tuple[ReferencePose, ...]:
@@ -318,6 +319,10 @@ class Engine:
         wall_clock = self._session.cell.wall_clock
         started_s = wall_clock.now_s()
         outcome = self._shot_taker.measure(step)
+        if nest := step.planned.nest:
+            self._shot_taker.accept_nest(nest, outcome)
+            self._run_state.accept(wall_clock.now_s() - started_s, None, None)
+            return
         drift_mm = self._drift_mm(outcome) if step.planned.purpose is ShotSet.DRIFT else None
         self._shot_taker.accept(outcome)
         if step.planned.purpose is ShotSet.IDENTIFICATION:

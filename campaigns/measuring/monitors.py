@@ -78,7 +78,7 @@ class InnovationGate:
     def reset(self, shots: Iterable[int]) -> None:
         """Take out shots that were accepted and do not count any more."""
         for shot in shots:
-            del self._accepted[shot]
+            self._accepted.pop(shot, None)  # a nest's was never among them
         self._running = self._new_fit()
         for outcome in self._accepted.values():
             self._teach(outcome)

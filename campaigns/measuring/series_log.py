@@ -35,6 +35,7 @@ class SeriesLog:
             step.command,
             planned.pair,
             step.corrected,
+            planned.nest,
         )
         self.write(intent)
         self._attempts[intent.shot] = intent.attempt

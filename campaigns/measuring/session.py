@@ -9,6 +9,7 @@ from campaigns.measuring import resume
 from campaigns.measuring.engine import Engine, Monitors
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.motion import Mover
+from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reacquisition import Reacquisition, distinct_starts
 from campaigns.measuring.run_state import ParameterUncertainty, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
@@ -140,7 +141,8 @@ def _measure(
         work.uncertainty_monitor(),
         StationMonitor(work.station, work.robot.kinematics, shots) if work.station else None,
     )
-    engine = Engine(session, ShotTaker(session, reacquisition), reacquisition, monitors)
+    shot_taker = ShotTaker(session, reacquisition, NestPointer(session, found.kept))
+    engine = Engine(session, shot_taker, reacquisition, monitors)
     wanted = engine.wanted(_without_skipped(session, found.left))
     if wanted and found.kept:
         engine.check_unmoved()

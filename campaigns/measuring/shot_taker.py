@@ -7,6 +7,7 @@ from typing import NoReturn, TypeVar
 from campaigns.errors import GateRefused, TargetOutOfReach
 from campaigns.journal.records import Durations, Event, Intent, Outcome, Rejected
 from campaigns.measuring.motion import Arrival
+from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reacquisition import Reacquisition
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.wishes import Wish
@@ -61,9 +62,10 @@ class TargetRefused(ShotFailed):
 class ShotTaker:
     """Measures shots of one series, each attempt with its intent before and its end after it."""
 
-    def __init__(self, session: Session, reacquisition: Reacquisition) -> None:
+    def __init__(self, session: Session, reacquisition: Reacquisition, nests: NestPointer) -> None:
         self._session = session
         self._reacquisition = reacquisition
+        self.nests = nests
 
     def retry(self, attempt: Callable[[], Result], allowed: int | None = None) -> Result:
         """Try until there is data; raises `GateRefused`, whose cause is the last `ShotFailed`.
@@ -94,6 +96,9 @@ class ShotTaker:
         Raises `ShotFailed` when the attempt gave no data, or whatever ends the run.
         """
         outcome, moved = self._taken(step)
+        if step.planned.nest:
+            self._require_still(outcome, moved=moved)
+            return outcome
         judged = self._session.gate.judge(outcome.joints, outcome.point_in_tracker_mm)
         outcome = replace(
             outcome,
@@ -127,9 +132,25 @@ class ShotTaker:
         self._session.gate.accept(outcome)
         self._session.run_state.enter(EngineState.IDLE)
 
+    def accept_nest(self, nest: str, outcome: Outcome) -> None:
+        """Write a nest's outcome, which counts; raises `GateRefused` for another reflector."""
+        log, limit_mm = self._session.log, self._session.work.gate.drift_mm
+        try:
+            moved_mm = self.nests.moved_mm(nest, outcome)
+        except GateRefused as error:
+            log.write(Rejected(outcome.shot, outcome.attempt, error.problem, outcome))
+            raise
+        log.write(outcome)
+        self._session.run_state.enter(EngineState.IDLE)
+        text = f"nest {nest} is {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"
+        event = Event("drift check", f"shot {outcome.shot}: {text}")
+        (log.announce if moved_mm > limit_mm else log.write)(event)
+
     def _taken(self, step: Step) -> tuple[Outcome, bool]:
         """What the devices said at the settled pose, and whether the robot moved meanwhile."""
         session, clock = self._session, self._session.cell.clock
+        if not step.planned.nest:
+            self.nests.leave()
         session.run_state.begin(step)
         intent = session.log.begin(step)
         session.wishes.take(Wish.SKIP)  # it was about another shot
@@ -139,12 +160,18 @@ class ShotTaker:
             session.run_state.rest()
             raise Skipped(SKIPPED)
         session.run_state.enter(EngineState.MEASURING)
-        started_s = clock.now_s()
+        nest = step.planned.nest
         try:
+            if nest:
+                self.nests.point_at(nest)
+            started_s = clock.now_s()
             measurement = session.cell.tracker.measure()
         except NotAMeasurement as error:
             raise ShotFailed(self._reject(intent, f"{IMPOSSIBLE}: {error.problem}")) from error
         except BeamBroken as error:
+            if nest:
+                text = self._reject(intent, f"{BROKEN} at nest {nest}: {error.problem}")
+                raise ShotFailed(text) from error
             self._lose_beam(intent, arrival, error)
         measure_s = clock.now_s() - started_s
         session.run_state.see_beam(locked=True)
@@ -160,7 +187,8 @@ class ShotTaker:
             Durations(arrival.move_s, arrival.settle_s, measure_s),
             came_from=arrival.came_from,
         )
-        self._reacquisition.remember(outcome)
+        if not nest:
+            self._reacquisition.remember(outcome)
         return outcome, session.mover.has_moved(arrival.state)
 
     def _arrived(self, step: Step, intent: Intent) -> Arrival:

@@ -1,6 +1,6 @@
 """Work of a session: what is to be measured, by which rules, and what all that do it share."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pydantic import JsonValue
@@ -21,7 +21,7 @@ from campaigns.measuring.wishes import Wishes
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Group, Step, groups, shots_of
-from campaigns.settings.sections import GateConfig, SettleConfig
+from campaigns.settings.sections import GateConfig, NestConfig, SettleConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers.ports import Clock, LaserTracker, RobotController
 
@@ -39,6 +39,8 @@ class Cell:
     """Time as the cell lives it: settling and deadlines of motions."""
     wall_clock: Clock
     """Time as the operator lives it: what is left."""
+    ask: Callable[[str], bool] = lambda _: False
+    """Whether the operator, who is told what to do, says that it is done."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -72,6 +74,10 @@ class Work:
     """Joints where the robot is parked; (): at the first drift pose, or where it stands."""
     model: str = ""
     """What the shots were planned to tell, by the word of `--model`; of a run."""
+    nests: tuple[NestConfig, ...] = ()
+    reflector: str = ""
+    """The robot's, by its name in the tracker."""
+    measuring_time_s: float = 1.0
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
 
@@ -118,7 +124,8 @@ class Work:
         free = tuple(name for name in space.geometry if name in wanted)
         gate = InnovationGate(self.gate, lambda: IncrementalGaussNewton(kinematics, free))
         for shot in shots:
-            gate.accept(shot.outcome)
+            if not shot.intent.nest:
+                gate.accept(shot.outcome)
         return gate
 
 

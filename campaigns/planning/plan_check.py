@@ -1,6 +1,6 @@
 """Check of a plan, made or edited, before anything moves."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from campaigns.planning.paths import RobotModel, check_paths
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, joints_of, poses_of
 from campaigns.robots.robot import pose_row
+from campaigns.settings.sections import KnownLengthConfig, bar_of
 from campaigns.shots.shot_sets import ShotSet
 
 AGREEMENT_RAD = float(np.radians(0.01))
@@ -46,11 +47,17 @@ class CheckedPlan:
 
 
 def check_plan(
-    shots: Sequence[PlannedShot], robot: RobotModel, view: View, pace: Pace
+    shots: Sequence[PlannedShot],
+    robot: RobotModel,
+    view: View,
+    pace: Pace,
+    nests: Collection[str] = (),
+    known: Sequence[KnownLengthConfig] = (),
 ) -> CheckedPlan:
     """Check reach, limits, swing, singularity, space, the tracker's view, every way between shots.
 
-    Raises `PlanInvalid` naming the shots at fault with value and limit.
+    Nests and `known` lengths between them too. Raises `PlanInvalid` naming the shots at fault with
+    value and limit.
     """
     refuse(
         [
@@ -58,7 +65,7 @@ def check_plan(
             *_space_faults(shots, robot.space),
             *_view_faults(shots, view),
             *_drift_faults(shots),
-            *_known_length_faults(shots),
+            *_nest_faults(shots, nests, known),
         ],
         remedy="correct plan.csv, or plan anew with `pkmcal plan`",
     )
@@ -125,7 +132,7 @@ def _tolerant(limits: Limits, joint: Axis) -> Limits:
 
 def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
     for shot in shots:
-        if fault := view_fault(pose_row(shot.pose)[:3], view):
+        if not shot.nest and (fault := view_fault(pose_row(shot.pose)[:3], view)):
             yield f"shot {shot.shot}: {fault}"
 
 
@@ -136,10 +143,26 @@ def _space_faults(shots: Sequence[PlannedShot], space: RestrictedSpace) -> Itera
             yield f"shot {shot.shot}: {fault}"
 
 
-def _known_length_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:
+def _nest_faults(
+    shots: Sequence[PlannedShot], nests: Collection[str], known: Sequence[KnownLengthConfig]
+) -> Iterator[str]:
+    """Shots of nests and lengths that campaign.yaml does not have, and nests without a shot."""
+    ends: dict[int, list[str]] = {}
     for shot in shots:
-        if shot.purpose is ShotSet.KNOWN_LENGTH:
-            yield f"shot {shot.shot}: a known length is no pose of the robot: import its points"
+        if shot.purpose is ShotSet.KNOWN_LENGTH and not shot.nest:
+            yield (
+                f"shot {shot.shot}: a known length is no pose of the robot: import its points, or "
+                "name the nest at its end in the column nest"
+            )
+        elif shot.nest and shot.nest not in nests:
+            yield f"shot {shot.shot}: nest {shot.nest} is not among nests in campaign.yaml"
+        elif shot.pair is not None and shot.nest:
+            ends.setdefault(shot.pair, []).append(shot.nest)
+    for pair, both in ends.items():
+        if len(set(both)) < len(both) or bar_of(known, pair, both) is None:
+            yield f"pair {pair}: no known length lies between nests {' and '.join(both)}"
+    for nest in sorted({*nests} - {shot.nest for shot in shots}):
+        yield f"no shot measures nest {nest} of campaign.yaml"
 
 
 def _drift_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:

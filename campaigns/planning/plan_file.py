@@ -31,7 +31,8 @@ class PlannedShot:
 
     The pose is the controlled point in the base frame. `pair` is None for sets without pairs,
     `model`, which the plan was made to tell, in plans that don't say. `asked`: options that say it
-    to a run and an identification, as typed.
+    to a run and an identification, as typed. `nest` names the fixed place whose reflector is
+    measured while the robot stands there; empty: the robot's own is.
     """
 
     shot: int
@@ -41,6 +42,7 @@ class PlannedShot:
     joints: tuple[float, ...]
     model: Model | None = None
     asked: tuple[str, ...] = ()
+    nest: str = ""
 
 
 def plan_model(shots: Sequence[PlannedShot]) -> Model:
@@ -88,8 +90,12 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """Text of a plan's file."""
     rows = [_row_of(shot, mechanism) for shot in shots]
     head = plan_columns(mechanism)
-    models, asked = [s.model or "" for s in shots], [shlex.join(s.asked) for s in shots]
-    for name, values in ((MODEL, models), (ASKED, asked)):
+    told = {
+        columns.NEST: [shot.nest for shot in shots],
+        MODEL: [shot.model or "" for shot in shots],
+        ASKED: [shlex.join(shot.asked) for shot in shots],
+    }
+    for name, values in told.items():
         if any(values):
             head = (*head, name)
             rows = [[*row, value] for row, value in zip(rows, values, strict=True)]
@@ -98,7 +104,9 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
 
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
-    form = CsvForm(required=plan_columns(mechanism), optional=(MODEL, ASKED), invalid=PlanInvalid)
+    form = CsvForm(
+        required=plan_columns(mechanism), optional=(columns.NEST, MODEL, ASKED), invalid=PlanInvalid
+    )
     rows = list(parse_csv(text, name, form))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
@@ -170,6 +178,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
         joints=columns.axis_values(row, mechanism.joints),
         model=_model_of(row),
         asked=_asked_of(row),
+        nest=columns.nest_name(row, purpose),
     )
 
 

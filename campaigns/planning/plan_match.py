@@ -27,8 +27,11 @@ def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) 
         return "none of its shots is in plan.csv any more"
     for intent in common:
         row = rows[intent.shot]
-        if (intent.purpose, intent.pair) != (row.purpose.value, row.pair):
-            return f"shot {intent.shot} was measured for another set or pair than plan.csv has now"
+        if (intent.purpose, intent.pair, intent.nest) != (row.purpose.value, row.pair, row.nest):
+            return (
+                f"shot {intent.shot} was measured for another set, pair or nest than plan.csv has "
+                "now"
+            )
         if not _is_same(intent, row):
             return f"shot {intent.shot} was measured at another pose than plan.csv has now"
     return ""

@@ -24,6 +24,7 @@ from campaigns.mechanisms.mechanism import Kinematics, Limits
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, pose_of, pose_row
+from campaigns.settings.sections import KnownLengthConfig, NestConfig
 from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
@@ -212,6 +213,29 @@ def numbered_shots(
         PlannedShot(number, purpose, pair, pose_of(pose), tuple(joint.tolist()))
         for number, (purpose, pair, pose, joint) in enumerate(rows)
     )
+
+
+def with_nests(
+    shots: Sequence[PlannedShot], nests: Sequence[NestConfig], known: Sequence[KnownLengthConfig]
+) -> tuple[PlannedShot, ...]:
+    """Shots numbered anew, behind each drift shot those of all nests, the robot standing there.
+
+    Nests at the ends of known lengths are measured as these, the others for themselves.
+    """
+    bars = [bar.nests for bar in known if bar.nests]
+    alone = [nest.name for nest in nests if not any(nest.name in bar for bar in bars)]
+    pair = max((shot.pair for shot in shots if shot.pair is not None), default=-1)
+    found: list[PlannedShot] = []
+    for shot in shots:
+        found.append(shot)
+        if shot.purpose is not ShotSet.DRIFT:
+            continue
+        for bar in bars:
+            pair += 1
+            length = replace(shot, purpose=ShotSet.KNOWN_LENGTH, pair=pair)
+            found += [replace(length, nest=name) for name in bar]
+        found += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in alone]
+    return tuple(replace(shot, shot=number) for number, shot in enumerate(found))
 
 
 def joints_of(shots: Sequence[PlannedShot]) -> Array:

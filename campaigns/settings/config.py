@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
@@ -16,6 +16,7 @@ from drivers.bounded_files import is_file
 
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
+ENDS = 2
 
 
 class CampaignConfig(yaml_file.FileModel):
@@ -34,11 +35,17 @@ class CampaignConfig(yaml_file.FileModel):
     )
     controller: sections.ControllerConfig = Field(description="the robot's controller")
     tracker: sections.TrackerConfig = Field(description="the laser tracker and its reflector")
+    nests: sections.Nests = Field(
+        default=(),
+        max_length=100,
+        description="fixed reflector places, measured with the drift shots: name, place_mm in the "
+        "tracker's frame, reflector and occupied; [] or - {name: A, occupied: true}",
+    )
     known_lengths: tuple[sections.KnownLengthConfig, ...] = Field(
         default=(),
         max_length=100,
         description="calibrated lengths that tell the tracker's scale: name, length_mm, std_mm and "
-        "pairs of the set known-length",
+        "pairs of the set known-length, or the two nests at its ends",
     )
     plan: sections.PlanConfig = Field(default=sections.PlanConfig(), description="what is measured")
     space: SpaceConfig = Field(
@@ -73,6 +80,18 @@ class CampaignConfig(yaml_file.FileModel):
         default=CertificateConfig(),
         description="the head of the certificate; with a number the report is one",
     )
+
+    @field_validator("known_lengths")
+    @classmethod
+    def _ends_are_nests(
+        cls, lengths: tuple[sections.KnownLengthConfig, ...], known: ValidationInfo
+    ) -> tuple[sections.KnownLengthConfig, ...]:
+        names = [nest.name for nest in known.data.get("nests", ())]
+        for bar in lengths:
+            if bar.nests and (len(set(bar.nests)) < ENDS or not set(bar.nests) <= set(names)):
+                ends = f"has {bar.name} between {list(bar.nests)}"
+                raise yaml_file.broken_rule(f"{ends}, must be two of the nests {names}")
+        return lengths
 
 
 def read_campaign(directory: Path) -> CampaignConfig:

@@ -1,6 +1,7 @@
 """Sections of campaign.yaml but `space`: devices, plan, settling, gate, run, tests, people."""
 
 import math
+from collections.abc import Collection, Sequence
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
@@ -127,6 +128,33 @@ class TrackerCommonConfig(FileModel):
     )
 
 
+class NestConfig(FileModel):
+    """A place that stands fixed beside the robot and takes a reflector."""
+
+    name: str = Field(min_length=1, max_length=64, description="the nest's name")
+    place_mm: Point | None = Field(
+        default=None,
+        description="its rough place in the tracker's frame, [x, y, z] mm; empty: it is asked for",
+    )
+    reflector: str = Field(
+        default="",
+        description="the name in the tracker of the reflector in it; empty: tracker.reflector",
+    )
+    occupied: bool = Field(
+        default=False, description="whether a reflector stays in it, so that nobody has to put one"
+    )
+
+
+def _told_apart(nests: tuple[NestConfig, ...]) -> tuple[NestConfig, ...]:
+    names = [nest.name for nest in nests]
+    if len(set(names)) == len(names):
+        return nests
+    raise broken_rule(f"has two nests of one name, of {names}")
+
+
+Nests = Annotated[tuple[NestConfig, ...], AfterValidator(_told_apart)]
+
+
 class KnownLengthConfig(FileModel):
     """A calibrated length, between two points at which a reflector can be put."""
 
@@ -138,6 +166,20 @@ class KnownLengthConfig(FileModel):
     pairs: tuple[Annotated[int, Field(ge=0)], ...] = Field(
         default=(), description="the pairs that measure it; empty: all that no other length names"
     )
+    nests: tuple[str, ...] = Field(
+        default=(), max_length=2, description="the names of the two nests at its ends, if it has"
+    )
+
+
+def bar_of(
+    known: Sequence[KnownLengthConfig], pair: int, nests: Collection[str] = ()
+) -> int | None:
+    """Place of the known length that a pair measures: by its nests or number, else one for all."""
+    for place, each in enumerate(known):
+        if pair in each.pairs or (each.nests and set(each.nests) == set(nests)):
+            return place
+    for_all = [place for place, each in enumerate(known) if not (each.pairs or each.nests)]
+    return for_all[0] if len(for_all) == 1 else None
 
 
 class TrackerConfig(FileModel):

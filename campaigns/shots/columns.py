@@ -13,6 +13,8 @@ from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
+NEST = "nest"
+"""Column of the fixed reflector place that was measured."""
 
 ANGLE_LIMIT_DEG = 360.0
 SET_WORDS = tuple(each.value for each in ShotSet)
@@ -29,8 +31,8 @@ def axis_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[float, ...]:
 
 
 def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:
-    """Joints of a shot; () of a known length, which may be measured without the robot."""
-    if purpose is ShotSet.KNOWN_LENGTH and not any(map(row.text, axis_columns(axes))):
+    """Joints of a shot; () of one that may be measured without the robot, and was."""
+    if not purpose.on_robot and not any(map(row.text, axis_columns(axes))):
         return ()
     return axis_values(row, axes)
 
@@ -59,6 +61,19 @@ def shot_set(row: CsvRow, if_empty: ShotSet | None = None) -> ShotSet:
     if word in SET_WORDS:
         return ShotSet(word)
     raise row.wrong(f"unknown set '{shown(word)}'", remedy=suggestion(word, SET_WORDS))
+
+
+def nest_name(row: CsvRow, purpose: ShotSet) -> str:
+    """Nest of a row, by its column `nest`: empty for the robot's reflector, and may be of a bar."""
+    name = row.text(NEST)
+    if name and purpose.on_robot:
+        raise row.wrong(
+            f"nest is {shown(name)}, but a shot for {purpose.value} is of the robot's reflector",
+            remedy="leave it empty, or give the set nest or known-length",
+        )
+    if not name and purpose is ShotSet.NEST:
+        raise row.wrong("nest is empty", remedy="name the nest that was measured")
+    return name
 
 
 def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:

@@ -111,7 +111,9 @@ def append_import(
     for number in (np.arange(len(rows)) if order is None else order).tolist():
         row, target = rows[number], pose_of(poses[number])
         journal.append(
-            records.Intent(number, 1, row.purpose.value, target, row.joints, command, row.pair),
+            records.Intent(
+                number, 1, row.purpose.value, target, row.joints, command, row.pair, nest=row.nest
+            ),
             series=series,
         )
         journal.append(_outcome(number, row), series=series)
@@ -201,11 +203,12 @@ def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
         air, time = noted(outcome.raw_tracker)
     return ShotRow(
         pair=intent.pair,
-        joints=outcome.joints,
+        joints=outcome.joints if ShotSet(intent.purpose).on_robot else (),
         point_in_tracker_mm=outcome.point_in_tracker_mm,
         purpose=ShotSet(intent.purpose),
         turn=() if is_import else intent.target.coordinates[len(POINT_COLUMNS) :],
         covariance_mm2=outcome.covariance_mm2,
         temperature_degC=air,
         time=time,
+        nest=intent.nest,
     )

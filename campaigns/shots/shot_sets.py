@@ -13,8 +13,14 @@ class ShotSet(Enum):
     ROTATION = "rotation"
     STRAIGHTNESS = "straightness"
     KNOWN_LENGTH = "known-length"
+    NEST = "nest"
 
     @property
     def in_pairs(self) -> bool:
         """Whether its shots stand in pairs, whose distance counts."""
         return self in {ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.KNOWN_LENGTH}
+
+    @property
+    def on_robot(self) -> bool:
+        """Whether it is the robot's reflector that is measured."""
+        return self not in {ShotSet.KNOWN_LENGTH, ShotSet.NEST}

@@ -47,6 +47,8 @@ class Shots:
     """Temperature of the air, (N,); NaN where it is not known."""
     records: tuple[int, ...] = ()
     """Places in the journal, in the order of time whatever the clock was set to; () outside one."""
+    nests: tuple[str, ...] = ()
+    """Name of the fixed place that each is of; empty, or "", of the robot's reflector."""
     session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Which session of the series each was measured in, (N,); 0 where nobody told."""
 
@@ -179,6 +181,7 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> S
         targets=[intent.target for intent in asked],
         measured_utc=[shot.measured_utc for shot in shots],
         records=[shot.number for shot in shots],
+        nests=[intent.nest for intent in asked],
         sessions=[shot.session for shot in shots],
     )
 
@@ -192,6 +195,7 @@ def shots_of_outcomes(
     targets: Sequence[Pose],
     measured_utc: Sequence[str] | None = None,
     records: Sequence[int] = (),
+    nests: Sequence[str] = (),
     sessions: Sequence[int] = (),
 ) -> Shots:
     """Shots of what was measured for these sets, pairs and poses.
@@ -215,6 +219,7 @@ def shots_of_outcomes(
         measured_utc=tuple(measured_utc or [""] * count),
         temperature_degC=np.array([*_air_degC(outcomes)], dtype=np.float64),
         records=in_journal,
+        nests=tuple(nests),
         session=np.array(sessions, dtype=np.intp),
     )
 
@@ -244,6 +249,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         commanded=poses,
         measured_utc=tuple(row.time or "" for row in rows),
         temperature_degC=np.array(air, dtype=np.float64),
+        nests=tuple(row.nest for row in rows),
     )
 
 

@@ -27,7 +27,7 @@ COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
 class ShotRow:
     """Measured shot: joint values, and the reflector's place in the tracker's frame.
 
-    `joints` are () of a known length that was measured without the robot. `pair` is None for sets
+    `joints` are () of a known length or nest, measured without the robot. `pair` is None for sets
     without pairs. `turn` is that of the commanded pose: what it has beyond
     a place, rad; empty where that is nothing or not known. `time` is as the file says it. None: not
     known.
@@ -41,6 +41,7 @@ class ShotRow:
     covariance_mm2: Matrix3 | None = None
     temperature_degC: float | None = None
     time: str | None = None
+    nest: str = ""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
@@ -126,7 +127,7 @@ def _form(mechanism: ClosedChain) -> CsvForm:
     turns = columns.axis_columns(_turns(mechanism))
     return CsvForm(
         required=("pair", *columns.axis_columns(mechanism.joints), *columns.POINT_COLUMNS),
-        optional=("set", *turns, *COVARIANCE_COLUMNS, "temperature_degC", "time"),
+        optional=("set", *turns, *COVARIANCE_COLUMNS, "temperature_degC", "time", columns.NEST),
         invalid=ShotsInvalid,
     )
 
@@ -150,6 +151,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
         covariance_mm2=_covariance_of(row),
         temperature_degC=row.number("temperature_degC") if row.text("temperature_degC") else None,
         time=row.text("time") or None,
+        nest=columns.nest_name(row, purpose),
     )
 
 
@@ -182,6 +184,7 @@ def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
         "set": shot.purpose.value,
         "temperature_degC": "" if temperature is None else number_text(temperature),
         "time": shot.time or "",
+        columns.NEST: shot.nest,
     }
     values |= zip(
         columns.axis_columns(axes), columns.axis_texts(axes, shot.joints + shot.turn), strict=True

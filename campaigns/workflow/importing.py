@@ -201,7 +201,7 @@ def _check(
     refuse_copies(rows, counting, name)
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
-    shots = shots.rows(np.flatnonzero([bool(row.joints) for row in rows]))
+    shots = shots.rows(np.flatnonzero([bool(row.joints) and row.purpose.on_robot for row in rows]))
     place_mm = campaign.config.tracker.place_mm
     said = place_mm != TrackerConfig.model_fields["place_mm"].default
     check_shots(nominal, shots, name, place_mm if said else None)

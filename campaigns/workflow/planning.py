@@ -20,7 +20,7 @@ from campaigns.planning.optimal_plan import (
 )
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.plan_file import write_beside_older
-from campaigns.planning.plans import Placement, make_plan
+from campaigns.planning.plans import Placement, make_plan, with_nests
 from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     Forecast,
@@ -97,8 +97,9 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
     else:
         shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
     named = None if model is Model.STANDARD else model  # such a plan is as plans always were
-    asked = tuple(options.words())
-    checked = campaign.checked_plan(tuple(replace(s, model=named, asked=asked) for s in shots))
+    asked, config = tuple(options.words()), campaign.config
+    shots = tuple(replace(shot, model=named, asked=asked) for shot in shots)
+    checked = campaign.checked_plan(with_nests(shots, config.nests, config.known_lengths))
     robot, view, space = campaign.robot, campaign.view, campaign.space
     sample = judged_positions(robot, campaign.centre, space, request.free, shots)
     setup = EstimationSetup(request.estimator, request.free, request.uncertainty)

@@ -61,6 +61,9 @@ def engine_work(
         look_back_s=config.run.look_back_s,
         park=_park_joints(campaign, kinematics),
         setup=setup,
+        nests=config.nests,
+        reflector=config.tracker.reflector,
+        measuring_time_s=config.tracker.measuring_time_s,
         station=Station(
             config.tracker.place_mm,
             config.tracker.reflector_facing,

@@ -1,6 +1,7 @@
 """The tracker's beam: what it is locked on, when it is cut, and how it finds a reflector again."""
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -37,7 +38,7 @@ class Scene:
 
 
 class Target(StrEnum):
-    """A reflector that the beam can be on."""
+    """A reflector that the beam can be on, beside those in nests, which have names of their own."""
 
     ROBOT = "robot"
     STANDING = "standing"
@@ -68,11 +69,11 @@ class Beam:
     def __init__(
         self,
         scene: Scene,
-        station: TrackerPose,
+        station: Callable[[], TrackerPose],
         *,
-        standing_in_base_mm: Array | None,
+        standing_in_base_mm: Mapping[str, Array],
         acceptance_rad: float,
-        locked_on: Target | None,
+        locked_on: str | None,
     ) -> None:
         self._scene = scene
         self._station = station
@@ -95,7 +96,7 @@ class Beam:
 
     def confuse(self) -> None:
         """Slip onto the reflector that stands elsewhere, if there is one."""
-        if self._standing_in_base_mm is not None:
+        if Target.STANDING in self._standing_in_base_mm:
             self.locked_on = Target.STANDING
 
     def release(self) -> None:
@@ -120,7 +121,7 @@ class Beam:
             self._pointing_mm = self._place_mm(self.locked_on, now_s)
         return self._pointing_mm
 
-    def candidate(self, aim: Aim, now_s: float) -> Target | None:
+    def candidate(self, aim: Aim, now_s: float) -> str | None:
         """The reflector that a search finds: the nearest that can be seen."""
         if self._is_cut(now_s):
             return None
@@ -139,25 +140,26 @@ class Beam:
             self._pointing_mm = np.array(aim.point_in_tracker_mm)
         return self.locked_on is not None
 
-    def _targets(self) -> list[Target]:
-        return [Target.ROBOT] if self._standing_in_base_mm is None else list(Target)
+    def _targets(self) -> list[str]:
+        return [Target.ROBOT, *self._standing_in_base_mm]
 
-    def _place_mm(self, target: Target, now_s: float) -> Array:
+    def _place_mm(self, target: str, now_s: float) -> Array:
         """(3,): a reflector's centre in the tracker's frame."""
-        if target is Target.STANDING and self._standing_in_base_mm is not None:
-            return self._station.to_tracker_mm(self._standing_in_base_mm)
-        return self._station.to_tracker_mm(self._scene.robot_reflector(now_s).point_mm)
+        standing_mm = self._standing_in_base_mm.get(target)
+        if standing_mm is not None:
+            return self._station().to_tracker_mm(standing_mm)
+        return self._station().to_tracker_mm(self._scene.robot_reflector(now_s).point_mm)
 
     def _is_cut(self, now_s: float) -> bool:
         return self._cut_from_s <= now_s < self._cut_until_s
 
-    def _is_visible(self, target: Target, now_s: float) -> bool:
-        """The standing reflector faces the tracker; the robot's must not be turned too far away.
+    def _is_visible(self, target: str, now_s: float) -> bool:
+        """What stands faces the tracker; the robot's reflector must not be turned too far away.
 
         While the robot moves, the beam is taken to follow.
         """
-        if target is Target.STANDING or not self._scene.robot_is_still(now_s):
+        if target != Target.ROBOT or not self._scene.robot_is_still(now_s):
             return True
         seen = self._scene.robot_reflector(now_s)
-        back_mm = self._station.origin_in_base_mm - seen.point_mm
+        back_mm = self._station().origin_in_base_mm - seen.point_mm
         return angle_between_rad(seen.facing, back_mm) <= self._acceptance_rad

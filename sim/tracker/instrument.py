@@ -10,13 +10,13 @@ from drivers.values import Measurement, Vector3, Weather, vector
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import Array
 from sim.random_streams import Attempts, Purpose, WorkedTime, generator
-from sim.tracker.beam import Aim, Beam, Scene, Target
+from sim.tracker.beam import Aim, Beam, Scene
 from sim.tracker.optics import direction_of
-from sim.tracker.section import TrackerSection
+from sim.tracker.section import S_PER_H, TrackerSection
 
 SLEW_RAD_PER_S = math.radians(90.0)
 FOREVER_S = 1e9
-S_PER_H = 3600.0
+PPM = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class TakenShot:
     """
 
     point_in_tracker_mm: Vector3
-    on: Target
+    on: str
     robot_target: tuple[int, ...]
     true_in_tracker_mm: Vector3 | None = None
     """Where the reflector really was."""
@@ -230,7 +230,7 @@ class SimulatedTracker:
 
     def _shot(self, now_s: float) -> Measurement:
         """Point with noise, and the covariance it was drawn by."""
-        true_mm = self.beam.point_in_tracker_mm(now_s)
+        true_mm = self.beam.point_in_tracker_mm(now_s) * (1.0 + PPM * self._section.scale_ppm)
         spread_mm = self._section.noise.spread_mm(true_mm)
         key = self._scene.robot_target()
         draw = generator(self._seed, Purpose.SHOT, *key, self.attempts.next(key))

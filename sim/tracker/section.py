@@ -9,6 +9,8 @@ from sim.robot.rods import rotation
 from sim.section import Count, NotNegative, Point, Positive, Section
 from sim.tracker.optics import Noise, TrackerPose
 
+S_PER_H = 3600.0
+
 
 class StationSection(Section):
     """Pose of the tracker in the base frame, turned by roll, then pitch, then yaw."""
@@ -19,11 +21,17 @@ class StationSection(Section):
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
+    creep_mm_per_h: Point = (0.0, 0.0, 0.0)
+    """Of a stand that gives way, in the base frame, with worked time."""
+    yaw_deg_per_h: float = 0.0
 
-    def pose(self) -> TrackerPose:
-        """The same as a point and a rotation."""
-        turns_rad = np.radians([self.roll_deg, self.pitch_deg, self.yaw_deg])
-        return TrackerPose(np.array([self.x_mm, self.y_mm, self.z_mm]), rotation(*turns_rad))
+    def pose(self, worked_s: float = 0.0) -> TrackerPose:
+        """The same as a point and a rotation, after so much work."""
+        hours = worked_s / S_PER_H
+        yaw_deg = self.yaw_deg + hours * self.yaw_deg_per_h
+        turns_rad = np.radians([self.roll_deg, self.pitch_deg, yaw_deg])
+        origin_mm = np.array([self.x_mm, self.y_mm, self.z_mm])
+        return TrackerPose(origin_mm + hours * np.array(self.creep_mm_per_h), rotation(*turns_rad))
 
 
 class Air(Section):
@@ -42,6 +50,13 @@ class SimulatedReflector(Section):
     name: Annotated[str, Field(min_length=1, max_length=31)]
     target_type: Annotated[int, Field(ge=0, le=11)] = 1
     surface_offset_mm: NotNegative
+
+
+class NestSection(Section):
+    """A reflector that stands fixed in a nest, in the base frame."""
+
+    name: Annotated[str, Field(min_length=1)]
+    place_mm: Point
 
 
 class TrackerSection(Section):
@@ -64,6 +79,9 @@ class TrackerSection(Section):
     selected: Count = 1
     other_reflector_mm: Point | None = None
     """A second reflector that stands about, in the base frame."""
+    nests: tuple[NestSection, ...] = ()
+    scale_ppm: float = 0.0
+    """Of its distance meter, whose frequency is off by as much."""
 
     @model_validator(mode="after")
     def _reflectors_are_told_apart(self) -> Self:
@@ -72,4 +90,7 @@ class TrackerSection(Section):
             raise ValueError("two reflectors have the same id")
         if self.selected not in identifiers:
             raise ValueError(f"selected is {self.selected}, the reflectors are {identifiers}")
+        names = [nest.name for nest in self.nests]
+        if len(set(names)) < len(names):
+            raise ValueError("two nests have the same name")
         return self

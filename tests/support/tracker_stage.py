@@ -63,8 +63,8 @@ def tracker(
         stage,
         Beam(
             stage,
-            STATION,
-            standing_in_base_mm=STANDING_MM,
+            lambda: STATION,
+            standing_in_base_mm={Target.STANDING: STANDING_MM},
             acceptance_rad=math.radians(30.0),
             locked_on=Target.ROBOT if locked else None,
         ),

@@ -37,6 +37,7 @@ from sim.robot.assembly import assemble
 from sim.robot.driven_robot import Behaviour, DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Build, RodMechanism
 from sim.robot.section import Thermal
+from sim.robot.transmission import Transmission
 
 ARCSEC = np.radians(1.0 / 3600.0)
 ALL = indices(MODEL_NAMES)
@@ -180,7 +181,7 @@ def driven_robot(backlash_rad):
     start = assemble(rods, made, np.array([0.0, 0.0, -575.0]), 0.0)
     return DrivenRobot(
         rods,
-        Behaviour(backlash_rad, 0.0, 0.0, Thermal()),
+        Behaviour(backlash_rad, 0.0, 0.0, Thermal(), Transmission.perfect(4)),
         SeenReflector(np.array([20.0, -30.0, -45.0]), np.array([1.0, 0.0, 0.0])),
         Standing(start.joints, np.zeros(4), start, np.zeros(3)),
         seed=1,

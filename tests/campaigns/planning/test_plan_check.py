@@ -15,6 +15,7 @@ from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View
+from campaigns.settings.sections import KnownLengthConfig
 from campaigns.shots.shot_sets import ShotSet
 
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
@@ -110,6 +111,23 @@ def test_a_known_length_is_no_pose_of_the_robot() -> None:
     assert "a known length is no pose of the robot: import its points" in problem(
         with_shot(1, measured)
     )
+
+
+def test_nests_are_those_of_campaign_yaml_and_all_of_them() -> None:
+    bar = KnownLengthConfig(name="bar", length_mm=500.0, std_mm=0.01, nests=("A", "B"))
+    own = replace(FOUR_PAIRS[0], purpose=ShotSet.NEST)
+
+    def faults(*nests: str, ends: tuple[str, str] = ("A", "B")) -> str:
+        length = [replace(own, purpose=ShotSet.KNOWN_LENGTH, pair=9, nest=end) for end in ends]
+        shots = (*FOUR_PAIRS, *length, *(replace(own, nest=name) for name in nests))
+        with pytest.raises(PlanInvalid) as caught:
+            check_plan(shots, OPEN, VIEW, PACE, ("A", "B", "C"), (bar,))
+        return caught.value.problem
+
+    assert faults() == "no shot measures nest C of campaign.yaml"
+    assert faults("C", "D") == "shot 0: nest D is not among nests in campaign.yaml"
+    assert faults("B", ends=("A", "C")) == "pair 9: no known length lies between nests A and C"
+    assert faults("B", "C", ends=("A", "A")) == "pair 9: no known length lies between nests A and A"
 
 
 def test_way_that_is_not_safe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -78,7 +78,7 @@ def test_the_tilted_plate_of_the_model_has_a_reflector_on_half_2_where_rods_have
     _, rods = _mechanism(dict(robot.parameters), kind, drawing)
     real_mm = np.empty((len(poses), 3))
     for row, (at, pose) in enumerate(zip(joints, poses, strict=True)):
-        plate, _, _ = rods.settle(at, 0.0, Plate.level(kind, pose[:3], pose[3]))
+        plate, _, _ = rods.settle(at, Plate.level(kind, pose[:3], pose[3]))
         real_mm[row] = rods.reflector_mm(plate, drawing.reflector_mm, 2)
     modelled = seen_from_2.forward(joints).values_or_raise()[:, :3] + drawing.reflector_mm
     plain = Parameters.of(robot.mechanism.parameters, {n: robot.parameters[n] for n in kind.names})
