@@ -33,7 +33,7 @@ class Model(StrEnum):
     FULL = "full"
     """Unequal rods and tilted axes too, which tilt the plate."""
     AUTO = "auto"
-    """The smallest that neither unseen pairs nor BIC reject, of these and with lost motion."""
+    """The smallest that neither unseen pairs nor BIC reject, of these; and what gears add."""
     EXTENDED = "extended"
     """Where the motors' axes point and what their gears lose too, if unseen pairs speak for it."""
 

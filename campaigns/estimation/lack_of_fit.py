@@ -29,6 +29,10 @@ RANK, TINY = 1e-5, 1e-300
 of which a fit by imperfect parts leaves a trace."""
 SHORTEST_MM, LONGEST_MM = 5.0, 500.0
 """Periods of a carriage's drive that are looked for."""
+SHORTEST_RAD, LONGEST_RAD = 2.0 * math.pi / 200.0, 2.0 * math.pi / 4.0
+"""Periods of an arm's gear: from four to 200 in a turn."""
+Drives = tuple[Array, Array, float, float]
+"""Whitened ∂point/∂joints (N, 3, n), joints (N, n), and the shortest and longest period."""
 POWER = 0.8
 """Share of campaigns that find an effect of the size at which it may hide."""
 STEPS_A_TURN = 2.0
@@ -87,16 +91,15 @@ class LackOfFit:
 
 
 def lacks_of_fit(
-    shots: FittedShots, groups: Sequence[Group], carriages: tuple[Array, Array] | None = None
+    shots: FittedShots, groups: Sequence[Group], drives: Drives | None = None
 ) -> Iterator[LackOfFit]:
     """Causes that the shots show, the most significant first.
 
-    `carriages`: whitened ∂point/∂joints (N, 3, n) and joints (N, n) of drives that may have a
-    period.
+    `drives` may have a period, which is searched.
     """
     for _ in range(MOST_CAUSES):
-        drives = () if carriages is None else (best_period(shots, *carriages),)
-        found = _most_significant(shots, (*groups, *drives))
+        searched = () if drives is None else (best_period(shots, drives),)
+        found = _most_significant(shots, (*groups, *searched))
         if found is None or found.log_p >= math.log(SIGNIFICANCE):
             return
         yield found
@@ -130,18 +133,25 @@ def external_reliability(
         yield group.name, sigma0 * size * np.linalg.norm(moved, axis=1)
 
 
-def best_period(shots: FittedShots, by_joints: Array, joints: Array) -> Group:
-    """Group of the period, mm, that explains most, the search for it counted."""
-    travel = max(float(np.ptp(joints)), SHORTEST_MM)
+def best_period(shots: FittedShots, drives: Drives) -> Group:
+    """Group of the period, mm or rad, that explains most, the search for it counted."""
+    by_joints, joints, shortest, longest = drives
+    travel = max(float(np.ptp(joints)), shortest)
     step = 1.0 / (STEPS_A_TURN * travel)
-    frequencies = np.arange(1.0 / LONGEST_MM, 1.0 / SHORTEST_MM, step)
+    frequencies = np.arange(1.0 / longest, 1.0 / shortest, step)
     best = frequencies[int(np.argmax(_gains(shots, by_joints, joints, frequencies)))]
     near = best + step * np.linspace(-1.0, 1.0, 9)
     best = near[int(np.argmax(_gains(shots, by_joints, joints, near)))]
     columns = harmonic(by_joints, 2.0 * np.pi * best * joints)
     arms = np.repeat(np.arange(joints.shape[1]), 2)
-    tests = int(travel * (1.0 / SHORTEST_MM - 1.0 / LONGEST_MM) * STEPS_A_TURN) + 9
-    return Group("period", columns, arms, period=1.0 / best, searched=tests)
+    tests = len(frequencies) + len(near)
+    return Group(
+        "ripple" if longest == LONGEST_RAD else "period",
+        columns,
+        arms,
+        period=1.0 / best,
+        searched=tests,
+    )
 
 
 def _gains(shots: FittedShots, by_joints: Array, joints: Array, frequencies: Array) -> Array:

@@ -36,24 +36,30 @@ ANOTHER_TYPE_MM = 1.0
 PLAY = 2.0
 """Backlash over the scatter of the joints that it makes."""
 BY_LIMITS = "the model has no parameter for it; pass by acceptance limits that are met"
-HARMONIC = ("eccentricity", "period")
+HARMONIC = ("eccentricity", "period", "ripple")
+BY_AUTO = "--estimator points, --model auto fit it"
 LACKS = {
     "eccentricity": (
         "eccentric encoder, or sag of the arm's own weight",
-        f"mend the encoder; {BY_LIMITS}",
+        f"{BY_AUTO}; or mend the encoder",
         "°",
     ),
     "period": (
         "error of the carriage's drive with a period",
-        f"mend the drive; {BY_LIMITS}",
+        f"set drive_period_mm in robot.yaml, then {BY_AUTO}",
         " mm",
+    ),
+    "ripple": (
+        "ripple of the gear or of the motor's encoder",
+        f"set ripples_per_turn in robot.yaml, then {BY_AUTO}",
+        "°",
     ),
     "ratio": (
         "ratio of the gear or pitch of the drive",
-        f"correct the controller's; {BY_LIMITS}",
+        f"{BY_AUTO}; or correct the controller's",
         " %",
     ),
-    "backlash": ("backlash", "--estimator points, --model auto fit it; or mend the gear", ""),
+    "backlash": ("backlash", f"{BY_AUTO}; or renew the gear", ""),
     "azimuths": ("azimuths off nominal", "--free 'arm*.azimuth_deg', or --model auto", ""),
     "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them", ""),
     "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}", " mm"),
@@ -73,6 +79,7 @@ LACKS = {
 """Causes of a lack of fit in words, what to do, and the size's unit; of parameters their own."""
 PER_UNIT = {" mm": 1.0, "°": float(np.degrees(1.0)), " %": 100.0}
 TINY = 1e-300
+SMALL_DEG = 0.1
 ACCEPT = {COMMON_SCALE: "--accept-scale", LARGE_CHANGE: "--accept-large-change"}
 """Option with which a result is taken all the same."""
 
@@ -236,19 +243,30 @@ def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> 
         size, unit, arm = _largest(found, space, unit)
         values |= {"size": size, "unit": unit.strip()}
         signed = len(found.size) == 1
-        told = f", {size:+.3g}{unit}" if signed else f", {abs(size):.2g}{unit}"
+        told = _size_text(size, unit, signed=signed)
     if arm is not None:
         values["arm"] = float(arm)
         alone = len(set(found.arms)) == 1
+        values["alone"] = float(alone)
         words = f"arm {arm}: {words}" if alone else f"{words}, most in arm {arm}"
-    if period_mm := found.group.period:
-        values["period_mm"] = period_mm
-        words += f" of {period_mm:.3g} mm"
+    if (period := found.group.period) and found.name == "ripple":
+        values["per_turn"] = 2.0 * np.pi / period
+        words += f", {values['per_turn']:.4g} times a turn"
+    elif period:
+        values["period_mm"] = period
+        words += f" of {period:.3g} mm"
     says = (
         f"{words}{told} ({100.0 * found.share:.0f} % of what is left, {_chance(found.p)}), and "
         f"positions are off by more than their σ: {remedy}"
     )
     return _unless_limits_are_met(LACK, says, values, met=limits_met)
+
+
+def _size_text(size: float, unit: str, *, signed: bool) -> str:
+    """`, +0.3 mm`; small angles in minutes, as gears are said: `, 0.17′`."""
+    if unit == "°" and abs(size) < SMALL_DEG:
+        size, unit = 60.0 * size, "′"
+    return f", {size:+.3g}{unit}" if signed else f", {abs(size):.2g}{unit}"
 
 
 def _largest(found: LackOfFit, space: ParameterSpace, unit: str) -> tuple[float, str, int | None]:

@@ -24,6 +24,10 @@ from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.lack_of_fit import (
     GENERAL,
     LEAST_FREEDOM,
+    LONGEST_MM,
+    LONGEST_RAD,
+    SHORTEST_MM,
+    SHORTEST_RAD,
     Group,
     LackOfFit,
     external_reliability,
@@ -135,6 +139,18 @@ class _AllShots:
         """Whether joints turn; else they are carriages'."""
         return self.everything.model.mechanism.joints[0].is_revolute
 
+    @property
+    def rate(self) -> float:
+        """Phase of the drives' ripple over their readings, where it is known; else 0."""
+        if self.is_revolute:
+            return self.everything.model.mechanism.transmission.ripple_rate
+        return 2.0 * np.pi / self.period_mm if self.period_mm else 0.0
+
+    @property
+    def encoders(self) -> Array:
+        """Encoders' readings, (N, n)."""
+        return self.everything.shots.joints
+
     @cached_property
     def joints(self) -> Array:
         """Joints of the arms, (N, n)."""
@@ -243,8 +259,10 @@ def _selected(
     smooth: _Rows, steps: _Rows, groups: tuple[Group, ...], causes: tuple[Cause, ...]
 ) -> tuple[tuple[LackOfFit, ...], Change | None]:
     shots, drives = smooth.shots, None
-    if not shots.is_revolute and shots.period_mm is None:
-        drives = smooth.white(shots.linearized.by_joints), shots.joints[smooth.rows]
+    if not shots.rate:
+        bounds = (SHORTEST_RAD, LONGEST_RAD) if shots.is_revolute else (SHORTEST_MM, LONGEST_MM)
+        by_joints = smooth.white(shots.linearized.by_joints)
+        drives = by_joints, shots.encoders[smooth.rows], *bounds
     own, over_time = smooth.of(groups), steps.of(causes)
     change = detect_change(steps.fit, over_time)
     lacks = tuple(lacks_of_fit(smooth.fit, own, drives))
@@ -268,7 +286,7 @@ def _taken_up(shots: _AllShots, groups: tuple[Group, ...], lacks: tuple[LackOfFi
     known = {each.name: each.columns for each in groups}
     for each in lacks:
         if each.group.period:
-            angle = 2.0 * np.pi / each.group.period * shots.joints
+            angle = 2.0 * np.pi / each.group.period * shots.encoders
             known[each.name] = error_columns.harmonic(shots.linearized.by_joints, angle)
     return np.concatenate([known[each.name][:, :, each.part] for each in lacks], axis=2)
 
@@ -292,9 +310,10 @@ def _groups(shots: _AllShots) -> Iterator[Group]:
     if shots.is_revolute:
         columns = error_columns.harmonic(by_joints, joints)
         yield Group("eccentricity", columns, np.repeat(arms, 2))
-    elif period_mm := shots.period_mm:
-        columns = error_columns.harmonic(by_joints, 2.0 * np.pi / period_mm * joints)
-        yield Group("period", columns, np.repeat(arms, 2), period=period_mm)
+    if shots.rate:
+        name = "ripple" if shots.is_revolute else "period"
+        columns = error_columns.harmonic(by_joints, shots.rate * shots.encoders)
+        yield Group(name, columns, np.repeat(arms, 2), period=2.0 * np.pi / shots.rate)
     yield Group("ratio", error_columns.of_joints(by_joints, joints), arms)
     if shots.everything.shots.knows_approach:
         approach = shots.everything.shots.approach

@@ -7,7 +7,7 @@ beside a robot's own scatter a few of them may have larger errors with a model t
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import scipy
@@ -17,15 +17,22 @@ from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
+from campaigns.identification.parameter_selection import (
+    ParameterSelection,
+    matching,
+    select_parameters,
+)
 from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.mechanisms.transmission import TERMS
 from campaigns.shots.shots import Shots
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 VERY_STRONG = 10.0
 """Difference of the criterion, after Kass and Raftery (1995)."""
+MOST_TERMS = 8
+"""Terms of the joints' transmission that are tried, one after the other."""
 FEWEST_PAIRS = 3
 """By which chance can be told; with fewer the mean counts."""
 WORSE_BEYOND = 0.95
@@ -37,9 +44,13 @@ NO_SCATTER = 1e-12
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
     name: str
-    parameters: int
+    known: ParameterSelection
     found: IdentificationResult | None
     problem: str = ""
+
+    @property
+    def parameters(self) -> int:
+        return len(self.known.free)
 
     @property
     def bic(self) -> float | None:
@@ -95,14 +106,13 @@ def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]
     """Parameters beyond the usual ones of each larger model to compare, the fewest first.
 
     Rods: differences of a forearm's two rods. Full: tilted axes too. Axes: where all axes point.
-    Backlash: what gears lose.
+    Backlash: what gears lose. Auto adds the terms of the joints' transmission that shots show.
     """
     beyond = [name for name in space.free_if_extended if name not in space.free_by_default]
     axes = tuple(name for name in beyond if name not in space.backlashes)
     full = tuple(name for name in space.free_in_full if name in beyond)
     rods = space.skews
     gears = space.backlashes
-    both = {"backlash": gears, "axes+backlash": (*axes, *gears)}
     match model:
         case Model.PAPER | Model.STANDARD:
             return {}
@@ -113,9 +123,9 @@ def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]
         case Model.AUTO:
             # where carriages have no azimuths to tell, axes are the full model
             wider = {"axes": axes} if set(axes) != set(full) else {}
-            return {RODS: rods, FULL: full, **wider, **both}
+            return {RODS: rods, FULL: full, **wider}
         case Model.EXTENDED:
-            return {"axes": axes, **both}
+            return {"axes": axes, "backlash": gears, "axes+backlash": (*axes, *gears)}
 
 
 def select_model(
@@ -125,27 +135,82 @@ def select_model(
     options: IdentificationOptions | None = None,
     *,
     asked: str | None = None,
+    terms: Collection[str] = (),
 ) -> IdentificationResult:
     """Identify by each of the models, the first being the standard one, and keep the best.
 
-    The one that was `asked` for by name is kept whatever speaks against it. Raises as `identify`
-    does for the standard model, or for that one.
+    `terms`: names of the joints' transmission that may be added to it, a cause after the other, as
+    the shots show them and the same rules allow. The model that was `asked` for by name is kept
+    whatever speaks against it. Raises as `identify` does for the standard model, or for that one.
     """
     (name, known), *others = models.items()
     found = identify(nominal, shots, known, options)
     if not others:
         return found
-    standard = _Candidate(name, len(known.free), found)
+    standard = _Candidate(name, known, found)
     larger = [_candidate(name, nominal, shots, known, options) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
         best = min(worthy, key=_price, default=standard)
+        for each in _with_terms(best, {*terms}, nominal, shots, options):
+            larger.append(each)
+            best = best if _objection(each, best) else each
     else:
         best = next(each for each in larger if each.name == asked)
     if best.found is None:
         return identify(nominal, shots, models[best.name], options)
     compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
     return replace(best.found, models=compared)
+
+
+def transmission_terms(
+    space: ParameterSpace, model: Model, fixed: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Names of the joints' transmission that a choice may add; raises `OptionsInvalid`."""
+    held = {name for pattern in fixed for name in matching(pattern, space.model)}
+    chosen = space.transmission if model is Model.AUTO else ()
+    return tuple(name for name in chosen if name not in held)
+
+
+def _with_terms(
+    best: _Candidate,
+    allowed: set[str],
+    nominal: Kinematics,
+    shots: Shots,
+    options: IdentificationOptions | None,
+) -> Iterator[_Candidate]:
+    """Candidates with one more term each, of the cause that is most significant beside the best.
+
+    Forward selection: what is objected to is not tried again, what is not is the next best.
+    """
+    space = nominal.mechanism.parameters
+    for _ in range(MOST_TERMS):
+        more = _lacking_terms(best, allowed, space)
+        if more is None:
+            return
+        cause, names = more
+        wanted = {*best.known.free, *names}
+        free = tuple(name for name in space.model if name in wanted)
+        known = ParameterSelection(free, best.known.priors)
+        candidate = _candidate(f"{best.name}+{cause}", nominal, shots, known, options)
+        yield candidate
+        allowed -= names
+        best = best if _objection(candidate, best) else candidate
+
+
+def _lacking_terms(
+    best: _Candidate, allowed: set[str], space: ParameterSpace
+) -> tuple[str, set[str]] | None:
+    """First cause of a lack of fit that terms of the transmission take up, and their names."""
+    for doubt in best.found.doubts if best.found else ():
+        stems = TERMS.get(str(doubt.numbers.get("cause")), ())
+        arm = int(doubt.numbers.get("arm", -1)) if doubt.numbers.get("alone") else None
+        own = (space[name] for name in allowed)
+        names = {each.name for each in own if each.field.stem in stems and arm in {None, each.arm}}
+        if names:
+            told = str(doubt.numbers["cause"]) + ("" if arm is None else str(arm))
+            return told, names
+    return None
 
 
 def bic(found: IdentificationResult) -> float:
@@ -177,14 +242,13 @@ def _candidate(
     known: ParameterSelection,
     options: IdentificationOptions | None,
 ) -> _Candidate:
-    parameters = len(known.free)
     backlash = {*known.free} & {*nominal.mechanism.parameters.backlashes}
     if backlash and not shots.knows_approach:
-        return _Candidate(name, parameters, None, "the shots do not say how their joints came")
+        return _Candidate(name, known, None, "the shots do not say how their joints came")
     try:
-        return _Candidate(name, parameters, identify(nominal, shots, known, options))
+        return _Candidate(name, known, identify(nominal, shots, known, options))
     except CampaignError as error:
-        return _Candidate(name, parameters, None, error.problem)
+        return _Candidate(name, known, None, error.problem)
 
 
 def _price(candidate: _Candidate) -> float:

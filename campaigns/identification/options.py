@@ -22,7 +22,8 @@ RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 _MODEL = Option(
     "paper, standard: lengths, places and joint offsets. rods: unequal rods too, which tilt the "
     "plate. full: tilted axes too, which do so as well. auto: the smallest that unseen pairs and "
-    "BIC don't reject. extended: as auto, of where axes point and what gears lose.",
+    "BIC don't reject, and what gears and encoders are shown to add: play, eccentricity, ripple, "
+    "ratio. extended: as auto, of where axes point and what gears lose.",
     default="the plan's",
 )
 ModelChoice = Annotated[Model | None, _MODEL]

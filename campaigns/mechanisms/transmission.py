@@ -11,6 +11,7 @@ Each term is the offset's column times a function of q or s, so that poses and t
 need no other kinematics: only the angle that goes in is another.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,17 @@ OF_CARRIAGES = (
         )
     ),
 )
+TERMS: Mapping[str, tuple[str, ...]] = {
+    "ratio": ("encoder_gain",),
+    "eccentricity": ("eccentricity_sin", "eccentricity_cos"),
+    "yielding": ("eccentricity_sin", "eccentricity_cos"),
+    "ripple": ("ripple_sin", "ripple_cos"),
+    "period": ("ripple_sin", "ripple_cos"),
+    "backlash": ("backlash",),
+}
+"""Stems of the fields that take up what shots show of a joint, by the name of its cause.
+
+A gear that yields under its arm's weight goes by the cosine, as an eccentric encoder may."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,12 @@ import numpy as np
 
 from campaigns.campaign import Campaign, now_utc
 from campaigns.estimation.estimators import Model
-from campaigns.identification.model_selection import asked_of, candidate_models, select_model
+from campaigns.identification.model_selection import (
+    asked_of,
+    candidate_models,
+    select_model,
+    transmission_terms,
+)
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
@@ -35,12 +40,15 @@ def identify(
         series = campaign.measured_series(journal)
         model = options.model or model_to_find(series.started.model)
         models = candidate_models(space, model, *chosen)
+        terms = transmission_terms(space, model, options.fix)
         beside = campaign.known_length_shots(journal)
         shots = shots_of_journal((*journal.shots(series.number), *beside), robot.mechanism)
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
-        found = select_model(robot.kinematics, shots, models, how, asked=asked_of(model))
+        found = select_model(
+            robot.kinematics, shots, models, how, asked=asked_of(model), terms=terms
+        )
         recorded = RecordedIdentification.of(
             replace(found, seconds=time.perf_counter() - started_s),
             series=series.number,

@@ -8,7 +8,16 @@ from scipy.special import fdtri, ncfdtr
 from campaigns.estimation.error_columns import harmonic, of_joints, smooth
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import SIGNIFICANCE
-from campaigns.estimation.lack_of_fit import Group, best_period, external_reliability, lacks_of_fit
+from campaigns.estimation.lack_of_fit import (
+    LONGEST_MM,
+    LONGEST_RAD,
+    SHORTEST_MM,
+    SHORTEST_RAD,
+    Group,
+    best_period,
+    external_reliability,
+    lacks_of_fit,
+)
 
 SHOTS, UNKNOWNS, ARMS = 100, 15, np.arange(4)
 
@@ -132,11 +141,21 @@ def test_a_period_is_found_and_its_search_counts():
     places = 200.0 * joints
     wobble = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(2.0 * np.pi * places / 17.0))
     shots = FittedShots.of(noise - wobble, jacobian)
-    assert best_period(shots, by_joints, places).searched > 100
-    (found,) = lacks_of_fit(shots, (), (by_joints, places))
+    drives = by_joints, places, SHORTEST_MM, LONGEST_MM
+    assert best_period(shots, drives).searched > 100
+    (found,) = lacks_of_fit(shots, (), drives)
     assert (found.name, found.group.period) == ("period", pytest.approx(17.0, rel=0.02))
     still = FittedShots.of(noise, jacobian)
-    assert tuple(lacks_of_fit(still, (), (by_joints, places))) == ()
+    assert tuple(lacks_of_fit(still, (), drives)) == ()
+
+
+def test_a_gears_ripple_is_found_by_its_number_of_times_in_a_turn():
+    joints, by_joints, jacobian, noise = drawn(2)
+    ripple = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(30.0 * joints))
+    drives = by_joints, joints, SHORTEST_RAD, LONGEST_RAD
+    (found,) = lacks_of_fit(FittedShots.of(noise - ripple, jacobian), (), drives)
+    assert (found.name, 2.0 * np.pi / found.group.period) == ("ripple", pytest.approx(30.0, 0.02))
+    assert tuple(lacks_of_fit(FittedShots.of(noise, jacobian), (), drives)) == ()
 
 
 def test_few_shots_tell_nothing():

@@ -27,6 +27,7 @@ from campaigns.identification.model_selection import (
     bic,
     candidate_models,
     select_model,
+    transmission_terms,
 )
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
@@ -58,6 +59,72 @@ def shots(truth: Kinematics, backlash_rad=NO_BACKLASH, seed=1, unseen=20):
     model = PositionModel(truth, BACKLASHES, data.joints, approach=approach)
     points = TRACKER_FROM_BASE.apply(model.positions_mm(backlash_rad))
     return noisy(replace(data, points_in_tracker_mm=points, approach=approach), seed)
+
+
+def geared(nominal: Kinematics = NOMINAL, *, seed=1, **terms):
+    """Shots of Table I's robot whose joints have such terms, by the stems of their fields."""
+    data = simulated(60, 30, seed)
+    rng = np.random.default_rng(seed)
+    approach = rng.choice([-1.0, 1.0], data.joints.shape)
+    values = {
+        f"arm{arm}.{stem}": size * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
+        for stem, size in terms.items()
+        for arm in range(4)
+    }
+    names = tuple(values)
+    mechanism = nominal.mechanism
+    model = PositionModel(
+        replace(TRUTH, mechanism=mechanism), indices(names), data.joints, approach=approach
+    )
+    x = np.array([*values.values()]) * SPACE.units(names)
+    points = TRACKER_FROM_BASE.apply(model.positions_mm(x))
+    return noisy(replace(data, points_in_tracker_mm=points, approach=approach), seed), values
+
+
+def of_auto(data, nominal: Kinematics = NOMINAL, fixed=()):
+    """Choice of --model auto."""
+    terms = transmission_terms(SPACE, Model.AUTO, fixed)
+    return select_model(nominal, data, candidate_models(SPACE, Model.AUTO), terms=terms)
+
+
+RIPPLING = replace(NOMINAL, mechanism=NOMINAL.mechanism.with_ripples(30.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("nominal", "terms"),
+    [
+        (NOMINAL, {"backlash_deg": 1.0 / 60.0}),
+        (NOMINAL, {"eccentricity_sin_deg": 0.02, "eccentricity_cos_deg": 0.02}),
+        (NOMINAL, {"encoder_gain_ppm": 800.0}),
+        (RIPPLING, {"ripple_sin_deg": 0.006, "ripple_cos_deg": 0.006}),
+        (RIPPLING, {"eccentricity_cos_deg": 0.02, "ripple_sin_deg": 0.006, "backlash_deg": 0.01}),
+    ],
+    ids=["backlash", "eccentricity", "ratio", "ripple", "all"],
+)
+def test_what_gears_and_encoders_do_is_found_by_its_cause_and_fitted(nominal, terms):
+    data, values = geared(nominal, **terms)
+    choice = of_auto(data, nominal)
+    assert [doubt.name for doubt in choice.doubts if doubt.affects_verdict] == []
+    found = choice.parameters
+    free = [name for name in values if name in found]
+    assert len(free) >= len(values) - 1
+    off = [abs(found[name].value - values[name]) / found[name].std for name in free]
+    assert max(off) < 4.5
+    assert choice.unseen_mm.after.rms < 0.02, "the tracker's noise of a distance"
+
+
+def test_terms_that_are_fixed_are_not_added():
+    data, _ = geared(backlash_deg=1.0 / 60.0)
+    choice = of_auto(data, fixed=["arm*.backlash_deg"])
+    assert not any("backlash" in each.name for each in choice.models)
+    assert any(doubt.numbers.get("cause") == "backlash" for doubt in choice.doubts)
+
+
+@pytest.mark.slow
+def test_a_robot_without_gears_errors_gets_no_term_of_them():
+    named = [kept(of_auto(geared(seed=seed)[0])) for seed in range(4)]
+    assert not any("+" in name for name in named)
 
 
 def chosen(data, names=tuple(MODELS)):
