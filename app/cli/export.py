@@ -10,15 +10,27 @@ from app.console import Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
+from campaigns.controllers import joint_tables
 from campaigns.controllers.model_reduction import ResidualError
 from campaigns.controllers.reduced_parameters import FORMATS
+from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
+from campaigns.settings.option import Option
 from campaigns.workflow.files import export, export_hal, export_shots
-from campaigns.workflow.reduced_export import ReducedExport, export_projected
+from campaigns.workflow.reduced_export import (
+    PLAIN,
+    ReducedExport,
+    export_joint_tables,
+    export_projected,
+)
 
 Format = StrEnum("Format", {word: word for word in ("yaml", "linuxcnc", *FORMATS, "plain")})  # type: ignore[misc] # words of another room
 YAML = Format("yaml")
+Tables = StrEnum("Tables", {word: word for word in joint_tables.FORMATS})  # type: ignore[misc] # words of another room
+Tolerance = Annotated[
+    float, Option("How far tables may be off at a crank's end.", metavar="MM", least=1e-6)
+]
 
 
 def command(
@@ -43,6 +55,15 @@ def command(
             f"parameters: {', '.join(FORMATS)}; plain: a robot file without tilts and skews.",
         ),
     ] = YAML,
+    joint_table: Annotated[
+        Tables | None,
+        typer.Option(
+            metavar="FORM",
+            help="Errors of gears and encoders as tables of axes (csv, linuxcnc, twincat), with "
+            "a robot file of the rest; together with --format plain, of its plain form.",
+        ),
+    ] = None,
+    tolerance: Tolerance = joint_tables.TOLERANCE_MM,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -57,6 +78,22 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    if joint_table is not None:
+        if shots or format_ not in {YAML, PLAIN}:
+            raise OptionsInvalid(
+                "--joint-table goes with --format yaml or plain", remedy="leave the other one out"
+            )
+        found = export_joint_tables(
+            campaign,
+            str(joint_table),
+            to,
+            tolerance_mm=tolerance,
+            plain=format_ == PLAIN,
+            overwrite=overwrite,
+        )
+        _show(terminal, found)
+        terminal.document(found.document() | tell_next(terminal, campaign))
+        return
     if shots:
         path, halves = export_shots(campaign, to, overwrite=overwrite)
         if halves:
@@ -85,4 +122,9 @@ def _show(terminal: Terminal, found: ReducedExport) -> None:
     )
     left = found.left.items()
     terminal.rows("Left of position over the workspace (mm)", columns, left)
+    if found.tables is not None:
+        terminal.say(
+            f"tables of {len(found.tables.wanted)} points, off by {found.tables.left_mm:.4f} mm at "
+            f"a crank's end at most: {', '.join(each.name for each in found.files)}"
+        )
     terminal.say(f"written: {found.path}")

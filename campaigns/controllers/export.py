@@ -21,6 +21,7 @@ from drivers.values import Identity
 
 FILE_NAME = "robot-compensated.yaml"
 PLAIN_FILE = "robot-plain.yaml"
+TABLES_FILE = "robot-joint-tables.yaml"
 CalibrationRoute = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 

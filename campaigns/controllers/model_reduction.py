@@ -5,7 +5,7 @@ plate somewhere else. Its parameters are those of the least mean square error of
 best fit of the controller's frame, which its user may place as he likes (model.md, family).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,25 @@ def left_by(kinematics: Kinematics, workspace: Workspace) -> ResidualError:
     Raises `IdentificationRefused` when a robot of these parameters cannot take the joints.
     """
     return ResidualError.of(_fitted(kinematics, workspace)[2])
+
+
+def left_as_commanded(
+    controller: Kinematics,
+    identified: Kinematics,
+    poses: Array,
+    approach: Array,
+    readings: Callable[[Array, Array], Array] = lambda joints, _: joints,
+) -> ResidualError:
+    """What is left where a controller makes joints of poses (N, t), the frame best fitted.
+
+    Joints come by `approach` (N, n); `readings` are the encoders' that the controller's axes make
+    of its joints. Poses that its kinematics does not reach are passed over.
+    """
+    joints = controller.inverse(poses, approach)
+    some, sides = poses[joints.found], approach[joints.found]
+    reached = identified.forward(readings(joints.values[joints.found], sides), some, sides)
+    wanted, there = some[reached.found, :3], reached.values[reached.found, :3]
+    return ResidualError.of(fit_transform(there, wanted).apply(there) - wanted)
 
 
 def project(

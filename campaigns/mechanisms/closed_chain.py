@@ -149,8 +149,7 @@ class ClosedChain:
                 if not np.abs(level - before)[held].max(initial=0.0) > TILT_SETTLED_JOINT:
                     break
             joints[found], found[found] = level, held
-        joints = self.transmission.encoder_readings(self._lost(p), joints, approach)
-        return KinematicSolution.where(found, joints)
+        return KinematicSolution.where(found, self.encoder_readings(p, joints, approach))
 
     def forward(
         self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
@@ -186,6 +185,10 @@ class ClosedChain:
     def true_joints(self, p: Array, joints: Array, approach: Array | None = None) -> Array:
         """Joints of the arms (N, n), but for their offsets, at encoder readings (N, n)."""
         return self.transmission.true_joints(self._lost(p), joints, approach)
+
+    def encoder_readings(self, p: Array, joints: Array, approach: Array | None = None) -> Array:
+        """Encoder readings (N, n) at which arms are at these joints (N, n), offsets aside."""
+        return self.transmission.encoder_readings(self._lost(p), joints, approach)
 
     def steepest_error(self, p: Array) -> float:
         """Bound of the change of any joint's error over its motion."""

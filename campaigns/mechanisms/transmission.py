@@ -24,6 +24,8 @@ LEFT_BEHIND = -0.5
 ROUNDS = 60
 STEEPEST = 0.5
 """Largest change of a joint's error over its motion that a robot may have: the rounds converge."""
+STANDS = 1e-9
+"""Way of a joint, rad or mm, below which it has not moved."""
 SETTLED = 1e-14
 """Relative change of readings that ends the rounds."""
 
@@ -132,3 +134,16 @@ class Transmission:
         rates |= {"eccentricity_sin": 1.0, "eccentricity_cos": 1.0}
         own = [rates.get(each.stem, abs(self.ripple_rate)) for each in self.fields]
         return float((np.array(own) @ np.abs(values)).max())
+
+
+def approach_along(joints: Array, before: Array | None = None) -> Array:
+    """Sign of each joint's last motion at joints (N, n) that are reached one after another, (N, n).
+
+    A joint that stands keeps it. `before` (n,) is that at the first row; None: nobody knows.
+    """
+    ways = np.diff(joints, axis=0, prepend=joints[:1])
+    ways = np.where(np.abs(ways) > STANDS, np.sign(ways), 0.0)
+    if before is not None and len(ways):
+        ways[0] = before
+    moved = np.where(ways != 0.0, np.arange(len(ways))[:, None], 0)
+    return np.take_along_axis(ways, np.maximum.accumulate(moved, axis=0), axis=0)

@@ -9,18 +9,20 @@ from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
-from campaigns.controllers import model_reduction
-from campaigns.controllers.export import PLAIN_FILE, latest_identification
+from campaigns.controllers import joint_tables, model_reduction
+from campaigns.controllers.export import PLAIN_FILE, TABLES_FILE, latest_identification
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import FORM, ReducedForm
-from campaigns.robots.robot import RobotFile, compensated
+from campaigns.robots.robot import RobotDocument, RobotFile, compensated
 from campaigns.workflow.files import identified_robot, recorded
 
 PLAIN = "plain"
+JOINT_TABLES = "joint tables"
 WORKSPACE_POSES = 1000
 """So many poses stand for the workspace when parameters are fitted to it."""
 
@@ -31,13 +33,23 @@ class ReducedExport:
 
     path: Path
     left: Mapping[str, model_reduction.ResidualError]
+    tables: joint_tables.JointTables | None = None
+    files: tuple[Path, ...] = ()
+    """Of the joint tables."""
 
     def document(self) -> dict[str, JsonValue]:
         """As `export --json` prints it."""
         left: dict[str, JsonValue] = {
             name: {"mean": each.mean_mm, "max": each.max_mm} for name, each in self.left.items()
         }
-        return {"path": str(self.path), "left_mm": left}
+        found: dict[str, JsonValue] = {"path": str(self.path), "left_mm": left}
+        if self.tables is not None:
+            found["joint_tables"] = {
+                "files": [str(each) for each in self.files],
+                "points": len(self.tables.wanted),
+                "left_mm": self.tables.left_mm,
+            }
+        return found
 
 
 def export_projected(
@@ -62,28 +74,101 @@ def export_projected(
 
 def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> ReducedExport:
     """Write a robot file without extensions."""
-    document = identified_robot(campaign)
-    robot, nominal = document.robot, campaign.robot
+    robot, nominal = identified_robot(campaign).robot, campaign.robot
     workspace = model_reduction.Workspace.of(robot.kinematics, _poses(campaign, robot))
-    found = model_reduction.project(
-        robot.mechanism, model_reduction.NamedParameters.plain(robot.kinematics), workspace
-    )
+    found = _plain(robot.kinematics, workspace)
     left = {
         "nominal parameters": model_reduction.left_by(nominal.kinematics, workspace),
         "these values": found.error,
         **_full(campaign),
     }
-    form = _form(robot, PLAIN, found.error)
-    plain = compensated(
-        campaign.nominal,
-        f"{nominal.name}-plain",
-        found.kinematics.parameters,
-        {**(robot.provenance or {}), FORM: asdict(form)},
-    )
+    form, plain = _written_form(campaign, robot, PLAIN, found.kinematics, found.error)
     path = to or campaign.path(PLAIN_FILE)
     with recorded(campaign, path, plain.robot.parameters, form=form):
         write_text_unless_there(path, plain.document.text, overwrite=overwrite)
     return ReducedExport(path, left)
+
+
+def export_joint_tables(
+    campaign: Campaign,
+    word: str,
+    to: Path | None = None,
+    *,
+    tolerance_mm: float = joint_tables.TOLERANCE_MM,
+    plain: bool = False,
+    overwrite: bool = False,
+) -> ReducedExport:
+    """Write the joints' transmission as tables of axes, and a robot file of the rest beside them.
+
+    The rest is the whole geometry, or the nearest `plain` one. Raises as `export_projected` does.
+    """
+    robot = identified_robot(campaign).robot
+    made = joint_tables.FORMATS[word]
+    tables = joint_tables.joint_tables(
+        robot.kinematics, robot.limits.joint, tolerance_mm, made.most_points
+    )
+    poses = _poses(campaign, robot)
+    rest = without_transmission(robot.kinematics)
+    if plain:
+        rest = _plain(rest, model_reduction.Workspace.of(rest, poses)).kinematics
+    left = {
+        "nominal parameters": _left(campaign.robot.kinematics, robot, poses),
+        "these values without tables": _left(rest, robot, poses),
+        "these values and tables": _left(rest, robot, poses, tables),
+        **_full(campaign),
+    }
+    name = f"{PLAIN} with {JOINT_TABLES}" if plain else JOINT_TABLES
+    form, own = _written_form(campaign, robot, name, rest, left["these values and tables"])
+    path = to or campaign.path(TABLES_FILE)
+    texts = {path.with_name(each): text for each, text in made.files(tables).items()}
+    with recorded(campaign, path, own.robot.parameters, form=form):
+        for file, text in (texts | {path: own.document.text}).items():
+            write_text_unless_there(file, text, overwrite=overwrite)
+    return ReducedExport(path, left, tables, tuple(texts))
+
+
+def without_transmission(kinematics: Kinematics) -> Kinematics:
+    """Model of the same geometry behind perfect gears and encoders."""
+    space = kinematics.mechanism.parameters
+    return Kinematics(kinematics.mechanism, kinematics.p[: len(space.geometry)])
+
+
+def _plain(
+    identified: Kinematics, workspace: model_reduction.Workspace
+) -> model_reduction.ModelReduction:
+    few = model_reduction.NamedParameters.plain(identified)
+    return model_reduction.project(identified.mechanism, few, workspace)
+
+
+def _left(
+    controller: Kinematics,
+    robot: RobotFile,
+    poses: Array,
+    tables: joint_tables.JointTables | None = None,
+) -> model_reduction.ResidualError:
+    """What a controller's kinematics leaves of poses that joints reach from drawn sides."""
+    shape = len(poses), len(robot.mechanism.joints)
+    sides = np.random.default_rng(WORKSPACE_SEED).choice((-1.0, 1.0), shape)
+    told = {} if tables is None else {"readings": tables.readings}
+    return model_reduction.left_as_commanded(controller, robot.kinematics, poses, sides, **told)
+
+
+def _written_form(
+    campaign: Campaign,
+    robot: RobotFile,
+    name: str,
+    kinematics: Kinematics,
+    lost: model_reduction.ResidualError,
+) -> tuple[ReducedForm, RobotDocument]:
+    """Form of an identified robot, and its file."""
+    form = _form(robot, name, lost)
+    document = compensated(
+        campaign.nominal,
+        f"{campaign.robot.name}-{name.replace(' ', '-')}",
+        kinematics.parameters,
+        {**(robot.provenance or {}), FORM: asdict(form)},
+    )
+    return form, document
 
 
 def _form(robot: RobotFile, name: str, lost: model_reduction.ResidualError) -> ReducedForm:
