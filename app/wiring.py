@@ -295,7 +295,7 @@ def _layout(campaign: Campaign) -> RobotLayout:
         for axes in (mechanism.joints, mechanism.task)
     )
     known = [(name, space[name].arm, space[name].field.stem) for name in space.names]
-    return RobotLayout.of(joints, task, known, space.extensions)
+    return RobotLayout.of(joints, task, known, space.optional)
 
 
 def _check_serial(device: str, found: Identity, expected: str | None) -> None:
@@ -324,7 +324,6 @@ def linuxcnc_settings(campaign: Campaign, section: LinuxcncConfig) -> LinuxcncSe
         full_speed_per_s=section.full_speed_rad_s if are_rotary else section.full_speed_mm_per_s,
         store=_store(campaign, section),
         poses_of=partial(ActiveKinematics, mechanism),
-        known=frozenset(mechanism.parameters.geometry),
         robot=mechanism.name.capitalize(),
         joints=len(mechanism.joints),
         are_rotary=are_rotary,
@@ -340,14 +339,17 @@ def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterFile | HalPa
     path = campaign.folder / (section.hal_file or ACTIVE)
     if section.coordinates == "joints":
         return export.CalibrationFile(path, whose, otherwise=nominal)
-    pins = export.parameter_pins(nominal.mechanism)
-    drawing = {
-        export.pin_of(name): value for name, value in export.drawing_flat(nominal.mechanism).items()
-    }
+    space, pins = nominal.mechanism.parameters, export.parameter_pins(nominal.mechanism)
+    plate, ripples = (
+        {export.pin_of(name): value for name, value in flat(nominal.mechanism).items()}
+        for flat in (export.drawing_flat, export.ripples_flat)
+    )
+    required = frozenset((*plate, *(pins[name] for name in space.geometry)))
+    drawing = plate | ripples
     return HalParameters(
         export.CalibrationFile(path, whose),
-        HalPins((*pins.values(), *drawing), command_prefix(section.beside)),
+        HalPins((*pins.values(), *drawing), command_prefix(section.beside), required=required),
         pins,
-        frozenset(nominal.mechanism.parameters.extensions),
+        frozenset(space.optional),
         drawing,
     )

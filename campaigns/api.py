@@ -74,7 +74,7 @@ def correct_targets(poses: Array, identified: RobotFile, nominal: RobotFile) -> 
     if fault is not None:
         row, reason = fault
         raise TargetsInvalid(f"row {row}: {reason}", remedy="change the pose")
-    return correction.commanded(poses).values_or_raise()
+    return correction.commanded(poses, correction.approach(poses)).values_or_raise()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -65,7 +65,7 @@ class CellMemory(BaseModel):
         kind = KINDS.get(self.mechanism)
         if kind is None:
             raise ValueError(f"mechanism '{self.mechanism}' is not known")
-        if problem := problem_with(self.geometry, kind, extensions=kind.extensions):
+        if problem := problem_with(self.geometry, kind, extensions=kind.optional):
             raise ValueError(f"geometry: {problem}")
         if {len(self.encoders_rad), len(self.play_rad), len(self.joints)} != {kind.arms}:
             raise ValueError(f"a {kind.name} has {kind.arms} joints")
@@ -200,6 +200,7 @@ class Cell:
             worked=self._worked,
             kind=self.kind,
             plate=factory.known_plate(self.scenario, self.true_geometry),
+            ripple_rate=factory.known_ripple_rate(self.scenario),
         )
 
     def _tracker(self, state: CellMemory) -> SimulatedTracker:

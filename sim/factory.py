@@ -87,6 +87,14 @@ def known_plate(scenario: Scenario, true_flat: dict[str, float]) -> KnownPlate |
     )
 
 
+def known_ripple_rate(scenario: Scenario) -> float | None:
+    """Turn of a motor for 1 rad or mm of its joint, if its controller computes what gears add."""
+    if not scenario.controller.computes_transmission:
+        return None
+    told = scenario.robot.transmission
+    return 2.0 * math.pi / told.pitch_mm if scenario.robot.kind.on_rails else told.ripples_per_turn
+
+
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:
     """(n,): as told, or 0 for every arm."""
     return np.array(values) if values else np.zeros(kind.arms)

@@ -42,6 +42,8 @@ CARRIAGE_FIELDS = (
 )
 CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg")
 CARRIAGE_EXTENSIONS = ("rail_tilt_deg", *CRANK_EXTENSIONS)
+RIPPLES = ("encoder_gain_ppm", "ripple_sin_{}", "ripple_cos_{}", "backlash_{}")
+ECCENTRICITIES = ("eccentricity_sin_deg", "eccentricity_cos_deg")
 CRANK_MM = 300.0
 """A typical crank: a carriage's travel of that length compares with a crank's turn of 1 rad."""
 
@@ -104,6 +106,20 @@ class Kind:
     def extensions(self) -> tuple[str, ...]:
         """Flat names of what tilts its plate, or a rail aside: 0 of perfect parts."""
         fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
+        return self._of_arms(fields)
+
+    @cached_property
+    def transmission(self) -> tuple[str, ...]:
+        """Flat names of what gears and encoders add to its joints: 0 of perfect ones."""
+        own = () if self.on_rails else ECCENTRICITIES
+        return self._of_arms((*(field.format(self.unit) for field in RIPPLES), *own))
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """Flat names of all that not every controller has."""
+        return self.extensions + self.transmission
+
+    def _of_arms(self, fields: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(f"arm{arm}.{field}" for field in fields for arm in range(self.arms))
 
     @property

@@ -7,6 +7,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Kinematics, KinematicSolution
+from campaigns.mechanisms.transmission import STANDS
 from campaigns.robots.robot import pose_of, pose_row
 from drivers.errors import LimitViolation
 from drivers.values import Pose
@@ -19,11 +20,23 @@ class ActiveKinematics:
         self._mechanism = mechanism
         self._kinematics = Kinematics.of(mechanism, parameters)
 
-    def joints(self, pose: Pose) -> tuple[float, ...]:
-        """Joints of a pose; raises `LimitViolation`."""
+    def joints(self, pose: Pose, here: Sequence[float] | None = None) -> tuple[float, ...]:
+        """Joints of a pose as encoders read them, coming from `here`; raises `LimitViolation`.
+
+        Of the readings of both sides it is the one beyond; between them the nearer one.
+        """
         row = pose_row(pose)
-        found = self._kinematics.inverse(row[None])
-        return tuple(_only(found, f"pose {_listed(self._mechanism.task, row)}").tolist())
+        name = f"pose {_listed(self._mechanism.task, row)}"
+        if here is None:
+            return tuple(_only(self._kinematics.inverse(row[None]), name).tolist())
+        falling, rising = (
+            _only(self._kinematics.inverse(row[None], np.full((1, len(here)), side)), name)
+            for side in (-1.0, 1.0)
+        )
+        now = np.array(here)
+        comes_up = now < falling - STANDS
+        stays_up = (now > 0.5 * (falling + rising)) & (now <= rising + STANDS)
+        return tuple(np.where(comes_up | stays_up, rising, falling).tolist())
 
     def pose(self, joints: Sequence[float]) -> Pose:
         """Pose of joints; raises `LimitViolation`."""

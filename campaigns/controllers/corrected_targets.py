@@ -14,6 +14,7 @@ from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
+from campaigns.mechanisms.transmission import approach_along
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,9 +32,21 @@ class TargetCorrection:
     measured: Array | None = None
     """Poses (M, t) of the shots, whose best fit is the frame."""
 
-    def commanded(self, wanted: Array) -> KinematicSolution:
-        """Poses (N, t) to command for wanted ones."""
-        joints = self.identified.inverse(wanted)
+    def approach(self, wanted: Array, before: tuple[Array, Array] | None = None) -> Array:
+        """Sign of each joint's last motion at poses (N, t) reached one after another, (N, n).
+
+        `before` has the pose that they come from and the signs there; without, 0 until a joint
+        moves. Joints turn round at poses only.
+        """
+        if before is None:
+            return approach_along(self.identified.inverse(wanted).values)
+        pose, signs = before
+        poses = np.vstack([pose, wanted])
+        return approach_along(self.identified.inverse(poses).values, signs)[1:]
+
+    def commanded(self, wanted: Array, approach: Array | None = None) -> KinematicSolution:
+        """Poses (N, t) to command for wanted ones, which joints reach by `approach` (N, n)."""
+        joints = self.identified.inverse(wanted, approach)
         found = joints.found.copy()
         values = np.full_like(wanted, np.nan)
         poses = self.nominal.forward(joints.values[found], wanted[found])

@@ -107,14 +107,16 @@ def correct_gcode(
     written: list[str] = []
     sizes: list[Array] = []
     stds: list[float] = []
-    moves = 0
+    moves, before = 0, None
     while lines := tuple(islice(program, LINES)):
         usual = usual or _block_of(lines[0]).ending or "\n"
         some = [line for line in lines if isinstance(line, Move)]
         ends: list[Array] = []
         if some:
             wanted, pieces = _wanted(some, name, correction, tolerance_mm, most)
-            commanded = _commanded(correction, wanted)
+            sides = correction.approach(wanted, before)
+            before = wanted[-1], sides[-1]
+            commanded = _commanded(correction, wanted, sides)
             ends = np.split(commanded, np.cumsum(pieces)[:-1])
             sizes.append(correction_mm(wanted, commanded))
             stds += _some_std(correction, wanted)
@@ -217,10 +219,16 @@ def _require_possible(
             )
 
 
-def _commanded(correction: TargetCorrection, wanted: Array) -> Array:
-    """Poses (N, t) to command, NaN where there is none."""
-    parts = range(0, len(wanted), CHUNK)
-    found = [correction.commanded(wanted[at : at + CHUNK]).values for at in parts]
+def _commanded(correction: TargetCorrection, wanted: Array, approach: Array | None = None) -> Array:
+    """Poses (N, t) to command, NaN where there is none.
+
+    Without `approach` no backlash counts: a reversal is a step that no shorter piece makes smaller.
+    """
+    parts = (slice(at, at + CHUNK) for at in range(0, len(wanted), CHUNK))
+    found = [
+        correction.commanded(wanted[rows], None if approach is None else approach[rows]).values
+        for rows in parts
+    ]
     return np.concatenate(found)
 
 

@@ -2,14 +2,15 @@
 
 Its pins are named after the parameters. The heading says whose they are: a file of another robot
 or another kinematics, with a parameter missing, or changed by hand without saying so, is refused.
-Extensions (axis tilts, skews) are in the file where they are not 0, and with them the drawing of
-the plate, which they then need.
+What is optional (axis tilts, skews, transmission) is in the file where it is not 0, and with it the
+drawing of the plate and of the drives, which it then needs. Backlashes are LinuxCNC's own: a HAL
+file that is read before its pins of the INI file exist can name them in comments alone.
 """
 
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,11 +28,14 @@ MODULE = "pkmkins"
 MODULE_BEFORE = "par4kins"
 """Name under which earlier versions wrote their files, of a Par4 alone."""
 LAST_GOOD = ".last-good"
+RATES = ("ripples_per_turn", "drive_period_mm")
+"""Names of how often ripples come; files of older software have none."""
 LONGEST_NOTE = 160
 """halcmd takes lines of some 250 characters."""
 REMEDY = "restore the file, or write it anew with `pkmcal export --format linuxcnc`"
 
 _HEADING = re.compile(r"#\s*(robot|sha256):\s*(\S.*)")
+_BACKLASH = re.compile(r"#\s*\[JOINT_(\d+)\]BACKLASH = (\S+)")
 _SETTING = re.compile(r"setp\s+(\S+)\s+(\S+)")
 
 
@@ -41,8 +45,10 @@ def pin_of(name: str) -> str:
 
 
 def parameter_pins(mechanism: ClosedChain) -> dict[str, str]:
-    """Pins of all parameters of a mechanism by name, extensions among them."""
-    return {name: pin_of(name) for name in mechanism.parameters.geometry}
+    """Pins of all parameters of a mechanism by name, the optional ones among them."""
+    space = mechanism.parameters
+    pins = {name: pin_of(name) for name in space.of_robot}
+    return pins | {name: f"ini.{space[name].arm}.backlash" for name in space.backlashes}
 
 
 def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
@@ -57,6 +63,16 @@ def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
         flat[f"arm{arm}.bar_azimuth_deg"] = math.degrees(outward_rad)
     reflector = zip("xyz", plate.reflector_mm, strict=True)
     return flat | {f"reflector_{axis}_mm": value for axis, value in reflector}
+
+
+def ripples_flat(mechanism: ClosedChain) -> dict[str, float]:
+    """How often the drives' ripples come, by name; nothing where no file says it."""
+    rate = mechanism.transmission.ripple_rate
+    if not rate:
+        return {}
+    if mechanism.joints[0].is_revolute:
+        return {"ripples_per_turn": rate}
+    return {"drive_period_mm": 2.0 * math.pi / rate}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,13 +96,16 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         f"sha256: {robot.digest()}",
         f"set: {robot.name}",
         *_notes(robot),
+        *_backlashes(robot),
         "",
         "In the INI file, after the HALFILE that loads the kinematics: HALFILE = calib.hal",
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
     values = dict(robot.parameters)
     if robot.is_extended:
-        values |= drawing_flat(robot.mechanism)
+        values |= drawing_flat(robot.mechanism) | ripples_flat(robot.mechanism)
+    for name in robot.mechanism.parameters.backlashes:
+        values.pop(name, None)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])
 
@@ -97,7 +116,9 @@ def parse_hal(text: str, name: str, whose: RobotIdentity) -> RobotFile:
     values: dict[str, float] = {}
     mechanism = whose.nominal.mechanism
     for number, line in enumerate(text.splitlines(), start=1):
-        if heading := _HEADING.fullmatch(line.strip()):
+        if backlash := _BACKLASH.fullmatch(line.strip()):
+            values |= _backlash(mechanism, int(backlash[1]), backlash[2], f"{name}:{number}")
+        elif heading := _HEADING.fullmatch(line.strip()):
             headings[heading[1]] = heading[2]
         elif line.strip() and not line.lstrip().startswith("#"):
             parameter, value = _setting(line, f"{name}:{number}", mechanism)
@@ -108,14 +129,7 @@ def parse_hal(text: str, name: str, whose: RobotIdentity) -> RobotFile:
 
 
 def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -> None:
-    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`.
-
-    Raises `ConfigInvalid` for errors of gears and encoders, which the kinematics has no pins of.
-    """
-    robot.require_known(
-        robot.mechanism.parameters.transmission,
-        "`pkmcal export --format plain` writes the nearest parameters that it takes",
-    )
+    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
     write_text_unless_there(path, hal_text(robot, identity), overwrite=overwrite)
 
 
@@ -124,6 +138,20 @@ def _notes(robot: RobotFile) -> Iterator[str]:
     for key, value in (robot.provenance or {}).items():
         note = f"{key}: {json.dumps(value)}"
         yield note if len(note) <= LONGEST_NOTE else f"{note[:LONGEST_NOTE]}..."
+
+
+def _backlashes(robot: RobotFile) -> Iterator[str]:
+    """Lines of the INI file that the set asks for, one for each joint that has a backlash."""
+    space, values = robot.mechanism.parameters, robot.parameters
+    for name in space.backlashes:
+        if name in values:
+            yield f"[JOINT_{space[name].arm}]BACKLASH = {number_text(values[name])}"
+
+
+def _backlash(mechanism: ClosedChain, arm: int, word: str, where: str) -> dict[str, float]:
+    space = mechanism.parameters
+    own = [name for name in space.backlashes if space[name].arm == arm]
+    return {name: _number(word, where, is_length=False) for name in own}
 
 
 def _setting(line: str, where: str, mechanism: ClosedChain) -> tuple[str, float]:
@@ -141,13 +169,14 @@ def _setting(line: str, where: str, mechanism: ClosedChain) -> tuple[str, float]
             f"{where}: {shown(pin)} is no pin of {MODULE} for a {mechanism.name}",
             remedy="a file of another kinematics, or a misspelt parameter: " + REMEDY,
         )
-    known = mechanism.parameters.geometry
+    known = mechanism.parameters.of_robot
     is_length = name in known and mechanism.parameters[name].field.quantity == "length"
     return name, _number(word, where, is_length=is_length)
 
 
 def _is_known(name: str, mechanism: ClosedChain) -> bool:
-    return name in mechanism.parameters.geometry or name in drawing_flat(mechanism)
+    own = mechanism.parameters.of_robot
+    return name in own or name in drawing_flat(mechanism) or name in RATES
 
 
 def _number(word: str, where: str, *, is_length: bool) -> float:
@@ -170,8 +199,12 @@ def _checked(
             remedy="connect the right robot or take the right file; "
             f"a file written by hand needs a line '# robot: {whose.identity}'",
         )
-    drawing = drawing_flat(whose.nominal.mechanism)
-    geometry = {key: value for key, value in values.items() if key not in drawing}
+    mechanism = whose.nominal.mechanism
+    drawing = drawing_flat(mechanism)
+    if any(rate in values for rate in RATES):
+        drawing |= ripples_flat(mechanism)
+    beside = {*drawing, *RATES}
+    geometry = {key: value for key, value in values.items() if key not in beside}
     robot = whose.having(geometry, name)
     _check_drawing(name, robot, values, drawing)
     if headings.get("sha256", robot.digest()) != robot.digest():
@@ -238,6 +271,10 @@ class CalibrationFile:
             replace_text(self._path, self._replaced)
         else:
             self._path.unlink(missing_ok=True)
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
+        """Nothing: poses are converted by all of them."""
+        return ()
 
     def _text(self) -> str:
         remedy = f"`pkmcal export --format linuxcnc --to {self._path}`, then restart LinuxCNC"

@@ -67,7 +67,10 @@ def parse_poses(text: str, name: str, mechanism: ClosedChain) -> TargetPoses:
 
 
 def correct_poses(targets: TargetPoses, correction: TargetCorrection) -> CorrectedPoses:
-    """What to command for each; raises `TargetsInvalid` for the first that cannot be taken."""
+    """What to command for each, one after another, joints turning round at targets only.
+
+    Raises `TargetsInvalid` for the first that cannot be taken.
+    """
     fault = correction.first_fault(targets.wanted)
     if fault is not None:
         row, reason = fault
@@ -77,7 +80,8 @@ def correct_poses(targets: TargetPoses, correction: TargetCorrection) -> Correct
             remedy="change the pose, or widen the calibrated workspace with --margin and "
             "--turn-margin",
         )
-    commanded = correction.commanded(targets.wanted).values_or_raise()
+    sides = correction.approach(targets.wanted)
+    commanded = correction.commanded(targets.wanted, sides).values_or_raise()
     return CorrectedPoses(targets, commanded, correction.std_mm(targets.wanted))
 
 

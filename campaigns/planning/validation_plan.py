@@ -13,14 +13,14 @@ from campaigns.arrays import AXES, Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
+from campaigns.mechanisms.transmission import approach_along
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.steps import Step
+from campaigns.planning.steps import Step, stops_of
 from campaigns.robots.robot import pose_of, pose_row
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Pose
 
 APPROACHES_MM = (80.0, 40.0, 20.0, 10.0)
 """Distances from which the repeated point is approached: the first that a robot has room for."""
@@ -33,7 +33,8 @@ LINE_SPARE = 0.9
 """A line is no longer than that part of what the nominal robot can do."""
 Planned = tuple[tuple[Step, ...], tuple[str, ...]]
 """Steps, and notes that say what was shortened or left out, and why."""
-Correct = Callable[[Array], KinematicSolution]
+Correct = Callable[[Array, Array | None], KinematicSolution]
+"""Poses (N, t) to command for wanted ones, by the signs of joints' last motions there, (N, n)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +59,7 @@ class Reachable:
         beyond = (self.space.fault(pose[:3]) for pose in poses)
         if fault := next(filter(None, beyond), ""):
             return fault
-        if self.correct is not None and not self.correct(poses).found.all():
+        if self.correct is not None and not self.correct(poses, None).found.all():
             return "the controller's own kinematics cannot be assembled there"
         return ""
 
@@ -74,11 +75,16 @@ class Reachable:
         """Joints (N, n) of poses (N, t)."""
         return self.kinematics.feasibility(self.limits, poses).joints
 
-    def corrected(self, poses: Array) -> list[Pose | None]:
-        """Poses to command for poses (N, t) where they are others."""
+    def corrected(self, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+        """Steps with the poses to command where they are others, in the order of the steps."""
         if self.correct is None:
-            return [None] * len(poses)
-        return [pose_of(row) for row in self.correct(poses).values_or_raise()]
+            return steps
+        ends = np.cumsum([len(step.approach) + 1 for step in steps]) - 1
+        sides = approach_along(np.array(stops_of((steps,))))[ends]
+        poses = np.array([pose_row(step.planned.pose) for step in steps])
+        commanded = self.correct(poses, sides).values_or_raise()
+        each = zip(steps, commanded, strict=True)
+        return tuple(replace(step, corrected=pose_of(row)) for step, row in each)
 
 
 def validation_steps(
@@ -114,7 +120,7 @@ def validation_steps(
         for number, step in enumerate(steps)
     )
     _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
-    return numbered, notes
+    return robot.corrected(numbered), notes
 
 
 def fitting_lines(
@@ -158,11 +164,8 @@ def _steps(
             PlannedShot(0, purpose, pair, pose_of(pose), tuple(q)),
             "pose",
             (tuple(via),) if via else (),
-            instead,
         )
-        for pose, pair, q, via, instead in zip(
-            poses, pairs or [None] * count, joints, passed, robot.corrected(poses), strict=True
-        )
+        for pose, pair, q, via in zip(poses, pairs or [None] * count, joints, passed, strict=True)
     )
 
 

@@ -8,7 +8,7 @@ the system's Python on LinuxCNC's computer: directly, or by a prefix such as `ss
 import json
 import math
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -41,7 +41,14 @@ try:
     else:
         for name, value in ASKED["set"].items():
             hal.set_p(name, value)
-        print(json.dumps({"pins": {name: hal.get_value(name).hex() for name in ASKED["get"]}}))
+        pins = {}
+        for name in ASKED["get"]:
+            try:
+                pins[name] = hal.get_value(name).hex()
+            except RuntimeError:
+                if name in ASKED["required"]:
+                    raise
+        print(json.dumps({"pins": pins}))
 except Exception as error:
     print(json.dumps({"problem": "%s: %s" % (type(error).__name__, error)}))
 finally:
@@ -59,6 +66,8 @@ class HalPins:
     prefix: tuple[str, ...] = ()
     python: str = "/usr/bin/python3"
     within_s: float = WITHIN_S
+    required: frozenset[str] | None = None
+    """Those without which it is another kinematics; None: all."""
 
     @property
     def command(self) -> tuple[str, ...]:
@@ -66,7 +75,7 @@ class HalPins:
         return (*self.prefix, self.python, "-")
 
     def read(self) -> dict[str, float]:
-        """All of them; raises `LinkDown` when LinuxCNC cannot be reached this way."""
+        """All of them that there are; raises `LinkDown` when LinuxCNC cannot be reached so."""
         return self._run({}, must_be_off=False)
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -81,6 +90,7 @@ class HalPins:
         asked = {
             "set": dict(settings),
             "get": self.names,
+            "required": tuple(self.required_names),
             "power": POWER_PIN,
             "must_be_off": must_be_off,
         }
@@ -113,7 +123,12 @@ class HalPins:
             )
         if "problem" in answer:
             raise self._refused(f"{answer['problem']}")
-        return _values(answer.get("pins"), self.names)
+        return _values(answer.get("pins"), self.names, self.required_names)
+
+    @property
+    def required_names(self) -> frozenset[str]:
+        """Pins that there must be."""
+        return frozenset(self.names) if self.required is None else self.required
 
     def _unreachable(self, why: str) -> LinkDown:
         return LinkDown(
@@ -138,11 +153,11 @@ def _answer_of(said: str) -> Mapping[str, object] | None:
     return answer if isinstance(answer, dict) else None
 
 
-def _values(pins: object, names: Sequence[str]) -> dict[str, float]:
-    if not isinstance(pins, dict) or set(pins) != set(names):
+def _values(pins: object, names: Sequence[str], required: frozenset[str]) -> dict[str, float]:
+    if not isinstance(pins, dict) or not required <= set(pins) <= set(names):
         raise WireError("LinuxCNC's HAL answers other pins than were asked for")
     try:
-        values = {name: float.fromhex(pins[name]) for name in names}
+        values = {name: float.fromhex(pins[name]) for name in names if name in pins}
     except (TypeError, ValueError, OverflowError) as error:
         raise WireError("LinuxCNC's HAL answers a pin that is no number") from error
     if not all(map(math.isfinite, values.values())):
@@ -170,6 +185,9 @@ class ParameterFile(Protocol):
     def take_back(self) -> None:
         """Put back the file that the last `write` replaced."""
 
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        """Those of the named parameters that cannot be put to work."""
+
 
 @dataclass(frozen=True, slots=True)
 class HalParameters:
@@ -196,12 +214,18 @@ class HalParameters:
             raise DeviceRefused(
                 f"LinuxCNC works with {name} = {held.get(name, 0.0)!r}, its HAL file says "
                 f"{filed.get(name)!r} ({len(different)} of {len(names)} differ)",
-                remedy="restart LinuxCNC to take the file, or load again to replace both",
+                remedy="restart LinuxCNC to take the file (BACKLASH in the INI file as there), "
+                "or load again to replace both",
                 code="FILE",
             )
         if not self.extensions.isdisjoint(held):
             self._check_drawing(pins)
         return held
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        """Those of the named parameters of which the kinematics has no pin."""
+        held = self.pins.read() if names else {}
+        return tuple(name for name in names if self.pin_of.get(name) not in held)
 
     def write(self, geometry: Mapping[str, float]) -> None:
         """Replace file and pins, read the pins back; what does not verify is taken back.
@@ -210,15 +234,16 @@ class HalParameters:
         """
         before = self.pins.write({})
         self.file.write(geometry)
+        known = {name for name in self.extensions if self.pin_of[name] in before}
+        drawing = {pin: value for pin, value in self.drawing.items() if pin in before}
         try:
-            self._set(geometry)
+            self._set(dict.fromkeys(known, 0.0) | dict(geometry), drawing)
         except DriverError as error:
             raise self._taken_back(before, error) from error
 
-    def _set(self, geometry: Mapping[str, float]) -> None:
-        whole = dict.fromkeys(self.extensions, 0.0) | dict(geometry)
+    def _set(self, whole: Mapping[str, float], drawing: Mapping[str, float]) -> None:
         settings = {self.pin_of[name]: value for name, value in whole.items()}
-        held = self.pins.write(settings | dict(self.drawing))
+        held = self.pins.write(settings | dict(drawing))
         for name, value in whole.items():
             if held[self.pin_of[name]] != value:
                 raise DeviceRefused(
@@ -229,12 +254,15 @@ class HalParameters:
         self._check_drawing(held)
 
     def _check_drawing(self, held: Mapping[str, float]) -> None:
-        """Raise `DeviceRefused` where a plate that tilts is drawn otherwise."""
+        """Raise `DeviceRefused` where a plate that tilts, or a drive, is drawn otherwise.
+
+        A pin that not every such kinematics has may hold 0, which says nothing.
+        """
         for pin, value in self.drawing.items():
-            if held[pin] != value:
+            now = held.get(pin, 0.0)
+            if now != value and (now or pin in self.pins.required_names):
                 raise DeviceRefused(
-                    f"LinuxCNC works with {pin} = {held[pin]!r}, the robot file's plate has "
-                    f"{value!r}",
+                    f"LinuxCNC works with {pin} = {now!r}, the robot file's plate has {value!r}",
                     remedy="bring the robot file's plate back, or load again",
                     code="PLATE",
                 )
@@ -253,5 +281,5 @@ class HalParameters:
         return DeviceRefused(f"{error.problem}; {problem}", remedy=remedy, code="NOT LOADED")
 
     def _parameters(self, held: Mapping[str, float]) -> dict[str, float]:
-        named = {name: held[pin] for name, pin in self.pin_of.items()}
+        named = {name: held[pin] for name, pin in self.pin_of.items() if pin in held}
         return {name: v for name, v in named.items() if v or name not in self.extensions}

@@ -135,7 +135,11 @@ class LinuxcncRobot(RobotController):
 
         By LinuxCNC's own kinematics, or, where it only takes joints, converted with the stored set.
         """
-        self._start(self._active().joints(pose), pose, speed_fraction)
+        joints = self._active().joints(pose)
+        self._settings.check(joints)
+        if not self._works_in_world:
+            joints = self._active().joints(pose, self._here())
+        self._start(joints, pose, speed_fraction)
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or another client has control.
@@ -150,8 +154,7 @@ class LinuxcncRobot(RobotController):
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
         """Parameters among the named ones that its kinematics does not have."""
-        known = self._settings.known
-        return () if known is None else tuple(name for name in names if name not in known)
+        return self._store.lacks(names)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters, or none; the robot must stand.
@@ -266,13 +269,16 @@ class LinuxcncRobot(RobotController):
     def _start(self, joints: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
         """Start a move; a pose is that of these joints, as it was asked for."""
         self._settings.check(joints)
-        here = tuple(map(self._settings.from_machine, self._machine.joints()))
+        here = self._here()
         travel = max(abs(q - now) for q, now in zip(joints, here, strict=True))
         way = [tuple(map(self._settings.to_machine, joints))]
         if self._works_in_world:
             *between, end = way_to(self._active(), self._settings, here, joints)
             way = [*map(self._world, between), self._world(pose or end)]
         self._begin(way, travel, speed_fraction)
+
+    def _here(self) -> tuple[float, ...]:
+        return tuple(map(self._settings.from_machine, self._machine.joints()))
 
     def _forget_motion(self) -> None:
         """Forget the last motion and its faults: the machine has been made ready."""

@@ -29,8 +29,8 @@ class Coordinates(Enum):
 class PosesOfJoints(Protocol):
     """A parameter set at work."""
 
-    def joints(self, pose: Pose) -> tuple[float, ...]:
-        """Joints of a pose, rad or mm; raises `LimitViolation` for one out of reach."""
+    def joints(self, pose: Pose, here: Sequence[float] | None = None) -> tuple[float, ...]:
+        """Joints of a pose, rad or mm, that come from `here`; raises `LimitViolation`."""
 
     def pose(self, joints: Sequence[float]) -> Pose:
         """Pose of joints; raises `LimitViolation` where nothing can be assembled."""
@@ -75,8 +75,6 @@ class LinuxcncSettings:
     """The parameters that poses are converted with; of a controller that does it, its pins too."""
     poses_of: Callable[[Mapping[str, float]], PosesOfJoints]
     """Puts a parameter set, by flat name in mm and deg, to work."""
-    known: frozenset[str] | None = None
-    """Names of the parameters that its kinematics has; None: all."""
     robot: str = "Par4"
     joints: int = 4
     are_rotary: bool = True

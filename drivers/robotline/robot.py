@@ -67,7 +67,7 @@ class LineRobot(RobotController):
         self._numbers = wire.sequence_from(first_sequence)
         self._deadlines = deadlines
         self._session = DeviceSession("controller", self._opened, self._greet)
-        self._has_extensions: bool | None = None
+        self._known: tuple[str, ...] | None = None
         self._stopping = StopProcedure(
             clock,
             within_s=deadlines.standstill_s,
@@ -79,7 +79,7 @@ class LineRobot(RobotController):
 
     @override
     def connect(self) -> None:
-        self._has_extensions = None
+        self._known = None
         with self._stopping.undisturbed():
             self._session.open()
 
@@ -130,18 +130,15 @@ class LineRobot(RobotController):
         """Read the parameters that the controller works with, by their flat names, mm and deg."""
         with self._stopping.undisturbed():
             geometry = self._read(self._layout.parts)
-            if self._knows_extensions():
-                beyond = self._read(self._layout.extensions)
-                geometry |= {name: value for name, value in beyond.items() if value}
+            beyond = self._read(self._known_extensions())
+        geometry |= {name: value for name, value in beyond.items() if value}
         return geometry
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
         """Parameters among the named ones that it does not have."""
         asked = {*names} & {*self._layout.extensions}
-        known = set(self._layout.parameters)
         with self._stopping.undisturbed():
-            if asked and self._knows_extensions():
-                known |= asked
+            known = {*self._layout.parameters, *(self._known_extensions() if asked else ())}
         return tuple(name for name in names if name not in known)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
@@ -173,21 +170,24 @@ class LineRobot(RobotController):
             geometry |= self._layout.flat(part)
         return geometry
 
-    def _knows_extensions(self) -> bool:
-        """Whether its kinematics has the parameters of imperfect parts; asked once a connection.
+    def _known_extensions(self) -> tuple[str, ...]:
+        """Parameters of imperfect parts that its kinematics has; asked once a connection.
 
-        It has all of them or none, so that the first one tells.
+        It has those of a kind of all arms or of none, so that the first of a kind tells.
         """
-        if self._has_extensions is None:
-            try:
-                self._read(self._layout.extensions[:1])
-            except DeviceRefused as error:
-                if error.code not in NOT_KNOWN:
-                    raise
-                self._has_extensions = False
-            else:
-                self._has_extensions = bool(self._layout.extensions)
-        return self._has_extensions
+        if self._known is None:
+            kinds = self._layout.extension_kinds
+            self._known = tuple(n for names in kinds if self._knows(names[0]) for n in names)
+        return self._known
+
+    def _knows(self, name: str) -> bool:
+        try:
+            self._read((name,))
+        except DeviceRefused as error:
+            if error.code not in NOT_KNOWN:
+                raise
+            return False
+        return True
 
     def _ask(
         self, command: wire.Command, kind: type[AnswerKind], within_s: float | None = None

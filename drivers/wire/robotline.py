@@ -50,7 +50,7 @@ class RobotLayout:
     """Joints, coordinates and parameters of a robot.
 
     Each of `extensions`, `arm0.axis_tilt_deg`, has a line by its name; a controller may have none
-    of them.
+    of a kind.
     """
 
     joints: tuple[Coordinate, ...]
@@ -81,6 +81,15 @@ class RobotLayout:
     def parameters(self) -> frozenset[str]:
         """Names of the parameters that every controller has."""
         return frozenset(name for names in self.parts.values() for name in names)
+
+    @cached_property
+    def extension_kinds(self) -> tuple[tuple[str, ...], ...]:
+        """Extensions by what they are of each arm: `axis_tilt_deg`."""
+        by_kind: dict[str, tuple[str, ...]] = {}
+        for name in self.extensions:
+            kind = name.rpartition(".")[2]
+            by_kind[kind] = (*by_kind.get(kind, ()), name)
+        return tuple(by_kind.values())
 
     def parts_of(self, parameters: Mapping[str, float]) -> "Iterator[Part]":
         """Lines that hold a whole parameter set; raises `KeyError` for one that is missing."""

@@ -12,6 +12,7 @@ from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.driven_robot import DrivenRobot
+from sim.robot.known_transmission import readings_for
 from sim.robot.section import ControllerSection
 from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
 
@@ -120,9 +121,11 @@ class SimulatedController:
         worked: WorkedTime,
         kind: Kind = PAR4,
         plate: KnownPlate | None = None,
+        ripple_rate: float | None = None,
     ) -> None:
         self.kind = kind
         self._plate = plate
+        self._ripple_rate = ripple_rate
         self.model = f"simulated {'Par4' if kind is PAR4 else kind.name} controller"
         self.serial = section.serial
         self._limits = section.limits(kind)
@@ -189,8 +192,9 @@ class SimulatedController:
 
     @property
     def extensions(self) -> tuple[str, ...]:
-        """Flat names of the parameters of imperfect parts, if its kinematics has them."""
-        return () if self._plate is None else self.kind.extensions
+        """Flat names of the parameters of imperfect parts that its kinematics has."""
+        tilts = () if self._plate is None else self.kind.extensions
+        return tilts if self._ripple_rate is None else tilts + self.kind.transmission
 
     def stop(self, now_s: float) -> None:
         """Brake at once, whatever happens; the state says when the robot stands."""
@@ -214,11 +218,15 @@ class SimulatedController:
         self._geometry = {name: float(value) for name, value in geometry.items()}
 
     def _joints_for(self, position_mm: Array, turn_rad: float) -> Array:
-        """Joints (n,) of a pose; raises `OutOfReach`."""
+        """Joints (n,) of a pose as encoders read them; raises `OutOfReach`."""
         flat, kind = self._geometry, self.kind
         if self._plate is None or is_level(flat, kind):
-            return joints_for(geometry_of(flat, kind), position_mm, turn_rad)
-        return tilted_joints_for(flat, kind, self._plate, position_mm, turn_rad)
+            joints = joints_for(geometry_of(flat, kind), position_mm, turn_rad)
+        else:
+            joints = tilted_joints_for(flat, kind, self._plate, position_mm, turn_rad)
+        if self._ripple_rate is None:
+            return joints
+        return readings_for(flat, kind, self._ripple_rate, joints, self._joints)
 
     def _advance(self, now_s: float) -> None:
         """Let end what has ended by now."""

@@ -2,9 +2,10 @@
 
 Two ways to them, both only reading:
 
-- `hal:`, or `hal:PREFIX` such as `hal:ssh controller`: LinuxCNC's pins, by its own Python module in
-  a small program that is kept running beside it. It disturbs nobody. A prefix hands the command to
-  a shell, as ssh does; whoever builds a cell of a file has asked its user about it.
+- `hal:`, or `hal:PREFIX` such as `hal:ssh controller`: LinuxCNC's pins of the encoders, by
+  its own Python module in a small program that is kept running beside it. It disturbs nobody. A
+  prefix hands the command to a shell, as ssh does; whoever builds a cell of a file has asked its
+  user about it.
 - `tcp://HOST:PORT`: linuxcncrsh, without a greeting and without taking control. **Not beside
   another client of LinuxCNC 2.9**: its threads share what they take requests apart with, so that a
   client can get the answer to another's question. The rewrite that will be 2.10 serves in turn.
@@ -44,10 +45,13 @@ sys.path = [folder for folder in sys.path if folder]
 import hal
 component = hal.component("pkmcal-joints-%d" % os.getpid())
 component.ready()
+def encoder(joint):
+    motor, zero = ("joint.%d.motor-" % joint + each for each in ("pos-fb", "offset"))
+    return hal.get_value(motor) - hal.get_value(zero)
 for _ in sys.stdin:
-    print(*(hal.get_value("joint.%d.pos-fb" % joint) for joint in range(JOINTS)), flush=True)
+    print(*map(encoder, range(JOINTS)), flush=True)
 """
-"""Runs beside LinuxCNC: for every line a line, the joints in deg or mm.
+"""Runs beside LinuxCNC: for every line a line, the joints in deg or mm as encoders read them.
 
 It imports nothing from the folder that it happens to be started in.
 """
@@ -99,7 +103,7 @@ def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:
 
 
 class HalJoints(JointSource):
-    """Joints read from the pins `joint.N.pos-fb`, as full doubles."""
+    """Encoders from their pins, as full doubles: without LinuxCNC's own compensation of joints."""
 
     def __init__(self, prefix: tuple[str, ...], kind: Kind = PAR4) -> None:
         super().__init__("", kind)

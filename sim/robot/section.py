@@ -267,6 +267,8 @@ class ControllerSection(Section):
     emergency_stop: bool = False
     computes_plate_tilt: bool = False
     """Whether its kinematics has axis tilts and skews of parallelograms."""
+    computes_transmission: bool = False
+    """Whether it has what gears and encoders add to joints, and comes to each from a known side."""
     joints_from: str | None = None
     """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
     start: StartSection = StartSection()

@@ -11,7 +11,7 @@ import pytest
 from linuxcnc_bench import compiled_kinematics
 from linuxcnc_campaign import tell
 
-from campaigns.controllers.linuxcnc_export import drawing_flat, parameter_pins, pin_of
+from campaigns.controllers.linuxcnc_export import drawing_flat, parameter_pins, pin_of, ripples_flat
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile, find_robot
 
@@ -66,6 +66,8 @@ def drawn(name, *, extended, seed=5):
     }
     if extended:
         flat |= {key: draw.normal(0.0, 0.1) for key in space.extensions}
+        gears = (key for key in space.transmission if key not in space.backlashes)
+        flat |= {key: draw.normal(0.0, 100.0 if "ppm" in key else 0.01) for key in gears}
         plate = replace(
             nominal.mechanism.plate,
             joints_mm=tuple(
@@ -73,7 +75,9 @@ def drawn(name, *, extended, seed=5):
             ),
             reflector_mm=(20.0, -30.0, -45.0),
         )
-        nominal = replace(nominal, mechanism=nominal.mechanism.with_plate(plate))
+        rate = 30.0 if nominal.mechanism.joints[0].is_revolute else 0.2
+        drawn = nominal.mechanism.with_plate(plate).with_ripples(rate)
+        nominal = replace(nominal, mechanism=drawn)
     robot = RobotFile.of(nominal.mechanism, flat, name=name, limits=nominal.limits)
     model, limits = robot.kinematics, nominal.limits
     kept = np.empty((0, len(nominal.mechanism.task)))
@@ -111,11 +115,15 @@ class Module:
 
     def set_robot(self, robot):
         """Set all pins as a robot's file and drawing say."""
-        pins = parameter_pins(robot.mechanism)
+        space = robot.mechanism.parameters
+        pins = {
+            n: p for n, p in parameter_pins(robot.mechanism).items() if n not in space.backlashes
+        }
         values = dict.fromkeys(pins, 0.0) | dict(robot.parameters)
         self.arms, self.turns = len(robot.mechanism.joints), len(robot.mechanism.task) > 3
         self.set_pins({pins[name]: value for name, value in values.items()})
-        self.set_pins({pin_of(n): value for n, value in drawing_flat(robot.mechanism).items()})
+        drawing = drawing_flat(robot.mechanism) | ripples_flat(robot.mechanism)
+        self.set_pins({pin_of(n): value for n, value in drawing.items()})
 
     def set_pins(self, values):
         for pin, value in values.items():
@@ -195,7 +203,10 @@ def module(loaded, case):
 
 def test_module_has_a_pin_for_every_parameter_and_the_plates_drawing(module, case):
     mechanism = case.robot.mechanism
-    assert module.pin_count == len(mechanism.parameters.geometry) + len(drawing_flat(mechanism))
+    space = mechanism.parameters
+    of_ini, rate = len(space.backlashes), 1
+    expected = len(space.of_robot) - of_ini + len(drawing_flat(mechanism)) + rate
+    assert module.pin_count == expected
 
 
 def test_inverse_is_our_models_on_a_thousand_poses(module, case):

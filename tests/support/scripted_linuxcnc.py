@@ -24,7 +24,7 @@ class Straight:
     def __init__(self, geometry):
         self.plate_mm = geometry["plate_mm"]
 
-    def joints(self, pose):
+    def joints(self, pose, here=None):
         return (
             radians(pose.x_mm / 10),
             radians(pose.y_mm / 10),

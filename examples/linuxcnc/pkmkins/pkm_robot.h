@@ -11,6 +11,8 @@
 #define ARMS_AT_MOST 4
 #define DEG (M_PI / 180.0)
 #define UPRIGHT 1e-12 /* a rail that goes less aside than that has no azimuth */
+#define READING_ROUNDS 60
+#define READ 1e-14    /* last change of a reading, rad or mm */
 
 enum turn { NO_TURN, HINGE, SLIDE };
 
@@ -36,6 +38,9 @@ typedef struct {
     vector out, down;   /* where a crank points at 0 and at 90 deg */
     vector rail;        /* where a carriage goes */
     double offset;      /* rad or mm */
+    double gain;        /* the joint's motion over its reading's, less 1 */
+    double once[2], often[2]; /* sine and cosine of an eccentric encoder, and of a ripple */
+    double rate;        /* the ripple's phase over the reading */
     double arm;         /* the crank's length, mm */
     double forearm;     /* mm */
     vector plate_bar;   /* the rods' lower ends lie along it on a level plate */
@@ -90,7 +95,30 @@ static void set_bars(arm_geometry *arm, double outward, double tilt)
     arm->axis = axis;
 }
 
-/* The forearm's upper end, its joint in rad or mm as the encoder reads it. */
+/* Where the joint stands, but for its offset, when its encoder reads that, rad or mm. */
+static double stands_at(const arm_geometry *arm, double reading)
+{
+    double turned = arm->rate * reading;
+
+    return reading * (1.0 + arm->gain) + arm->once[0] * sin(reading) + arm->once[1] * cos(reading)
+           + arm->often[0] * sin(turned) + arm->often[1] * cos(turned);
+}
+
+/* What the encoder reads where the joint stands there. The errors of a gear are small: each round
+ * leaves a small part of what the one before has left. */
+static double reading_at(const arm_geometry *arm, double joint)
+{
+    double reading = joint, off = HUGE_VAL;
+    int i;
+
+    for (i = 0; i < READING_ROUNDS && fabs(off) > READ * (1.0 + fabs(joint)); i++) {
+        off = stands_at(arm, reading) - joint;
+        reading -= off;
+    }
+    return reading;
+}
+
+/* The forearm's upper end, its joint in rad or mm but for the offset. */
 static vector upper_end(const robot_geometry *robot, int i, double joint)
 {
     const arm_geometry *arm = &robot->arm[i];
@@ -155,7 +183,7 @@ static int joint_of_carriage(const arm_geometry *arm, vector reach, double *join
     return 1;
 }
 
-/* The encoder's reading, rad or mm, with the elbow outward or the carriage above; 0 when the
+/* The joint but for its offset, rad or mm, with the elbow outward or the carriage above; 0 when the
  * forearm does not reach `end`. */
 static int joint_to(const robot_geometry *robot, int i, vector end, double *joint)
 {

@@ -16,6 +16,10 @@
  * and with lengths of 0 nothing has a solution: nothing moves in world coordinates before a HAL file
  * has set them. Those of imperfect parts may stay 0, which means perfect ones:
  *     armN.axis_tilt_deg, armN.parallelogram_skew_deg, of rails armN.rail_tilt_deg
+ *     armN.encoder_gain_ppm, armN.eccentricity_sin_deg _cos_deg, armN.ripple_sin_deg _cos_deg
+ *     (of rails without eccentricities and in mm), with ripples_per_turn of a crank, or with
+ *     drive_period_mm, a carriage's travel in a turn of its drive
+ * From which side a joint comes no kinematics is told: backlash is LinuxCNC's own [JOINT_N]BACKLASH.
  * Where one of them is not 0, the plate tilts, and its drawing counts:
  *     armN.plate_x_mm _y_mm _z_mm    where the forearm's bar sits on its part of the plate
  *     armN.bar_azimuth_deg           of rails: the direction across which the bars lie
@@ -43,30 +47,44 @@ RTAPI_MP_STRING(type, "par4, h4, i4r, i4l, delta or linear-delta");
 
 enum field {
     X, Y, Z, AZIMUTH, ELEVATION, OFFSET, ARM, FOREARM, RAIL_TILT, AXIS_TILT, SKEW,
-    PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
+    GAIN, ONCE_SIN, ONCE_COS, OFTEN_SIN, OFTEN_COS, PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
 };
 
 /* no name: the field does not exist, and counts as 0 */
 static const char *const crank_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", 0, "joint_offset_deg", "arm_mm", "forearm_mm",
-    0, "axis_tilt_deg", "parallelogram_skew_deg", "plate_x_mm", "plate_y_mm", "plate_z_mm", 0
+    0, "axis_tilt_deg", "parallelogram_skew_deg", "encoder_gain_ppm", "eccentricity_sin_deg",
+    "eccentricity_cos_deg", "ripple_sin_deg", "ripple_cos_deg",
+    "plate_x_mm", "plate_y_mm", "plate_z_mm", 0
 };
 static const char *const rail_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg", "joint_offset_mm", 0, "forearm_mm",
-    "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg",
+    "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg", "encoder_gain_ppm", 0, 0,
+    "ripple_sin_mm", "ripple_cos_mm",
     "plate_x_mm", "plate_y_mm", "plate_z_mm", "bar_azimuth_deg"
 };
+static const char *const rate_fields[] = {"ripples_per_turn", "drive_period_mm"}; /* of rails */
 static const char *const apart_fields[] = {[HINGE] = "plate_mm", [SLIDE] = "pinion_mm"};
 
 static struct pins {
     hal_float_t *arm[ARMS_AT_MOST][FIELDS];
-    hal_float_t *apart;
+    hal_float_t *apart, *rate;
     hal_float_t *reflector[3];
 } *pins;
 
 static const robot_kind *kind;
 
 static double value_of(hal_float_t *pin) { return pin ? *pin : 0.0; }
+
+static double unit(void) { return kind->on_rails ? 1.0 : DEG; }
+
+/* The phase of a ripple over its joint's reading; 0 where the pin says nothing. */
+static double ripple_rate(void)
+{
+    double told = *pins->rate;
+
+    return kind->on_rails && told > 0.0 ? 2.0 * M_PI / told : told;
+}
 
 static vector reflector(void)
 {
@@ -86,6 +104,12 @@ static int read_arm(arm_geometry *arm, const double value[FIELDS])
     arm->forearm = value[FOREARM];
     arm->skew = value[SKEW] * DEG;
     arm->arm = value[ARM];
+    arm->gain = 1e-6 * value[GAIN];
+    arm->once[0] = value[ONCE_SIN] * unit();
+    arm->once[1] = value[ONCE_COS] * unit();
+    arm->rate = ripple_rate();
+    arm->often[0] = arm->rate ? value[OFTEN_SIN] * unit() : 0.0;
+    arm->often[1] = arm->rate ? value[OFTEN_COS] * unit() : 0.0;
     if (kind->on_rails) {
         arm->offset = value[OFFSET];
         set_rail(arm, azimuth, value[ELEVATION] * DEG, value[RAIL_TILT] * DEG);
@@ -110,7 +134,7 @@ static int read_geometry(robot_geometry *robot)
     robot->apart = value_of(pins->apart);
     if (kind->turn != NO_TURN && (!(robot->apart > 0.0) || !isfinite(robot->apart)))
         return 0;
-    if (!isfinite(dot(reflector(), reflector())))
+    if (!isfinite(dot(reflector(), reflector())) || !isfinite(ripple_rate()))
         return 0;
     for (i = 0; i < kind->arms; i++) {
         double value[FIELDS];
@@ -127,8 +151,6 @@ static int read_geometry(robot_geometry *robot)
     return 1;
 }
 
-static double unit(void) { return kind->on_rails ? 1.0 : DEG; }
-
 /* World coordinates of joints: from where the plate was last, else from safe starts.
  * Without an assembly the world is left as it was. */
 int kinematicsForward(const double *joint, EmcPose *world, const KINEMATICS_FORWARD_FLAGS *fflags,
@@ -144,7 +166,7 @@ int kinematicsForward(const double *joint, EmcPose *world, const KINEMATICS_FORW
     if (!read_geometry(&robot))
         return -1;
     for (i = 0; i < kind->arms; i++)
-        inner[i] = joint[i] * unit();
+        inner[i] = stands_at(&robot.arm[i], joint[i] * unit());
     if (kind->turn == NO_TURN)
         pose.theta = 0.0;
     if (!pose_of(&robot, inner, &pose))
@@ -171,7 +193,7 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     if (!read_geometry(&robot) || !joints_of(&robot, &pose, inner))
         return -1;
     for (i = 0; i < kind->arms; i++)
-        joint[i] = inner[i] / unit();
+        joint[i] = reading_at(&robot.arm[i], inner[i]) / unit();
     return 0;
 }
 
@@ -205,6 +227,8 @@ static int make_pins(void)
     for (i = 0; i < 3; i++)
         error |= hal_pin_float_newf(HAL_IN, &pins->reflector[i], component,
                                     "pkmkins.reflector_%c_mm", "xyz"[i]);
+    error |= hal_pin_float_newf(HAL_IN, &pins->rate, component, "pkmkins.%s",
+                                rate_fields[kind->on_rails]);
     if (kind->turn != NO_TURN)
         error |= hal_pin_float_newf(HAL_IN, &pins->apart, component, "pkmkins.%s",
                                     apart_fields[kind->turn]);

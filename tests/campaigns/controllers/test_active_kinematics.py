@@ -32,3 +32,19 @@ def test_what_cannot_be_taken_is_told_with_its_numbers():
     broken = ActiveKinematics(PAR4, FLAT | {f"arm{arm}.forearm_mm": 10.0 for arm in range(4)})
     with pytest.raises(LimitViolation, match=r"joints \(0\.000°, 0\.000°, 0\.000°, 0\.000°\)"):
         broken.pose((0.0, 0.0, 0.0, 0.0))
+
+
+def test_joints_come_to_a_pose_from_the_side_that_they_are_on():
+    active = ActiveKinematics(PAR4, FLAT | {"arm0.backlash_deg": 0.1})
+    middle, low, high = (radians(each) for each in (0.0, -0.05, 0.05))
+    straight = active.joints(POSE)
+    for here, expected in (
+        (-1.0, high),
+        (1.0, low),
+        (low, low),
+        (high, high),
+        (middle - 1e-4, low),
+    ):
+        start = (straight[0] + here, *straight[1:])
+        assert active.joints(POSE, start)[0] - straight[0] == pytest.approx(expected, abs=1e-12)
+    assert active.joints(POSE, start)[1:] == pytest.approx(straight[1:], abs=1e-12)

@@ -32,6 +32,11 @@ class Pins:
     def __init__(self):
         self.values = {PIN_OF[name]: value for name, value in OLD.items()}
         self.powered, self.sticks, self.breaks_at, self.writes = False, None, None, 0
+        self.optional = frozenset()
+
+    @property
+    def required_names(self):
+        return frozenset(self.values) - self.optional
 
     def read(self):
         return dict(self.values)

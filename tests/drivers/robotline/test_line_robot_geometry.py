@@ -145,3 +145,13 @@ def test_refused_extension_leaves_nothing_half_loaded():
         controller.robot.write_geometry(FLAT | TILTS)
     assert controller.verbs[-1] == "ABANDON"
     assert "COMMIT" not in controller.verbs
+
+
+def test_controller_is_asked_for_each_kind_of_parameter_by_name():
+    controller = tilting("NO ARGUMENT no such word")
+    tilts = [name for name in TILTING_LAYOUT.extensions if name.endswith("axis_tilt_deg")]
+    for name in tilts:
+        controller.answers[f"GEOM {name}"] = f"OK {name} 0.25"
+    assert controller.robot.read_geometry() == FLAT | dict.fromkeys(tilts, 0.25)
+    lacking = controller.robot.lacks(["arm0.x_mm", *TILTS, "arm0.not_on_the_wire_deg"])
+    assert lacking == ("arm2.parallelogram_skew_deg", "arm0.not_on_the_wire_deg")

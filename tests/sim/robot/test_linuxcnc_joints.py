@@ -16,8 +16,13 @@ import pathlib
 class component:
     def __init__(self, name): pass
     def ready(self): pass
+ZERO = 0.5
 def get_value(name):
-    return float(pathlib.Path(__file__).with_name("joints").read_text().split()[int(name[6])])
+    if name.endswith(".motor-offset"):
+        return ZERO
+    assert name.endswith(".motor-pos-fb")
+    joints = pathlib.Path(__file__).with_name("joints").read_text().split()
+    return ZERO + float(joints[int(name[6])])
 """
 
 
