@@ -35,6 +35,8 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
     terminal.say(f"measured: series {ran.series} has {_count(ran)}")
     for shots, reason in ran.skipped.items():
         terminal.say(f"not measured: {in_words(shots)}: {reason}", WARNING)
+    if ran.settling is not None:
+        terminal.say(ran.settling.text, "" if ran.settling.shots else WARNING)
     if ran.goal is None:
         return
     if ran.good:
@@ -57,6 +59,7 @@ def run_document(ran: RunResult) -> dict[str, object]:
         "shots": ran.shots,
         "goal": goal,
         "knowledge": known,
+        "settling": ran.settling and {"visits": ran.settling.shots, "says": ran.settling.text},
         "skipped": [{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
     }
 

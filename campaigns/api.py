@@ -91,7 +91,7 @@ def plan(
     *,
     shots: int = 120,
     validation_pairs: int = 20,
-    drift_shots: int = 3,
+    drift_shots: int | None = None,
     placement: Placement = Placement.BOUNDARY,
     estimator: Estimator = Estimator.POINTS,
     model: Model = Model.STANDARD,

@@ -1,13 +1,18 @@
 """Time series: what changed while it was measured, the air and the place of the drift pose."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
+from scipy.special import chdtrc
 
 from campaigns.arrays import Array, Index
+from campaigns.estimation.information import SIGNIFICANCE
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
+
+FEWEST_VISITS = 3
+"""Of the drift pose, at rest, from which on the robot counts as settled."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +51,8 @@ class TimeSeries:
 
 def time_series(name: str, shots: Shots) -> TimeSeries:
     """Time series of shots, in the order in which they were measured."""
-    at_s = _seconds(shots)
+    at_s = shots.elapsed_s()
+    at_s = np.arange(len(shots), dtype=np.float64) if at_s is None else at_s
     order = shots.order_of_time()
     known = _where(order, ~np.isnan(shots.temperature_degC))
     drift = _where(order, np.array([each is ShotSet.DRIFT for each in shots.purposes]))
@@ -57,6 +63,29 @@ def time_series(name: str, shots: Shots) -> TimeSeries:
         shots.temperature_degC[known],
         at_s[drift],
         np.linalg.norm(points - points[:1], axis=1),
+    )
+
+
+def settling(
+    numbers: Sequence[int], points_mm: Array, covariance_mm2: Array
+) -> tuple[tuple[int, ...], str]:
+    """Last visits of one pose that scatter alone explains, by their numbers; in words.
+
+    Points (K, 3) in the order of time, of covariances (K, 3, 3). (): not even the last three.
+    """
+    inverse, settled = np.linalg.inv(covariance_mm2), 0.0
+    for first in range(len(points_mm) - FEWEST_VISITS + 1):
+        last, weight = points_mm[first:], inverse[first:]
+        away = last - np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, last))
+        settled = chdtrc(3 * (len(last) - 1), np.einsum("ni,nij,nj->", away, weight, away))
+        if settled >= SIGNIFICANCE:
+            most_mm, since = np.linalg.norm(away, axis=1).max(), tuple(numbers[first:])
+            says = f"the robot has settled since shot {since[0]}: the drift pose then stays within"
+            return since, f"{says} {most_mm:.3f} mm, which is its scatter"
+    moved_mm = np.linalg.norm(points_mm[-1] - points_mm[-FEWEST_VISITS])
+    return (), (
+        f"the robot still warms up or moves: its drift pose by {moved_mm:.3f} mm in the last "
+        f"{FEWEST_VISITS} visits"
     )
 
 
@@ -72,9 +101,3 @@ def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
 
 def _where(order: Index, chosen: Array) -> Index:
     return np.asarray(order[chosen[order]])
-
-
-def _seconds(shots: Shots) -> Array:
-    times = [datetime.fromisoformat(text) for text in shots.measured_utc]
-    first = min(times)
-    return np.array([(time - first).total_seconds() for time in times], dtype=np.float64)

@@ -146,6 +146,8 @@ class IdentificationOptions(Selection):
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     known_lengths: tuple[KnownLengthConfig, ...] = ()
     """Calibrated lengths that the set known-length measures."""
+    reference_degC: float = 20.0
+    """Temperature of parts for which parameters are stated."""
     workspace: Array | None = None
     """Poses (N, t) at which the position's uncertainty is asked for."""
 

@@ -24,6 +24,7 @@ EventKind = Literal[
     "reconnected",
     "drift check",
     "temperature alarm",
+    "settling",
     "goal met",
     "operator note",
     "wrong stage",
@@ -150,6 +151,8 @@ class Outcome:
     predicted_in_tracker_mm: Vector3 | None = None
     residual_mm: float | None = None
     came_from: Annotated[Joints | None, Field(alias="came_from_rad")] = None
+    part_temperature_degC: float | None = None
+    """Of the robot's parts; None: nobody told."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import dist
+from math import dist, inf
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
+from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.reacquisition import Reacquisition
@@ -17,7 +18,7 @@ from campaigns.measuring.recovery import (
     Recovery,
     recovery,
 )
-from campaigns.measuring.reference_poses import ReferencePose, reference_poses
+from campaigns.measuring.reference_poses import ReferencePose, pose_settling, reference_poses
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shot_taker import (
@@ -80,6 +81,7 @@ class Engine:
         self._compared: set[int] = set()
         self._looked_back: Counter[int] = Counter()
         self._known: ParameterUncertainty | None = None
+        self._at_rest: tuple[int, ...] | None = None
         self._update_at_once()
 
     def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
@@ -329,10 +331,26 @@ class Engine:
             self._update_at_once()
         seconds = wall_clock.now_s() - started_s
         self._run_state.accept(seconds, outcome.residual_mm, drift_mm)
+        if step.planned.purpose is ShotSet.DRIFT:
+            self._tell_settling()
         station = self._monitors.station
         seen = station.events(self._gate.accepted) if station else ()
         for event in (*self._monitors.air.events(outcome.weather), *seen):
             self._log.announce(event)
+
+    def _tell_settling(self) -> None:
+        """Whether the robot has settled, where that is news; one that was at rest is only noted."""
+        work, kept = self._session.work, self._gate.accepted
+        drift = {s.planned.shot for s in work.steps if s.planned.purpose is ShotSet.DRIFT}
+        visits = [outcome for outcome in kept if outcome.shot in drift]
+        noise = work.reference_noise(kept)
+        if len(visits) < FEWEST_VISITS or noise.freedom == inf:
+            return  # nor is it known by how much it scatters
+        rest, text = pose_settling(work.robot.kinematics, kept, visits, noise)
+        if self._at_rest is None or rest[:1] != self._at_rest[:1]:
+            tell = self._log.write if len(rest) == len(visits) else self._log.announce
+            tell(Event("settling", text, rest))
+        self._at_rest = rest
 
     def _drift_mm(self, outcome: Outcome) -> float | None:
         """How far a drift shot is from the first one; one too far is rejected and ends the run."""

@@ -12,6 +12,7 @@ from campaigns.estimation.change_detection import Cause
 from campaigns.estimation.rigid_transforms import fit_transform, frame_jacobian
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import VarianceComponents
+from campaigns.evaluation.time_series import settling
 from campaigns.journal.records import Outcome
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.steps import Step
@@ -96,6 +97,21 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
         nearest = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
         chosen.append(int(np.argmax(nearest)))
     return tuple(taken[place] for place in chosen)
+
+
+def pose_settling(
+    nominal: Kinematics, kept: Sequence[Outcome], visits: Sequence[Outcome], noise: ReferenceNoise
+) -> tuple[tuple[int, ...], str]:
+    """Settling by accepted visits of one pose, their joints as read taken into account.
+
+    `kept` are all accepted shots, as in `rigid_body_test`.
+    """
+    axes, joints = _tracker_from_base(nominal, kept), np.array([each.joints for each in visits])
+    points = np.array([each.point_in_tracker_mm for each in visits])
+    points, by_joints = points - _positions(nominal, joints) @ axes.T, _by_joints(nominal, joints)
+    stated = outcomes_covariance_mm2(visits, noise.instrument)
+    covariance = noise.factor**2 * noise.robot.covariance_mm2(stated, axes @ by_joints)
+    return settling([each.shot for each in visits], points, covariance)
 
 
 def rigid_body_test(

@@ -36,6 +36,8 @@ class RunResult:
     known: ParameterUncertainty | None
     skipped: Mapping[tuple[int, ...], str] = field(default_factory=dict)
     """Shots that could not be measured, or should not be, and why."""
+    settling: records.Event | None = None
+    """Since which shot the robot has settled; None for too few visits of the drift pose."""
 
     @property
     def good(self) -> bool:
@@ -59,7 +61,8 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
     }
     left_out = len(missing) - sum(map(len, skipped))
     known = work.known_from(found.shots)
-    return RunResult(series, len(found.shots), left_out, work.goal, known, skipped)
+    settling = next((each for each in reversed(events) if each.kind == "settling"), None)
+    return RunResult(series, len(found.shots), left_out, work.goal, known, skipped, settling)
 
 
 def measure_series(

@@ -251,7 +251,7 @@ def _ordered(
     options: CandidateSet,
     chosen: Index,
     unseen: list[PlannedShot],
-    drift_shots: int,
+    drift_shots: int | None,
 ) -> tuple[PlannedShot, ...]:
     """Shots of all pairs in one tour, so that slow effects meet them alike, drift shots in it."""
     kinematics = region.kinematics

@@ -39,6 +39,10 @@ UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
 
+FEWEST_DRIFT_SHOTS = 3
+PAIRS_BETWEEN = 10
+"""Two drift shots, where nobody says how many there shall be."""
+
 TRACKER_CLEARANCE_MM = 100.0
 """Distance of a tracker's place from the robot, below which it cannot stand there."""
 FARTHEST_M = 80.0
@@ -68,7 +72,8 @@ class PlanRequest:
 
     identification_shots: int
     validation_pairs: int
-    drift_shots: int
+    drift_shots: int | None
+    """None: as many as show how the robot warms up."""
     centre: Pose
     space: RestrictedSpace = UNRESTRICTED
 
@@ -199,9 +204,11 @@ def numbered_shots(
     joints: Array,
     fitted: int,
     drift: tuple[Array, Array],
-    drift_shots: int,
+    drift_shots: int | None,
 ) -> tuple[PlannedShot, ...]:
     """The tour as shots, drift shots at even intervals from the first to the last."""
+    if drift_shots is None:
+        drift_shots = max(FEWEST_DRIFT_SHOTS, 1 + len(tour) // PAIRS_BETWEEN)
     rows: list[tuple[ShotSet, int | None, Array, Array]] = []
     drift_before = np.round(np.linspace(0, len(tour), drift_shots)).astype(int).tolist()
     for place, pair in enumerate(tour):

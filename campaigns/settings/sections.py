@@ -244,8 +244,11 @@ class PlanConfig(FileModel):
         description="where: boundary (near the limits, as in the paper) or optimal",
     )
     seed: int = Field(default=1, ge=0, description="the seed of what is drawn at random")
-    drift_shots: int = Field(
-        default=3, ge=2, le=100, description="the number of shots at one pose, from start to end"
+    drift_shots: int | None = Field(
+        default=None,
+        ge=2,
+        le=100,
+        description="the number of shots at one pose, from start to end; empty: one in 20 shots",
     )
 
 

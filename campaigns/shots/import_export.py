@@ -177,6 +177,7 @@ def _outcome(number: int, row: ShotRow) -> records.Outcome:
         IMPORTED,
         import_note(row.temperature_degC, row.time),
         None,
+        part_temperature_degC=row.part_temperature_degC,
     )
 
 
@@ -211,4 +212,5 @@ def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
         temperature_degC=air,
         time=time,
         nest=intent.nest,
+        part_temperature_degC=outcome.part_temperature_degC,
     )

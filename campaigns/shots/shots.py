@@ -1,6 +1,6 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -14,9 +14,10 @@ from campaigns.journal.views import AcceptedShot
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Kinematics
 from campaigns.robots.robot import pose_row
+from campaigns.shots.import_export import noted
 from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import ShotRow, time_order
+from campaigns.shots.shots_csv import ShotRow, time_order, times_s
 from drivers.values import Pose
 
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
@@ -51,12 +52,22 @@ class Shots:
     """Name of the fixed place that each is of; empty, or "", of the robot's reflector."""
     session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Which session of the series each was measured in, (N,); 0 where nobody told."""
+    part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
+    """Temperature of the robot's parts, (N,); NaN where it is not known."""
+    warmth: Array = field(default_factory=lambda: np.zeros(0))
+    """Regressor by which parts grow, (N,), as `Course` has it; 0 where parameters are stated."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
         count, (_, joints) = len(self.numbers), self.joints.shape
-        if not len(self.session):
-            object.__setattr__(self, "session", np.zeros(count, dtype=np.intp))
+        unsaid = {
+            "session": np.zeros(count, dtype=np.intp),
+            "part_temperature_degC": np.full(count, np.nan),
+            "warmth": np.zeros(count),
+        }
+        for name, column in unsaid.items():
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, column)
         shapes = {
             "joints": (self.joints.shape, (count, joints)),
             "points_in_tracker_mm": (self.points_in_tracker_mm.shape, (count, 3)),
@@ -64,7 +75,7 @@ class Shots:
             "approach": (self.approach.shape, (count, joints)),
             "commanded": (self.commanded.shape[:1], (count,)),
             "temperature_degC": (self.temperature_degC.shape, (count,)),
-            "session": (self.session.shape, (count,)),
+            **{name: (getattr(self, name).shape, (count,)) for name in unsaid},
             "purposes": ((len(self.purposes),), (count,)),
             "pairs": ((len(self.pairs),), (count,)),
             "measured_utc": ((len(self.measured_utc),), (count,)),
@@ -90,6 +101,11 @@ class Shots:
             return np.argsort(self.records, kind="stable")
         order, _ = time_order(self.measured_utc)
         return np.arange(len(self)) if order is None else order
+
+    def elapsed_s(self) -> Array | None:
+        """Time since the earliest shot, (N,); None where times do not tell it."""
+        seconds, _ = times_s(self.measured_utc)
+        return None if seconds is None else seconds - seconds.min()
 
     def with_shorter_ranges(self, by_mm: float) -> "Shots":
         """The same with every point so much nearer to the tracker."""
@@ -179,7 +195,7 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> S
         purposes=[ShotSet(intent.purpose) for intent in asked],
         pairs=[intent.pair for intent in asked],
         targets=[intent.target for intent in asked],
-        measured_utc=[shot.measured_utc for shot in shots],
+        measured_utc=[noted(each.outcome.raw_tracker)[1] or each.measured_utc for each in shots],
         records=[shot.number for shot in shots],
         nests=[intent.nest for intent in asked],
         sessions=[shot.session for shot in shots],
@@ -217,10 +233,13 @@ def shots_of_outcomes(
             count, len(mechanism.task)
         ),
         measured_utc=tuple(measured_utc or [""] * count),
-        temperature_degC=np.array([*_air_degC(outcomes)], dtype=np.float64),
+        temperature_degC=_or_nan(
+            o.weather.temperature_degC if o.weather else None for o in outcomes
+        ),
         records=in_journal,
         nests=tuple(nests),
         session=np.array(sessions, dtype=np.intp),
+        part_temperature_degC=_or_nan(each.part_temperature_degC for each in outcomes),
     )
 
 
@@ -237,7 +256,6 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
     for place, row in enumerate(rows):
         if row.covariance_mm2 is not None:
             covariance[place] = row.covariance_mm2
-    air = [np.nan if row.temperature_degC is None else row.temperature_degC for row in rows]
     return Shots(
         numbers=tuple(range(len(rows))),
         purposes=tuple(row.purpose for row in rows),
@@ -248,8 +266,9 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         approach=np.zeros_like(joints),
         commanded=poses,
         measured_utc=tuple(row.time or "" for row in rows),
-        temperature_degC=np.array(air, dtype=np.float64),
         nests=tuple(row.nest for row in rows),
+        temperature_degC=_or_nan(row.temperature_degC for row in rows),
+        part_temperature_degC=_or_nan(row.part_temperature_degC for row in rows),
     )
 
 
@@ -299,9 +318,9 @@ def _points_mm(outcomes: Sequence[Outcome]) -> Array:
     return np.array([outcome.point_in_tracker_mm for outcome in outcomes]).reshape(-1, 3)
 
 
-def _air_degC(outcomes: Sequence[Outcome]) -> Iterator[float]:  # noqa: N802 - the unit
-    for outcome in outcomes:
-        yield np.nan if outcome.weather is None else outcome.weather.temperature_degC
+def _or_nan(values: Iterable[float | None]) -> Array:
+    """Values (N,), NaN for those that are not known."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def _stated_covariance_mm2(outcomes: Sequence[Outcome]) -> Array:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.arrays import Index
+from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, write_text_unless_there
@@ -21,6 +21,7 @@ from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
+TEMPERATURES = ("temperature_degC", "part_temperature_degC")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +41,11 @@ class ShotRow:
     turn: tuple[float, ...] = ()
     covariance_mm2: Matrix3 | None = None
     temperature_degC: float | None = None
+    """Of the air."""
     time: str | None = None
     nest: str = ""
+    part_temperature_degC: float | None = None
+    """Of the robot's parts."""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
@@ -49,15 +53,24 @@ def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
 
     With the reason in words, empty where they do. Equal times keep the order of rows.
     """
+    seconds, lacking = times_s(times)
+    return None if seconds is None else np.argsort(seconds, kind="stable"), lacking
+
+
+def times_s(times: Sequence[str]) -> tuple[Array | None, str]:
+    """Seconds (N,) from any beginning of times, ISO 8601 or numbers; None where they are not all.
+
+    With the reason in words, empty where they are.
+    """
     if not any(times):
         return None, "there is no column time"
     if not all(times):
         return None, f"shot {times.index('')} has no time"
     for seconds in (_numbers, _moments):
         with suppress(ValueError, OverflowError):
-            values = seconds(times)
+            values = np.array(seconds(times))
             if np.isfinite(values).all():
-                return np.argsort(values, kind="stable"), ""
+                return values, ""
     return None, "times are not all of ISO 8601, all with a zone or all without, nor all numbers"
 
 
@@ -127,7 +140,7 @@ def _form(mechanism: ClosedChain) -> CsvForm:
     turns = columns.axis_columns(_turns(mechanism))
     return CsvForm(
         required=("pair", *columns.axis_columns(mechanism.joints), *columns.POINT_COLUMNS),
-        optional=("set", *turns, *COVARIANCE_COLUMNS, "temperature_degC", "time", columns.NEST),
+        optional=("set", *turns, *COVARIANCE_COLUMNS, *TEMPERATURES, "time", columns.NEST),
         invalid=ShotsInvalid,
     )
 
@@ -149,9 +162,9 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
         purpose=purpose,
         turn=columns.axis_values(row, turns) if turned else (),
         covariance_mm2=_covariance_of(row),
-        temperature_degC=row.number("temperature_degC") if row.text("temperature_degC") else None,
         time=row.text("time") or None,
         nest=columns.nest_name(row, purpose),
+        **{name: row.number(name) for name in TEMPERATURES if row.text(name)},
     )
 
 
@@ -177,15 +190,15 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
 def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()
-    temperature = shot.temperature_degC
     axes = (mechanism.joints if shot.joints else ()) + (_turns(mechanism) if shot.turn else ())
     values = {
         "pair": "" if shot.pair is None else str(shot.pair),
         "set": shot.purpose.value,
-        "temperature_degC": "" if temperature is None else number_text(temperature),
         "time": shot.time or "",
         columns.NEST: shot.nest,
     }
+    known = {name: getattr(shot, name) for name in TEMPERATURES}
+    values |= {name: number_text(degC) for name, degC in known.items() if degC is not None}
     values |= zip(
         columns.axis_columns(axes), columns.axis_texts(axes, shot.joints + shot.turn), strict=True
     )

@@ -17,6 +17,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.shots.shots import between, held_out, shots_of_journal
+from campaigns.shots.warmth import with_readings
 
 HOLD_OUT_SEED = 1
 """The same pairs are held out for every identification of the same shots."""
@@ -43,6 +44,7 @@ def identify(
         terms = transmission_terms(space, model, options.fix)
         beside = campaign.known_length_shots(journal)
         shots = shots_of_journal((*journal.shots(series.number), *beside), robot.mechanism)
+        shots = with_readings(shots, campaign.config.part_temperatures)
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
@@ -89,4 +91,5 @@ def identification_options(
         limits_mm=campaign.config.acceptance.distances_mm,
         known_lengths=campaign.config.known_lengths,
         workspace=campaign.workspace_sample(),
+        reference_degC=campaign.config.reference_temperature_degC,
     )

@@ -52,6 +52,15 @@ def test_default_plan_has_what_was_asked_for_in_pairs_with_drift_shots_between(
     assert {shot.pose for shot in of(default_plan, ShotSet.DRIFT)} == {MIDDLE}
 
 
+@pytest.mark.parametrize(("pairs", "visits"), [(5, 3), (20, 3), (80, 9)])
+def test_unless_told_the_drift_pose_is_visited_once_in_ten_pairs(pairs: int, visits: int) -> None:
+    tour, here = np.arange(2 * pairs).reshape(-1, 2), (CENTRE, np.zeros(4))
+    poses, joints = np.tile(CENTRE, (2 * pairs, 1)), np.zeros((2 * pairs, 4))
+    shots = plans.numbered_shots(tour, poses, joints, 2 * pairs, here, None)
+    found = [shot.shot for shot in of(shots, ShotSet.DRIFT)]
+    assert (len(found), found[0], found[-1]) == (visits, 0, len(shots) - 1)
+
+
 @pytest.mark.parametrize("count", [2, 9])
 def test_drift_shots_never_cut_a_pair(count: int) -> None:
     shots = plan(plans.PlanRequest(8, 2, count, MIDDLE))
