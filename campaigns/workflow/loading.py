@@ -32,6 +32,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
+from campaigns.workflow.reduced_export import offered_forms
 from drivers.errors import Cancelled, DeviceRefused, DriverError, RobotStateUnknown
 from drivers.ports import RobotController
 from drivers.values import Identity
@@ -244,11 +245,16 @@ class _Loading:
 
         Also for parameters that its kinematics lacks, which no force can put into it.
         """
-        here = self.campaign.folder
-        robot.require_known(
-            self.controller.lacks(robot.parameters.extended_by),
-            f"`pkmcal export {here} --format plain` writes the nearest parameters that it takes",
-        )
+        lacking = self.controller.lacks(robot.parameters.extended_by)
+        if lacking:
+            forms = offered_forms(self.campaign, robot, lacking)
+            for name, (_, left) in forms.items():
+                self.terms.tell(
+                    f"{name}: leaves {left.rms_mm:.4f} mm rms, {left.max_mm:.4f} mm at most"
+                )
+            name, (command, _) = next(iter(forms.items()))
+            remedy = f"`{command}` writes the fullest form that it can have ({name})"
+            robot.require_known(lacking, remedy)
         found = tuple(
             load_checks.serial_objections(expected_serial, self.controller.identity().serial)
         )

@@ -1,6 +1,6 @@
 """Projection of what a campaign identified to controllers with fewer parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -127,10 +127,37 @@ def export_joint_tables(
     return ReducedExport(path, left, tables, tuple(texts))
 
 
+def offered_forms(
+    campaign: Campaign, robot: RobotFile, lacking: Collection[str]
+) -> dict[str, tuple[str, model_reduction.ResidualError]]:
+    """Forms of a set for a controller that lacks some of its parameters, the fullest first.
+
+    By name: the command, and what the form leaves of position. Raises `IdentificationRefused`.
+    """
+    space, poses = robot.mechanism.parameters, _poses(campaign, robot)
+    export = f"pkmcal export {campaign.folder}"
+    rest, name, option = without_transmission(robot.kinematics), JOINT_TABLES, ""
+    if any(each in space.extensions for each in lacking):
+        rest = _plain(rest, model_reduction.Workspace.of(rest, poses)).kinematics
+        name, option = f"{PLAIN} with {JOINT_TABLES}", " --format plain"
+    found: dict[str, tuple[str, model_reduction.ResidualError]] = {}
+    if any(each in space.transmission for each in lacking):
+        tables = joint_tables.joint_tables(robot.kinematics, robot.limits.joint)
+        left = _left(rest, robot, poses, tables)
+        found[name] = f"{export} --joint-table csv{option}", left
+    workspace = model_reduction.Workspace.of(robot.kinematics, poses)
+    plain = _plain(robot.kinematics, workspace).kinematics
+    found[PLAIN] = f"{export} --format plain", _left(plain, robot, poses)
+    by_targets = _left(robot.kinematics, robot, poses)
+    found["corrected targets"] = f"pkmcal correct {campaign.folder}", by_targets
+    return found
+
+
 def without_transmission(kinematics: Kinematics) -> Kinematics:
     """Model of the same geometry behind perfect gears and encoders."""
-    space = kinematics.mechanism.parameters
-    return Kinematics(kinematics.mechanism, kinematics.p[: len(space.geometry)])
+    p = kinematics.p.copy()
+    p[len(kinematics.mechanism.parameters.geometry) :] = 0.0
+    return Kinematics(kinematics.mechanism, p)
 
 
 def _plain(

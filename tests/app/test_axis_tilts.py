@@ -1,5 +1,7 @@
 """Sets with plate tilt go into controllers whose kinematics has it, and whole or not at all."""
 
+import re
+
 import pytest
 from command_line import change
 
@@ -41,6 +43,22 @@ def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys,
     assert f"`pkmcal export {folder} --format plain`" in said.err
     assert said.out == ""
     assert held(folder) == before == dict(open_campaign(folder).robot.parameters)
+
+
+def test_controller_without_terms_of_gears_is_offered_each_form_with_what_it_leaves(capsys, folder):
+    nominal = open_campaign(folder).nominal
+    gears = {f"arm{arm}.eccentricity_sin_deg": 0.0115 for arm in range(4)}
+    gears |= {f"arm{arm}.backlash_deg": 0.005 for arm in range(4)}
+    path = folder / "geared.yaml"
+    write_new_robot(path, compensated(nominal, "geared", nominal.robot.parameters | gears))
+    capsys.readouterr()
+    assert load(folder, "--force", "--file", str(path)) == 2
+    said = capsys.readouterr().err
+    assert f"`pkmcal export {folder} --joint-table csv` writes the fullest form" in said
+    left = re.findall(r"(joint tables|plain|corrected targets): leaves (\S+) mm rms", said)
+    assert [name for name, _ in left] == ["joint tables", "plain", "corrected targets"]
+    tables_mm, plain_mm, targets_mm = (float(value) for _, value in left)
+    assert targets_mm <= tables_mm < 0.001 < 0.02 < plain_mm
 
 
 def test_controller_that_computes_plate_tilt_gets_all_and_gives_it_up_again(folder):

@@ -15,8 +15,9 @@ from campaigns.robots.robot import RobotFile, compensated, read_robot
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.workflow.files import export
 from campaigns.workflow.loading import LoadTerms, load
-from campaigns.workflow.reduced_export import export_projected
+from campaigns.workflow.reduced_export import export_joint_tables, export_projected
 from campaigns.workflow.validation import Validated
+from campaigns.workflow.work import known_sets
 
 WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
 
@@ -62,6 +63,19 @@ def test_a_form_that_was_exported_and_loaded_passes_as_what_it_is(plain: Evaluat
     assert plain.validated("after").decision == plain.verdict.decision == "pass"
     told = "Validated after with a form of what was identified (plain), loses 0.012 mm rms"
     assert any(reason.startswith(told) for reason in plain.verdict.reasons)
+
+
+def test_joint_tables_come_with_a_form_that_names_what_it_is_of(identified: PaperCampaign) -> None:
+    found = export_joint_tables(identified.campaign, "linuxcnc", plain=True)
+    robot = read_robot(found.path).robot
+    form = form_of(robot.provenance, "file")
+    assert form is not None
+    assert form.name == "plain with joint tables"
+    assert form.of == [*known_sets(identified.campaign).identified][-1]
+    assert form.lost_max_mm < 1e-3
+    assert known_sets(identified.campaign).forms[robot.digest()] == form
+    assert [each.name for each in found.files] == [f"joint{joint}.comp" for joint in range(4)]
+    assert all(each.exists() for each in found.files)
 
 
 def with_form(found: Evaluation, **lost: float) -> Evaluation:
