@@ -36,7 +36,7 @@ NO_SIGMA = (
 PLAY = "play in the gears"
 MANY_OUTLIERS = 0.1
 """With a larger share of outliers they are no single mistakes."""
-WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
+WORTHLESS = {"mm": 5.0, "deg": 3.0, "ppm": 3000.0}
 """A σ of which the nominal value is a better guess than the identified one."""
 
 
@@ -156,10 +156,10 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[tuple[str, st
         prefix = "the data cannot tell apart: " if len(names) > 1 else ""
         yield UNTOLD, f"{prefix}{combination_in_words(names)}"
     space, std = evidence.space, evidence.std
-    worthless = {name: WORTHLESS_DEG if space[name].is_angle else WORTHLESS_MM for name in std}
-    barely_known = {name: std[name] for name in std if std[name] > worthless[name]}
+    parts = {name: std[name] / WORTHLESS[space[name].unit] for name in std}
+    barely_known = {name: std[name] for name in std if parts[name] > 1.0}
     if barely_known:
-        name = max(barely_known, key=barely_known.__getitem__)
+        name = max(barely_known, key=parts.__getitem__)
         worst = f"±{barely_known[name]:.3g} {space[name].unit}"
         more = "measure at more different poses, or hold it with --fix"
         yield UNTOLD, f"the data hardly tell {name}, {worst}: {more}"

@@ -27,6 +27,7 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.mechanisms.transmission import TERMS
 from campaigns.shots.shots import Shots
+from campaigns.shots.warmth import Course, courses
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 VERY_STRONG = 10.0
@@ -47,6 +48,8 @@ class _Candidate:
     known: ParameterSelection
     found: IdentificationResult | None
     problem: str = ""
+    course: Course | None = None
+    """Of warmth, by which it lets the robot grow."""
 
     @property
     def parameters(self) -> int:
@@ -160,7 +163,8 @@ def select_model(
     if best.found is None:
         return identify(nominal, shots, models[best.name], options)
     compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
-    return replace(best.found, models=compared)
+    warmth = None if best.course is None else best.course.told
+    return replace(best.found, models=compared, warmth=warmth)
 
 
 def transmission_terms(
@@ -184,6 +188,12 @@ def _with_terms(
     Forward selection: what is objected to is not tried again, what is not is the next best.
     """
     space = nominal.mechanism.parameters
+    if _grows(best):
+        for warmed in _with_warmth(best, nominal, shots, options):
+            yield warmed
+            best = best if _objection(warmed, best) else warmed
+        if best.course is not None:
+            shots = replace(shots, warmth=best.course.values)
     for _ in range(MOST_TERMS):
         more = _lacking_terms(best, allowed, space)
         if more is None:
@@ -193,9 +203,46 @@ def _with_terms(
         free = tuple(name for name in space.model if name in wanted)
         known = ParameterSelection(free, best.known.priors)
         candidate = _candidate(f"{best.name}+{cause}", nominal, shots, known, options)
+        candidate = replace(candidate, course=best.course)
         yield candidate
         allowed -= names
         best = best if _objection(candidate, best) else candidate
+
+
+def _grows(best: _Candidate) -> bool:
+    """Whether the shots show a drift that growth with warmth may be."""
+    doubts = best.found.doubts if best.found else ()
+    return any(each.numbers.get("kind") == "drift" for each in doubts)
+
+
+def _with_warmth(
+    best: _Candidate, nominal: Kinematics, shots: Shots, options: IdentificationOptions | None
+) -> Iterator[_Candidate]:
+    """Candidates that let arms, forearms and frame grow: that of the course that explains most.
+
+    With less to tell where not all three can be told.
+    """
+    space, reference = nominal.mechanism.parameters, (options or IdentificationOptions())
+    for names in (space.thermal, space.thermal[:1]):
+        free = tuple(n for n in space.model if n in {*best.known.free, *names})
+        known = ParameterSelection(free, best.known.priors)
+        tried = [
+            replace(
+                _candidate(
+                    f"{best.name}+warmth",
+                    nominal,
+                    replace(shots, warmth=course.values),
+                    known,
+                    options,
+                ),
+                course=course,
+            )
+            for course in courses(shots, reference.reference_degC)
+        ]
+        cheapest = min(tried, key=_price)
+        yield cheapest
+        if not _objection(cheapest, best):
+            return
 
 
 def _lacking_terms(

@@ -262,6 +262,10 @@ class IdentificationResult:
     known_by_priors_alone: tuple[Combination, ...] = ()
     models: tuple[ComparedModel, ...] = ()
     """Those that it was chosen from, the standard one first; empty without a choice."""
+    warmth: dict[str, float | str | None] | None = None
+    """By what the robot grew, where a model lets it: temperature of parts, °C above the reference;
+    drift pose or time, from -1 at the start to 0 at the end, in whose state parameters are stated.
+    """
     chi2: NoiseTest | None = None
     covariance: Uncertainty | None = None
     """Of the parameters whose σ are known."""

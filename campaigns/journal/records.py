@@ -151,6 +151,8 @@ class Outcome:
     predicted_in_tracker_mm: Vector3 | None = None
     residual_mm: float | None = None
     came_from: Annotated[Joints | None, Field(alias="came_from_rad")] = None
+    approach: tuple[int, ...] | None = None
+    """Sides from which joints came, +1, -1 or 0, where a file says so; else by `came_from`."""
     part_temperature_degC: float | None = None
     """Of the robot's parts; None: nobody told."""
 

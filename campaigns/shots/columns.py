@@ -17,6 +17,7 @@ NEST = "nest"
 """Column of the fixed reflector place that was measured."""
 
 ANGLE_LIMIT_DEG = 360.0
+SIDES = {"": 0, "0": 0, "1": 1, "+1": 1, "-1": -1}
 SET_WORDS = tuple(each.value for each in ShotSet)
 
 
@@ -35,6 +36,34 @@ def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[f
     if not purpose.on_robot and not any(map(row.text, axis_columns(axes))):
         return ()
     return axis_values(row, axes)
+
+
+def approach_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
+    """Columns of the sides from which joints came, as `q0_approach`."""
+    return tuple(f"{axis.name}_approach" for axis in axes)
+
+
+def side_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
+    """The same as other software calls them, as `side0`."""
+    return tuple(f"side{place}" for place in range(len(axes)))
+
+
+def approach_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[int, ...]:
+    """Sides of a row, +1, -1 or 0; () where it says none."""
+    for names in (approach_columns(axes), side_columns(axes)):
+        if any(row.text(name) for name in names):
+            return tuple(_side(row, name) for name in names)
+    return ()
+
+
+def _side(row: CsvRow, name: str) -> int:
+    text = row.text(name)
+    if text not in SIDES:
+        raise row.wrong(
+            f"{name} is {shown(text)}, must be 1, -1 or 0",
+            remedy="1: the joint last moved towards larger values; -1: smaller; 0: not known",
+        )
+    return SIDES[text]
 
 
 def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:

@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -177,22 +177,26 @@ def _outcome(number: int, row: ShotRow) -> records.Outcome:
         IMPORTED,
         import_note(row.temperature_degC, row.time),
         None,
+        approach=row.approach or None,
         part_temperature_degC=row.part_temperature_degC,
     )
 
 
 def exported_shots(
-    series: Series, shots: Sequence[AcceptedShot]
+    series: Series, shots: Sequence[AcceptedShot], approach: Array | None = None
 ) -> tuple[tuple[ShotRow, ...], tuple[int, ...]]:
     """A series' accepted shots as rows of a file, and the numbers of those that were left out.
 
     These are shots whose pair has no second one: the file's readers refuse half a pair. A turn is
-    that of the commanded pose; an import knows none.
+    that of the commanded pose; an import knows none. `approach` (N, n): sides of the joints.
     """
     halves = pair_rows([shot.intent.pair for shot in shots]).halves
     whole = [shot for row, shot in enumerate(shots) if row not in halves]
     is_import = series.started.stage == "import"
     rows = tuple(_row(shot, is_import=is_import) for shot in whole)
+    if approach is not None and approach.any():
+        sides = [tuple(map(int, each)) for each in np.delete(approach, halves, axis=0).tolist()]
+        rows = tuple(replace(row, approach=own) for row, own in zip(rows, sides, strict=True))
     return rows, tuple(shots[row].intent.shot for row in halves)
 
 

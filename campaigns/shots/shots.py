@@ -256,6 +256,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
     for place, row in enumerate(rows):
         if row.covariance_mm2 is not None:
             covariance[place] = row.covariance_mm2
+    sides = [row.approach or (0,) * joints.shape[1] for row in rows]
     return Shots(
         numbers=tuple(range(len(rows))),
         purposes=tuple(row.purpose for row in rows),
@@ -263,7 +264,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         joints=joints,
         points_in_tracker_mm=np.array([row.point_in_tracker_mm for row in rows]),
         stated_covariance_mm2=covariance,
-        approach=np.zeros_like(joints),
+        approach=np.array(sides, dtype=np.float64).reshape(joints.shape),
         commanded=poses,
         measured_utc=tuple(row.time or "" for row in rows),
         nests=tuple(row.nest for row in rows),
@@ -294,6 +295,8 @@ def approach_directions(
         if not outcome.joints:
             continue
         joints = np.array(outcome.joints)
+        if outcome.approach is not None:
+            found[row] = outcome.approach
         if outcome.came_from is not None:
             came_from = np.array(outcome.came_from)
             straight = bool((np.abs(came_from - standing) < AT_REST_RAD * scale).all())

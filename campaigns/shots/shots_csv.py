@@ -44,6 +44,8 @@ class ShotRow:
     """Of the air."""
     time: str | None = None
     nest: str = ""
+    approach: tuple[int, ...] = ()
+    """+1 where a joint last moved towards larger values, -1 smaller, 0 unknown; (): of none."""
     part_temperature_degC: float | None = None
     """Of the robot's parts."""
 
@@ -140,7 +142,16 @@ def _form(mechanism: ClosedChain) -> CsvForm:
     turns = columns.axis_columns(_turns(mechanism))
     return CsvForm(
         required=("pair", *columns.axis_columns(mechanism.joints), *columns.POINT_COLUMNS),
-        optional=("set", *turns, *COVARIANCE_COLUMNS, *TEMPERATURES, "time", columns.NEST),
+        optional=(
+            "set",
+            *turns,
+            *columns.approach_columns(mechanism.joints),
+            *columns.side_columns(mechanism.joints),
+            *COVARIANCE_COLUMNS,
+            *TEMPERATURES,
+            "time",
+            columns.NEST,
+        ),
         invalid=ShotsInvalid,
     )
 
@@ -164,6 +175,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
         covariance_mm2=_covariance_of(row),
         time=row.text("time") or None,
         nest=columns.nest_name(row, purpose),
+        approach=columns.approach_values(row, mechanism.joints),
         **{name: row.number(name) for name in TEMPERATURES if row.text(name)},
     )
 
@@ -197,6 +209,8 @@ def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
         "time": shot.time or "",
         columns.NEST: shot.nest,
     }
+    sides = map(str, shot.approach)
+    values |= zip(columns.approach_columns(mechanism.joints), sides, strict=False)
     known = {name: getattr(shot, name) for name in TEMPERATURES}
     values |= {name: number_text(degC) for name, degC in known.items() if degC is not None}
     values |= zip(

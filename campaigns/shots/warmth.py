@@ -42,6 +42,12 @@ class Course:
     """Of warmth by time, in parts of the run."""
 
     @property
+    def told(self) -> dict[str, float | str | None]:
+        """Course in a result: where it is from, and its time constant in parts of the run."""
+        finite = self.time_constant is not None and math.isfinite(self.time_constant)
+        return {"source": self.source, "time_constant": self.time_constant if finite else None}
+
+    @property
     def passed(self) -> Array:
         """Part of the change that has come about, from 0 to 1, (N,)."""
         return np.asarray((self.values - self.values.min()) / np.ptp(self.values))

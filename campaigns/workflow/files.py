@@ -14,6 +14,7 @@ from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile
 from campaigns.shots.import_export import ImportedFile, exported_shots
+from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
@@ -91,6 +92,8 @@ def export_shots(
     path = to or campaign.path(SHOTS_FILE)
     with campaign.journal_reader() as journal:
         series = campaign.measured_series(journal)
-        rows, halves = exported_shots(series, journal.shots(series.number))
+        accepted = journal.shots(series.number)
+        approach = shots_of_journal(accepted, campaign.robot.mechanism).approach
+        rows, halves = exported_shots(series, accepted, approach)
     write_shots(path, rows, campaign.robot.mechanism, overwrite=overwrite)
     return path, halves

@@ -127,6 +127,44 @@ def test_a_robot_without_gears_errors_gets_no_term_of_them():
     assert not any("+" in name for name in named)
 
 
+def warming(ppm: float, seed: int = 1):
+    """Shots of a robot that warms up in the first third of a run, arms and forearms by so much."""
+    data = simulated(60, 30, seed)
+    order = np.random.default_rng(seed).permutation(len(data))
+    passed = np.argsort(order) / len(data)
+    times = tuple(
+        f"2026-03-02T{8 + s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}Z"
+        for s in (passed * 7200.0).astype(int).tolist()
+    )
+    grown = ppm * 1e-6 * (1.0 - np.exp(-3.0 * passed))
+    names = [n for n in SPACE.names if n.endswith(("arm_mm",))]
+    lengths = indices(names)
+    points = []
+    for row, by in enumerate(grown):
+        p = TRUTH.p.copy()
+        p[lengths] *= 1.0 + by
+        points.append(replace(TRUTH, p=p).forward(data.joints[row : row + 1]).values[0, :3])
+    measured = TRACKER_FROM_BASE.apply(np.array(points))
+    return noisy(replace(data, points_in_tracker_mm=measured, measured_utc=times), seed), grown
+
+
+@pytest.mark.slow
+def test_a_robot_that_warms_up_grows_by_what_it_does_and_is_stated_as_it_ends():
+    data, grown = warming(150.0)
+    choice = of_auto(data)
+    assert "warmth" in kept(choice)
+    assert choice.warmth["source"] == "time"
+    found = choice.parameters
+    free = {name: found[name] for name in SPACE.thermal if found[name].free}
+    assert found["arm_expansion_ppm"].value == pytest.approx(1e6 * grown.max(), rel=0.3)
+    assert all(abs(each.value) < 3.0 * each.std + 170.0 for each in free.values())
+    truth = TRUTH.parameters
+    for name in ("arm1.arm_mm", "arm2.forearm_mm"):
+        stated = truth[name] * (1.0 + grown.max())
+        assert abs(found[name].value - stated) < 4.5 * found[name].std
+    assert choice.unseen_mm.after.rms < 0.02
+
+
 def chosen(data, names=tuple(MODELS)):
     return select_model(NOMINAL, data, {name: MODELS[name] for name in names})
 

@@ -205,3 +205,22 @@ def test_a_row_of_another_set_needs_its_joints() -> None:
     bare = ",".join([first[0], "", "", "", "", *first[5:]])
     with pytest.raises(ShotsInvalid, match="q0_deg"):
         parse_shots("\n".join([text.splitlines()[0], bare]), "shots.csv", ROBOT.mechanism)
+
+
+def test_sides_of_the_joints_are_read_kept_and_come_back_out(tmp_path: Path) -> None:
+    sides = ((1, -1, 0, 1), (-1, -1, 1, 1))
+    told = [replace(row, approach=sides[n % 2]) for n, row in enumerate(rows())]
+    text = shots_text(told, ROBOT.mechanism)
+    assert "q0_approach,q1_approach,q2_approach,q3_approach" in text
+    assert [row.approach for row in parse_shots(text, "x", ROBOT.mechanism)] == [*sides] * 4
+    as_elsewhere = text
+    for joint in range(4):
+        as_elsewhere = as_elsewhere.replace(f"q{joint}_approach", f"side{joint}")
+    assert parse_shots(as_elsewhere, "x", ROBOT.mechanism)[0].approach == sides[0]
+    series, shots = imported(tmp_path, tuple(told))
+    data = shots_of_journal(shots, ROBOT.mechanism)
+    assert data.approach.tolist() == [list(row.approach) for row in told]
+    again, _ = exported_shots(series, shots, data.approach)
+    assert [row.approach for row in again] == [row.approach for row in told]
+    with pytest.raises(ShotsInvalid, match="q0_approach is 2"):
+        parse_shots(text.replace(",1,-1,0,1", ",2,-1,0,1"), "x", ROBOT.mechanism)

@@ -130,7 +130,7 @@ def test_broken_row_is_answered_with_its_line(old, new, line, words):
     assert old in SHOTS
     said = complaint(SHOTS.replace(old, new, 1))
     assert said.startswith(f"shots.csv:{line}: ")
-    assert len(said) < 160
+    assert len(said) < 250
     assert words in said
     assert " → " in said
 
