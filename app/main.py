@@ -52,6 +52,7 @@ COMMANDS = {
     "load": ("load", "Put the compensated parameters into the controller."),
     "status": ("status", "Say where the campaign is, and what comes next."),
     "watch": ("watch", "Serve a live page of the campaign, for a tablet or the wall."),
+    "check": ("check", "Tell by a few shots whether the robot is still calibrated."),
     "report": ("report", "Write the report: one page about all of it."),
     "reproduce": ("reproduce", "Do the paper's simulation and experiment again."),
     "study": (

@@ -187,3 +187,21 @@ class ValidationOptions:
     def words(self) -> list[str]:
         """The options again, as they are typed."""
         return typed_words(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckOptions:
+    """Options of a check: how many shots, and whether what it named is found anew."""
+
+    shots: Annotated[
+        int | None,
+        Option("Shots to take.", metavar="N", least=6, most=10, default="8; 6 more with --repair"),
+    ] = None
+    repair: Annotated[
+        bool, Option("Find what the latest check named anew, all else being known as it was.")
+    ] = False
+    retry: Retry = None
+
+    def words(self) -> list[str]:
+        """Words as they are typed, for the command that goes on later."""
+        return typed_words(self)

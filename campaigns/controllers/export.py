@@ -84,7 +84,7 @@ def compensated_robot(
     `controller` answered when the shots were taken; None where nobody knows, as of an import.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
-    _check_usable(nominal, found)
+    require_usable(nominal, found)
     return compensated(
         nominal,
         f"{nominal.robot.name}-compensated",
@@ -101,7 +101,8 @@ def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> N
     write_text_unless_there(path, robot.document.text, overwrite=overwrite)
 
 
-def _check_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
+def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
+    """Raise `VerdictBad` for a result that did not pass, or that rests on another nominal robot."""
     if found.verdict != "pass":
         raise VerdictBad(
             f"the identification's verdict is '{found.verdict}': {'; '.join(found.reasons)}",
@@ -129,4 +130,5 @@ def _provenance(
         "controller_serial": controller.serial or None if controller else None,
         "identified_utc": found.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
+        **({"pedigree": document["pedigree"]} if found.pedigree else {}),
     }

@@ -103,6 +103,8 @@ LEAST_GAIN = 1e-7
 FRAGILE = 100.0
 """Replacing a member without which the value is so many times worse leaves rounding behind."""
 ROUNDS = 40
+PASSES = 2
+"""Times that each of a few shots is chosen anew beside the others."""
 SHORT_LIST = 600
 """Exchanges are first sought among so many candidates, or twice as many as there are members."""
 MEASUREMENTS_TRIED = 240
@@ -181,6 +183,22 @@ def augment_greedily(
     while len(members) < count:
         members.append(_best(criterion, known, members))
         known = updater.added(known, members[-1])
+    return np.array(members, dtype=np.intp)
+
+
+def choose_beside(candidates: Candidates, criterion: Criterion, known: Array, count: int) -> Index:
+    """Candidates that tell most beside what is known already, (count,), all different.
+
+    `known` is the covariance of the unknowns, in mm and rad, (P, P). Greedy, then exchanged.
+    """
+    prior = known * np.outer(candidates.scale, candidates.scale)
+    updater = RankKUpdater.of(candidates, criterion.weight(prior))
+    told, members = np.linalg.inv(prior), list[int]()
+    for turn in range((1 + PASSES) * count):
+        members = members[turn >= count :]
+        information = told + candidates.information(np.array(members, dtype=np.intp))
+        now = updater.evaluate(np.asarray(np.linalg.inv(information)))
+        members.append(_best(criterion, now, members))
     return np.array(members, dtype=np.intp)
 
 

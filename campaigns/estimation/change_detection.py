@@ -37,7 +37,7 @@ FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
 
-CauseKind = Literal["joint", "length", "mount", "frame", "drift"]
+CauseKind = Literal["joint", "length", "mount", "frame", "drift", "growth", "shot"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

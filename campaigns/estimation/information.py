@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
+from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.observability import Observability, observability, project_out_nuisance
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.residuals import (
@@ -135,6 +136,14 @@ def common_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shi
     Jacobian (M, P) and shift are whitened as for the fit whose covariance it is, times σ0².
     """
     return np.asarray(covariance_matrix @ (jacobian.T @ shift) / sigma0**2)
+
+
+def column_effect(fit: FittedShots, columns: Array) -> tuple[Array, Array, float]:
+    """Sizes (k,) of columns (N, 3, k) beside a fit of unit variance, covariance and gain in χ²."""
+    beside = fit.beside(columns)
+    matrix = np.asarray(np.linalg.pinv(beside.T @ beside, rcond=1e-10, hermitian=True))
+    told = beside.T @ fit.left
+    return matrix @ told, matrix, float(told @ matrix @ told)
 
 
 def point_jacobian(

@@ -3,7 +3,7 @@
 All shots that are not gross take part, those that were left out of the fit and unseen ones too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -343,24 +343,31 @@ def _groups(shots: _AllShots) -> Iterator[Group]:
     yield Group(GENERAL, error_columns.smooth(joints))
 
 
-def _causes(shots: _AllShots) -> Iterator[Cause]:
-    """Causes of a change, with their columns of all shots."""
-    space, by_joints = shots.space, shots.linearized.by_joints
+def part_causes(
+    space: ParameterSpace, by_joints: Array, by_parameters: Callable[[tuple[str, ...]], Array]
+) -> Iterator[Cause]:
+    """Causes that are parts of the robot, by ∂point/∂joints and ∂point/∂(named parameters)."""
     for place, offset in enumerate(space.offsets.tolist()):
         yield Cause("joint", space.geometry[offset], by_joints[:, :, place : place + 1])
     forearms = () if FOREARM in space.arm_lengths[0] else space.of_field(FOREARM)
     links = (*space.arm_lengths, *forearms)
     mounts = tuple(f"arm{arm}.{axis}_mm" for arm in range(space.arms) for axis in "xyz")
-    found = shots.by_parameters((*links, *mounts))
+    found = by_parameters((*links, *mounts))
     for place, name in enumerate(links):
         yield Cause("length", name, found[:, :, place : place + 1])
     for place in range(0, len(mounts), 3):
         own = found[:, :, len(links) + place :][:, :, :3]
         yield Cause("mount", mounts[place], own)
+
+
+def _causes(shots: _AllShots) -> Iterator[Cause]:
+    """Causes of a change, with their columns of all shots."""
+    space = shots.space
+    yield from part_causes(space, shots.linearized.by_joints, shots.by_parameters)
     frame = shots.linearized.jacobian[:, :, -FRAME_COLUMNS:]
     yield Cause("frame", "frame", frame)
     yield Cause("drift", "drift", frame)
-    lengths = found[:, :, : space.arms].sum(axis=2, keepdims=True)
+    lengths = shots.by_parameters(space.arm_lengths).sum(axis=2, keepdims=True)
     yield Cause("drift", "lengths", lengths)
 
 

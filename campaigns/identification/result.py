@@ -335,6 +335,24 @@ class IdentificationResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Pedigree:
+    """Pedigree of a repaired set: which set it was, what of it changed, and by which shots."""
+
+    repairs: str
+    """Digest of the set that it was made of."""
+    changed: tuple[str, ...]
+    """What was looked for anew, in words."""
+    series: tuple[int, ...]
+    """Of the check and of the shots that tell its size."""
+    shots: int
+    chi2: float
+    dof: int
+    p: float | None
+    position_std_before_mm: float | None
+    """Mean of the standard uncertainty of positions that the old set had."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedIdentification(IdentificationResult):
     """Identification with what it rests on, as the journal holds it."""
 
@@ -350,6 +368,8 @@ class RecordedIdentification(IdentificationResult):
     """Of all records before it."""
     journal_records: int
     at_utc: str
+    pedigree: Pedigree | None = None
+    """Of a repaired set, whose residuals and unseen pairs stay those of its campaign."""
 
     @classmethod
     def of(cls, found: IdentificationResult, **provenance: Any) -> "RecordedIdentification":

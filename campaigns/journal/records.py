@@ -13,7 +13,15 @@ from drivers.values import Identity, Matrix3, Pose, Vector3, Weather
 Joints = tuple[float, ...]
 """Joint values, one a joint, by whose kind the unit is rad or mm. Keys in the file say rad."""
 Stage = Literal[
-    "run", "before", "after", "after by targets", "import", "verify before", "verify after"
+    "run",
+    "before",
+    "after",
+    "after by targets",
+    "import",
+    "verify before",
+    "verify after",
+    "check",
+    "repair",
 ]
 Command = Literal["joints", "pose"]
 Ending = Literal["finished", "interrupted", "aborted"]
@@ -34,7 +42,9 @@ EventKind = Literal[
     "shots left out",
     "gone on anyway",
 ]
-FindingKind = Literal["identification", "validation", "export", "load begun", "load", "load failed"]
+FindingKind = Literal[
+    "identification", "validation", "check", "export", "load begun", "load", "load failed"
+]
 """A load is begun, and then it took effect ("load") or did not; neither: the process died."""
 
 

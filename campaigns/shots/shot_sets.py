@@ -14,6 +14,7 @@ class ShotSet(Enum):
     STRAIGHTNESS = "straightness"
     KNOWN_LENGTH = "known-length"
     NEST = "nest"
+    CHECK = "check"
 
     @property
     def in_pairs(self) -> bool:

@@ -15,8 +15,8 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "load", "status", "watch", "report", "reproduce", "study", "check-journal"),
-    *("sim", "dry-run"),
+    *("correct", "load", "status", "watch", "check", "report", "reproduce", "study"),
+    *("check-journal", "sim", "dry-run"),
 )
 HEAVY = {
     *("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.estimation", "sim.cell")
@@ -45,7 +45,7 @@ def test_every_command_explains_itself_as_the_list_of_commands_does(pkmcal, comm
     assert "Usage: pkmcal" in out
     assert max(map(len, out.splitlines())) <= 100
     assert ("--json" in out) is (command != "sim"), "programs are spoken to"
-    moves_or_changes = command in {"run", "validate", "load"}
+    moves_or_changes = command in {"run", "validate", "check", "load"}
     assert ("--dry" in out and "--yes" in out) is moves_or_changes
 
 

@@ -26,6 +26,7 @@ IDENTIFICATION_KEYS = {
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
+    "pedigree",
     *("series", "model", "asked", "obstacles", "known_lengths", "region", "hidden"),
 }
 DRY_RUN_KEYS = {

@@ -1,0 +1,117 @@
+"""pkmcal check: whether the robot is still calibrated, by a few shots, and its repair."""
+
+import shlex
+from dataclasses import asdict
+
+import typer
+
+from app.console import BAD, GOOD, OPEN, Terminal, terminal_of
+from app.exits import Exit
+from app.measuring import Clearance, measure
+from app.next import tell_next
+from app.options import Anew, Dry, Folder, Json, Plain, Yes
+from app.report.identification_text import show
+from app.retrying import Retries
+from app.run_text import DeviceIdentities, briefing
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange
+from campaigns.files.table import Column, words
+from campaigns.identification.result import RecordedIdentification
+from campaigns.journal.journal import Journal
+from campaigns.options import CheckOptions
+from campaigns.workflow.checking import check_work, record_check, record_repair
+from campaigns.workflow.running import run_preview
+from campaigns.workflow.validation import seconds_of
+from drivers.ports import SystemClock
+
+PARTS: tuple[Column[PartChange], ...] = (
+    words("", lambda part: part.part),
+    Column("changed by", lambda part: part.size, decimals=4, signed=True),
+    Column("U", lambda part: part.expanded_uncertainty, decimals=4),
+    words("unit", lambda part: part.unit),
+)
+
+
+def command(
+    context: typer.Context,
+    folder: Folder,
+    options: CheckOptions,
+    *,
+    dry: Dry = False,
+    yes: Yes = False,
+    anew: Anew = False,
+    plain: Plain = False,
+    json: Json = False,
+) -> None:
+    """Tell by a few shots whether the robot is still calibrated.
+
+    The shots are those that, beside what the last identification knows, tell encoders, arms and
+    forearms apart. The tracker may stand anywhere, as long as it stays there meanwhile. Where they
+    do not agree with the stored parameters, the part that changed is named, with its size and U
+    (k = 2): an encoder, an arm, a forearm, a mount, warmth, or the tracker's stand.
+
+    --repair takes six more shots and finds the named part anew, everything else being known as the
+    last identification left it. The new set is exported, loaded and rolled back like any other.
+
+    Exit code 1: not good, or not decided.
+    """
+    terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
+    work = check_work(campaign, options)
+    if dry:
+        terminal.say(f"would measure {len(work.steps)} shots; nothing was moved")
+        terminal.document({"stage": work.stage, "shots": len(work.steps)})
+        return
+    again = shlex.join(["pkmcal", "check", str(folder), *options.words()])
+
+    def told(devices: DeviceIdentities) -> str:
+        preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
+        return f"{work.stage.capitalize()}: {briefing(campaign, work, preview, devices)}"
+
+    def finish(journal: Journal, series: int) -> CalibrationCheck | RecordedIdentification:
+        record = record_repair if options.repair else record_check
+        return record(campaign, journal, series)
+
+    allowed = campaign.config.run.retry if options.retry is None else options.retry
+    found = measure(
+        campaign,
+        lambda _: work,
+        finish,
+        terminal,
+        title=work.stage,
+        again=again,
+        anew=anew,
+        retries=Retries(campaign, work.stage, allowed, SystemClock()),
+        clearance=Clearance(told, yes=yes),
+        plain=plain,
+    )
+    if isinstance(found, CalibrationCheck):
+        _show_check(terminal, campaign, found)
+        good = found.decision == "pass"
+    else:
+        show(terminal, found, campaign.robot.mechanism.parameters)
+        terminal.document(found.document() | tell_next(terminal, campaign))
+        good = found.verdict == "pass"
+    if not good:
+        raise typer.Exit(Exit.NOT_GOOD)
+
+
+def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck) -> None:
+    """Judgement for people and for programs, and the next command."""
+    terminal.rows("Each part, had it alone changed", PARTS, found.parts)
+    terminal.say(
+        f"{found.shots} shots: coordinates misfit by {found.misfit_mm:.4f} mm rms, expected "
+        f"{found.expected_mm:.4f} (χ² {found.chi2:.0f} with {found.dof} degrees of freedom)"
+    )
+    style = {"pass": GOOD, "fail": BAD}.get(found.decision, OPEN)
+    terminal.say(found.says, style)
+    following: dict[str, object] = {"next": None, "before_next": None}
+    words = ["pkmcal", "check", str(campaign.folder)]
+    if found.decision == "pass":
+        following = tell_next(terminal, campaign)
+    elif found.of_robot or found.decision == "not decided":
+        following["next"] = shlex.join([*words, *(["--repair"] if found.of_robot else [])])
+    else:
+        following["next"] = shlex.join(["pkmcal", "run", str(campaign.folder), "--anew"])
+    if found.decision != "pass":
+        terminal.note(f"next: {following['next']}")
+    terminal.document(asdict(found) | following)

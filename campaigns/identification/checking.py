@@ -1,0 +1,309 @@
+"""Checking of an identified robot by a few new shots, and its repair by some more."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.errors import ShotsInvalid
+from campaigns.estimation.change_detection import Cause
+from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.f_test import FittedShots
+from campaigns.estimation.information import Uncertainty, WorkspaceSample
+from campaigns.estimation.least_squares import Priors
+from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.estimation.variance_components import VarianceComponents
+from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange, judge_check
+from campaigns.identification.change import FOREARM, part_causes
+from campaigns.identification.fit import covariance_of, linearized
+from campaigns.identification.observations import Observations
+from campaigns.identification.result import Pedigree, PositionStd, RecordedIdentification
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.shots.shots import Shots
+
+ROUNDS = 3
+"""Of linearising about the change that was found."""
+FEWEST_TURNED = 3
+"""Shots before and after a step of the tracker's stand by which its turn is told too."""
+EXPECTED_STD = {"mm": 0.1, "deg": float(np.radians(0.05))}
+"""Changes of lengths and joint offsets, mm and rad, which a check's shots shall tell apart."""
+ANY_STD = {"mm": 10.0, "deg": 0.1, "ppm": 0.01}
+"""Changes, mm, rad and parts, that a repair takes to be possible: it starts from none."""
+BY_ONE = frozenset({"joint", "length"})
+"""Kinds of causes that are a parameter each."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredCalibration:
+    """Identified robot as the journal has it, on which a check and a repair rest."""
+
+    nominal: Kinematics
+    found: RecordedIdentification
+
+    @property
+    def space(self) -> ParameterSpace:
+        """Space of its parameters."""
+        return self.nominal.mechanism.parameters
+
+    @property
+    def known(self) -> Uncertainty:
+        """Uncertainty that was stated of it."""
+        assert self.found.covariance is not None, "a result that passed has one"
+        return self.found.covariance
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Identified robot."""
+        return Kinematics.of(self.nominal.mechanism, self.found.flat())
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the known parameters as positions turned out to have it, mm and rad."""
+        units = self.space.units(self.known.names)
+        return np.asarray(self.known.hold_out_ratio**2 * self.known.array * np.outer(units, units))
+
+    @property
+    def with_expected_changes(self) -> Array:
+        """The same where each joint offset and each length may have changed, (F, F)."""
+        links = {*self.space.arm_lengths, *self.space.of_field(FOREARM)}
+        links |= {self.space.geometry[place] for place in self.space.offsets.tolist()}
+        std = [EXPECTED_STD[self.space[n].unit] * (n in links) for n in self.known.names]
+        return np.asarray(self.covariance + np.diag(np.square(std)))
+
+    @property
+    def scatter(self) -> VarianceComponents:
+        """The robot's own scatter as it was identified."""
+        own, axis = self.found.robot_scatter, self.nominal.mechanism.joints[0]
+        return (
+            VarianceComponents(own.point_mm, axis.from_file(own.joint))
+            if own
+            else VarianceComponents()
+        )
+
+    def observations(
+        self, shots: Shots, instrument: TrackerUncertainty, at: Mapping[str, float]
+    ) -> tuple[Observations, Array]:
+        """Coordinates of shots by parameters `at`, mm and deg, weighed with the robot's scatter.
+
+        With the unknowns there, (F + 6 a session,). Raises `NoSolution` and `LinAlgError`.
+        """
+        names = self.known.names
+        robot = Kinematics.of(self.nominal.mechanism, at)
+        model = PositionModel(
+            robot, self.space.places(names), shots.joints, approach=shots.approach
+        )
+        stated = self.known.sigma0**2 * shots.covariance_mm2(instrument)
+        own = np.unique(shots.session, return_inverse=True)[1]
+        sessions = own if own.any() else None
+        points = PointResiduals.from_points(model, shots.points_in_tracker_mm, stated, sessions)
+        values = np.array([at[name] for name in names]) * self.space.units(names)
+        x = np.concatenate([values, np.zeros(points.frames)])
+        fitted = Observations(points, Priors.none(), shots, shots.numbers, stated, ())
+        weighed = points.with_covariance(covariance_of(fitted, x, self.scatter))
+        return replace(fitted, residuals=weighed), x
+
+
+def check_calibration(
+    stored: StoredCalibration, shots: Shots, instrument: TrackerUncertainty
+) -> CalibrationCheck:
+    """Judgement on shots of a robot whose parameters were identified; raises `ShotsInvalid`.
+
+    Where a length or offset changed they are linearised anew about the change.
+    """
+    shots, moved = shots.rows(shots.order_of_time()), dict[str, float]()
+    shots = replace(shots, session=np.zeros(len(shots), dtype=np.intp))
+    for _ in range(ROUNDS):
+        try:
+            judged = _judged(stored, shots, instrument, moved)
+        except (NoSolution, np.linalg.LinAlgError) as error:
+            raise _not_assembled() from error
+        moved = {each.name: each.size for each in judged.changed if each.kind in BY_ONE}
+        if not moved:
+            break
+    return judged
+
+
+def _not_assembled() -> ShotsInvalid:
+    return ShotsInvalid(
+        "the check's shots lead to no robot that could be assembled",
+        remedy="look at joints and encoders, then check again with --anew",
+    )
+
+
+def _judged(
+    stored: StoredCalibration,
+    shots: Shots,
+    instrument: TrackerUncertainty,
+    moved: Mapping[str, float],
+) -> CalibrationCheck:
+    """Judgement by shots linearised about parameters moved by so much, mm and deg.
+
+    They are brought back by the same columns: a change of that size is then told exactly.
+    """
+    space, flat = stored.space, stored.found.flat()
+    at = flat | {name: flat[name] + by for name, by in moved.items()}
+    fitted, x = stored.observations(shots, instrument, at)
+    about, points = linearized(fitted, x), fitted.points
+
+    def by_parameters(names: tuple[str, ...]) -> Array:
+        by_names = fitted.model.by_geometry(points.parameters(x), space.places(names))
+        return np.asarray(points.rotations(x) @ by_names)
+
+    frame = about.jacobian[:, :, -FRAME_COLUMNS:]
+    back = np.array([*moved.values()]) * space.units(tuple(moved))
+    misfit = -about.residual_mm + by_parameters(tuple(moved)) @ back
+    own = about.jacobian[:, :, :-FRAME_COLUMNS].reshape(misfit.size, -1)
+    expected = own @ stored.covariance @ own.T
+    noise = stored.scatter.covariance_mm2(fitted.stated_mm2, about.by_joints)
+    for row, each in zip(range(0, misfit.size, 3), noise, strict=True):
+        expected[row : row + 3, row : row + 3] += each
+    root = np.linalg.cholesky(expected)
+
+    def white(columns: Array) -> Array:
+        rows = columns.reshape(misfit.size, -1)
+        return np.asarray(np.linalg.solve(root, rows).reshape(len(shots), 3, -1))
+
+    fit = FittedShots.of(white(misfit), white(frame))
+    flat_frame = frame.reshape(misfit.size, -1)
+    beside = np.eye(misfit.size) - flat_frame @ np.linalg.pinv(flat_frame)
+    rms_mm = np.sqrt(np.mean((beside @ misfit.ravel()) ** 2))
+    expected_mm = np.sqrt(np.trace(beside @ expected) / misfit.size)
+    causes = _causes(stored.kinematics, about.by_joints, by_parameters, frame)
+    whitened = [replace(each, columns=white(each.columns)) for each in causes]
+    return judge_check(fit, whitened, space, float(rms_mm), float(expected_mm))
+
+
+def _causes(
+    kinematics: Kinematics,
+    by_joints: Array,
+    by_parameters: Callable[[tuple[str, ...]], Array],
+    frame: Array,
+) -> Iterator[Cause]:
+    """Causes that a check looks for, with their columns (N, 3, k) of its shots."""
+    space, values, count = kinematics.mechanism.parameters, kinematics.parameters, len(frame)
+    yield from part_causes(space, by_joints, by_parameters)
+    for name, names in grown(space).items():
+        by_share = by_parameters(names) @ np.array([values[each] for each in names])
+        yield Cause("growth", name, by_share[:, :, None])
+    places = np.arange(count)[:, None, None]
+    for shot in range(1, count):
+        name = f"the tracker's stand before shot {shot + 1} of the check"
+        yield Cause("frame", name, frame[:, :, 3:] * (places >= shot))
+        if FEWEST_TURNED <= shot <= count - FEWEST_TURNED:
+            yield Cause("frame", name, frame * (places >= shot))
+    for shot in range(1, count - 1):  # of the first and the last it is the stand, or the shot
+        yield Cause("shot", f"shot {shot + 1} of the check alone", np.eye(3) * (places == shot))
+
+
+def grown(space: ParameterSpace) -> dict[str, tuple[str, ...]]:
+    """Names of the lengths that grow together by warmth."""
+    forearms, offsets = space.of_field(FOREARM), space.of_field("joint_offset_mm")
+    lengths = tuple(name for name in space.of_unit("mm", space.names) if name not in offsets)
+    groups = {"arms": space.arm_lengths, "forearms": forearms, "lengths": lengths}
+    return {name: names for name, names in groups.items() if (name, names) != ("arms", forearms)}
+
+
+def repaired_estimate(
+    stored: StoredCalibration,
+    changes: tuple[PartChange, ...],
+    shots: Shots,
+    instrument: TrackerUncertainty,
+) -> tuple[Estimate, Uncertainty]:
+    """Parameters by all that was known but the size of these changes, and by these shots.
+
+    Each session has a frame of its own. Raises `ShotsInvalid`.
+    """
+    names, space, flat = stored.known.names, stored.space, stored.found.flat()
+    prior = stored.covariance + _possible(stored, changes)
+    at = flat | {e.name: flat[e.name] + e.size for e in changes[:1] if e.kind in BY_ONE}
+    try:
+        fitted, _ = stored.observations(shots, instrument, at)
+        mean = np.array([flat[name] for name in names]) * space.units(names)
+        posed = replace(fitted, priors=Priors.of_covariance(mean, prior)).problem
+        found = estimate(posed, len(names), OutlierPolicy(exclude=False), known_variance=True)
+    except (NoSolution, np.linalg.LinAlgError) as error:
+        raise _not_assembled() from error
+    assert found.covariance is not None, "the prior alone tells all"
+    units, count = space.units(names), len(names)
+    sigma0 = found.noise.sigma0 or 1.0
+    known = Uncertainty.of(names, units, found.covariance[:count, :count], sigma0=sigma0)
+    return found, replace(known, common=stored.known.common)
+
+
+def _possible(stored: StoredCalibration, changes: tuple[PartChange, ...]) -> Array:
+    """Covariance of the known parameters, (F, F), by changes of any size."""
+    names, found = stored.known.names, np.zeros((len(stored.known.names),) * 2)
+    for each in changes:
+        along = np.array([moved_by(each, stored.kinematics).get(name, 0.0) for name in names])
+        if each.kind == "mount":
+            found += ANY_STD[each.unit] ** 2 * np.diag(along)
+        else:
+            found += ANY_STD[each.unit] ** 2 * np.outer(along, along)
+    return found
+
+
+def moved_by(change: PartChange, kinematics: Kinematics) -> dict[str, float]:
+    """Parameters of a part that changed, by name, and how much each of them moves with it."""
+    space = kinematics.mechanism.parameters
+    if change.kind == "growth":
+        return {name: kinematics.parameters[name] for name in grown(space)[change.name]}
+    if change.kind == "mount":
+        return {change.name.replace(".x_", f".{axis}_"): 1.0 for axis in "xyz"}
+    return {change.name: 1.0}
+
+
+def repaired(
+    stored: StoredCalibration,
+    changes: tuple[PartChange, ...],
+    shots: Shots,
+    instrument: TrackerUncertainty,
+    workspace: Array | None,
+    series: tuple[int, int],
+) -> RecordedIdentification:
+    """Set with these changes found anew, its provenance still that of the stored one.
+
+    Raises `ShotsInvalid`.
+    """
+    last, space = stored.found, stored.space
+    found, known = repaired_estimate(stored, changes, shots, instrument)
+    values = found.x[: len(known.names)] / space.units(known.names)
+    std, total = known.std(), known.total_std()
+    new = {
+        name: replace(last.parameters[name], value=value, std=std[name], total_std=total[name])
+        for name, value in zip(known.names, values.tolist(), strict=True)
+    }
+    reasons = [] if found.fit.converged else [found.fit.message]
+    if not found.noise.consistent:
+        reasons.append(
+            f"the shots contradict the repaired set (χ² {found.noise.chi2:.0f} with "
+            f"{found.noise.dof} degrees of freedom): more than what was named has changed"
+        )
+    before, positions = last.position_std_mm, None
+    if workspace is not None:
+        sample = WorkspaceSample.of(stored.kinematics, known.names, workspace)
+        positions = PositionStd.of(known, sample)
+    return replace(
+        last,
+        parameters=last.parameters | new,
+        covariance=known,
+        position_std_mm=positions,
+        converged=found.fit.converged,
+        message=found.fit.message,
+        verdict="fail" if reasons else "pass",
+        reasons=tuple(reasons) or last.reasons,
+        obstacles=("repair",) if reasons else (),
+        pedigree=Pedigree(
+            repairs=stored.kinematics.parameters.digest(),
+            changed=tuple(each.part for each in changes),
+            series=series,
+            shots=len(shots),
+            chi2=found.noise.chi2,
+            dof=found.noise.dof,
+            p=found.noise.p,
+            position_std_before_mm=None if before is None else before.mean,
+        ),
+    )

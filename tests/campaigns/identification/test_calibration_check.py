@@ -1,0 +1,152 @@
+"""Checks of a calibration: unchanged robots are good, and what changed is named and repaired."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fake_cell import NOMINAL
+from identified_cases import TRACKER_FROM_BASE, dataset, region, select_parameters, simulated
+from par4_space import SPACE
+
+from campaigns.estimation.information import WorkspaceSample
+from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.identification.checking import (
+    StoredCalibration,
+    check_calibration,
+    repaired_estimate,
+)
+from campaigns.identification.identify import identify
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4
+from campaigns.planning.further_shots import further_shots
+from campaigns.shots.shot_sets import ShotSet
+
+TRACKER = TrackerUncertainty()
+MOVED_MM = 0.3
+
+
+@cache
+def stored():
+    return StoredCalibration(
+        NOMINAL, identify(NOMINAL, simulated(120, 40, 1), select_parameters(SPACE))
+    )
+
+
+@cache
+def planned(count=8, seed=1):
+    rng, known = np.random.default_rng(seed), stored().with_expected_changes
+    own = region(stored().kinematics)
+    return further_shots(own, stored().known.names, known, TRACKER, "D", count, rng)
+
+
+def robot(rng, **changed):
+    """A robot as the identification believes it may be, and what of it has changed since."""
+    names, flat = stored().known.names, stored().found.flat()
+    away = np.linalg.cholesky(stored().known.array) @ rng.standard_normal(len(names))
+    flat = flat | {n: flat[n] + by for n, by in zip(names, away, strict=True)}
+    return Kinematics.of(PAR4, flat | {n: flat[n] + by for n, by in changed.items()})
+
+
+def measured(plan, of, rng, moved_from=99, by_mm=0.0):
+    joints = np.array([shot.joints for shot in plan])
+    points = TRACKER_FROM_BASE.apply(of.forward(joints).values_or_raise()[:, :3])
+    points[moved_from:] += by_mm
+    noise = np.linalg.cholesky(point_covariance_mm2(points, TRACKER))
+    points = points + np.einsum("nij,nj->ni", noise, rng.standard_normal(points.shape))
+    return dataset(joints, points, [None] * len(plan), [ShotSet.CHECK] * len(plan))
+
+
+def checked(rng, moved_from=99, by_mm=0.0, **changed):
+    shots = measured(planned(), robot(rng, **changed), rng, moved_from, by_mm)
+    return check_calibration(stored(), shots, TRACKER)
+
+
+def named(judged):
+    """The only part that is named."""
+    alone = len(judged.changed) == 1 and not judged.as_likely
+    return judged.changed[0] if alone else SimpleNamespace(kind="", name="")
+
+
+def good(count):
+    rng = np.random.default_rng(5)
+    return sum(checked(rng).decision == "pass" for _ in range(count))
+
+
+def parts_named(field, by, count):
+    rng = np.random.default_rng(6)
+    names = [f"arm{place % 4}.{field}" for place in range(count)]
+    return sum(named(checked(rng, **{each: by})).name == each for each in names)
+
+
+def stands_named(count):
+    rng, found = np.random.default_rng(7), 0
+    for place in range(count):
+        way = rng.standard_normal(3)
+        by_mm = MOVED_MM * way / np.linalg.norm(way)
+        found += named(checked(rng, 1 + place % 7, by_mm)).kind == "frame"
+    return found
+
+
+def test_an_unchanged_robot_is_good():
+    assert good(8) == 8
+
+
+def test_the_encoder_the_arm_and_the_stand_that_moved_are_named():
+    assert parts_named("joint_offset_deg", 0.05, 4) == 4
+    assert parts_named("arm_mm", -0.1, 4) == 4
+    assert stands_named(4) == 4
+
+
+def test_a_change_is_told_with_its_uncertainty():
+    rng, judged = np.random.default_rng(2), []
+    for _ in range(12):
+        judged.append(checked(rng, **{"arm2.joint_offset_deg": 0.05}))
+    parts = [each.changed[0] for each in judged]
+    assert {each.decision for each in judged} == {"fail"}
+    assert sum(abs(each.size - 0.05) < each.expanded_uncertainty for each in parts) >= 10
+    assert judged[0].says.startswith("not good: arm 2's encoder by +0.0")
+
+
+@pytest.mark.long
+def test_of_a_hundred_robots_nearly_all_are_called_rightly(record_property):
+    found = {
+        "unchanged": good(300) / 3.0,
+        "encoder": parts_named("joint_offset_deg", 0.05, 100),
+        "arm": parts_named("arm_mm", 0.1, 100),
+        "stand": stands_named(100),
+    }
+    for name, share in found.items():
+        record_property(name, share)
+    assert found["unchanged"] >= 99
+    assert min(found.values()) >= 95, found
+
+
+@pytest.mark.parametrize(
+    ("name", "by"), [("arm1.joint_offset_deg", 0.05), ("arm3.arm_mm", 0.1)], ids=str
+)
+def test_a_repair_knows_positions_as_well_as_the_campaign_did(name, by):
+    rng = np.random.default_rng(3)
+    now = robot(rng, **{name: by})
+    shots = measured(planned(), now, rng)
+    judged = check_calibration(stored(), shots, TRACKER)
+    first, _ = repaired_estimate(stored(), judged.of_robot, shots, TRACKER)
+    names, own = stored().known.names, region(stored().kinematics)
+    count = len(names)
+    more = further_shots(own, names, first.covariance[:count, :count], TRACKER, "I", 6, rng)
+    after = measured(more, now, rng)
+    both = dataset(
+        np.vstack([shots.joints, after.joints]),
+        np.vstack([shots.points_in_tracker_mm, after.points_in_tracker_mm]),
+        [None] * 14,
+        [ShotSet.CHECK] * 14,
+    )
+    both = replace(both, session=np.repeat([1, 2], [8, 6]))
+    found, known = repaired_estimate(stored(), judged.of_robot, both, TRACKER)
+    poses = np.array([[x, y, -575.0, 0.0] for x in (-150, 0, 150) for y in (-150, 0, 150)])
+    sample = WorkspaceSample.of(stored().kinematics, names, poses)
+    assert known.of_positions(sample).mean() <= 1.2 * stored().known.of_positions(sample).mean()
+    assert found.noise.consistent
+    value = found.x[names.index(name)] / SPACE.units((name,))[0]
+    assert abs(value - now.parameters[name]) < 4.0 * known.std()[name]
