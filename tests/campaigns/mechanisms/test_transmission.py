@@ -9,6 +9,8 @@ from par4_cases import NOMINAL, central_differences
 
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.shots.shots import shots_of_rows
+from campaigns.shots.shots_csv import read_shots
 
 SIZES = {"deg": np.radians(0.03), "mm": 0.04, "ppm": 300e-6}
 FIELDS = {
@@ -84,17 +86,10 @@ def test_a_warm_robot_grows_as_its_lengths_do(member):
 
 
 def shots(case):
-    """Joints, sides of approach, points and covariances of a vector's file, and its answers."""
-    table = np.genfromtxt(VECTORS / f"{case}.csv", delimiter=",", names=True)
-
-    def columns(*names):
-        return np.stack([table[name] for name in names], axis=1)
-
-    covariance = columns("sxx", "sxy", "sxz", "sxy", "syy", "syz", "sxz", "syz", "szz")
-    joints = np.radians(columns(*(f"q{arm}_deg" for arm in range(4))))
-    approach, points = columns(*(f"side{arm}" for arm in range(4))), columns("x_mm", "y_mm", "z_mm")
-    answers = json.loads((VECTORS / f"{case}.json").read_text(encoding="utf-8"))
-    return joints, approach, points, covariance.reshape(-1, 3, 3), answers
+    """Shots of a vector's file, whose columns `side0` … say how joints came, and its answers."""
+    path = VECTORS / f"{case}.csv"
+    data = shots_of_rows(read_shots(path, NOMINAL.mechanism), NOMINAL)
+    return data, json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
 
 
 def named(answer):
@@ -115,14 +110,15 @@ def named(answer):
     ],
 )
 def test_all_terms_are_found_as_an_independent_model_has_them(case, answer, within):
-    joints, approach, points_mm, covariance_mm2, answers = shots(case)
+    data, answers = shots(case)
     nominal = type(NOMINAL)(NOMINAL.mechanism.with_ripples(answers["N"]), NOMINAL.p)
     space, expected = nominal.mechanism.parameters, named(answers[answer])
     added = tuple(name for name in space.transmission if name in expected)
     free = (*space.free_by_default, *added)
     assert len(free) == 42
-    model = PositionModel(nominal, space.places(free), joints, approach=approach)
-    fit = solve(PointResiduals.from_points(model, points_mm, covariance_mm2))
+    model = PositionModel(nominal, space.places(free), data.joints, approach=data.approach)
+    measured = data.points_in_tracker_mm, data.stated_covariance_mm2
+    fit = solve(PointResiduals.from_points(model, *measured))
     found = fit.x[: len(free)] / space.units(free)
     assert fit.converged
     for name, value in zip(free, found, strict=True):
