@@ -10,7 +10,7 @@ from campaigns.campaign import SIMULATED
 from campaigns.errors import OutputExists
 from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
-from campaigns.robots.robot import RobotFile, find_robot
+from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.sections import ValidationConfig
 from drivers.bounded_files import is_there
@@ -62,6 +62,9 @@ def create_simulated(
     if computes_plate_tilt:
         text = computing_plate_tilt(text)
     cell = parse_scenario(text, scenario)
+    gears = cell.robot.transmission
+    if gears.ripple_arcsec and nominal.robot.mechanism.joints[0].is_revolute:
+        nominal = with_ripples_per_turn(nominal, gears.ripples_per_turn)  # as its data sheet has it
     tracker = cell.tracker
     base = tracker.station.pose()
     places = {each.name: base.to_tracker_mm(np.array(each.place_mm)) for each in tracker.nests}

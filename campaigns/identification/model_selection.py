@@ -187,7 +187,10 @@ def _with_terms(
 
     Forward selection: what is objected to is not tried again, what is not is the next best.
     """
-    space = nominal.mechanism.parameters
+    space, has_rate = (
+        nominal.mechanism.parameters,
+        nominal.mechanism.transmission.ripple_rate != 0.0,
+    )
     if _grows(best):
         for warmed in _with_warmth(best, nominal, shots, options):
             yield warmed
@@ -195,7 +198,7 @@ def _with_terms(
         if best.course is not None:
             shots = replace(shots, warmth=best.course.values)
     for _ in range(MOST_TERMS):
-        more = _lacking_terms(best, allowed, space)
+        more = _lacking_terms(best, allowed, space, has_rate=has_rate)
         if more is None:
             return
         cause, names = more
@@ -246,7 +249,7 @@ def _with_warmth(
 
 
 def _lacking_terms(
-    best: _Candidate, allowed: set[str], space: ParameterSpace
+    best: _Candidate, allowed: set[str], space: ParameterSpace, *, has_rate: bool
 ) -> tuple[str, set[str]] | None:
     """First cause of a lack of fit that terms of the transmission take up, and their names."""
     for doubt in best.found.doubts if best.found else ():
@@ -254,6 +257,8 @@ def _lacking_terms(
         arm = int(doubt.numbers.get("arm", -1)) if doubt.numbers.get("alone") else None
         own = (space[name] for name in allowed)
         names = {each.name for each in own if each.field.stem in stems and arm in {None, each.arm}}
+        if stems == TERMS["ripple"] and not has_rate:
+            continue  # only named, with its rate: robot.yaml has to say it
         if names:
             told = str(doubt.numbers["cause"]) + ("" if arm is None else str(arm))
             return told, names

@@ -163,6 +163,13 @@ def compensated(
     return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), name))
 
 
+def with_ripples_per_turn(robot: RobotDocument, ripples_per_turn: float) -> RobotDocument:
+    """The same robot with its gears' rate in the document."""
+    tree = robot.document.editable_tree()
+    tree["ripples_per_turn"] = ripples_per_turn
+    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), robot.robot.name))
+
+
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
     """Write a robot file that must not exist yet; raises `OutputExists` or `WriteFailed`."""
     write_new_text(path, robot.document.text)
