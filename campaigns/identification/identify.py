@@ -44,7 +44,7 @@ def identify(
     """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
-    shots = shots.rows(np.setdiff1d(np.arange(len(shots)), shots.rows_of(ShotSet.KNOWN_LENGTH)))
+    shots = shots.of_set(*(purpose for purpose in ShotSet if purpose.on_robot))
     known = shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     _check(nominal, known, sessions=options.sessions)
     inputs = Inputs.of(nominal, shots, selection, options)

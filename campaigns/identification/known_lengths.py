@@ -10,7 +10,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.estimation.information import TrackerScale
 from campaigns.estimation.tracker_noise import TrackerUncertainty, distance_variance_mm2
 from campaigns.evaluation.diagnostics import Doubt, scale_doubt
-from campaigns.settings.sections import KnownLengthConfig
+from campaigns.settings.sections import KnownLengthConfig, bar_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -47,7 +47,9 @@ def known_lengths(
     pairs = shots.whole_pairs(ShotSet.KNOWN_LENGTH)
     if not pairs.numbers:
         return None
-    bars = [_bar_of(number, known) for number in pairs.numbers]
+    nests = shots.nests or ("",) * len(shots)
+    ends = [tuple(nests[row] for row in both) for both in pairs.rows.tolist()]
+    bars = [_bar_of(*each, known) for each in zip(pairs.numbers, ends, strict=True)]
     lengths_mm = np.array([known[bar].length_mm for bar in bars])
     measured_mm = shots.measured_distances_mm(pairs.rows)
     covariance_mm2 = np.diag(
@@ -78,14 +80,11 @@ def known_length_doubts(found: KnownLengths | None) -> Iterator[Doubt]:
         yield scale_doubt(found.scale, says)
 
 
-def _bar_of(pair: int, known: Sequence[KnownLengthConfig]) -> int:
-    """Place of the known length that a pair was measured at: by name, else the one for all."""
-    for place, each in enumerate(known):
-        if pair in each.pairs:
-            return place
-    for_all = [place for place, each in enumerate(known) if not each.pairs]
-    if len(for_all) == 1:
-        return for_all[0]
+def _bar_of(pair: int, nests: tuple[str, ...], known: Sequence[KnownLengthConfig]) -> int:
+    """Place of the known length that a pair was measured at."""
+    place = bar_of(known, pair, nests)
+    if place is not None:
+        return place
     raise ShotsInvalid(
         f"pair {pair} is of the set known-length, but known_lengths in campaign.yaml does not say "
         "which length it is",

@@ -16,6 +16,7 @@ from campaigns.identification.model_selection import (
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import between, held_out, shots_of_journal
 from campaigns.shots.warmth import with_readings
 
@@ -42,8 +43,10 @@ def identify(
         model = options.model or model_to_find(series.started.model)
         models = candidate_models(space, model, *chosen)
         terms = transmission_terms(space, model, options.fix)
-        beside = campaign.known_length_shots(journal)
-        shots = shots_of_journal((*journal.shots(series.number), *beside), robot.mechanism)
+        measured = journal.shots(series.number)
+        if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
+            measured = (*measured, *campaign.known_length_shots(journal))
+        shots = shots_of_journal(measured, robot.mechanism)
         shots = with_readings(shots, campaign.config.part_temperatures)
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
