@@ -14,7 +14,7 @@ from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.sections import ValidationConfig
 from drivers.bounded_files import is_there
-from sim.scenarios.adaptation import OtherRobot, adapted, computing_plate_tilt
+from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
 from sim.scenarios.scenario import parse_scenario, scenario_text
 
 DEFAULT_ROBOT = "par4-prototype"
@@ -48,19 +48,19 @@ def create_simulated(
     seed: int | None = None,
     *,
     with_limits: bool = False,
-    computes_plate_tilt: bool = False,
+    computes_all: bool = False,
 ) -> CampaignConfig:
     """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
-    `computes_plate_tilt` says whether its controller does. `with_limits` asks in campaign.yaml for
-    what the scenario asks of a calibrated robot.
+    `computes_all`: whether its controller computes plate tilt and what gears add. `with_limits`
+    asks in campaign.yaml for what the scenario asks of a calibrated robot.
 
     Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
     nominal = find_robot(robot)
     text = cell_text(nominal.robot, scenario, seed)
-    if computes_plate_tilt:
-        text = computing_plate_tilt(text)
+    if computes_all:
+        text = computing_all(text)
     cell = parse_scenario(text, scenario)
     gears = cell.robot.transmission
     if gears.ripple_arcsec and nominal.robot.mechanism.joints[0].is_revolute:

@@ -54,7 +54,7 @@ def command(
     Plan, validate before, run, identify, export, load, validate after. Controller and tracker
     are simulated, but reached through the same drivers, protocols and sockets as real ones, and
     what the simulated robot's errors are, the identification has to find out. Unless --model is the
-    paper's, the new cell's controller computes plate tilt.
+    paper's, the new cell's controller computes plate tilt and what gears add.
 
     DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing was
     measured yet: then its settings hold.
@@ -99,7 +99,7 @@ def prepared(
             scenario or DEFAULT_SCENARIO,
             seed,
             with_limits=True,
-            computes_plate_tilt=model not in {Model.PAPER, Model.STANDARD},
+            computes_all=model not in {Model.PAPER, Model.STANDARD},
         )
         return open_campaign(folder)
     remedy = "name a new folder"

@@ -56,13 +56,14 @@ def adapted(text: str, robot: OtherRobot) -> str:
     return _checked(edited(text, fit), f"the scenario for {robot.mechanism}")
 
 
-def computing_plate_tilt(text: str) -> str:
-    """Cell file whose controller computes plate tilt; raises `ScenarioInvalid`."""
+def computing_all(text: str) -> str:
+    """Cell file whose controller computes plate tilt and transmission; raises `ScenarioInvalid`."""
 
     def tell(tree: CommentedMap) -> None:
-        tree.setdefault("controller", CommentedMap())["computes_plate_tilt"] = True
+        controller = tree.setdefault("controller", CommentedMap())
+        controller |= {"computes_plate_tilt": True, "computes_transmission": True}
 
-    return _checked(edited(text, tell), "the scenario whose controller computes plate tilt")
+    return _checked(edited(text, tell), "the scenario whose controller computes all")
 
 
 def _checked(text: str, name: str) -> str:

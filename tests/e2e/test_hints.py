@@ -11,7 +11,7 @@ from campaigns.campaign import open_campaign
 from campaigns.robots.robot import read_robot
 from campaigns.shots.import_export import exported_shots
 from campaigns.shots.shots_csv import write_shots
-from sim.scenarios.adaptation import computing_plate_tilt
+from sim.scenarios.adaptation import computing_all
 from sim.scenarios.scenario import load_scenario
 
 ROBOTS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
@@ -76,7 +76,7 @@ def begins(pkmcal, folder, robot, scenario, *, full):
     change(folder / "cell.yaml", FASTER)
     if full:
         cell = folder / "cell.yaml"
-        cell.write_text(computing_plate_tilt(cell.read_text(encoding="utf-8")), encoding="utf-8")
+        cell.write_text(computing_all(cell.read_text(encoding="utf-8")), encoding="utf-8")
     return person, made
 
 
