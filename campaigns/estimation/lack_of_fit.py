@@ -117,7 +117,8 @@ def external_reliability(
     if shots.freedom < LEAST_FREEDOM:
         return
     flat = jacobian.reshape(shots.left.size, -1)
-    lengths = np.maximum(np.linalg.norm(flat, axis=0), TINY)
+    lengths = np.linalg.norm(flat, axis=0)
+    lengths[lengths == 0.0] = np.inf  # what moves no point is moved by none
     inverse = np.linalg.pinv(flat / lengths, rcond=math.sqrt(RANK)) / lengths[:, None]
     tests = sum(len(_parts(each)) for each in groups)
     sigma0 = math.sqrt(max(1.0, shots.chi2 / shots.freedom))

@@ -1,5 +1,6 @@
 """Larger models: kept only where pairs that they never saw, and their price, speak for them."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -294,3 +295,13 @@ def test_the_criterion_charges_a_parameter_the_logarithm_of_the_measurements():
     dearer = replace(found, rank=found.rank + 1)
     assert bic(dearer) - bic(found) == pytest.approx(np.log(3 * 120))
     assert len(indices(MODELS["axes+backlash"].free)) == 35
+
+
+def test_a_ripple_of_unknown_rate_is_untold_and_every_number_of_the_result_finite():
+    data, _ = geared()
+    free = select_parameters(SPACE, ["arm*.ripple_*"], names=SPACE.model)
+    found = identify(NOMINAL, data, free)
+    assert [f"arm{arm}.ripple_sin_deg" for arm in range(4)] == [
+        name for (name,) in found.unobservable if "sin" in name
+    ]
+    assert json.dumps(found.document(), allow_nan=False)
