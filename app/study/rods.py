@@ -37,7 +37,7 @@ def rod_robot(
     kind, plate = section.kind, true.mechanism.plate
     geometry = geometry_of_model(true, section)
     turns = 1e-3 * perturbation.azimuths_mrad * rng.standard_normal(kind.arms)
-    turns[0] = 0.0  # the first arm's direction is the frame's
+    turns -= turns.mean()  # a turn of all arms is the frame's and the mounts'
     geometry = replace(geometry, azimuths_rad=geometry.azimuths_rad + turns)
     rods_mm = perturbation.rods_mm * rng.standard_normal((kind.arms, 2))
     axes_rad = 1e-3 * perturbation.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
@@ -103,6 +103,7 @@ def vector_of_parts(level: Kinematics, geometry: Geometry, build: Build) -> Arra
     A skew is the difference of a forearm's rods over their distance, the forearm their mean.
     """
     space, p = level.mechanism.parameters, level.p.copy()
+    p[space.places(space.of_field("azimuth_deg"))] = geometry.azimuths_rad
     p[space.places(space.of_field("forearm_mm"))] += build.rod_errors_mm.mean(axis=1)
     apart_mm = build.rod_errors_mm[:, 1] - build.rod_errors_mm[:, 0]
     p[space.places(space.of_field("parallelogram_skew_deg"))] += apart_mm / build.rod_spacing_mm

@@ -29,6 +29,8 @@ MADE_BY_ONE = 0.7
 HOLDS = 0.35
 """Part of its size that a change must have in the half of the shots that is far from it, on either
 side."""
+CHANCE = 2.0
+"""Standard deviations by which these shots may show less of it."""
 LAGS = 4
 """Order of the autoregressive noise that is allowed for."""
 REMEMBERED, MOST_REMEMBERED = 1.65, 0.95
@@ -47,6 +49,8 @@ class Cause:
     kind: CauseKind
     name: str
     columns: Array
+    log_prior: float = 0.0
+    """Logarithm of how often it happens, beside others that few shots don't tell from it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,11 +87,14 @@ def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
         tests = [_Tests.of(cause, shots) for cause in causes]
         chances = [log_p(each.size.shape[1], freedom, each.gain, chi2) for each in tests]
         alone: int | None = None
-        for each, found in sorted(zip(tests, chances, strict=True), key=lambda of: of[1].min()):
-            place = int(np.argmin(found))
+        told = [
+            (each, found, int(np.argmin(found))) for each, found in zip(tests, chances, strict=True)
+        ]
+        told.sort(key=lambda of: of[1][of[2]] - of[0].cause.log_prior)
+        for each, found, place in told:
             chance = sum(one.chance_anywhere(float(found[place])) for one in tests)
             if chance >= SIGNIFICANCE:
-                return None
+                continue
             by_shot, expected = each.gain_by_shot(place, shots.left)
             most = float(by_shot.max())
             beside = log_p(each.size.shape[1], freedom, max(each.gain[place] - most, 0.0), chi2)
@@ -226,7 +233,11 @@ class _Tests:
         first, count = int(self.after[place]) + 1, len(by_shot)
         first = count // 2 if self.cause.kind == "drift" else first
         far = slice(0, (first + 1) // 2), slice((first + count) // 2, count)
-        return all(by_shot[some].sum() >= HOLDS * expected[some].sum() for some in far)
+        noise = CHANCE * np.sqrt(expected)  # of a shot's part, whose variance is itself
+        return all(
+            by_shot[some].sum() >= HOLDS * expected[some].sum() - np.linalg.norm(noise[some])
+            for some in far
+        )
 
     def change(self, place: int, chi2: float, freedom: int, logarithm: float) -> Change:
         """Change at one of the places."""

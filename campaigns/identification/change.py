@@ -3,6 +3,7 @@
 All shots that are not gross take part, those that were left out of the fit and unseen ones too.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -47,6 +48,8 @@ Columns = TypeVar("Columns", Group, Cause)
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
 FOREARM = "forearm_mm"
+RARE = math.log(0.01)
+"""How seldom a forearm of a crank changes its length by a step, for each encoder that slips."""
 WORSE = 1.3
 """Scatter of unseen shots over that of fitted ones that is no chance."""
 SWAPPED = 0.1
@@ -80,6 +83,11 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     gross = shots.size > GROSS
     gross[[row for pair in swapped for row in pair]] = True
     in_line = ~gross | (apart & ~isolated(~shots.out))
+    late = last_together(apart)
+    if late is None and (last := last_together(apart[shots.fitted])) is not None:
+        late = int(np.flatnonzero(shots.fitted)[last])
+    if late is not None:
+        in_line[late:] |= apart[late:]
     smooth = steps = _Rows(shots, np.flatnonzero(~gross))
     if in_line.sum() > len(smooth.rows):
         steps = _Rows(shots, np.flatnonzero(in_line))
@@ -91,8 +99,8 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         rows = steps.rows[[change.after, change.after + 1]]
         rows = steps.rows[[0, -1]] if change.kind == "drift" else rows
         between = numbers[rows[0]], numbers[rows[1]]
-    elif not lacks and (first := last_together(apart[shots.fitted])) is not None:
-        off = int(apart[shots.fitted].sum()), numbers[np.flatnonzero(shots.fitted)[first]]
+    elif not lacks and late is not None:
+        off = int(apart.sum()), numbers[late]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
     return Tested(lacks, change, between, named, off, tuple(_hidden(smooth, groups)))
 
@@ -252,7 +260,9 @@ def _most_significant(
     phi = memory(left.left.reshape(-1, 3))
     if not len(phi):
         return found
-    return _selected(replace(smooth, phi=phi), replace(steps, phi=phi), groups, causes)
+    again = _selected(replace(smooth, phi=phi), replace(steps, phi=phi), groups, causes)
+    # beside noise with a memory it is seen whether there is a change, without it which and where
+    return again[0], change if change is not None and again[1] is not None else again[1]
 
 
 def _selected(
@@ -354,7 +364,8 @@ def part_causes(
     mounts = tuple(f"arm{arm}.{axis}_mm" for arm in range(space.arms) for axis in "xyz")
     found = by_parameters((*links, *mounts))
     for place, name in enumerate(links):
-        yield Cause("length", name, found[:, :, place : place + 1])
+        prior = RARE if name in forearms else 0.0
+        yield Cause("length", name, found[:, :, place : place + 1], prior)
     for place in range(0, len(mounts), 3):
         own = found[:, :, len(links) + place :][:, :, :3]
         yield Cause("mount", mounts[place], own)

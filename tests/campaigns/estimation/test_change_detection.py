@@ -1,5 +1,7 @@
 """Change tests on plain matrices: false alarms as stated, more told than by Bonferroni."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -112,6 +114,26 @@ def test_what_is_put_back_is_no_step():
 def test_a_step_before_the_last_three_shots_is_told(after):
     found = found_of(stepped(2, 10.0, after), (*CAUSES, FRAME))
     assert (found.name, found.after) == ("arm1.arm_mm", after - 1)
+
+
+def test_shots_that_hardly_show_a_step_do_not_speak_against_it():
+    weak = CAUSES[1].columns.copy()
+    weak[-3:] *= 0.05
+    shifted = residual(4)
+    shifted[-5:] -= 6.0 * weak[-5:, :, 0]
+    against = weak[-3:, :, 0] / np.linalg.norm(weak[-3:, :, 0])
+    shifted[-3:] = 1.8 * against - 6.0 * weak[-3:, :, 0]
+    found = found_of(shifted, (CAUSES[0], Cause("joint", "arm1", weak), FRAME))
+    assert (found.name, found.after) == ("arm1", SHOTS - 6)
+
+
+def test_of_causes_that_shots_hardly_tell_apart_the_more_frequent_is_named():
+    alike = CAUSES[1].columns + 0.02 * RNG.standard_normal((SHOTS, 3, 1))
+    causes = (*CAUSES, Cause("joint", "slipped", alike, 0.0))
+    rare = tuple(replace(each, log_prior=-5.0) for each in CAUSES)
+    assert found_of(stepped(1, 3.0, SHOTS - 4), causes).name == "arm1.arm_mm"
+    assert found_of(stepped(1, 3.0, SHOTS - 4), (*rare, causes[-1])).name == "slipped"
+    assert found_of(stepped(1, 3.0, SHOTS - 4), rare).name == "arm1.arm_mm"
 
 
 def remembering(seed, shots=150, memory_of=0.9):

@@ -180,6 +180,20 @@ def test_wrong_shots_together_at_the_end_of_what_is_fitted_are_a_change():
     assert doubts_of(apart, "change-during-campaign") == []
 
 
+def test_an_encoder_that_slips_before_the_last_shots_is_named_though_they_are_gross_errors():
+    """Between two of the last three one that hardly shows it, so that each stands alone."""
+    slipped = PLAIN.joints + np.radians(0.3) * np.eye(4)[3]
+    moved_mm = TRUTH.forward(slipped).values[:, :3] - TRUTH.forward(PLAIN.joints).values[:, :3]
+    least, *_, second, most = np.argsort(np.linalg.norm(moved_mm, axis=1)).tolist()
+    others = np.setdiff1d(np.arange(len(slipped)), [least, second, most])
+    rows = np.array([*others, second, least, most])
+    joints = np.where(np.isin(np.arange(len(slipped)), rows[-3:])[:, None], slipped, PLAIN.joints)
+    wrong = with_joints(joints).rows(rows)
+    (doubt,) = doubts_of(wrong, "change-during-campaign")
+    assert (doubt.numbers["kind"], doubt.numbers["cause"]) == ("joint", "arm3.joint_offset_deg")
+    assert doubt.numbers["before_shot"] == wrong.numbers[-3]
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_with_a_memory_is_no_change(seed):
     rng = np.random.default_rng([5, seed])
