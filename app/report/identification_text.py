@@ -75,6 +75,8 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
         yield found.chi2.says
     if words := model_sections.interval_in_words(found.coverage_factor_95):
         yield words
+    if words := model_sections.warmth_in_words(found):
+        yield words
     if found.position_std_mm is not None:
         yield from model_sections.positions_in_words(found.position_std_mm)
     if hidden := model_sections.hidden_in_words(found):

@@ -8,7 +8,7 @@ import numpy as np
 from campaigns.estimation.change_detection import Change
 from campaigns.estimation.information import SIGNIFICANCE, ChiSquareTest, TrackerScale, Uncertainty
 from campaigns.estimation.lack_of_fit import GENERAL, LackOfFit
-from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
 from campaigns.evaluation.region import FARTHER_OFF, Region
 from campaigns.evaluation.summary import Spread
@@ -149,13 +149,13 @@ def noise_doubts(noise: ChiSquareTest) -> Iterator[Doubt]:
 
 
 def change_doubt(
-    change: Change, numbers: tuple[int, int], space: ParameterSpace, play: float = 0.0
+    change: Change, numbers: tuple[int, int], nominal: Parameters, play: float = 0.0
 ) -> Doubt:
-    """Doubt of a change between two shots, by their numbers.
+    """Doubt of a change between two shots, by their numbers; growth is told of nominal lengths.
 
     An encoder's that is smaller than the play of the gears (rad, mm) is only told.
     """
-    before, after = numbers
+    (before, after), space = numbers, nominal.space
     size = float(change.size[0])
     values: dict[str, float | str] = {
         "kind": change.kind,
@@ -168,8 +168,11 @@ def change_doubt(
     alone = _alone(before, after)
     below = change.kind == "joint" and abs(size) < play
     if change.kind == "drift" and len(change.size) == 1:
-        values |= {"size": size, "std": float(change.std[0])}
-        what = f"all arms changed their lengths by {size:+.2g} mm over the campaign"
+        links, std = [nominal[name] for name in space.arm_lengths], float(change.std[0])
+        per_mm = PPM / float(np.mean(links))
+        values |= {"size": size, "std": std, "ppm": per_mm * size, "std_ppm": per_mm * std}
+        grown = f"{space[space.arm_lengths[0]].field.stem}s"
+        what = f"{grown_text(grown, per_mm * size, per_mm * std)} ppm over the run, {size:+.2g} mm"
         remedy = "let the robot warm up first, or measure again when it is warm"
     elif change.kind in ("frame", "drift", "mount"):
         moved_mm = float(np.linalg.norm(change.size[-3:]))
@@ -201,6 +204,12 @@ def change_doubt(
     return Doubt(
         CHANGE, f"{what} ({_chance(change.p)}): {remedy}", None if below else "fail", values
     )
+
+
+def grown_text(parts: str, ppm: float, std_ppm: float) -> str:
+    """`arms grew by 48 ± 9`, U with k = 2, to which the unit is added."""
+    verb = "grew" if ppm >= 0.0 else "shrank"
+    return f"{parts} {verb} by {abs(ppm):.3g} ± {COVERAGE * std_ppm:.2g}"
 
 
 def late_doubt(off: int, first: int) -> Doubt:

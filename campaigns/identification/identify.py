@@ -257,7 +257,7 @@ def _tested_doubts(
     space = inputs.nominal.mechanism.parameters
     if told.change is not None and told.between is not None:
         yield diagnostics.change_doubt(
-            told.change, told.between, space, _play(inputs, judged, told)
+            told.change, told.between, inputs.nominal.parameters, _play(inputs, judged, told)
         )
     if told.off_from is not None:
         yield diagnostics.late_doubt(*told.off_from)

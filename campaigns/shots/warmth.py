@@ -40,12 +40,18 @@ class Course:
     which is then the state that parameters are stated in."""
     time_constant: float | None = None
     """Of warmth by time, in parts of the run."""
+    reference_degC: float | None = None
+    """Of warmth by temperature: what 0 stands for."""
 
     @property
     def told(self) -> dict[str, float | str | None]:
-        """Course in a result: where it is from, and its time constant in parts of the run."""
+        """Course in a result: its source, time constant in parts of the run, reference."""
         finite = self.time_constant is not None and math.isfinite(self.time_constant)
-        return {"source": self.source, "time_constant": self.time_constant if finite else None}
+        return {
+            "source": self.source,
+            "time_constant": self.time_constant if finite else None,
+            "reference_degC": self.reference_degC,
+        }
 
     @property
     def passed(self) -> Array:
@@ -61,7 +67,8 @@ def courses(shots: Shots, reference_degC: float) -> tuple[Course, ...]:
     if known.sum() > 1 and np.ptp(degC[known]) >= LEAST_DEGC:
         order = np.flatnonzero(known)[np.argsort(passed[known], kind="stable")]
         whole = np.interp(passed, passed[order], degC[order])
-        return (Course("temperature", whole - reference_degC),)
+        above = whole - reference_degC
+        return (Course("temperature", above, reference_degC=reference_degC),)
     if drift is not None:
         return (Course("drift pose", drift),)
     return tuple(Course("time", _warmed(passed, each), each) for each in TIME_CONSTANTS)

@@ -1,0 +1,79 @@
+"""Arms that grow while they are measured: named, and taken up where the shots say so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import NOMINAL
+from identified_cases import NOISE_MM, SPACE, TRACKER_FROM_BASE, TRUTH, simulated, stating
+
+from app.report.model_sections import warmth_in_words
+from campaigns.estimation.estimators import Model
+from campaigns.identification.identify import identify
+from campaigns.identification.model_selection import candidate_models, select_model
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.shots.shots import Shots
+
+ARMS = SPACE.places(SPACE.arm_lengths)
+
+
+def warming(growth_ppm: float, *, degC: bool = False, evenly: bool = False) -> Shots:
+    """Shots of a robot whose arms grow by so much to the last one."""
+    rng, shots = np.random.default_rng(4), simulated(60, 20, 4)
+    count = len(shots)
+    shots = replace(shots.rows(rng.permutation(count)), numbers=tuple(range(count)))
+    passed = np.linspace(0.0, 1.0, count)
+    passed = passed if evenly else np.expm1(-3.0 * passed) / np.expm1(-3.0)
+    longer = TRUTH.p.copy()
+    longer[ARMS] *= 1.001
+    cold, grown = (
+        robot.forward(shots.joints).values_or_raise()[:, :3]
+        for robot in (TRUTH, Kinematics(TRUTH.mechanism, longer))
+    )
+    moved = (1e-3 * growth_ppm * passed)[:, None] * (grown - cold)
+    points = shots.points_in_tracker_mm + moved @ TRACKER_FROM_BASE.rotation.T
+    points = points + NOISE_MM * rng.standard_normal(points.shape)
+    temperatures = 20.0 + 10.0 * passed if degC else np.full(count, np.nan)
+    warm = replace(shots, points_in_tracker_mm=points, part_temperature_degC=temperatures)
+    return stating(warm)
+
+
+def identified(shots: Shots) -> IdentificationResult:
+    return select_model(NOMINAL, shots, candidate_models(SPACE, Model.RODS))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degC", [False, True], ids=["by time", "by temperature"])
+def test_growth_is_taken_up_and_told_with_its_uncertainty(degC: bool) -> None:
+    found = identified(warming(200.0, degC=degC))
+    kept = next(model for model in found.models if model.kept)
+    arms = found.parameters["arm_expansion_ppm"]
+    noise_mm2 = 2.0 * NOISE_MM**2  # of a measured distance, whatever the model
+    left, right = (each.unseen_rms_mm**2 - noise_mm2 for each in (kept, found.models[0]))
+    assert left < 0.25 * right
+    assert abs(arms.value - (20.0 if degC else 200.0)) < 3.0 * arms.std
+    assert found.warmth["source"] == ("temperature" if degC else "time")
+    assert found.warmth["reference_degC"] == (20.0 if degC else None)
+    says = warmth_in_words(found)
+    assert says.startswith(f"arms grew by {arms.value:.3g} ± {2.0 * arms.std:.2g}")
+    per, state = ("/°C", "at 20 °C") if degC else (" over the run", "at its end")
+    assert f"ppm{per} (k = 2)" in says
+    assert says.endswith(state)
+
+
+def test_a_robot_that_stays_as_it_is_has_no_warmth() -> None:
+    found = identified(warming(0.0))
+    assert found.warmth is None
+    assert warmth_in_words(found) == ""
+
+
+def test_a_drift_is_named_as_growth_with_its_size_and_uncertainty() -> None:
+    found = identify(NOMINAL, warming(-150.0, evenly=True), select_parameters(SPACE))
+    (doubt,) = (each for each in found.doubts if each.name == "change-during-campaign")
+    numbers = doubt.numbers
+    assert (numbers["kind"], numbers["cause"]) == ("drift", "lengths")
+    assert abs(numbers["ppm"] + 150.0) < 3.0 * numbers["std_ppm"] < 75.0
+    told = f"{-numbers['ppm']:.3g} ± {2.0 * numbers['std_ppm']:.2g}"
+    assert doubt.says.startswith(f"arms shrank by {told} ppm over the run, {numbers['size']:+.2g}")
