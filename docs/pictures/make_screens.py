@@ -1,0 +1,137 @@
+"""Makes the pictures of screens anew: a run's screen, the live page, a certificate, the 3-D view.
+
+python docs/pictures/make_screens.py
+
+Needs chromium and pdftoppm. About a minute.
+"""
+
+import io
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from ruamel.yaml import YAML
+
+from app.run_screen import run_screen
+from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
+
+HERE = Path(__file__).parent
+PKMCAL = [sys.executable, "-m", "app.main"]
+BROWSER = shutil.which("chromium") or "chromium"
+QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--timeout=4000")
+CERTIFICATE = {
+    "number": "2026-117",
+    "customer": "Acme Ltd, 1 Main Street, Anytown",
+    "laboratory": "Calibration Laboratory, 2 Side Street, Anytown",
+    "measured_by": "A. Bee",
+    "authorised_by": "C. Dee",
+    "robot_type": "Acme Par4",
+    "tool": "flange with a 1.5 inch reflector",
+    "payload_kg": 0.0,
+    "conditions": "doors shut, warm for an hour",
+}
+RUN = Progress(
+    34,
+    163,
+    EngineState.MEASURING,
+    34,
+    "identification",
+    (310.0, 420.0),
+    0.023,
+    0.012,
+    known=ParameterUncertainty(
+        30, "arm3.forearm_mm", 0.086, 0.09, 0.013, 1.0, weakest_words="forearm of arm 3"
+    ),
+)
+
+
+def main() -> None:
+    """Make all of them."""
+    console = Console(record=True, width=80, height=24, file=io.StringIO(), force_terminal=True)
+    residuals = (0.02, 0.03, 0.018, 0.025, 0.022, 0.023)
+    now = datetime(2026, 3, 2, 14, 26, tzinfo=UTC)
+    events = ("shot 12, attempt 1: beam broken: the tracker lost its target", "the beam is back")
+    console.print(run_screen("run", RUN, residuals, events, now, (80, 24)))
+    console.save_svg(str(HERE / "run.svg"), title="pkmcal run cell-7")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "cell-7"
+        pkmcal("new", folder, "--scenario", "realistic")
+        change(folder / "cell.yaml", lambda tree: tree.update(speed_up=12))
+        pkmcal("plan", folder, "--model", "standard")
+        live_pages(folder)
+        change(folder / "campaign.yaml", certified)
+        pkmcal("identify", folder, "--model", "auto")
+        pkmcal("report", folder, "--pdf")
+        pdf, page = folder / "report.pdf", folder / "report.html"
+        words = ["pdftoppm", "-png", "-singlefile", "-f", "2", "-r", "70", pdf]
+        subprocess.run([*words, HERE / "certificate"], check=True)  # noqa: S603 - our own file
+        only_view(page, Path(scratch) / "view.html")
+        screenshot((Path(scratch) / "view.html").as_uri(), "view-in-space", 900, 560)
+
+
+def certified(tree: Any) -> None:
+    """Settings with the head of a certificate."""
+    tree["certificate"].update(CERTIFICATE)
+    tree["certificate"]["tracker"].update({"number": "T-9", "laboratory": "NMI"})
+
+
+def live_pages(folder: Path) -> None:
+    """The live page on a desktop and a phone, while a run is going on."""
+    watch = subprocess.Popen(  # noqa: S603 - our own command
+        [*PKMCAL, "watch", str(folder), "--json"], stdout=subprocess.PIPE, text=True
+    )
+    run = subprocess.Popen([*PKMCAL, "run", str(folder), "--yes", "--plain"])  # noqa: S603 - the same
+    try:
+        assert watch.stdout is not None
+        url = json.loads(watch.stdout.readline())["url"]
+        time.sleep(20.0)
+        screenshot(url, "live-desktop", 1280, 760)
+        screenshot(url, "live-phone", 500, 1300)
+        run.wait(300.0)
+    finally:
+        run.kill()
+        watch.terminate()
+        watch.wait(20.0)
+
+
+def only_view(page: Path, to: Path) -> None:
+    """Page with nothing but the view that a finger turns."""
+    text = page.read_text(encoding="utf-8")
+    head = text[: text.index("<body>")]
+    start = text.index('<div class="turning"')
+    end = text.index("</script>", text.index("</script>", start) + 1) + len("</script>")
+    to.write_text(f"{head}<body>{text[start:end]}</body></html>", encoding="utf-8")
+
+
+def screenshot(url: str, name: str, width: int, height: int) -> None:
+    """Picture of a page in a window of that size."""
+    words = [BROWSER, *QUIET, f"--window-size={width},{height}"]
+    subprocess.run(  # noqa: S603 - a browser that is installed, and a page of ours
+        [*words, f"--screenshot={HERE / name}.png", url], check=True, capture_output=True
+    )
+
+
+def change(path: Path, how: Callable[[Any], None]) -> None:
+    """Change a YAML file."""
+    yaml = YAML()
+    tree = yaml.load(path.read_text(encoding="utf-8"))
+    how(tree)
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(tree, file)
+
+
+def pkmcal(*words: object) -> None:
+    """Run a command."""
+    subprocess.run([*PKMCAL, *map(str, words)], check=False)  # noqa: S603 - our own command
+
+
+if __name__ == "__main__":
+    main()
