@@ -53,6 +53,10 @@ COMMANDS = {
     "status": ("status", "Say where the campaign is, and what comes next."),
     "watch": ("watch", "Serve a live page of the campaign, for a tablet or the wall."),
     "check": ("check", "Tell by a few shots whether the robot is still calibrated."),
+    "history": (
+        "history",
+        "Show parameters and errors over campaigns, and when the next check is due.",
+    ),
     "report": ("report", "Write the report: one page about all of it."),
     "reproduce": ("reproduce", "Do the paper's simulation and experiment again."),
     "study": (

@@ -146,6 +146,39 @@ def column_effect(fit: FittedShots, columns: Array) -> tuple[Array, Array, float
     return matrix @ told, matrix, float(told @ matrix @ told)
 
 
+@dataclass(frozen=True, slots=True)
+class WeightedLine:
+    """Slope of a line through values of known σ, and how well a line describes them."""
+
+    rate: float
+    rate_std: float
+    misfit_p: float
+    """Chance of values on a line to lie as far from it."""
+
+    @property
+    def p(self) -> float:
+        """Chance of values without a slope to show as steep a one."""
+        return float(2.0 * scipy.special.ndtr(-abs(self.rate) / self.rate_std))
+
+
+def weighted_line(at: Array, values: Array, std: Array, groups: Sequence[object]) -> WeightedLine:
+    """Line by weighted least squares through values (N,) at three different times or more.
+
+    Groups are independent; values of one group may share any part of their errors, so that σ is
+    the largest that any correlation within them allows.
+    """
+    weight = std**-2.0
+    centred = at - np.average(at, weights=weight)
+    by_value = weight * centred / np.sum(weight * centred**2)
+    rate = float(by_value @ values)
+    shares: dict[object, float] = {}
+    for group, share in zip(groups, (np.abs(by_value) * std).tolist(), strict=True):
+        shares[group] = shares.get(group, 0.0) + share
+    left = values - np.average(values, weights=weight) - rate * centred
+    misfit = scipy.special.chdtrc(len(at) - 2, float(np.sum(weight * left**2)))
+    return WeightedLine(rate, float(np.linalg.norm([*shares.values()])), float(misfit))
+
+
 def point_jacobian(
     kinematics: Kinematics, free: tuple[str, ...], joints: Array, poses: Array
 ) -> Array:

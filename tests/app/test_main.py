@@ -15,8 +15,8 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "load", "status", "watch", "check", "report", "reproduce", "study"),
-    *("check-journal", "sim", "dry-run"),
+    *("correct", "load", "status", "watch", "check", "history", "report", "reproduce"),
+    *("study", "check-journal", "sim", "dry-run"),
 )
 HEAVY = {
     *("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.estimation", "sim.cell")
