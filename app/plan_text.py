@@ -9,6 +9,7 @@ from app.console import WARNING, Terminal
 from app.progress import interval
 from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.design.sample_size import diminishing_returns_from
+from campaigns.design.tours import EVEN_SHARE
 from campaigns.estimation.information import Uncertainty
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_uncertainty import Forecast
@@ -16,6 +17,9 @@ from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
 """Share of approaches from one side from which on backlash and joint offset look alike."""
+
+BARELY_PPM = 100.0
+"""σ of an encoder's ratio from which on wrong ratios of usual size hide."""
 
 Row = tuple[str, ...]
 
@@ -52,6 +56,18 @@ def told_lines(forecast: Forecast) -> Iterator[str]:
     shares = ", ".join(f"{share:.0%}" for share in forecast.from_below)
     last = len(forecast.from_below) - 1
     yield f"shots to which joints 0 to {last} come from smaller values: {shares}"
+    low, high = EVEN_SHARE
+    uneven = [f"{n}" for n, each in enumerate(forecast.from_below) if not low <= each <= high]
+    if uneven:
+        joints = ", ".join(uneven)
+        yield f"outside {low:.0%} to {high:.0%}, backlash is told less well: of joints {joints}"
+    if forecast.ratio_std_ppm > BARELY_PPM:
+        size = (
+            f"to ±{forecast.ratio_std_ppm:.0f} ppm"
+            if forecast.ratio_std_ppm < math.inf
+            else "not at all"
+        )
+        yield f"an encoder's ratio, were it to be found too, is barely told: {size} (joints' span)"
 
 
 def warnings(forecast: Forecast) -> Iterator[str]:

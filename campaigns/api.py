@@ -10,7 +10,7 @@ from campaigns.arrays import Array
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.errors import TargetsInvalid
-from campaigns.estimation.estimators import Estimator, Model
+from campaigns.estimation.estimators import MAY_HAVE_GEARS, Estimator, Model
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification import model_selection
@@ -112,7 +112,8 @@ def plan(
     known = model_selection.select_geometry(space, model, free, fix)
     x_mm, y_mm, z_mm = (np.array(tracker_mm) - centre[:3]).tolist()
     view = View(tracker_mm, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
-    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted)
+    evenly = model in MAY_HAVE_GEARS
+    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted, evenly)
     instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
     if placement is Placement.OPTIMAL:
         request = OptimalRequest(

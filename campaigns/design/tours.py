@@ -16,6 +16,10 @@ SHORTNESS_RAD_PER_MM = 0.1
 """Cost of a pair too short, against the travel between its ends."""
 BALANCED_SHARE = (0.3, 0.7)
 """Share of approaches from smaller angles that shows backlash and lets it average."""
+EVEN_SHARE = (0.35, 0.65)
+"""The same where backlash is to be identified beside the joints' offsets."""
+DRIFT_MARGIN = 0.02
+"""Of a share: drift shots, which come into the tour later, turn some approaches."""
 
 
 def neighbouring_pairs(joints: Array, points_mm: Array, start: Array) -> Index:
@@ -57,18 +61,24 @@ def positive_approach_shares(joints: Array, start: Array, counted: Mask) -> Arra
     return np.asarray(rising[counted].mean(axis=0))
 
 
-def balance_approaches(joints: Array, pairs: Index, start: Array, counted: Mask) -> Index:
+def balance_approaches(
+    joints: Array,
+    pairs: Index,
+    start: Array,
+    counted: Mask,
+    within: tuple[float, float] = BALANCED_SHARE,
+) -> Index:
     """Pairs (M, 2) in an order with little travel that approaches joints from both sides.
 
     `counted` (N,) says which rows of joints the shares are taken of. Stretches of the shortest tour
-    are reversed, those that lengthen it least first, until every share lies within 30–70 % or no
+    are reversed, those that lengthen it least first, until every share lies `within` or no
     reversal helps; with a handful of shots that may be so.
     """
     tour = shortest_tour(joints, pairs, start)
-    imbalance = _imbalance(tour, joints, start, counted)
+    imbalance = _imbalance(tour, joints, start, counted, within)
     while imbalance > 0.0:
         trials = list(_reversals(tour))
-        left = np.array([_imbalance(trial, joints, start, counted) for trial in trials])
+        left = np.array([_imbalance(trial, joints, start, counted, within) for trial in trials])
         if left.min() >= imbalance:
             break
         imbalance = float(left.min())
@@ -85,11 +95,13 @@ def _reversals(tour: Index) -> Iterator[Index]:
         yield trial
 
 
-def _imbalance(tour: Index, joints: Array, start: Array, counted: Mask) -> float:
+def _imbalance(
+    tour: Index, joints: Array, start: Array, counted: Mask, within: tuple[float, float]
+) -> float:
     """Distance of the shares from their interval, summed over the joints."""
     order = tour.ravel()
     shares = positive_approach_shares(joints[order], start, counted[order])
-    low, high = BALANCED_SHARE
+    low, high = within
     return float(np.sum(np.maximum(0.0, low - shares) + np.maximum(0.0, shares - high)))
 
 

@@ -38,6 +38,10 @@ class Model(StrEnum):
     """Where the motors' axes point and what their gears lose too, if unseen pairs speak for it."""
 
 
+MAY_HAVE_GEARS = frozenset({Model.FULL, Model.AUTO})
+"""Models beside which an identification may look for what gears and encoders do."""
+
+
 class LossShape(StrEnum):
     """Loss: how the price of a misfit grows with its size."""
 

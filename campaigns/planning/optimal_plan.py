@@ -11,7 +11,7 @@ from campaigns.design import pose_sampling, sample_size
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion, CriterionName, make_criterion
 from campaigns.design.exchange import Unobservable, optimal_design
-from campaigns.design.tours import balance_approaches, neighbouring_pairs
+from campaigns.design.tours import BALANCED_SHARE, balance_approaches, neighbouring_pairs
 from campaigns.errors import PlanInvalid
 from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator
@@ -151,7 +151,7 @@ def make_optimal_plan(
         raise plans.too_small(error, region, "candidates") from error
     except Unobservable as error:
         raise not_identifiable(error) from error
-    return _ordered(region, options, chosen, unseen, wanted.drift_shots), curve
+    return _ordered(region, options, chosen, unseen, wanted), curve
 
 
 def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
@@ -251,7 +251,7 @@ def _ordered(
     options: CandidateSet,
     chosen: Index,
     unseen: list[PlannedShot],
-    drift_shots: int | None,
+    wanted: plans.PlanRequest,
 ) -> tuple[PlannedShot, ...]:
     """Shots of all pairs in one tour, so that slow effects meet them alike, drift shots in it."""
     kinematics = region.kinematics
@@ -265,5 +265,7 @@ def _ordered(
     if options.poses_each == 1:
         near = neighbouring_pairs(turns[:fitted], poses[:fitted, :3], turned)
         pairs = np.vstack([near, pairs[fitted // 2 :]])
-    tour = balance_approaches(turns, pairs, turned, np.arange(len(poses)) < fitted)
-    return plans.numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)
+    within = plans.EVENLY if wanted.tells_backlash else BALANCED_SHARE
+    tour = balance_approaches(turns, pairs, turned, np.arange(len(poses)) < fitted, within)
+    drift = (region.centre, start)
+    return plans.numbered_shots(tour, poses, joints, fitted, drift, wanted.drift_shots)

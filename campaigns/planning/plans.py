@@ -18,7 +18,7 @@ from campaigns.design.pose_sampling import (
     sample_workspace,
 )
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
-from campaigns.design.tours import shortest_tour
+from campaigns.design.tours import DRIFT_MARGIN, EVEN_SHARE, balance_approaches, shortest_tour
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Kinematics, Limits
 from campaigns.planning.plan_file import PlannedShot
@@ -40,6 +40,7 @@ UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 other encoder angles, and it should still be there to be compared."""
 
 FEWEST_DRIFT_SHOTS = 3
+EVENLY = (EVEN_SHARE[0] + DRIFT_MARGIN, EVEN_SHARE[1] - DRIFT_MARGIN)
 PAIRS_BETWEEN = 10
 """Two drift shots, where nobody says how many there shall be."""
 
@@ -76,6 +77,15 @@ class PlanRequest:
     """None: as many as show how the robot warms up."""
     centre: Pose
     space: RestrictedSpace = UNRESTRICTED
+    tells_backlash: bool = False
+    """Joints come evenly from both sides: for a model that what gears do may be added to."""
+
+    def ordered(self, joints: Array, pairs: Index, start: Array, fitted: int) -> Index:
+        """Tour of the pairs (M, 2) that this asks for, the first rows being fitted."""
+        if not (self.tells_backlash and fitted):
+            return shortest_tour(joints, pairs, start)
+        counted = np.arange(len(joints)) < fitted
+        return balance_approaches(joints, pairs, start, counted, EVENLY)
 
 
 def with_reserve(robot: RobotFile) -> Limits:
@@ -129,7 +139,7 @@ def make_plan(
     centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
     pairs = np.vstack([random_pairs(fitted, rng), random_pairs(unseen, rng) + len(fitted)])
     turns, start = (kinematics.comparable(each) for each in (joints, centre_joints))
-    tour = shortest_tour(turns, pairs, start)
+    tour = request.ordered(turns, pairs, start, len(fitted))
     drift = (region.centre, centre_joints)
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 

@@ -21,6 +21,7 @@ from campaigns.estimation.information import (
 )
 from campaigns.estimation.observability import Observability
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.transmission import GAIN
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.robots.robot import RobotFile
@@ -48,6 +49,8 @@ class Forecast:
     """What a plan's shots see of the parameters alone; None of a number of shots on a curve."""
     from_below: tuple[float, ...] = ()
     """Share of a plan's shots to which each joint comes from a smaller value, (n,)."""
+    ratio_std_ppm: float = 0.0
+    """Of an encoder's ratio, the worst, were all to be found too; infinite where none can be."""
 
     @classmethod
     def of(cls, shots: int, predicted: Uncertainty, sample: WorkspaceSample) -> "Forecast":
@@ -66,7 +69,24 @@ def plan_forecast(
     predicted, seen = predicted_uncertainty(shots, kinematics, tracker_mm, setup)
     counted = sum(shot.purpose is ShotSet.IDENTIFICATION for shot in shots)
     found = Forecast.of(counted, predicted, sample)
-    return replace(found, seen=seen, from_below=plan_approach_shares(shots))
+    return replace(
+        found,
+        seen=seen,
+        from_below=plan_approach_shares(shots),
+        ratio_std_ppm=_ratio_std_ppm(shots, kinematics, tracker_mm, setup),
+    )
+
+
+def _ratio_std_ppm(
+    shots: Sequence[PlannedShot], kinematics: Kinematics, tracker_mm: Array, setup: EstimationSetup
+) -> float:
+    """Standard uncertainty of the worst encoder's ratio beside all that a plan is for."""
+    space = kinematics.mechanism.parameters
+    ratios = tuple(name for name in space.transmission if space[name].field.stem == GAIN.stem)
+    free = (*(name for name in setup.free if name not in ratios), *ratios)
+    beside = replace(setup, free=free)
+    found, _ = predicted_uncertainty(shots, kinematics, tracker_mm, beside)
+    return max(found.std()[name] for name in ratios)
 
 
 def predicted_uncertainty(

@@ -8,7 +8,7 @@ from campaigns.campaign import Campaign
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.estimation.estimators import Estimator, Model
+from campaigns.estimation.estimators import MAY_HAVE_GEARS, Estimator, Model
 from campaigns.estimation.information import Uncertainty
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
@@ -143,7 +143,7 @@ def _settled(
     until_mm = None if options.until is None else _goal_mm(options.until, lengths)
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
     request = OptimalRequest(
-        plan=campaign.plan_request(most),
+        plan=replace(campaign.plan_request(most), tells_backlash=model in MAY_HAVE_GEARS),
         uncertainty=replace(campaign.instrument, robot_scatter_mm=options.scatter_mm),
         free=free,
         estimator=options.estimator,

@@ -71,6 +71,15 @@ def test_balanced_tours_are_shortest_or_turned_until_both_sides_are_seen():
     assert ((shares >= 0.3) & (shares <= 0.7)).all()
 
 
+def test_a_narrower_interval_of_shares_is_kept_to():
+    stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
+    pairs, counted, bottom = np.arange(40).reshape(-1, 2), np.ones(40, dtype=bool), np.full(4, -0.1)
+    narrow = (0.48, 0.52)
+    tour = tours.balance_approaches(stairs, pairs, bottom, counted, narrow).ravel()
+    shares = tours.positive_approach_shares(stairs[tour], bottom, counted)
+    assert ((shares >= narrow[0]) & (shares <= narrow[1])).all()
+
+
 def test_only_counted_shots_need_both_sides():
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, bottom = np.arange(40).reshape(-1, 2), np.full(4, -0.1)
