@@ -59,6 +59,11 @@ class ChiSquareTest:
         return None if self.p is None else self.p >= SIGNIFICANCE
 
     @property
+    def beyond(self) -> bool:
+        """Whether it is more than chance explains."""
+        return self.consistent is False and self.chi2 > self.dof
+
+    @property
     def birge_ratio(self) -> float | None:
         """√(χ²/ν): scatter over stated scatter; None without degrees of freedom."""
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else None
@@ -299,12 +304,14 @@ class Uncertainty:
         hold_out_ratio: float = 1.0,
         source: Source = "fitted",
         common: Mapping[str, Array] | None = None,
+        beside: Iterable[Array] = (),
     ) -> "Uncertainty":
         """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,).
 
-        `common` has changes (F,) by what all shots have in common.
+        Changes (F,): `common` by what all shots have in common, `beside` by one σ of other errors.
         """
-        matrix = covariance_matrix / np.outer(units, units)
+        matrix = sum((np.outer(each, each) for each in beside), covariance_matrix)
+        matrix = matrix / np.outer(units, units)
         rows = tuple(map(tuple, matrix.tolist()))
         words = tuple("mm" if unit == 1.0 else "deg" for unit in units.tolist())
         shared = {name: tuple((each / units).tolist()) for name, each in (common or {}).items()}

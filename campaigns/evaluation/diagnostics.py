@@ -25,7 +25,7 @@ COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR 
     "lack-of-fit",
     "reflector-constant",
 )
-EXTRAPOLATION, KNOWN_LENGTH = "extrapolation", "known-length"
+EXTRAPOLATION, KNOWN_LENGTH, NESTS = "extrapolation", "known-length", "nests"
 MOST_BEYOND = 0.05
 """Share of the workspace that may be so far from all shots."""
 PPM = 1e6
@@ -221,6 +221,21 @@ def late_doubt(off: int, first: int) -> Doubt:
         "fail",
         {"kind": "unknown", "cause": "", "before_shot": float(first), "off": float(off)},
     )
+
+
+def nests_told(kind: str, moved_mm: float, std_mm: float, between: tuple[int, int]) -> Doubt:
+    """What nests tell of a `stand` that moved, of a `loose` nest or of the `robot`: it is told."""
+    before, after = between
+    size = f"moved {moved_mm:.3f} ± {std_mm:.2g} mm between shots {before} and {after}"
+    says = {
+        "stand": f"the stand {size}: taken out by nests, evenly in time",
+        "loose": f"nests {size}, and not as one body: nothing was taken out by them; fasten the "
+        "loose one, or --sessions if the tracker was put elsewhere",
+        "robot": f"the drift pose {size}, beside what the nests did: the robot, not the tracker",
+    }[kind]
+    numbers: dict[str, float | str] = {"kind": kind, "moved_mm": moved_mm, "std_mm": std_mm}
+    numbers |= {"after_shot": float(before), "before_shot": float(after)}
+    return Doubt(NESTS, says, None, numbers)
 
 
 def swapped_doubt(one: int, other: int) -> Doubt:

@@ -5,7 +5,7 @@ them are wrong and how much the robot scatters: three times as many numbers as d
 frame is no concern of theirs.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,14 +87,19 @@ class Fit:
         free: tuple[str, ...],
         hold_out: information.HoldOut | None = None,
         instrument: TrackerUncertainty | None = None,
+        noise_mm: Iterable[Array] = (),
     ) -> information.Uncertainty | None:
         """Uncertainty of the parameters that were looked for; None where nothing tells it.
 
-        With what all shots have in common where the `instrument` is given.
+        With what all shots have in common where the `instrument` is given. `noise_mm`: shifts of
+        the shots, (N, 3), by one σ of each error beside their own.
         """
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
             return None
+        points = self.observations.shots.points_in_tracker_mm
+        shifts = common_shifts_mm(points, instrument) if instrument else {}
+        common = self._changes(found.covariance, shifts.values())
         return information.Uncertainty.of(
             free,
             self.observations.model.mechanism.parameters.units(free),
@@ -102,23 +107,18 @@ class Fit:
             sigma0=found.noise.sigma0,
             dof=self.variance_dof,
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
-            common=dict(self._common_changes(count, found.covariance, instrument)),
+            common={name: each[:count] for name, each in zip(shifts, common, strict=True)},
+            beside=(each[:count] for each in self._changes(found.covariance, noise_mm)),
         )
 
-    def _common_changes(
-        self, count: int, covariance: Array, instrument: TrackerUncertainty | None
-    ) -> Iterator[tuple[str, Array]]:
-        """Change of the parameters, (count,) each, by what all shots have in common."""
-        if instrument is None:
-            return
+    def _changes(self, covariance: Array, shifts_mm: Iterable[Array]) -> Iterator[Array]:
+        """Changes of all unknowns, (P,), by shifts of the fitted shots (N, 3)."""
         fitted, found = self.observations, self.found
         kept = np.repeat(found.kept, fitted.problem.block)[:, None]
-        jacobian = fitted.residuals.jacobian(found.x) * kept
-        points, sigma0 = fitted.shots.points_in_tracker_mm, found.noise.sigma0 or 1.0
-        for name, shifts_mm in common_shifts_mm(points, instrument).items():
-            shift = fitted.whitened_shifts(shifts_mm)
-            changes = information.common_changes(jacobian, covariance, sigma0, shift)
-            yield name, changes[:count]
+        jacobian, sigma0 = fitted.residuals.jacobian(found.x) * kept, found.noise.sigma0 or 1.0
+        for each in shifts_mm:
+            shift = fitted.whitened_shifts(each)
+            yield information.common_changes(jacobian, covariance, sigma0, shift)
 
     def reflector_constant_mm(self, parameters: int) -> tuple[float, float]:
         """By how much ranges are too long, and its σ, behind so many parameters; σ NaN if lost."""

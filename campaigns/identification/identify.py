@@ -19,6 +19,7 @@ from campaigns.identification.change import Tested, tested
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
+from campaigns.identification.nests import compensated, nest_doubts, nest_places
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -44,10 +45,11 @@ def identify(
     """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
-    shots = shots.of_set(*(purpose for purpose in ShotSet if purpose.on_robot))
+    every, stand = compensated(shots, options)
+    shots = every.of_set(*(purpose for purpose in ShotSet if purpose.on_robot))
     known = shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     _check(nominal, known, sessions=options.sessions)
-    inputs = Inputs.of(nominal, shots, selection, options)
+    inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
     constant: tuple[float, float] | None = None
     try:
         fit = fit_shots(inputs)
@@ -61,7 +63,11 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    return _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant)
+    found = _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant)
+    if options.sessions or fit.observations.kind != "shots":
+        return found
+    points, instrument = fit.observations.points, options.instrument
+    return replace(found, nests=nest_places(every, points, fit.found, instrument))
 
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
@@ -84,7 +90,8 @@ def _result(
     instrument = options.instrument
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
-    uncertainty = fit.uncertainty(free, held_out.tested, instrument)
+    noise_mm = () if inputs.stand is None else inputs.stand.noise_mm(fitted.shots)
+    uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
@@ -99,6 +106,7 @@ def _result(
         *_doubts(inputs, fit, held_out, parameters, covariance, (judged, told)),
         *diagnostics.region_doubts(region),
         *known_length_doubts(lengths),
+        *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
     )
     outliers = fit.left_out.found if fit.left_out else found

@@ -16,6 +16,7 @@ from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
 from campaigns.identification.identify import identify
+from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import (
     ParameterSelection,
@@ -240,7 +241,7 @@ def _with_warmth(
                 ),
                 course=course,
             )
-            for course in courses(shots, reference.reference_degC)
+            for course in courses(compensated(shots, reference)[0], reference.reference_degC)
         ]
         cheapest = min(tried, key=_price)
         yield cheapest

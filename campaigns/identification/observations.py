@@ -19,6 +19,7 @@ from campaigns.estimation.tracker_noise import (
     inverse_roots,
     pooled_variance_mm2,
 )
+from campaigns.identification.nests import StandMotion
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import Excluded
@@ -45,6 +46,8 @@ class Inputs:
     options: IdentificationOptions
     at_nominal: KinematicSolution
     """The nominal robot's poses at all shots."""
+    stand: StandMotion | None = None
+    """Motion of the tracker that nests show, which the shots are without."""
 
     @classmethod
     def of(

@@ -25,6 +25,7 @@ from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.identification.known_lengths import KnownLengths
+from campaigns.identification.nests import Nest
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -276,6 +277,8 @@ class IdentificationResult:
     """Part of the workspace that it is valid for; None where σ of positions is not known."""
     known_lengths: KnownLengths | None = None
     """None where none was measured."""
+    nests: dict[str, Nest] = field(default_factory=dict)
+    """By name; empty where none was measured or no frame estimated."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
     hidden: dict[str, dict[str, float]] = field(default_factory=dict)

@@ -61,7 +61,7 @@ class Course:
 
 def courses(shots: Shots, reference_degC: float) -> tuple[Course, ...]:
     """Courses that the warmth of a robot may have had: of time one for each time constant."""
-    passed = _passed(shots)
+    passed = part_passed(shots)
     degC, drift = shots.part_temperature_degC, _moved(shots, passed)
     known = np.isfinite(degC)
     if known.sum() > 1 and np.ptp(degC[known]) >= LEAST_DEGC:
@@ -93,7 +93,7 @@ def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
     return replace(shots, part_temperature_degC=np.where(np.isnan(own), between, own))
 
 
-def _passed(shots: Shots) -> Array:
+def part_passed(shots: Shots) -> Array:
     """Part of the run that had passed at each shot, (N,); by their order where no times tell it."""
     order, seconds = shots.order_of_time(), shots.elapsed_s()
     if seconds is None or np.diff(seconds[order]).min(initial=0.0) < 0.0 or not seconds.any():

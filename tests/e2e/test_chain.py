@@ -27,7 +27,7 @@ IDENTIFICATION_KEYS = {
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
     "pedigree",
-    *("series", "model", "asked", "obstacles", "known_lengths", "region", "hidden"),
+    *("series", "model", "asked", "obstacles", "known_lengths", "region", "hidden", "nests"),
 }
 DRY_RUN_KEYS = {
     *NEXT,

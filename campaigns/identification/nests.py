@@ -1,0 +1,163 @@
+"""Nests: how the tracker's stand moved, by fixed reflectors, and their places in the base frame."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+import scipy
+
+from campaigns.arrays import Array, Index
+from campaigns.estimation import information
+from campaigns.estimation.estimate import Estimate
+from campaigns.estimation.information import ChiSquareTest, chi_square_test, position_std_mm
+from campaigns.estimation.point_sets import away_from_best_line, longest_mm
+from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
+from campaigns.estimation.rigid_transforms import frame_jacobian, small_rotation
+from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
+from campaigns.evaluation.diagnostics import Doubt, nests_told
+from campaigns.identification.options import IdentificationOptions
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
+from campaigns.shots.warmth import part_passed
+
+FEWEST = 3
+OFF_LINE_MM = 100.0
+"""Way of the farthest nest from the best line through all, below which they tell no turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nest:
+    """Nest in the base frame, mm; root of its summed variances, the frame's included, if known."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    std_mm: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandMotion:
+    """Motion of all nests in the tracker's axes, by tests what it is worth; E epochs after one."""
+
+    between: tuple[tuple[int, int], ...]
+    """Last shot of the first epoch and first one of each later one, by number."""
+    about_mm: Array
+    """Middle of all shots, about which turns are counted, (3,)."""
+    moved: Array
+    """A small turn and a shift by then, (E, 6), rad and mm; of covariance (6 E, 6 E)."""
+    covariance: Array
+    course: dict[int, Array]
+    """By a shot's number the part that it has of each motion, (E,)."""
+    rigid: ChiSquareTest
+    motion: ChiSquareTest
+
+    @property
+    def compensates(self) -> bool:
+        """Whether they moved, beyond chance, and as one body."""
+        return self.motion.beyond and not self.rigid.beyond
+
+    def shifts_mm(self, shots: Shots, moved: Array) -> Array:
+        """Shifts of points, (N, 3), by motions (E, 6)."""
+        course = np.array([self.course[number] for number in shots.numbers])
+        at_points = frame_jacobian(shots.points_in_tracker_mm - self.about_mm)
+        return np.asarray(np.einsum("nij,nj->ni", at_points, course @ moved))
+
+    def noise_mm(self, shots: Shots) -> Iterator[Array]:
+        """Shifts of points, (N, 3), by one σ of each independent error of what was taken out."""
+        roots = np.linalg.cholesky(self.covariance).T.reshape(-1, *self.moved.shape)
+        return (self.shifts_mm(shots, each) for each in roots if self.compensates)
+
+
+def compensated(shots: Shots, options: IdentificationOptions) -> tuple[Shots, StandMotion | None]:
+    """Shots as if the stand had stayed, where nests show that it moved; None if they can't tell.
+
+    Between epochs it is taken to move evenly in time. Sessions with frames of their own stay.
+    """
+    stand = None if options.sessions else _motion(shots, options.instrument)
+    if stand is None or not stand.compensates:
+        return shots, stand
+    corrected = shots.points_in_tracker_mm - stand.shifts_mm(shots, stand.moved)
+    return replace(shots, points_in_tracker_mm=corrected), stand
+
+
+def _motion(shots: Shots, instrument: TrackerUncertainty) -> StandMotion | None:
+    epochs = list(_epochs(shots))
+    if len(epochs) < 2:
+        return None
+    rows, epoch = np.concatenate(epochs), np.repeat(np.arange(len(epochs)), [*map(len, epochs)])
+    names, nest = np.unique([shots.nests[row] for row in rows.tolist()], return_inverse=True)
+    about_mm = shots.points_in_tracker_mm.mean(axis=0)
+    points = shots.points_in_tracker_mm[rows] - about_mm
+    by_place = np.einsum("rn,ij->rinj", np.eye(len(names))[nest], np.eye(3))
+    by_motion = np.einsum("re,rij->riej", np.eye(len(epochs))[epoch, 1:], frame_jacobian(points))
+    jacobian = np.concatenate([each.reshape(len(rows), 3, -1) for each in (by_place, by_motion)], 2)
+    roots = inverse_roots(shots.rows(rows).covariance_mm2(instrument))
+    white, seen = (roots @ jacobian).reshape(points.size, -1), (roots @ points[:, :, None]).ravel()
+    found = np.linalg.lstsq(white, seen, rcond=None)[0]
+    first = by_place[0].size // 3
+    moved, own = found[first:], information.covariance(white)[first:, first:]
+    at, numbers = part_passed(shots), shots.numbers
+    middles = [float(at[each].mean()) for each in epochs]
+    parts = np.stack([np.interp(at, middles, one) for one in np.eye(len(epochs))[1:]], axis=1)
+    return StandMotion(
+        tuple((numbers[epochs[0][-1]], numbers[each[0]]) for each in epochs[1:]),
+        about_mm,
+        moved.reshape(-1, FRAME_COLUMNS),
+        own,
+        dict(zip(numbers, parts, strict=True)),
+        chi_square_test(float(np.sum((seen - white @ found) ** 2)), len(seen) - len(found)),
+        chi_square_test(float(moved @ np.linalg.solve(own, moved)), len(moved)),
+    )
+
+
+def _epochs(shots: Shots) -> Iterator[Index]:
+    """Rows of nests measured one after the other, of those that fix a frame with the first's."""
+    first: set[str] = set()
+    nests = shots.nests or ("",) * len(shots)
+    for named, run in groupby(shots.order_of_time().tolist(), key=lambda row: bool(nests[row])):
+        rows = np.array([row for row in run if not first or nests[row] in first], dtype=np.intp)
+        own, points = {nests[row] for row in rows.tolist()}, shots.points_in_tracker_mm[rows]
+        if named and len(own) >= FEWEST and longest_mm(away_from_best_line(points)) >= OFF_LINE_MM:
+            first = first or own
+            yield rows
+
+
+def nest_doubts(stand: StandMotion | None, shots: Shots, left_mm: float) -> Iterator[Doubt]:
+    """What nests tell of stand and robot; a fit leaves `left_mm` (rms) of the corrected shots."""
+    if stand is None:
+        return
+    sizes_mm = np.linalg.norm(stand.moved[:, 3:], axis=1)
+    most = int(np.argmax(sizes_mm))
+    if stand.motion.beyond or stand.rigid.beyond:
+        own = slice(6 * most + 3, 6 * most + 6)
+        along = stand.moved[None, None, most, 3:] / sizes_mm[most]
+        std_mm = float(position_std_mm(along, stand.covariance[own, own])[0])
+        kind, between = "stand" if stand.compensates else "loose", stand.between[most]
+        yield nests_told(kind, float(sizes_mm[most]), std_mm, between)
+    drift = shots.of_set(ShotSet.DRIFT)
+    ways = drift.points_in_tracker_mm - drift.points_in_tracker_mm[:1]
+    far = int(np.argmax([0.0, *np.linalg.norm(ways[1:], axis=1)]))
+    std_mm, size_mm = 2.0**0.5 * left_mm, float(np.linalg.norm(ways[far : far + 1]))
+    if chi_square_test((size_mm / std_mm) ** 2, 3).beyond and not stand.rigid.beyond:
+        yield nests_told("robot", size_mm, std_mm, (drift.numbers[0], drift.numbers[far]))
+
+
+def nest_places(
+    shots: Shots, fitted: PointResiduals, estimate: Estimate, instrument: TrackerUncertainty
+) -> dict[str, Nest]:
+    """Nests of corrected shots by name, by the frame that was estimated and its covariance."""
+    base_from_tracker = fitted.tracker_from_base(estimate.x).inverted()
+    by_angle = fitted.guess.rotation @ small_rotation(estimate.x[-6:-3])[1]
+    found, names, of_frame = {}, np.array(shots.nests), estimate.covariance
+    for name in sorted({*shots.nests} - {""}):
+        some, std_mm = shots.rows(np.flatnonzero(names == name)), None
+        place = base_from_tracker.apply(some.points_in_tracker_mm).mean(axis=0)
+        if of_frame is not None:
+            own = some.covariance_mm2(instrument).sum(axis=0) / len(some) ** 2
+            jacobian = np.hstack([(by_angle @ place).T, np.eye(3), np.eye(3)])
+            both = scipy.linalg.block_diag(of_frame[-6:, -6:], own)
+            std_mm = float(position_std_mm(jacobian[None], both)[0])
+        x_mm, y_mm, z_mm = place.tolist()
+        found[name] = Nest(x_mm, y_mm, z_mm, std_mm)
+    return found
