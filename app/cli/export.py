@@ -16,7 +16,8 @@ from campaigns.controllers.reduced_parameters import FORMATS
 from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
-from campaigns.settings.option import Option
+from campaigns.settings.option import Option, require_finite
+from campaigns.workflow.correction import Warm
 from campaigns.workflow.files import export, export_hal, export_shots
 from campaigns.workflow.reduced_export import (
     PLAIN,
@@ -64,6 +65,7 @@ def command(
         ),
     ] = None,
     tolerance: Tolerance = joint_tables.TOLERANCE_MM,
+    temperature: Warm = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -78,6 +80,12 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    if temperature is not None:
+        require_finite("--temperature", temperature)
+        if shots or joint_table is not None or format_ not in {YAML, "linuxcnc"}:
+            raise OptionsInvalid(
+                "--temperature goes with --format yaml or linuxcnc", remedy="leave the other out"
+            )
     if joint_table is not None:
         if shots or format_ not in {YAML, PLAIN}:
             raise OptionsInvalid(
@@ -99,14 +107,14 @@ def command(
         if halves:
             terminal.note(f"left out, as their partner is missing: shots {halves}")
     elif format_ == "linuxcnc":
-        path = export_hal(campaign, to, overwrite=overwrite)
+        path = export_hal(campaign, to, temperature, overwrite=overwrite)
     elif format_ != "yaml":
         found = export_projected(campaign, str(format_), to, overwrite=overwrite)
         _show(terminal, found)
         terminal.document(found.document() | tell_next(terminal, campaign))
         return
     else:
-        path, robot = export(campaign, to, overwrite=overwrite)
+        path, robot = export(campaign, to, temperature, overwrite=overwrite)
         if robot.is_extended:
             terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")

@@ -338,6 +338,17 @@ class Uncertainty:
         }
         return replace(self, names=kept, matrix=rows, units=units, common=common)
 
+    def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
+        """The same once some have been added to others: by a name, others' derivatives by it."""
+        if not self.full_rank:
+            return self
+        whole = np.eye(len(self.names))
+        for column, name in enumerate(self.names):
+            whole[:, column] += [by.get(name, {}).get(each, 0.0) for each in self.names]
+        rows = tuple(map(tuple, (whole @ self.array @ whole.T).tolist()))
+        shared = {name: tuple((whole @ each).tolist()) for name, each in self.common.items()}
+        return replace(self, matrix=rows, common=shared)
+
     @property
     def random(self) -> "Uncertainty":
         """The part of it that differs from shot to shot, by which coverage is judged."""

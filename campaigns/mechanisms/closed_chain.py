@@ -14,7 +14,7 @@ How a plate tilts that imperfect parts hold is in `configuration.py` and `parasi
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Self
 
@@ -31,7 +31,7 @@ from campaigns.mechanisms.mechanism import (
     Violation,
     outside,
 )
-from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace, Role
+from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, Parameters, ParameterSpace, Role
 from campaigns.mechanisms.parasitic_rotation import (
     PlateGeometry,
     RodPairs,
@@ -39,7 +39,7 @@ from campaigns.mechanisms.parasitic_rotation import (
     rotation_vectors,
 )
 from campaigns.mechanisms.platforms import Platform
-from campaigns.mechanisms.transmission import Transmission
+from campaigns.mechanisms.transmission import GAIN, Transmission
 
 CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
@@ -206,6 +206,23 @@ class ClosedChain:
             moved = true_joints + p[space.offsets]
             columns[0] = np.einsum("ktn,kn->kt", by_geometry[:, :, space.offsets], moved)
         return np.stack(columns, axis=2)
+
+    def grown(self, values: Parameters, ppm: Mapping[str, float]) -> Parameters:
+        """Values whose arms, forearms and frame have grown by their expansions, ppm by name.
+
+        A carriage's rail carries its scale and zero along, so that joints have another gain.
+        """
+        space, share = self.parameters, [1e-6 * ppm.get(each, 0.0) for each in values.space.thermal]
+        rail = 0.0 if self.joints[0].is_revolute else share[0]
+        on_rail = {*space.of_unit("mm", space.transmission), *space.of_field("joint_offset_mm")}
+        factors = dict.fromkeys(on_rail, 1.0 + rail)
+        for fields, each in zip(GROWING, share, strict=True):
+            factors |= dict.fromkeys(space.of_field(*fields), 1.0 + each)
+        found = {name: value * factors.get(name, 1.0) for name, value in values.items()}
+        for name in space.of_field(GAIN.name) if rail else ():
+            gain = values.get(name, 0.0)
+            found[name] = gain + rail * (1e6 + gain)
+        return replace(Parameters.of(space, found), covariance=values.covariance)
 
     def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
         """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""

@@ -13,7 +13,7 @@ FORM = "projection"
 
 @dataclass(frozen=True, slots=True)
 class ReducedForm:
-    """Form of an identified set for a controller that takes fewer parameters.
+    """Form of an identified set for a controller that takes fewer parameters, or a warmer robot.
 
     `of`: sha256 of the identified geometry. Lost: error of position over the workspace beside that
     set, the controller's frame best fitted, mm; files of older software have no rms.
@@ -28,6 +28,8 @@ class ReducedForm:
     @property
     def says(self) -> str:
         """What it is, and what it loses."""
+        if not self.lost_max_mm:
+            return f"a form of what was identified ({self.name})"
         typical = self.lost_mean_mm if self.lost_rms_mm is None else self.lost_rms_mm
         kind = "on average" if self.lost_rms_mm is None else "rms"
         return (

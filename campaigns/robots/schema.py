@@ -33,6 +33,7 @@ Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
 Tilt = Annotated[float, Field(ge=-10.0, le=10.0)]
 TurnRange = Annotated[tuple[Turn, Turn], RISING]
 Deviation = Annotated[float, Field(ge=0.0)]
+Expansion = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Deviations = dict[str, Deviation]
 
 # Any: pydantic takes types made at run time, of which mypy can know nothing.
@@ -99,6 +100,16 @@ class RobotContents(FileModel):
         le=10000.0,
         description="of robots with cranks: periods of a gear's error in a turn of the arm, as its "
         "ratio is; may be left out",
+    )
+    expansion_ppm_per_degC: dict[Literal["arm", "forearm", "frame"], Expansion] | None = Field(
+        default=None,
+        description="growth of arms or rails, forearms and frame, ppm/°C; may be left out",
+    )
+    reference_temperature_degC: float | None = Field(
+        default=None,
+        ge=-50.0,
+        le=150.0,
+        description="the parts' temperature for which the geometry is stated, °C",
     )
     tolerance: Tolerance = Field(
         default=Tolerance(),

@@ -11,7 +11,7 @@ from campaigns.controllers.calibrated_workspace import (
     CalibratedWorkspace,
 )
 from campaigns.controllers.corrected_targets import TargetCorrection
-from campaigns.controllers.export import FILE_NAME
+from campaigns.controllers.export import FILE_NAME, warm_uncertainty
 from campaigns.controllers.gcode import read_program
 from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
@@ -26,12 +26,18 @@ from campaigns.errors import ConfigInvalid
 from campaigns.estimation.information import Uncertainty
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification
-from campaigns.robots.robot import RobotFile
+from campaigns.robots.reduced_form import form_of
+from campaigns.robots.robot import RobotFile, at_temperature
 from campaigns.settings.option import Option, require_finite
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.files import recorded
 from campaigns.workflow.work import known_sets
+
+Warm = Annotated[
+    float | None,
+    Option("Of a robot whose parts are so warm, by identified expansions.", metavar="DEG"),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +57,13 @@ class CorrectionTerms:
     turn_margin_deg: Annotated[
         float, Option("The same for the turn.", metavar="DEG", least=0.0, name="--turn-margin")
     ] = TURN_MARGIN_DEG
+    temperature: Warm = None
+    """Of its parts, °C; None: the one that the set is stated for."""
 
     def __post_init__(self) -> None:
         require_finite("--margin", self.margin_mm)
         require_finite("--turn-margin", self.turn_margin_deg)
+        require_finite("--temperature", self.temperature or 0.0)
 
 
 def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) -> TargetCorrection:
@@ -64,8 +73,9 @@ def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) 
     for a robot file that is not for this campaign, `ShotsMissing` without measured shots.
     """
     terms = terms or CorrectionTerms()
-    robot = identified_set(campaign, terms.robot)
-    found = known_sets(campaign).identified.get(robot.digest())
+    cold = identified_set(campaign, terms.robot)
+    robot = _as_warm(cold, terms)
+    found = known_sets(campaign).identified.get(cold.digest())
     with campaign.journal_reader() as journal:
         series = found.series if found else campaign.measured_series(journal).number
         shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
@@ -78,7 +88,7 @@ def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) 
         campaign.robot.limits,
         campaign.space,
         CalibratedWorkspace.of(poses, robot.mechanism.task, terms.margin_mm, terms.turn_margin_deg),
-        _uncertainty(robot, found),
+        _uncertainty(cold, found, robot.reference_degC),
         poses,
     )
 
@@ -105,9 +115,11 @@ def correct_poses_file(
     Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
     mechanism = campaign.robot.mechanism
-    targets, own = read_poses(source, mechanism), identified_set(campaign, terms.robot).parameters
+    targets, cold = read_poses(source, mechanism), identified_set(campaign, terms.robot)
+    warm = _as_warm(cold, terms)
+    form = form_of(warm.provenance, warm.name)
     found = correct_poses(targets, target_correction(campaign, terms))
-    with recorded(campaign, to, own, "targets"):
+    with recorded(campaign, to, warm.parameters, "targets", form):
         write_text_unless_there(to, corrected_text(found, mechanism.task), overwrite=overwrite)
     return found
 
@@ -126,17 +138,26 @@ def correct_gcode_file(
 
     Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
-    text, own = read_program(source), identified_set(campaign, terms.robot).parameters
+    text, cold = read_program(source), identified_set(campaign, terms.robot)
+    warm = _as_warm(cold, terms)
+    form = form_of(warm.provenance, warm.name)
     correction = target_correction(campaign, terms)
     found = correct_gcode(text, str(source), correction, tolerance_mm=tolerance_mm, rotary=rotary)
-    with recorded(campaign, to, own, "targets"):
+    with recorded(campaign, to, warm.parameters, "targets", form):
         write_text_unless_there(to, found.text, overwrite=overwrite)
     return found
 
 
-def _uncertainty(robot: RobotFile, found: RecordedIdentification | None) -> Uncertainty | None:
+def _as_warm(robot: RobotFile, terms: CorrectionTerms) -> RobotFile:
+    return robot if terms.temperature is None else at_temperature(robot, terms.temperature)
+
+
+def _uncertainty(
+    robot: RobotFile, found: RecordedIdentification | None, degC: float | None
+) -> Uncertainty | None:
     """Uncertainty of the parameters that the robot file holds, as the identification stated it."""
     if found is None or found.covariance is None:
         return None
-    own = robot.mechanism.parameters.of_robot
-    return found.covariance.only(name for name in found.covariance.names if name in own)
+    known, own = found.covariance, robot.mechanism.parameters.of_robot
+    known = known if degC is None else warm_uncertainty(robot, degC, known)
+    return known.only(name for name in known.names if name in own)

@@ -8,20 +8,21 @@ from pathlib import Path
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
-from campaigns.controllers.export import CalibrationRoute, WrittenSet
+from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
-from campaigns.robots.reduced_form import ReducedForm
+from campaigns.robots.reduced_form import ReducedForm, form_of
 from campaigns.robots.robot import RobotDocument, RobotFile
 from campaigns.shots.import_export import ImportedFile, exported_shots
 from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
+DegC = float | None
 
 
-def identified_robot(campaign: Campaign) -> RobotDocument:
-    """Nominal robot with the parameters of the latest identification.
+def identified_robot(campaign: Campaign, degC: DegC = None) -> RobotDocument:
+    """Nominal robot with the parameters of the latest identification, its parts so warm.
 
     Raises `ShotsMissing` without one, and `VerdictBad` for one that did not pass.
     """
@@ -29,20 +30,26 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
         found = parameter_file.latest_identification(journal)
         measured = next((s for s in journal.series() if s.number == found.series), None)
     controller = measured.started.robot if measured else None
-    return parameter_file.compensated_robot(
+    identified = parameter_file.compensated_robot(
         campaign.config.name, campaign.nominal, found, controller
+    )
+    known = found.covariance
+    return (
+        identified if degC is None else warm_robot(campaign.nominal, identified.robot, degC, known)
     )
 
 
 def export(
-    campaign: Campaign, to: Path | None = None, *, overwrite: bool = False
+    campaign: Campaign, to: Path | None = None, degC: DegC = None, *, overwrite: bool = False
 ) -> tuple[Path, RobotFile]:
-    """Write the latest identification as a robot file.
+    """Write the latest identification as a robot file, of a robot so warm.
 
-    Raises `VerdictBad`, `OutputExists` or `WriteFailed`.
+    Raises `ConfigInvalid`, `VerdictBad`, `OutputExists` or `WriteFailed`.
     """
-    path, identified = to or campaign.path(parameter_file.FILE_NAME), identified_robot(campaign)
-    with recorded(campaign, path, identified.robot.parameters):
+    path = to or campaign.path(parameter_file.FILE_NAME)
+    identified = identified_robot(campaign, degC)
+    form = form_of(identified.robot.provenance, str(path))
+    with recorded(campaign, path, identified.robot.parameters, form=form):
         parameter_file.write_compensated(path, identified, overwrite=overwrite)
     return path, identified.robot
 
@@ -72,12 +79,16 @@ def recorded(
             journal.append(Finding("export", asdict(written)))
 
 
-def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = False) -> Path:
+def export_hal(
+    campaign: Campaign, to: Path | None = None, degC: DegC = None, *, overwrite: bool = False
+) -> Path:
     """Write the same for LinuxCNC's kinematics; raises likewise."""
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
     # a plate tilts as the nominal robot's drawing has it, also where a file says nothing of it
-    robot = replace(identified_robot(campaign).robot, mechanism=campaign.robot.mechanism)
-    with recorded(campaign, path, robot.parameters):
+    identified = identified_robot(campaign, degC).robot
+    robot = replace(identified, mechanism=campaign.robot.mechanism)
+    form = form_of(robot.provenance, str(path))
+    with recorded(campaign, path, robot.parameters, form=form):
         linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)
     return path
 

@@ -9,6 +9,7 @@ from par4_cases import NOMINAL, central_differences
 
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
 
@@ -78,6 +79,10 @@ def test_a_warm_robot_grows_as_its_lengths_do(member):
             travelled = robot.mechanism.true_joints(p, joints[[row]], side)[0]
             p[space.offsets] += x[0] * warmth * (travelled + p[space.offsets])
         warm = type(robot)(robot.mechanism, p).forward(joints[[row]], poses[[row]], side)
+        assert np.abs(model.poses(x)[row] - warm.values[0]).max() < 1e-6
+        ppm = dict(zip(space.thermal, (1e6 * warmth * x).tolist(), strict=True))
+        grown = robot.mechanism.grown(Parameters.of_vector(space, robot.p), ppm)
+        warm = type(robot)(robot.mechanism, grown.vector).forward(joints[[row]], poses[[row]], side)
         assert np.abs(model.poses(x)[row] - warm.values[0]).max() < 1e-6
     cold = model.kinematics(x).forward(joints, poses, approach).values
     assert np.abs(cold - poses).max() < 1e-9
