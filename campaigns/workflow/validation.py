@@ -82,12 +82,13 @@ def validation_work(
     """
     tests = options.tests
     unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()
+    held = _active_robot(campaign, active)
     if options.by == "parameters":
-        robot = _active_robot(campaign, active)
-        work, notes = _work(campaign, options.stage, robot, tests, unseen)
+        correct = _to_controlled_point(held)
+        work, notes = _work(campaign, options.stage, held, tests, unseen, correct)
     else:
-        identified, held = identified_set(campaign), _active_robot(campaign, active)
-        correct = TargetCorrection(identified.kinematics, held.kinematics, held.limits).commanded
+        identified, own = identified_set(campaign), held.kinematics.controlled
+        correct = TargetCorrection(identified.kinematics, own, held.limits).commanded
         work, notes = _work(campaign, "after by targets", identified, tests, unseen, correct)
     skip = known_shots((step.planned.shot for step in work.steps), options.skip, "this validation")
     return replace(work, skip=skip), notes
