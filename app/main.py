@@ -49,6 +49,7 @@ COMMANDS = {
     "validate": ("validate", "Measure how good the robot is, as its user commands it."),
     "export": ("export", "Write the identified parameters as a robot file."),
     "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
+    "advise": ("advise", "Say what a mechanic may mend, from the latest identification."),
     "load": ("load", "Put the compensated parameters into the controller."),
     "status": ("status", "Say where the campaign is, and what comes next."),
     "watch": ("watch", "Serve a live page of the campaign, for a tablet or the wall."),

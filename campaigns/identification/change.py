@@ -41,13 +41,12 @@ from campaigns.identification.fit import PointFit
 from campaigns.identification.fit import linearized as linearized_shots
 from campaigns.identification.observations import Inputs, Observations, all_observations
 from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
-from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
 
 Columns = TypeVar("Columns", Group, Cause)
 
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
-FOREARM = "forearm_mm"
 RARE = math.log(0.01)
 """How seldom a forearm of a crank changes its length by a step, for each encoder that slips."""
 WORSE = 1.3

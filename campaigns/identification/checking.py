@@ -17,12 +17,12 @@ from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, Positi
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange, judge_check
-from campaigns.identification.change import FOREARM, part_causes
+from campaigns.identification.change import part_causes
 from campaigns.identification.fit import covariance_of, linearized
 from campaigns.identification.observations import Observations
 from campaigns.identification.result import Pedigree, PositionStd, RecordedIdentification
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
-from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
 from campaigns.shots.shots import Shots
 
 ROUNDS = 3

@@ -15,7 +15,7 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "load", "status", "watch", "check", "history", "report", "reproduce"),
+    *("correct", "advise", "load", "status", "watch", "check", "history", "report", "reproduce"),
     *("study", "check-journal", "sim", "dry-run"),
 )
 HEAVY = {

@@ -1,0 +1,62 @@
+"""pkmcal advise: the mechanic's list."""
+
+import textwrap
+
+import typer
+
+from app.console import GOOD, WARNING, Terminal, terminal_of
+from app.exits import Exit
+from app.options import Folder, Json
+from campaigns.campaign import open_campaign
+from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT, Instruction
+from campaigns.files.table import Column, words
+from campaigns.workflow.advising import advise
+
+BROUGHT: tuple[Column[tuple[str, Instruction]], ...] = (
+    words("after", lambda row: row[0]),
+    Column("mean", lambda row: row[1].mean_mm),
+    Column("max", lambda row: row[1].max_mm),
+    Column("better by", lambda row: row[1].gain_mm),
+    Column("± σ", lambda row: row[1].gain_std_mm),
+)
+
+
+def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
+    """Say what a mechanic may mend, from the latest identification.
+
+    A parameter is read as a dimension only where its change is beyond twice its U, beyond what the
+    tests of the model miss, and beyond what parts that place the base frame may add. Then it says
+    which part is off, by how much, what to do, and what that brings to positions of a controller
+    with nominal parameters, simulated in the order in which repairs bring most. What is left alone
+    is listed with the reason. Nothing is changed.
+
+    Exit code 1: nothing may be read as a dimension; the reason is given.
+    """
+    terminal = terminal_of(context, as_json=json)
+    found = advise(open_campaign(folder))
+    for place, each in enumerate(found.instructions, 1):
+        _say(terminal, f"{place}. {each.says}:", "", "   ")
+        terminal.say(f"   {each.act}", GOOD)
+    if found.instructions:
+        rows = [(str(place), each) for place, each in enumerate(found.instructions, 1)]
+        title = f"Error of position, now {found.mean_mm:.3f} (mm)"
+        terminal.rows(title, BROUGHT, rows)
+        terminal.say(f"U: k = 2. {LEFT_AND_RIGHT}")
+        terminal.say("Then measure and identify again.")
+    elif not found.refused:
+        terminal.say("no part is off by what a mechanic could mend")
+    if found.left:
+        terminal.say("Leave alone:", "bold")
+    for why, parts in found.left.items():
+        _say(terminal, f"{', '.join(parts)}: {why}", "  ", "    ")
+    if found.refused:
+        terminal.say(f"no advice: {found.refused}", WARNING)
+    terminal.document({"schema": "pkmcal/advice/1", "advice": found})
+    if found.refused:
+        raise typer.Exit(Exit.NOT_GOOD)
+
+
+def _say(terminal: Terminal, text: str, first: str, further: str) -> None:
+    """Long line, broken for a terminal of 80 columns."""
+    for line in textwrap.wrap(text, 79, initial_indent=first, subsequent_indent=further):
+        terminal.say(line)
