@@ -103,3 +103,9 @@ def test_thread_left_behind_fails_the_test_that_left_it(outcomes):
 @pytest.mark.skipif(sys.platform != "linux", reason="children are listed under /proc")
 def test_process_left_behind_fails_the_test_that_left_it(outcomes):
     assert outcomes(LEFT_PROCESS) == {"passed": 2, "errors": 1}
+
+
+def test_no_two_test_modules_share_a_name():
+    """The test folders are no packages, so pytest imports a module by its file name alone."""
+    names = [file.name for file in Path(__file__).parent.rglob("test_*.py")]
+    assert sorted({name for name in names if names.count(name) > 1}) == []
