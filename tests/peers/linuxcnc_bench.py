@@ -99,9 +99,9 @@ class Bench:
             self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=NOMINAL)
             self.store = self.file
         else:
-            extensions = frozenset(NOMINAL.mechanism.parameters.extensions)
+            optional = frozenset(NOMINAL.mechanism.parameters.optional)
             pins = HalPins((*PIN_OF.values(), *DRAWING), (str(linuxcnc.beside),))
-            self.store = HalParameters(self.file, pins, PIN_OF, extensions, DRAWING)
+            self.store = HalParameters(self.file, pins, PIN_OF, optional, DRAWING)
 
     def _drive(self, linuxcnc, robot_file, full_speed_per_s, **told):
         self.linuxcnc = linuxcnc
