@@ -14,7 +14,7 @@ from app.keys import keys_heard
 from app.progress import RunDisplay
 from app.retrying import Retries
 from app.run_text import DeviceIdentities, briefing
-from app.wiring import connected_cell, prepare, require_consents
+from app.wiring import connected_cell, prepare, require_devices
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
@@ -53,7 +53,7 @@ def measure(
     Raises `Interrupted` when the operator stopped and does not want to go on now.
     """
     with campaign.held():
-        require_consents(campaign)  # before anything is shown that goes on while it asks
+        require_devices(campaign)  # before anything is shown that goes on while it asks
         clearance.obtain(campaign, terminal)
         before = _latest_series(campaign)
 

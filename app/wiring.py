@@ -59,8 +59,12 @@ def _scenario_source(campaign_folder: Path, url: str) -> str:
     return str(own) if bounded_files.is_file(own) else name
 
 
-def require_consents(campaign: Campaign) -> None:
-    """Ask once for each command that the campaign's files name; raises `NotConfirmed`."""
+def require_devices(campaign: Campaign) -> None:
+    """Ask once for each command that the campaign's files name; raises `NotConfirmed`.
+
+    Raises `ConfigInvalid` for an offline campaign.
+    """
+    campaign.require_devices()
     devices = campaign.config.controller, campaign.config.tracker
     if devices[0].linuxcnc is not None:
         require_consent(campaign.path(FILE_NAME), devices[0].linuxcnc.beside)
@@ -169,7 +173,7 @@ def connections(
 
     `log` gets every byte.
     """
-    require_consents(campaign)
+    require_devices(campaign)
     made = partial(DeviceConnections, campaign, stop_requested, alarm, log)
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]

@@ -12,7 +12,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion, sample_workspace
 from campaigns.design.restricted_space import RestrictedSpace
-from campaigns.errors import JournalFailed, ShotsMissing
+from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
 from campaigns.journal.digest_chain import ChainEnd
@@ -26,6 +26,7 @@ from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
 from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
 from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
+from campaigns.settings.sections import OFFLINE
 from drivers.values import Vector3
 
 JournalT = TypeVar("JournalT", bound=JournalReader)
@@ -70,6 +71,22 @@ class Campaign:
         """Whether no real device is meant."""
         urls = (self.config.controller.url, self.config.tracker.url)
         return all(url.startswith(SIMULATED) for url in urls)
+
+    @property
+    def is_offline(self) -> bool:
+        """Whether nothing is connected: programs go out, and files of what was measured come in."""
+        return OFFLINE in (self.config.controller.url, self.config.tracker.url)
+
+    def require_devices(self) -> None:
+        """Raise `ConfigInvalid` for a campaign that has no devices to connect to."""
+        if self.is_offline:
+            raise ConfigInvalid(
+                f"{self.folder} is an offline campaign, without a controller and a tracker to "
+                "connect to",
+                remedy=f"`pkmcal import {self.folder} FILE` takes in what was measured, with "
+                "--stage before or after a validation; what `pkmcal export` writes is put into the "
+                f"controller by hand; `pkmcal status {self.folder}` says what is next",
+            )
 
     @property
     def robot_identity(self) -> str:

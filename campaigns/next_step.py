@@ -98,6 +98,8 @@ class CampaignState:
     """Options for run and identify."""
     answered: bool = True
     """Whether the devices were asked who they are; a simulated cell need not be."""
+    offline: bool = False
+    """Whether nothing is connected: what a command would measure is imported."""
     planned: bool = False
     before: bool = False
     """Whether the robot was validated before."""
@@ -141,11 +143,17 @@ def next_step(state: CampaignState) -> NextStep | None:
 
 
 def _to_measure(state: CampaignState) -> NextStep:
-    here = state.folder
-    if not state.planned and not state.answered:
-        return NextStep(("devices", here), "look through campaign.yaml (tracker.place_mm!)")
+    here, look = state.folder, "look through campaign.yaml (tracker.place_mm!)"
+    if not state.planned and not state.answered and not state.offline:
+        return NextStep(("devices", here), look)
     if not state.planned:
-        return NextStep(("plan", here))
+        return NextStep(("plan", here), look if state.offline else "")
+    if state.offline and not state.before:
+        first = "have the controller go to the plan's validation pairs, and measure them"
+        return NextStep(("import", here, "FILE", "--stage", "before"), first)
+    if state.offline:
+        first = "have the controller go to the poses of plan.csv, and measure them"
+        return NextStep(("import", here, "FILE"), first)
     if not state.before:
         return NextStep(("validate", here, "--stage", "before"))
     return NextStep(("run", here, *state.words))
@@ -204,6 +212,7 @@ class Unusable:
     sessions: Mapping[int, int] = field(default_factory=dict)
     folder: str = "DIR"
     imported: bool = False
+    """Whether further shots are imported too."""
     shot_s: float | None = None
     """Time that a shot took; None where nobody knows."""
 
@@ -330,14 +339,16 @@ def state_of(
         folder=str(campaign.folder),
         words=_words(evidence),
         answered=answered or campaign.is_simulated,
+        offline=campaign.is_offline,
         planned=evidence.plan is not None,
         before=bool(evidence.before),
         reported=reported,
     )
     if not runs:
         return state
-    latest, imported = runs[-1], _is_import(runs[-1])
-    state = replace(state, measured="import" if imported else "run", left=_left(evidence, latest))
+    latest, imported = runs[-1], campaign.is_offline or _is_import(runs[-1])
+    left = "" if imported else _left(evidence, latest)
+    state = replace(state, measured="import" if imported else "run", left=left)
     last = max(shot.number for shot in (*latest.shots, *bars))
     if found is None or (found.series, found.robot_digest) != (
         latest.number,
@@ -391,7 +402,7 @@ def _is_import(series: Series) -> bool:
 def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
     """Whether something of plan.csv is left to measure: of this series, or of a newer plan."""
     plan, started = evidence.plan, latest.started
-    if started.stage == "import" or plan is None:
+    if plan is None:
         return ""
     taken = [shot.intent for shot in latest.shots]
     other = plan_difference(taken, plan)
@@ -420,7 +431,8 @@ def _calibrated(
     has_form = any(each.of == digest for each in forms) and (too_few or lacks is None)
     held = held or evidence.state(loaded.digest if loaded else None)
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
-    holds = kinds.get(held.kind, "") if held and held.origin == digest else ""
+    known = held is not None and held.origin == digest and not evidence.campaign.is_offline
+    holds = kinds.get(held.kind, "") if held and known else ""
     after = evidence.held("after")
     after = after if after and after.origin == digest else None
     verdict = evaluation.validated("after")

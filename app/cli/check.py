@@ -56,6 +56,7 @@ def command(
     Exit code 1: not good, or not decided.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
+    campaign.require_devices()
     work = check_work(campaign, options)
     if dry:
         terminal.say(f"would measure {len(work.steps)} shots; nothing was moved")

@@ -110,7 +110,7 @@ def prepared(
         )
     campaign = open_campaign(folder)
     if not campaign.is_simulated:
-        raise OptionsInvalid(f"{folder} is a campaign on real devices", remedy=remedy)
+        raise OptionsInvalid(f"{folder} is a campaign on real devices, or on none", remedy=remedy)
     if campaign.journal_path.exists():
         raise OptionsInvalid(f"{folder} has measurements already", remedy=remedy)
     return campaign

@@ -90,6 +90,7 @@ def command(
                 f"--rollback and {option} contradict each other", remedy="give one"
             )
     campaign = open_campaign(folder)
+    campaign.require_devices()
     wish = StopRequest()
 
     def approve(controller: Identity, found: tuple[Change, ...]) -> None:

@@ -10,6 +10,7 @@ from app.next import tell_next
 from app.options import Json, NewFolder
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
+from campaigns.settings.sections import OFFLINE
 
 Robot = Annotated[
     str, typer.Option(metavar="NAME", help="The nominal robot: a shipped one, or a robot file.")
@@ -29,6 +30,12 @@ Controller = Annotated[
     ),
 ]
 Tracker = Annotated[str | None, typer.Option(metavar="URL", help="The tracker: tcp://HOST:700")]
+Offline = Annotated[
+    bool,
+    typer.Option(
+        "--offline", help="No device is connected: programs go out, measured files come in."
+    ),
+]
 
 
 def command(
@@ -39,6 +46,7 @@ def command(
     scenario: Scenario = None,
     controller: Controller = None,
     tracker: Tracker = None,
+    offline: Offline = False,
     json: Json = False,
 ) -> None:
     """Make a campaign's folder: settings and nominal robot.
@@ -46,10 +54,21 @@ def command(
     campaign.yaml explains each of its keys. With --controller and --tracker it is for a real
     cell, otherwise it gets a simulated one, whose every error stands in cell.yaml.
 
+    With --offline nothing is ever connected: the robot's own controller and the tracker's own
+    software measure, and `pkmcal import` takes in their files.
+
     pkmcal new first-try
 
     pkmcal new cell-3 --controller tcp://192.168.0.10:5020 --tracker tcp://192.168.0.1:700
+
+    pkmcal new cell-5 --offline
     """
+    if offline and (controller, tracker, scenario) != (None, None, None):
+        raise OptionsInvalid(
+            "--offline is for a campaign without devices", remedy="leave the addresses out"
+        )
+    if offline:
+        controller = tracker = OFFLINE
     if (controller is None) != (tracker is None):
         raise OptionsInvalid("--controller or --tracker is missing", remedy="give both, or neither")
     if controller is not None and scenario is not None:
@@ -62,6 +81,7 @@ def command(
     else:
         config = create_simulated(folder, robot, scenario or DEFAULT_SCENARIO)
     urls = {"controller": config.controller.url, "tracker": config.tracker.url}
-    terminal.say(f"made: {folder}, with {urls['controller']} and {urls['tracker']}")
+    devices = OFFLINE if offline else f"with {urls['controller']} and {urls['tracker']}"
+    terminal.say(f"made: {folder}, {devices}")
     following = tell_next(terminal, open_campaign(folder))
     terminal.document({"folder": str(folder), **urls} | following)

@@ -47,6 +47,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    campaign.require_devices()
     checked = campaign.checked_plan()
     terminal.note(plan_line(checked))
     held = state_by_journal(campaign)

@@ -42,6 +42,7 @@ def command(
     limit is asked for is told, and is no 1.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
+    campaign.require_devices()
     stage, names = options.stage, [str(name) for name in options.only or SET_OF]
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")

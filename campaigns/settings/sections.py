@@ -10,8 +10,10 @@ from campaigns.files.ranges import Point
 from campaigns.files.yaml_file import FileModel, broken_rule
 from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 
-URL_PATTERN = r"^(tcp://\S+:\d{1,5}|serial://\S+|sim://[\w-]+)$"
-URL_FORMS = "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200 or sim://SCENARIO"
+OFFLINE = "offline"
+"""In place of an address: nothing is connected, programs go out and files come in."""
+URL_PATTERN = rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|sim://[\w-]+|{OFFLINE})$"
+URL_FORMS = f"tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO or {OFFLINE}"
 
 
 def _not_zero(direction: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -35,6 +35,29 @@ def test_new_for_a_real_cell(pkmcal, tmp_path):
     assert sorted(path.name for path in folder.iterdir()) == ["campaign.yaml", "robot.yaml"]
 
 
+def test_new_offline_leads_to_a_plan_and_what_needs_devices_says_what_to_do_instead(
+    pkmcal, tmp_path
+):
+    folder = tmp_path / "cell-5"
+    made = pkmcal("new", folder, "--offline", "--json")
+    assert made.document["controller"] == made.document["tracker"] == "offline"
+    assert made.document["next"] == f"pkmcal plan {folder}"
+    assert sorted(path.name for path in folder.iterdir()) == ["campaign.yaml", "robot.yaml"]
+    for words in (
+        ("run", folder),
+        ("run", folder, "--dry"),
+        ("devices", folder),
+        ("validate", folder, "--stage", "before"),
+        ("load", folder, "--rollback"),
+        ("load", folder, "--file", folder / "robot.yaml", "--force"),
+    ):
+        refused = pkmcal(*words)
+        assert refused.code == 2, words
+        assert f"{folder} is an offline campaign" in refused.error_line
+        assert f"`pkmcal import {folder} FILE`" in refused.error_line
+    assert pkmcal("new", tmp_path / "other", "--offline", "--tracker", TRACKER).code == 2
+
+
 @pytest.mark.parametrize(
     ("option", "url"), [("--controller", "serial:/dev/ttyS0"), ("--tracker", "http://tracker")]
 )

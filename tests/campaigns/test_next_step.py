@@ -45,9 +45,19 @@ OPTIONS = (
     (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
 )
 """All that a next step may ask an identification for: each changes it once."""
+DEVICES = {"devices", "run", "validate", "load"}
+OFFLINE = ("plan", "import before", "import", "identify", "export", "import after", "report")
 FIXED_A = "identify DIR --fix a"
-MENDED = {"run", "import"}
-"""Commands before which a person has mended something: what they measure is another campaign."""
+
+
+def is_another_campaign(state: CampaignState, step: NextStep) -> bool:
+    """Whether a person has mended something, and measures anew, or has corrected a limit."""
+    match step.command:
+        case ("import", _, "FILE"):
+            return bool(state.measured)
+        case ("run" | "report", *_):
+            return bool(step.first)
+    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +106,7 @@ def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
     state, words = place.state, step.command
     if words[0] == "identify":
         yield from identifications(place, step)
-    elif words[0] == "validate" and "after" in words:
+    elif "after" in words:  # validated, or imported as such
         for after in ("worse", "fail", "not decided", "no limits", "pass"):
             weak = state.holds == "form" and after in {"fail", "not decided"}
             judged = replace(state, after=after, weak=weak, to_correct=False)
@@ -122,11 +132,14 @@ def changed(words: tuple[str, ...]) -> dict[str, object]:
             return {"holds": "", "to_correct": True}
         case "load", file:
             return {"holds": "form" if file else "identified"}
+        case "import", ("FILE",):
+            return {"measured": "import"}
     return {
         "devices": {"answered": True},
         "plan": {"planned": True},
         "export": {"file": "identified"},
         "validate": {"before": True},
+        "import": {"before": True},
         "report": {"reported": True},
     }[words[0]]
 
@@ -181,8 +194,10 @@ def test_no_advice_leads_back_and_all_end() -> None:
             return done[place]
         assert place not in under_way, f"a circle at {place}"
         step = next_step(place.state)
-        if step is None or (step.first and step.command[0] in MENDED | {"report"}):
+        if step is None or is_another_campaign(place.state, step):
             return 0
+        if place.state.offline:
+            assert not {step.command[0]} & DEVICES, step
         under_way.add(place)
         further = list(outcomes(place, step))
         assert further, step
@@ -193,6 +208,8 @@ def test_no_advice_leads_back_and_all_end() -> None:
 
     walk(Place(simulated, asked=prior))
     walk(Place(CampaignState(answered=False)))
+    offline = Place(CampaignState(answered=False, offline=True), asked=prior)
+    assert walk(offline) > len(OFFLINE)
     for held in ("identified", "form", ""):
         walk(Place(replace(simulated, measured="import", holds=held), shots=60, asked=prior))
     assert len(done) > 300
