@@ -142,7 +142,7 @@ class Screen:
                 try:
                     self._written += os.read(self._end, 65536).decode(errors="replace")
                 except OSError:  # the other end is closed
-                    return
+                    assert text in self.shown, f"it ended without: {text}"
 
     def read_for(self, seconds):
         give_up = time.monotonic() + seconds
@@ -214,7 +214,8 @@ def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
 def test_keys_pause_measure_again_park_and_stop(planned):
     change(planned / "cell.yaml", SLOW)
     with on_a_screen("run", planned, "--yes", in_foreground=True) as (screen, process):
-        screen.read_until("3 of 59 shots")
+        screen.read_until("of 59 shots")
+        screen.read_until("residual")
         screen.type("p")
         screen.read_until("paused by the operator")
         screen.type("p")
