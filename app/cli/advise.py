@@ -7,18 +7,10 @@ import typer
 from app.console import GOOD, WARNING, Terminal, terminal_of
 from app.exits import Exit
 from app.options import Folder, Json
+from app.report.advice_sections import BROUGHT
 from campaigns.campaign import open_campaign
-from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT, Instruction
-from campaigns.files.table import Column, words
+from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT
 from campaigns.workflow.advising import advise
-
-BROUGHT: tuple[Column[tuple[str, Instruction]], ...] = (
-    words("after", lambda row: row[0]),
-    Column("mean", lambda row: row[1].mean_mm),
-    Column("max", lambda row: row[1].max_mm),
-    Column("better by", lambda row: row[1].gain_mm),
-    Column("± σ", lambda row: row[1].gain_std_mm),
-)
 
 
 def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
@@ -34,13 +26,12 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     """
     terminal = terminal_of(context, as_json=json)
     found = advise(open_campaign(folder))
-    for place, each in enumerate(found.instructions, 1):
+    for place, each in found.numbered:
         _say(terminal, f"{place}. {each.says}:", "", "   ")
         terminal.say(f"   {each.act}", GOOD)
     if found.instructions:
-        rows = [(str(place), each) for place, each in enumerate(found.instructions, 1)]
         title = f"Error of position, now {found.mean_mm:.3f} (mm)"
-        terminal.rows(title, BROUGHT, rows)
+        terminal.rows(title, BROUGHT, found.numbered)
         terminal.say(f"U: k = 2. {LEFT_AND_RIGHT}")
         terminal.say("Then measure and identify again.")
     elif not found.refused:

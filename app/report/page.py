@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from app.report import (
+    advice_sections,
     certificate_sections,
     groups,
     model_sections,
@@ -12,10 +13,13 @@ from app.report import (
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.rendering import Outline, rendered
 from campaigns.evaluation.campaign_verdict import RULE
+from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT
 from campaigns.evidence import Evaluation
 from campaigns.next_step import next_step, state_of
+from campaigns.workflow.advising import advice_by
 
 MAKERS = {
+    "mechanics": advice_sections,
     "results": results_sections,
     "model": model_sections,
     "record": record_sections,
@@ -41,8 +45,11 @@ class Page:
 def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     """Write the page and draw its figures."""
     key_figures = results_sections.key_figure_rows(evaluation)
-    own = {"evaluation": evaluation, "key_figures": key_figures}
+    evidence, found = evaluation.evidence, evaluation.evidence.identification
+    advice = found and advice_by(evidence.campaign, found)
+    own = {"evaluation": evaluation, "key_figures": key_figures, "advice": advice}
     state = state_of(evaluation, reported=True)
     following = {"next": next_step(state), "ways": state.ways}
     values = {**MAKERS, **own, **following, "made_utc": made_utc, "rule": RULE}
+    values["left_and_right"] = LEFT_AND_RIGHT
     return Page(evaluation, *rendered("page.html.jinja", values))

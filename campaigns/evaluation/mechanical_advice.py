@@ -81,6 +81,11 @@ class MechanicalAdvice:
     refused: str = ""
     """Why nothing may be read as a dimension."""
 
+    @property
+    def numbered(self) -> tuple[tuple[int, Instruction], ...]:
+        """Instructions as people count them."""
+        return tuple(enumerate(self.instructions, 1))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dimensions:

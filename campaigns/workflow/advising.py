@@ -2,27 +2,31 @@
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import latest_identification
-from campaigns.errors import VerdictBad
 from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.mechanical_advice import Dimensions, MechanicalAdvice, mechanical_advice
-from campaigns.identification.result import IdentificationResult
+from campaigns.identification.result import IdentificationResult, RecordedIdentification
 from campaigns.robots.robot import RobotFile
+
+OTHER_ROBOT = (
+    "the identification rests on another nominal robot than robot.yaml holds now: bring the robot "
+    "file back, or identify again"
+)
 
 
 def advise(campaign: Campaign) -> MechanicalAdvice:
-    """What a mechanic may do about it, and what to leave alone.
-
-    Raises `ShotsMissing` without an identification, and `VerdictBad` for one of another nominal
-    robot. Where nothing may be read as a dimension, the advice says why.
-    """
+    """Advice by the campaign's latest identification; raises `ShotsMissing` without one."""
     with campaign.journal_reader() as journal:
-        found = latest_identification(journal)
+        return advice_by(campaign, latest_identification(journal))
+
+
+def advice_by(campaign: Campaign, found: RecordedIdentification) -> MechanicalAdvice:
+    """What a mechanic may do by an identification, and what to leave alone.
+
+    Where nothing may be read as a dimension, the advice says why.
+    """
     robot, poses = campaign.robot, campaign.workspace_sample()
     if found.robot_digest != robot.digest():
-        raise VerdictBad(
-            "the identification rests on another nominal robot than robot.yaml holds now",
-            remedy="bring the robot file back, or identify again",
-        )
+        return MechanicalAdvice(refused=OTHER_ROBOT)
     dimensions = dimensions_of(robot, found)
     refused = dimensions.refusal(found.verdict, found.doubts)
     if refused or poses is None:
