@@ -74,8 +74,8 @@ class _Paths:
         end = np.array([move.end for move in moves])
         start = np.array([move.start or move.end for move in moves])
         nowhere = (np.nan, np.nan)
-        centre = np.array([move.arc.centre_mm if move.arc else nowhere for move in moves])
-        sweep = np.array([move.arc.sweep_rad if move.arc else 0.0 for move in moves])
+        centre = np.array([move.centre_mm or nowhere for move in moves])
+        sweep = np.array([move.sweep_rad for move in moves])
         return cls(start, end - start, centre, sweep)
 
     def at(self, rows: Index, part: Array) -> Array:
@@ -269,7 +269,7 @@ def _bodies(move: Move, places: Sequence[list[str]]) -> list[str]:
         for word in move.block.words
         if word.letter not in AXIS_LETTERS and word.code not in MOTIONS
     ]
-    if move.arc is not None:
+    if move.centre_mm is not None:
         words = [word for word in words if word.letter not in "IJP"]
     before = [word.text for word in words if word.letter in "NG"]
     repeated = [word.text for word in words if word.code == "G53"]

@@ -65,15 +65,6 @@ SAME_DIRECTION_RAD = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Arc:
-    """Arc in the XY plane about a centre, mm; the radius passes from one end's to the other's."""
-
-    centre_mm: tuple[float, float]
-    sweep_rad: float
-    """Positive anticlockwise."""
-
-
-@dataclass(frozen=True, slots=True)
 class Move:
     """Motion of one line, in inner units of the task axes."""
 
@@ -82,7 +73,10 @@ class Move:
     """None: it is not known where the robot stands."""
     end: tuple[float, ...]
     rapid: bool
-    arc: Arc | None = None
+    centre_mm: tuple[float, float] | None = None
+    """Of an arc in the XY plane, whose radius passes from one end's to the other's."""
+    sweep_rad: float = 0.0
+    """Of an arc, positive anticlockwise."""
 
 
 def moves_of(
@@ -201,7 +195,7 @@ class _Program:
         sweep = turn % FULL_TURN if anticlockwise else -(-turn % FULL_TURN)
         if FULL_TURN - abs(sweep) < SAME_DIRECTION_RAD or abs(sweep) < SAME_DIRECTION_RAD:
             sweep = FULL_TURN if anticlockwise else -FULL_TURN
-        return Move(block, self.place, end, rapid=False, arc=Arc(centre, sweep))
+        return Move(block, self.place, end, rapid=False, centre_mm=centre, sweep_rad=sweep)
 
     def _check_arc(self, values: Mapping[str, float]) -> None:
         if self.plane != "G17":

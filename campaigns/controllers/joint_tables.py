@@ -129,16 +129,9 @@ def _twincat(tables: JointTables) -> dict[str, str]:
     return {"joint-tables.st": "\n".join([*lines, "END_VAR", ""])}
 
 
-@dataclass(frozen=True, slots=True)
-class TableFormat:
-    """Form in which controllers take tables: files by name, and how many points at most."""
-
-    files: Callable[[JointTables], dict[str, str]]
-    most_points: int = MOST_POINTS
-
-
-FORMATS: Mapping[str, TableFormat] = {
-    "csv": TableFormat(_csv),
-    "linuxcnc": TableFormat(_linuxcnc, LINUXCNC_POINTS),
-    "twincat": TableFormat(_twincat),
+FORMATS: Mapping[str, tuple[Callable[[JointTables], dict[str, str]], int]] = {
+    "csv": (_csv, MOST_POINTS),
+    "linuxcnc": (_linuxcnc, LINUXCNC_POINTS),
+    "twincat": (_twincat, MOST_POINTS),
 }
+"""Forms in which controllers take tables: files by name, and how many points at most."""

@@ -1,8 +1,9 @@
 """Parameter estimation: values with their covariance, what was held, and what was left out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -36,26 +37,12 @@ LEAST_VARIANCE_FACTOR = 1e-3
 """Priors never weigh against less scatter than this part of the stated one."""
 NOTHING_MOVES = 1e-6
 """A parameter with less than this share in an unobservable combination takes no part in it."""
+LEAST_SQUARES = Loss()
 
 
-@dataclass(frozen=True, slots=True)
-class OutlierPolicy:
-    """Policy for measurements that do not fit."""
-
-    loss: Loss = field(default_factory=Loss)
-    exclude: bool = True
-    """Leave out what all others contradict."""
-
-
-@dataclass(frozen=True, slots=True)
-class PriorConflict:
-    """A prior that the measurements contradict: what they alone say, in mm or rad."""
-
-    place: int
-    value: float
-    std: float
-    sigmas: float
-    """How far that is from the prior's mean, by both their standard deviations."""
+PriorConflict: TypeAlias = tuple[int, float, float, float]
+"""Place of a prior that the measurements contradict, what they alone say with its σ, in mm or rad,
+and how far that is from the prior's mean, by both their standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,17 +85,19 @@ class _Solved:
 def estimate(
     problem: LeastSquaresProblem,
     parameters: int,
-    policy: OutlierPolicy,
+    loss: Loss = LEAST_SQUARES,
     *,
     known_variance: bool,
+    exclude: bool = True,
     start: Estimate | None = None,
 ) -> Estimate:
     """Estimate with the first unknowns being parameters, the others (a frame) nuisance.
 
     What neither data nor priors identify is held where it starts, also if it comes to be identified
-    a little once the others have moved. `known_variance`: as `variance_scale` has it. `start` has
-    values near the first unknowns, where the solver begins, if not where the problem does, and its
-    evaluations count. Raises `NoSolution` when the problem's own start has no answer.
+    a little once the others have moved. `known_variance`: as `variance_scale` has it. `exclude`
+    leaves out what all others contradict. `start` has values near the first unknowns, where the
+    solver begins, if not where the problem does, and its evaluations count. Raises `NoSolution`
+    when the problem's own start has no answer.
     """
     at, kept = problem.data.start(), np.ones(problem.blocks, dtype=bool)
     for _ in range(CONSTRAINT_ROUNDS):
@@ -116,9 +105,9 @@ def estimate(
         held = replace(problem, subspace=_subspace(problem, seen))
         near = start if held.subspace is None else None
         begin, spent = (None, 0) if near is None else (near.x[: len(at)], near.fit.evaluations)
-        agreed = reject_outliers(held, begin, spent) if policy.exclude else Inliers(kept, ())
-        first = fit_inliers(held, policy.loss, agreed, begin, spent)
-        solved = _solved(held, policy.loss, first, kept=agreed.kept, known_variance=known_variance)
+        agreed = reject_outliers(held, begin, spent) if exclude else Inliers(kept, ())
+        first = fit_inliers(held, loss, agreed, begin, spent)
+        solved = _solved(held, loss, first, kept=agreed.kept, known_variance=known_variance)
         at, kept = solved.x, agreed.kept
         found = observability(project_out_nuisance(_jacobian(solved.problem, at, kept), parameters))
         if found.rank >= seen.rank:
@@ -158,7 +147,7 @@ def _prior_conflicts(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Iter
         sigmas = abs(alone[place] - mean) / np.sqrt(std**2 + variance[place])
         if sigmas > CONFLICT_SIGMAS:
             own_std = float(np.sqrt(variance[place]))
-            yield PriorConflict(place, float(alone[place]), own_std, float(sigmas))
+            yield place, float(alone[place]), own_std, float(sigmas)
 
 
 def _jacobian(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Array:

@@ -6,6 +6,7 @@ solver serves all of them.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,14 +25,8 @@ CLOSE_ENOUGH_MM = 1e-3
 steps are far shorter."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Assembled:
-    """Robot at every shot with the parameters x."""
-
-    x: Array
-    configuration: Configuration
-    poses: Array
-    """(N, t)"""
+Assembled: TypeAlias = tuple[Array, Configuration, Array]
+"""The parameters x, the robot at every shot with them, and its poses, (N, t)."""
 
 
 class PositionModel:
@@ -68,8 +63,8 @@ class PositionModel:
         self._approach = approach
         self._regressor = np.zeros(len(joints)) if regressor is None else regressor
         self._start = start
-        self._last: _Assembled | None = None
-        self._expansion: tuple[_Assembled, Array, Array] | None = None
+        self._last: Assembled | None = None
+        self._expansion: tuple[Assembled, Array, Array] | None = None
         """Poses to first order: about which, by x (N, t, F), by all of `parameters.geometry`."""
 
     @property
@@ -88,7 +83,7 @@ class PositionModel:
 
     def poses(self, x: Array) -> Array:
         """(N, t), mm and rad, as warm as each shot was; raises `NoSolution`."""
-        poses, expansions = self._assembled_at(x).poses, self._replaced(x)[self._thermal]
+        (*_, poses), expansions = self._assembled_at(x), self._replaced(x)[self._thermal]
         if not expansions.any():
             return poses
         _, by_geometry = self._expanded(x)
@@ -106,8 +101,8 @@ class PositionModel:
         """∂(X, Y, Z)/∂(the geometry's parameters at these places), free or not, (N, 3, K)."""
         _, by_all = self._expanded(x)
         if not self._is_extended and np.isin(places, self._extensions).any():
-            there = self._assembled_at(x)
-            by_all = there.configuration.jacobian(there.poses)
+            _, configuration, poses = self._assembled_at(x)
+            by_all = configuration.jacobian(poses)
         return by_all[:, :3][:, :, places]
 
     def by_joints(self, x: Array) -> Array:
@@ -118,7 +113,8 @@ class PositionModel:
         """∂poses/∂x, (N, t, F), and by every parameter of `parameters.geometry`, (N, t, G)."""
         there = self._assembled_at(x)
         if self._expansion is None or self._expansion[0] is not there:
-            geometry = there.configuration.jacobian(there.poses, extended=self._is_extended)
+            _, configuration, poses = there
+            geometry = configuration.jacobian(poses, extended=self._is_extended)
             by_all = geometry
             if self.free.size and self.free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
@@ -141,22 +137,22 @@ class PositionModel:
         """Joints of the arms: encoder values as the transmission changes them, (N, n)."""
         return self._mechanism.true_joints(self._replaced(x), self._joints, self._approach)
 
-    def _assembled_at(self, x: Array) -> _Assembled:
+    def _assembled_at(self, x: Array) -> Assembled:
         """The last answer, if it was for this x; raises `NoSolution`."""
-        if self._last is None or not np.array_equal(x, self._last.x):
+        if self._last is None or not np.array_equal(x, self._last[0]):
             p = self._replaced(x)
             configuration = self._mechanism.configuration(p, self._joints, self._approach)
-            tilt = None if self._last is None else self._last.configuration.last_tilt
+            tilt = None if self._last is None else self._last[1].last_tilt
             poses = configuration.assemble(self._near(x), CLOSE_ENOUGH_MM, tilt).values_or_raise()
-            self._last = _Assembled(np.array(x), configuration, poses)
+            self._last = np.array(x), configuration, poses
         return self._last
 
     def _near(self, x: Array) -> Array | None:
         """The best that is known of the answer before it is worked out, (N, t)."""
         if self._expansion is not None:
-            about, by_x, _ = self._expansion
-            return np.asarray(about.poses + by_x @ (x - about.x))
-        return self._start if self._last is None else self._last.poses
+            (about, _, poses), by_x, _ = self._expansion
+            return np.asarray(poses + by_x @ (x - about))
+        return self._start if self._last is None else self._last[2]
 
     def _replaced(self, x: Array) -> Array:
         """All parameters in the order of the mechanism's `parameters.model`."""

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.change_detection import Cause
-from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.estimate import Estimate, estimate
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.estimation.least_squares import Priors
@@ -224,7 +224,7 @@ def repaired_estimate(
         fitted, _ = stored.observations(shots, instrument, at)
         mean = np.array([flat[name] for name in names]) * space.units(names)
         posed = replace(fitted, priors=Priors.of_covariance(mean, prior)).problem
-        found = estimate(posed, len(names), OutlierPolicy(exclude=False), known_variance=True)
+        found = estimate(posed, len(names), exclude=False, known_variance=True)
     except (NoSolution, np.linalg.LinAlgError) as error:
         raise _not_assembled() from error
     assert found.covariance is not None, "the prior alone tells all"

@@ -7,13 +7,14 @@ frame is no concern of theirs.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation import information, variance_components
-from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.estimate import Estimate, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.tracker_noise import TrackerUncertainty, common_shifts_mm
 from campaigns.identification.observations import (
@@ -22,7 +23,6 @@ from campaigns.identification.observations import (
     distance_observations,
     point_observations,
 )
-from campaigns.identification.options import IdentificationOptions
 from campaigns.mechanisms.mechanism import NoSolution
 
 SCATTER_ROUNDS = 5
@@ -152,10 +152,17 @@ def fit_shots(inputs: Inputs) -> Fit:
 def fit_points(inputs: Inputs) -> PointFit:
     """Fit of coordinates, the robot's scatter and outliers in turn until neither changes."""
     fitted = stated = point_observations(inputs)
-    policy, count = _policy(inputs.options), len(inputs.selection.free)
-    found = estimate(fitted.problem, count, policy, known_variance=True)
+    options = inputs.options
+    estimated = partial(
+        estimate,
+        parameters=len(inputs.selection.free),
+        loss=options.robust_loss,
+        known_variance=True,
+        exclude=options.outliers is Outliers.EXCLUDE,
+    )
+    found = estimated(fitted.problem)
     scatter = variance_components.NONE
-    if inputs.options.loss is not LossShape.LINEAR:
+    if options.loss is not LossShape.LINEAR:
         return PointFit(fitted, found, scatter)
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
@@ -165,7 +172,7 @@ def fit_points(inputs: Inputs) -> PointFit:
         scatter = anew
         covariance_mm2 = covariance_of(stated, found.x, scatter)
         fitted = replace(stated, residuals=stated.points.with_covariance(covariance_mm2))
-        found = estimate(fitted.problem, count, policy, known_variance=True, start=found)
+        found = estimated(fitted.problem, start=found)
         if np.array_equal(found.kept, kept) and not scatter.any:
             break
     return PointFit(fitted, found, scatter)
@@ -206,30 +213,28 @@ def covariance_of(
 
 def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
     """Distances weighed by what the coordinates of the same shots say of them, if they do."""
-    policy, count = _policy(inputs.options), len(inputs.selection.free)
+    loss, count = inputs.options.robust_loss, len(inputs.selection.free)
+    exclude = inputs.options.outliers is Outliers.EXCLUDE
     if points is None:
         fitted = distance_observations(inputs)
-        found = estimate(fitted.problem, count, policy, known_variance=False)
+        found = estimate(fitted.problem, count, loss, known_variance=False, exclude=exclude)
         return Fit(fitted, found, None)
     sigma0, numbers = points.found.noise.sigma0 or 1.0, points.observations.numbers
     covariance = {
         number: sigma0**2 * each
         for number, each in zip(numbers, points.covariance_mm2(), strict=True)
     }
-    wrong = np.array(numbers)[~points.found.kept].tolist() if policy.exclude else ()
+    wrong = np.array(numbers)[~points.found.kept].tolist() if exclude else ()
     fitted = distance_observations(inputs, covariance, frozenset(wrong))
     found = estimate(
         fitted.problem,
         count,
-        replace(policy, exclude=False),
+        loss,
         known_variance=True,
+        exclude=False,
         start=points.found,  # the same robot within σ: a step or two are left
     )
-    return Fit(fitted, found, points, left_out=points if policy.exclude else None)
-
-
-def _policy(options: IdentificationOptions) -> OutlierPolicy:
-    return OutlierPolicy(options.robust_loss, exclude=options.outliers is Outliers.EXCLUDE)
+    return Fit(fitted, found, points, left_out=points if exclude else None)
 
 
 def _settled(

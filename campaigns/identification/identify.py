@@ -201,12 +201,11 @@ def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.Modelle
 def _contradicted(found: Estimate, free: tuple[str, ...], space: ParameterSpace) -> Iterator[str]:
     """Priors that the shots alone speak against."""
     units = space.units(free)
-    for each in found.conflicts:
-        name, unit = free[each.place], units[each.place]
+    for place, value, std, sigmas in found.conflicts:
+        unit = units[place]
         yield (
-            f"the shots contradict the prior of {name}: they alone give "
-            f"{each.value / unit:.4f} ± {each.std / unit:.4f}, "
-            f"{each.sigmas:.1f} σ off: leave it out or widen it"
+            f"the shots contradict the prior of {free[place]}: they alone give "
+            f"{value / unit:.4f} ± {std / unit:.4f}, {sigmas:.1f} σ off: leave it out or widen it"
         )
 
 

@@ -21,6 +21,8 @@ from campaigns.mechanisms.mechanism import Axis, Kinematics, Limits, NoSolution,
 Joints = tuple[float, ...]
 Stop = tuple[str, Array]
 """What the operator calls a place on the way, and its joints (n,)."""
+PathFault = tuple[str, float]
+"""Reason why a joint move is not safe, and the part of the way at which it shows."""
 
 PATH_STEP_RAD = np.radians(5.0)
 SLACK_RAD = np.radians(3.0)
@@ -42,14 +44,6 @@ MOST_REROUTES = 40
 
 STRAIGHT_PARTS = (4, 8, 16)
 """Of the straight line between two poses, as the last way that is tried."""
-
-
-@dataclass(frozen=True, slots=True)
-class PathFault:
-    """Reason why a joint move is not safe."""
-
-    reason: str
-    part_of_the_way: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +102,7 @@ class RobotModel:
         solution = kinematics.forward(joints)
         if not solution.found.all():
             lost = float(part[np.argmin(solution.found)])
-            return PathFault("the mechanism cannot be assembled", lost)
+            return "the mechanism cannot be assembled", lost
         # limits of a pose that is passed, not measured
         wider = self.limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
         passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
@@ -124,7 +118,7 @@ class RobotModel:
         for violation, reason in reasons.items():
             wrong = passed.violations & violation != 0
             if wrong.any():
-                return PathFault(reason, float(part[np.argmax(wrong)]))
+                return reason, float(part[np.argmax(wrong)])
         return None
 
     def _space_fault(self, start: Array, end: Array) -> PathFault | None:
@@ -133,7 +127,7 @@ class RobotModel:
         try:
             points, bulge_mm = self._fine_path(start, end)
         except NoSolution:
-            return PathFault("the mechanism cannot be assembled", 0.0)
+            return "the mechanism cannot be assembled", 0.0
         steps = len(points) - 1
         starts, ends = points[:-1], points[1:]
         for parts in PARTS:
@@ -152,7 +146,7 @@ class RobotModel:
             f"the plate{space.reach_text} would pass {-clearance[row, zone]:.3g} mm beyond the "
             f"wall of {space.zones[zone].name}"
         )
-        return PathFault(reason, row / steps if row < steps else 0.0)
+        return reason, row / steps if row < steps else 0.0
 
     def _fine_path(self, start: Array, end: Array) -> tuple[Array, Array]:
         """Points (K + 1, 3) of a coordinated move, and how far it may be from each chord, (K,).
@@ -279,5 +273,5 @@ class PathCache:
 
 def _fault(robot: RobotModel, here: Stop, there: Stop) -> str:
     straight = robot.fault(here[1], there[1])
-    why = f"{straight.reason}, {straight.part_of_the_way:.0%} of the way" if straight else "blocked"
+    why = f"{straight[0]}, {straight[1]:.0%} of the way" if straight else "blocked"
     return f"no safe way from {here[0]} to {there[0]}: {why}, and no way round"

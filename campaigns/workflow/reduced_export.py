@@ -103,10 +103,8 @@ def export_joint_tables(
     The rest is the whole geometry, or the nearest `plain` one. Raises as `export_projected` does.
     """
     robot = identified_robot(campaign).robot
-    made = joint_tables.FORMATS[word]
-    tables = joint_tables.joint_tables(
-        robot.kinematics, robot.limits.joint, tolerance_mm, made.most_points
-    )
+    files_of, most = joint_tables.FORMATS[word]
+    tables = joint_tables.joint_tables(robot.kinematics, robot.limits.joint, tolerance_mm, most)
     poses = _poses(campaign, robot)
     rest = without_transmission(robot.kinematics)
     if plain:
@@ -120,7 +118,7 @@ def export_joint_tables(
     name = f"{PLAIN} with {JOINT_TABLES}" if plain else JOINT_TABLES
     form, own = _written_form(campaign, robot, name, rest, left["these values and tables"])
     path = to or campaign.path(TABLES_FILE)
-    texts = {path.with_name(each): text for each, text in made.files(tables).items()}
+    texts = {path.with_name(each): text for each, text in files_of(tables).items()}
     with recorded(campaign, path, own.robot.parameters, form=form):
         for file, text in (texts | {path: own.document.text}).items():
             write_text_unless_there(file, text, overwrite=overwrite)

@@ -76,13 +76,11 @@ def test_terms_of_gears_take_most_of_the_error_off_by_each_way(tmp_path, capsys)
         robot = type(nominal).of(
             nominal.mechanism, geometry | terms, name="geared", limits=nominal.limits
         )
-        made = FORMATS["linuxcnc"]
-        tables = joint_tables(
-            robot.kinematics, robot.limits.joint, 0.001, most_points=made.most_points
-        )
+        files_of, most = FORMATS["linuxcnc"]
+        tables = joint_tables(robot.kinematics, robot.limits.joint, 0.001, most_points=most)
         ini = linuxcnc.config / "par4.ini"
         text = ini.read_text()
-        for joint, (name, content) in enumerate(made.files(tables).items()):
+        for joint, (name, content) in enumerate(files_of(tables).items()):
             (linuxcnc.config / name).write_text(content)
             section = f"[JOINT_{joint}]\n"
             text = text.replace(section, f"{section}COMP_FILE = {name}\nCOMP_FILE_TYPE = 1\n")

@@ -58,9 +58,8 @@ def test_the_turn_is_in_degrees_and_its_letter_is_an_option():
 )
 def test_arcs_in_the_plane(line, sweep, end):
     arc = moves(FIRST + "G1 X10\n" + line)[-1]
-    assert arc.arc is not None
-    assert arc.arc.centre_mm == pytest.approx((0.0, 0.0))
-    assert arc.arc.sweep_rad == pytest.approx(sweep)
+    assert arc.centre_mm == pytest.approx((0.0, 0.0))
+    assert arc.sweep_rad == pytest.approx(sweep)
     assert arc.end[:2] == pytest.approx(end)
 
 

@@ -54,9 +54,9 @@ def test_tables_of_few_points_say_what_they_leave():
 
 
 def test_linuxcnc_gets_no_more_points_than_it_takes_and_no_heading():
-    made = FORMATS["linuxcnc"]
-    tables = joint_tables(MODEL, LIMITS, 1e-6, made.most_points)
-    lines = made.files(tables)["joint2.comp"].splitlines()
+    files_of, most = FORMATS["linuxcnc"]
+    tables = joint_tables(MODEL, LIMITS, 1e-6, most)
+    lines = files_of(tables)["joint2.comp"].splitlines()
     rows = np.array([list(map(float, line.split())) for line in lines[:-1]])
     assert (len(rows), lines[-1][0]) == (LINUXCNC_POINTS, "#")
     assert (np.diff(rows[:, 0]) > 0.0).all()
@@ -65,11 +65,11 @@ def test_linuxcnc_gets_no_more_points_than_it_takes_and_no_heading():
 
 def test_other_forms_hold_the_same_numbers():
     tables = joint_tables(MODEL, LIMITS, 0.01)
-    text = FORMATS["csv"].files(tables)["joint-tables.csv"]
+    text = FORMATS["csv"][0](tables)["joint-tables.csv"]
     head, first, *_ = text.splitlines()
     falling = float(first.split(",")[head.split(",").index("q3_falling_deg")])
     assert np.radians(falling) == pytest.approx(tables.corrections[1, 0, 3], abs=1e-11)
-    structured = FORMATS["twincat"].files(tables)["joint-tables.st"]
+    structured = FORMATS["twincat"][0](tables)["joint-tables.st"]
     assert f"Compensation := {falling:.9f})" in structured.split("q3_falling : ")[1]
     assert structured.count("Direction := WorkDirectionNegative") == 4
     assert structured.count("(Position := ") == 8 * len(tables.wanted)

@@ -15,7 +15,7 @@ from par4_cases import (
 from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
 from campaigns.estimation import information, least_squares
-from campaigns.estimation.estimate import OutlierPolicy, estimate
+from campaigns.estimation.estimate import estimate
 from campaigns.estimation.estimators import LossShape
 from campaigns.estimation.observability import (
     observability,
@@ -27,7 +27,6 @@ from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.estimation.robust import Loss
 
 FREE = FREE_BY_DEFAULT
-PLAIN = OutlierPolicy(exclude=False)
 SHOTS = 24
 DRAWS = 200
 """Limits below are three to four standard deviations of what so many draws show."""
@@ -81,7 +80,8 @@ def drawn():
     found, errors = [], []
     for seed in range(DRAWS):
         measured = measured_points(TABLE1, joints, TRACKER_STD_MM, seed)
-        each = estimate(points(joints, measured, nominal=TABLE1), 22, PLAIN, known_variance=True)
+        robot = points(joints, measured, nominal=TABLE1)
+        each = estimate(robot, 22, exclude=False, known_variance=True)
         vector = TABLE1.p.copy()
         vector[indices(FREE)] = each.x[:22]
         reached = par4_of(vector).forward(there, elsewhere).values_or_raise()[:, :3]
@@ -150,7 +150,7 @@ def test_sigma_follow_the_scatter_only_upwards_when_the_stated_variance_counts_a
         estimate(
             points(joints, measured_points(TABLE1, joints, factor * TRACKER_STD_MM, 1)),
             22,
-            PLAIN,
+            exclude=False,
             known_variance=True,
         )
         for factor in (1.0, 5.0, 0.1)
@@ -164,7 +164,7 @@ def test_sigma_follow_the_scatter_only_upwards_when_the_stated_variance_counts_a
 def test_sigma_follow_the_scatter_both_ways_when_it_does_not(joints):
     for factor in (0.1, 1.0, 30.0):
         measured = measured_points(TABLE1, joints, factor * TRACKER_STD_MM, 1)
-        found = estimate(distances(joints, measured), 22, PLAIN, known_variance=False)
+        found = estimate(distances(joints, measured), 22, exclude=False, known_variance=False)
         assert found.noise.sigma0 == pytest.approx(factor, rel=0.25)
 
 
@@ -172,10 +172,8 @@ def test_sigma_follow_the_scatter_both_ways_when_it_does_not(joints):
 def test_robust_losses_state_about_the_deviations_of_least_squares_for_good_noise(
     joints, measured, shape
 ):
-    plain = estimate(points(joints, measured), 22, PLAIN, known_variance=True)
-    robust = estimate(
-        points(joints, measured), 22, OutlierPolicy(Loss(shape), False), known_variance=True
-    )
+    plain = estimate(points(joints, measured), 22, exclude=False, known_variance=True)
+    robust = estimate(points(joints, measured), 22, Loss(shape), exclude=False, known_variance=True)
     ratio = np.sqrt(np.diag(robust.covariance) / np.diag(plain.covariance))
     assert np.all((ratio > 0.99) & (ratio < 1.25))
 
@@ -184,14 +182,14 @@ def test_robust_losses_state_about_the_deviations_of_least_squares_for_good_nois
 def test_what_nothing_tells_stays_nominal_along_its_combination(joints, measured, build):
     """Freeing the first motor's place lets the robot shift: the mean shift must be none."""
     free = (*FREE, "arm0.x_mm")
-    found = estimate(build(joints, measured, free), 23, PLAIN, known_variance=True)
+    found = estimate(build(joints, measured, free), 23, exclude=False, known_variance=True)
     along_x = [free.index(f"arm{arm}.x_mm") for arm in range(4)]
     assert (found.seen.rank, found.fit.converged) == (22, True)
     assert not found.identifiable[along_x].any()
     assert found.identifiable.sum() == 19
     (lost,) = unobservable_combinations(found.seen, free)
     assert {free[place] for place in along_x} == set(lost)
-    held = estimate(build(joints, measured), 22, PLAIN, known_variance=True)
+    held = estimate(build(joints, measured), 22, exclude=False, known_variance=True)
     known = np.flatnonzero(found.identifiable)
     std = np.sqrt(np.diag(held.covariance)[[FREE.index(free[k]) for k in known]])
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)[known]), std, rtol=1e-3)
@@ -209,11 +207,12 @@ def test_what_nothing_tells_stays_nominal_along_its_combination(joints, measured
 
 
 def test_a_sharp_prior_is_believed_and_a_broad_one_is_not_noticed(joints, measured):
-    free = estimate(points(joints, measured), 22, PLAIN, known_variance=True)
+    free = estimate(points(joints, measured), 22, exclude=False, known_variance=True)
     place = FREE.index("arm2.forearm_mm")
     for std, believed in ((1e-5, True), (1e3, False)):
         known = prior("arm2.forearm_mm", std, mean=true()[place])
-        found = estimate(points(joints, measured, priors=known), 22, PLAIN, known_variance=True)
+        informed = points(joints, measured, priors=known)
+        found = estimate(informed, 22, exclude=False, known_variance=True)
         if believed:
             assert found.x[place] == pytest.approx(true()[place], abs=1e-6)
             assert np.sqrt(found.covariance[place, place]) == pytest.approx(std, rel=0.01)
@@ -227,10 +226,10 @@ def test_priors_count_against_the_scatter_that_there_is_and_stay_as_given(joints
     """Shots that scatter 20 times more than stated: the answer is the weighted mean of both."""
     measured = measured_points(TABLE1, joints, 20.0 * TRACKER_STD_MM, 5)
     place = FREE.index("arm2.forearm_mm")
-    alone = estimate(build(joints, measured), 22, PLAIN, known_variance=known)
+    alone = estimate(build(joints, measured), 22, exclude=False, known_variance=known)
     variance = alone.covariance[place, place]
     told = prior("arm2.forearm_mm", np.sqrt(variance), mean=alone.x[place] + np.sqrt(variance))
-    both = estimate(build(joints, measured, priors=told), 22, PLAIN, known_variance=known)
+    both = estimate(build(joints, measured, priors=told), 22, exclude=False, known_variance=known)
     half_way = alone.x[place] + 0.5 * np.sqrt(variance)
     assert both.x[place] == pytest.approx(half_way, abs=0.05 * np.sqrt(variance))
     assert both.covariance[place, place] == pytest.approx(variance / 2.0, rel=0.05)

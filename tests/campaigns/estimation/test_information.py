@@ -9,7 +9,7 @@ from par4_cases import NOMINAL, TABLE1, measured_points, reachable_joints
 from par4_space import FREE_BY_DEFAULT, indices
 
 from campaigns.estimation import information
-from campaigns.estimation.estimate import OutlierPolicy, estimate
+from campaigns.estimation.estimate import estimate
 from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGaussNewton
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
@@ -180,7 +180,7 @@ def problem(measured_mm, shots=SHOTS):
 
 
 def fitted_to_the_end(measured_mm):
-    return estimate(problem(measured_mm), COUNT, OutlierPolicy(), known_variance=True)
+    return estimate(problem(measured_mm), COUNT, known_variance=True)
 
 
 def std_of_parameters(found):

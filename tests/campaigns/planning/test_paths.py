@@ -43,7 +43,7 @@ def test_a_short_way_at_the_centre_is_straight_and_none_at_all_is_safe():
 def test_a_way_through_an_infeasible_theta_is_named_and_gone_round_within_the_limits(joints):
     (low, high), faults = LIMITS.joint, faults_between(joints)
     blocked = [row for row, fault in enumerate(faults) if fault]
-    assert "theta leaves its limits" in {faults[row].reason for row in blocked}
+    assert "theta leaves its limits" in {faults[row][0] for row in blocked}
     rounds = [OPEN.safe_path(joints[row], joints[row + 1]) for row in blocked]
     found = [(row, way) for row, way in zip(blocked, rounds, strict=True) if way]
     assert len(found) > 0.9 * len(blocked)
@@ -85,22 +85,22 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
 def test_each_fault_of_a_way_is_named_with_the_part_where_it_begins(limits, reason):
     here, there = joints_of(0, -50, -575, 0), joints_of(150, 60, -575, 0.4)
     fault = RobotModel(NOMINAL, limits, CENTRE).fault(here, there)
-    assert fault.reason == reason
-    assert 0.0 < fault.part_of_the_way < 1.0
+    assert fault[0] == reason
+    assert 0.0 < fault[1] < 1.0
 
 
 def test_a_way_past_a_singularity_is_named():
     here, there = joints_of(0, -50, -575, 0), joints_of(0, -50, -575, 1.55)
     wide = replace(turning_by(2.0), forearm_swing_rad=1.5)
     fault = RobotModel(NOMINAL, wide, CENTRE).fault(here, there)
-    assert fault.reason == "it passes near a singularity"
-    assert fault.part_of_the_way > 0.5
+    assert fault[0] == "it passes near a singularity"
+    assert fault[1] > 0.5
 
 
 def test_a_way_where_the_mechanism_comes_apart_is_named_and_from_there_is_none():
     here, apart = joints_of(0, -50, -575, 0), np.radians([90.0, -90.0, 90.0, -90.0])
     fault = OPEN.fault(here, apart)
-    assert fault.reason == "the mechanism cannot be assembled"
+    assert fault[0] == "the mechanism cannot be assembled"
     apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_of(0, -50, -575, 0)
     assert OPEN.safe_path(apart, there) is None
 
@@ -119,7 +119,7 @@ def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_sho
     ends = np.array([[-200.0, -200.0, -450.0, turned], [200.0, 200.0, -700.0, turned]])
     here, there = fine.inverse(ends).values_or_raise()
     model = RobotModel(fine, robot.limits, robot.workspace_centre)
-    assert "theta leaves its limits" in model.fault(here, there).reason
+    assert "theta leaves its limits" in model.fault(here, there)[0]
     way = model.safe_path(here, there)
     assert way is not None
     assert all(model.fault(one, other) is None for one, other in pairwise([here, *way]))
