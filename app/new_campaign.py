@@ -22,18 +22,32 @@ DEFAULT_SCENARIO = "paper-prototype"
 DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
 SCENARIO = "cell.yaml"
+NO_DRIVERS: Mapping[str, str | None] = {"controller": None, "tracker": None}
 LIMIT_DIGITS = 4
 """Of a limit in µm: more than any data sheet has."""
 
 
-def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) -> CampaignConfig:
-    """Campaign on real devices; raises `ConfigInvalid`, `OutputExists` or `WriteFailed`."""
+def create_for_devices(
+    folder: Path,
+    robot: str,
+    controller: str,
+    tracker: str,
+    drivers: Mapping[str, str | None] = NO_DRIVERS,
+) -> CampaignConfig:
+    """Campaign on real devices; raises `ConfigInvalid`, `OutputExists` or `WriteFailed`.
+
+    `drivers` of controller and tracker; None: the default.
+    """
     nominal = find_robot(robot)
     config = new_config(
         {
             **_identity(folder),
-            "controller": {"url": controller},
-            "tracker": {"url": tracker, "reflector": DEFAULT_REFLECTOR},
+            "controller": {"url": controller, **_driver(drivers["controller"])},
+            "tracker": {
+                "url": tracker,
+                "reflector": DEFAULT_REFLECTOR,
+                **_driver(drivers["tracker"]),
+            },
             **_validation(nominal.robot),
         }
     )
@@ -49,6 +63,7 @@ def create_simulated(
     *,
     with_limits: bool = False,
     computes_all: bool = False,
+    tracker_driver: str | None = None,
 ) -> CampaignConfig:
     """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
@@ -75,6 +90,7 @@ def create_simulated(
             "controller": {"url": url, "speed_percent": SIMULATED_SPEED_PERCENT},
             "tracker": {
                 "url": url,
+                **_driver(tracker_driver),
                 "reflector": tracker.reflectors[0].name,
                 "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
                 "uncertainty": _limits(tracker.noise.data_sheet),
@@ -106,6 +122,10 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
         (x_mm, y_mm, z_mm),
     )
     return adapted(scenario_text(scenario, seed), wanted)
+
+
+def _driver(name: str | None) -> dict[str, str]:
+    return {} if name is None else {"driver": name}
 
 
 def _identity(folder: Path) -> dict[str, object]:

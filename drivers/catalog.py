@@ -13,6 +13,7 @@ from drivers.errors import AddressInvalid
 TRACKERS: Mapping[str, str] = {
     "emscon": "drivers.emscon.tracker",
     "geocom": "drivers.geocom.tracker",
+    "pointline": "drivers.pointline.tracker",
 }
 CONTROLLERS: Mapping[str, str] = {
     "robotline": "drivers.robotline.robot",

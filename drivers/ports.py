@@ -84,8 +84,8 @@ class LaserTracker(Protocol):
     def state(self) -> values.TrackerState:
         """Traffic light, warm-up, beam, reflector in use."""
 
-    def weather(self) -> values.Weather:
-        """Air temperature, pressure and humidity as the instrument uses them."""
+    def weather(self) -> values.Weather | None:
+        """Air temperature, pressure and humidity as the instrument uses them; None: not known."""
 
     def reflectors(self) -> tuple[values.Reflector, ...]:
         """The reflectors that the instrument has definitions for."""

@@ -131,11 +131,14 @@ class Reflector:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """Stationary measurement in the tracker's frame, with the instrument's own covariance."""
+    """Stationary measurement in the tracker's frame, with the instrument's own covariance.
+
+    None: an instrument that states no covariance, one that knows nothing of the air.
+    """
 
     point_in_tracker_mm: Vector3
-    covariance_mm2: Matrix3
-    weather: Weather
+    covariance_mm2: Matrix3 | None
+    weather: Weather | None
     raw: str = ""
     """The answer as sent."""
 

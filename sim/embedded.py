@@ -14,6 +14,7 @@ from sim.servers.emscon_server import EmsconSession
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
 from sim.servers.peers import SessionFactory
+from sim.servers.pointline_server import PointlineSession
 from sim.servers.robotline_server import RobotlineSession
 from sim.servers.server import CellServer
 
@@ -97,6 +98,7 @@ class EmbeddedCell:
                 tracker, send, instrument=instrument, is_second=already_open > 0, faults=faults
             ),
             "geocom": lambda send, _: GeocomSession(self._station, send),
+            "pointline": lambda send, _: PointlineSession(tracker, send),
         }
         if protocol not in sessions:
             raise SimError(

@@ -93,9 +93,9 @@ def of_tracker(tracker: LaserTracker) -> Facts:
         "reflector": state.reflector,
         "packets_passed_over": state.packets_passed_over,
         "reflectors": [reflector.name for reflector in tracker.reflectors()],
-        "temperature_degC": air.temperature_degC,
-        "pressure_hPa": air.pressure_hPa,
-        "humidity_percent": air.humidity_percent,
+        "temperature_degC": air and air.temperature_degC,
+        "pressure_hPa": air and air.pressure_hPa,
+        "humidity_percent": air and air.humidity_percent,
     }
 
 
@@ -110,4 +110,4 @@ def _text(value: object) -> str:
         return ", ".join(map(str, value)) or "none"
     if isinstance(value, float):
         return f"{value:g}"
-    return str(value) or "none"
+    return "unknown" if value is None else str(value) or "none"

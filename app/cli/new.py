@@ -11,6 +11,7 @@ from app.options import Json, NewFolder
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.settings.sections import OFFLINE
+from drivers.catalog import CONTROLLERS, TRACKERS
 
 Robot = Annotated[
     str, typer.Option(metavar="NAME", help="The nominal robot: a shipped one, or a robot file.")
@@ -36,6 +37,12 @@ Offline = Annotated[
         "--offline", help="No device is connected: programs go out, measured files come in."
     ),
 ]
+ControllerDriver = Annotated[
+    str | None, typer.Option(metavar="NAME", help=f"Its protocol: {', '.join(CONTROLLERS)}.")
+]
+TrackerDriver = Annotated[
+    str | None, typer.Option(metavar="NAME", help=f"Its protocol: {', '.join(TRACKERS)}.")
+]
 
 
 def command(
@@ -47,6 +54,8 @@ def command(
     controller: Controller = None,
     tracker: Tracker = None,
     offline: Offline = False,
+    controller_driver: ControllerDriver = None,
+    tracker_driver: TrackerDriver = None,
     json: Json = False,
 ) -> None:
     """Make a campaign's folder: settings and nominal robot.
@@ -63,9 +72,9 @@ def command(
 
     pkmcal new cell-5 --offline
     """
-    if offline and (controller, tracker, scenario) != (None, None, None):
+    if offline and any((controller, tracker, scenario, controller_driver, tracker_driver)):
         raise OptionsInvalid(
-            "--offline is for a campaign without devices", remedy="leave the addresses out"
+            "--offline is for a campaign without devices", remedy="leave addresses and drivers out"
         )
     if offline:
         controller = tracker = OFFLINE
@@ -75,11 +84,19 @@ def command(
         raise OptionsInvalid(
             "--scenario is for a simulated cell, --controller for a real one", remedy="give one"
         )
+    if controller is None and controller_driver is not None:
+        raise OptionsInvalid(
+            "--controller-driver is for a real controller: a simulated one speaks robotline",
+            remedy="give --controller and --tracker too, or leave it out",
+        )
     terminal = terminal_of(context, as_json=json)
     if controller is not None and tracker is not None:
-        config = create_for_devices(folder, robot, controller, tracker)
+        drivers = {"controller": controller_driver, "tracker": tracker_driver}
+        config = create_for_devices(folder, robot, controller, tracker, drivers)
     else:
-        config = create_simulated(folder, robot, scenario or DEFAULT_SCENARIO)
+        config = create_simulated(
+            folder, robot, scenario or DEFAULT_SCENARIO, tracker_driver=tracker_driver
+        )
     urls = {"controller": config.controller.url, "tracker": config.tracker.url}
     devices = OFFLINE if offline else f"with {urls['controller']} and {urls['tracker']}"
     terminal.say(f"made: {folder}, {devices}")

@@ -24,6 +24,9 @@ Serial = Annotated[
     bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
 ]
 
+Speaks = Annotated[
+    str, typer.Option(metavar="NAME", help="The tracker's protocol: emscon, geocom or pointline.")
+]
 Robot = Annotated[
     str | None,
     typer.Option(
@@ -42,13 +45,14 @@ def command(
     seed: Seed = None,
     controller_port: Port = 0,
     tracker_port: Port = 0,
+    tracker_driver: Speaks = "emscon",
     serial: Serial = False,
 ) -> None:
     """Serve a simulated cell on loopback.
 
-    A controller that speaks robotline and a tracker that speaks emScon, for `pkmcal new
-    --controller URL --tracker URL` or for software of your own. Prints one JSON line with the
-    addresses, then serves until Ctrl-C or SIGTERM.
+    A controller that speaks robotline and a tracker that speaks emScon or --tracker-driver, for
+    `pkmcal new --controller URL --tracker URL` or for software of your own. Prints one JSON line
+    with the addresses, then serves until Ctrl-C or SIGTERM.
     """
     loaded = load_scenario(scenario)
     if robot is not None:
@@ -57,6 +61,7 @@ def command(
     cell = EmbeddedCell(
         Cell(loaded, seed=seed),
         ScaledClock(loaded.speed_up),
+        tracker_speaks=tracker_driver,
         controller_on="pty" if serial else "tcp",
         controller_port=controller_port,
         tracker_port=tracker_port,

@@ -68,7 +68,7 @@ def measurement_of(
     )
 
 
-def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3]:
+def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
     """Point, mm, and covariance, mm², of a result as records keep it; raises `DriverError`."""
     try:
         packet = bytes.fromhex(raw)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from typing import TypeVar
 
@@ -9,20 +10,38 @@ from typing_extensions import override
 
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import ControllerDriver, RobotSurroundings
-from drivers.errors import DeviceRefused, WireError, WrongDevice
+from drivers.errors import (
+    DeviceNotReady,
+    DeviceRefused,
+    EmergencyStop,
+    LimitViolation,
+    MotionFault,
+    WireError,
+    WrongDevice,
+)
+from drivers.line_client import Dialect, LineClient, Refusals, open_client
 from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock, RobotController
-from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import DeviceSession
 from drivers.stopping import Alarm, StopProcedure, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
 from drivers.wire.framing import ascii_bytes
+from drivers.wire.numbered_lines import LAST_SEQUENCE, sequence_from
 
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
+
+REFUSALS: Refusals = {
+    "LIMIT": (LimitViolation, "compare the plan's limits with the controller's"),
+    "REACH": (LimitViolation, "compare the plan's robot file with the controller's parameters"),
+    "FAULT": (MotionFault, "clear the fault at the controller, then start again"),
+    "ESTOP": (EmergencyStop, "release the emergency stop when it is safe, then start again"),
+    "BUSY": (DeviceNotReady, "wait until the robot stands still, then try again"),
+    "GEOMETRY": (DeviceRefused, "check the robot file; the controller keeps its old parameters"),
+}
 
 AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
@@ -63,8 +82,11 @@ class LineRobot(RobotController):
     ) -> None:
         self._open_transport = open_transport
         self._layout = layout
+        self._dialect = Dialect(
+            wire.GRAMMAR, partial(wire.replies, layout), REFUSALS, "docs/robotline.md"
+        )
         self._clock = clock
-        self._numbers = wire.sequence_from(first_sequence)
+        self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
         self._session = DeviceSession("controller", self._opened, self._greet)
         self._known: tuple[str, ...] | None = None
@@ -197,17 +219,17 @@ class LineRobot(RobotController):
         )
         return answer
 
-    def _greet(self, conversation: RobotlineClient) -> Identity:
+    def _greet(self, conversation: LineClient[wire.Command]) -> Identity:
         greeting, _ = conversation.ask(
             wire.Hello(wire.VERSION), wire.ControllerGreeting, self._deadlines.answer_s
         )
         return _identity(greeting, len(self._layout.joints))
 
-    def _opened(self, blindly: wire.RobotlineRequest | None = None) -> RobotlineClient:
+    def _opened(self, blindly: wire.RobotlineRequest | None = None) -> LineClient[wire.Command]:
         return open_client(
             self._open_transport(timeout_s=self._stopping.patience_s(CONNECT_S)),
+            self._dialect,
             self._numbers,
-            robot=self._layout,
             clock_s=self._clock.now_s,
             cancelled=self._stopping.is_cancelled,
             blindly=blindly,
@@ -272,7 +294,7 @@ def _made(given: RobotSurroundings) -> LineRobot:
         given.open_transport,
         layout=given.layout,
         clock=given.clock,
-        first_sequence=given.draws.randint(1, wire.LAST_SEQUENCE),
+        first_sequence=given.draws.randint(1, LAST_SEQUENCE),
         cancelled=given.cancelled,
         alarm=given.alarm,
     )
@@ -281,9 +303,12 @@ def _made(given: RobotSurroundings) -> LineRobot:
 def _reading(layout: wire.RobotLayout) -> WireReading:
     return WireReading(
         meanings(
-            wire.line_framer().feed, lambda line: wire.decode_request(line, layout).describe()
+            wire.GRAMMAR.line_framer().feed,
+            lambda line: wire.decode_request(line, layout).describe(),
         ),
-        meanings(wire.line_framer().feed, lambda line: wire.decode_reply(line, layout).describe()),
+        meanings(
+            wire.GRAMMAR.line_framer().feed, lambda line: wire.decode_reply(line, layout).describe()
+        ),
     )
 
 

@@ -129,6 +129,8 @@ class EmsconInstrument:
 
         The covariance that it was drawn by stands for the observed and for the a-priori one.
         """
+        assert shot.covariance_mm2 is not None, "our own tracker states it"
+        assert shot.weather is not None, "it has a weather station"
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
         std: Vector3 = (sqrt(xx), sqrt(yy), sqrt(zz))
         total = sqrt(sum(value * value for value in std))

@@ -7,6 +7,7 @@ from typing_extensions import override
 
 from drivers.values import Coordinate
 from drivers.wire import robotline as wire
+from drivers.wire.numbered_lines import BadRequest, Refused
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 from sim.servers.peers import ServedSession
@@ -29,7 +30,7 @@ class RobotlineSession(ServedSession):
         self._controller = controller
         self._layout = layout_of(controller.kind, controller.extensions)
         self._send = send
-        self._lines = wire.line_framer()
+        self._lines = wire.GRAMMAR.line_framer()
         self._staged: dict[str, float] = {}
         self._has_moved = False
 
@@ -38,7 +39,7 @@ class RobotlineSession(ServedSession):
         """Obey every line that these bytes complete, and answer each."""
         for line in self._lines.feed(data):
             if line and (reply := self._reply(line, now_s)) is not None:
-                self._send(wire.encode_reply(reply))
+                self._send(wire.GRAMMAR.encode_reply(reply))
 
     @override
     def closed(self, now_s: float) -> None:
@@ -50,18 +51,18 @@ class RobotlineSession(ServedSession):
     def _reply(self, line: bytes, now_s: float) -> wire.RobotlineReply | None:
         try:
             request = wire.decode_request(line, self._layout)
-        except wire.BadRequest as bad:
+        except BadRequest as bad:
             return bad.reply
         outcome = self._outcome(request.command, now_s)
-        return wire.RobotlineReply(request.sequence, wire.verb_of(request.command), outcome)
+        return wire.RobotlineReply(request.sequence, wire.GRAMMAR.verb_of(request.command), outcome)
 
-    def _outcome(self, command: wire.Command, now_s: float) -> wire.Answer | wire.Refused:
+    def _outcome(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
         try:
             return self._obey(command, now_s)
         except Refusal as refusal:
-            return wire.Refused(refusal.code, refusal.text.replace("°", " deg"))
+            return Refused(refusal.code, refusal.text.replace("°", " deg"))
 
-    def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | wire.Refused:
+    def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
         match command:
             case wire.Hello(version):
                 return self._greet(version)
@@ -79,9 +80,9 @@ class RobotlineSession(ServedSession):
             case wire.Part() | wire.Order():
                 return self._replace_geometry(command, now_s)
 
-    def _greet(self, version: int) -> wire.ControllerGreeting | wire.Refused:
+    def _greet(self, version: int) -> wire.ControllerGreeting | Refused:
         if version != wire.VERSION:
-            return wire.Refused("VERSION", f"version {wire.VERSION} is spoken here, not {version}")
+            return Refused("VERSION", f"version {wire.VERSION} is spoken here, not {version}")
         self._staged.clear()
         who = self._controller
         return wire.ControllerGreeting(

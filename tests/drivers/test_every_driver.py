@@ -5,6 +5,7 @@ from scripted_controller import ANSWERS, ScriptedController
 from scripted_emscon import Station, system_status
 from scripted_geocom import Bench
 from scripted_linuxcnc import NEVER, ScriptedLinuxcnc
+from scripted_pointline import ScriptedInstrument
 
 from drivers.errors import Cancelled, LinkDown, WrongDevice
 from drivers.wire.emscon_constants import Command
@@ -62,7 +63,19 @@ class Geocom:
         self.end.instrument.answers[Rpc.CSV_GET_INSTRUMENT_NO] = (0, ("4711",))
 
 
-pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Geocom])
+class Pointline:
+    def __init__(self, **options):
+        self.end = ScriptedInstrument(**options)
+        self.device = self.end.tracker
+
+    def is_silent(self, silent=True):
+        self.end.answers["STATE"] = None if silent else "OK 0 1 1 1 CCR-1.5in"
+
+    def is_another(self):
+        self.end.answers["HELLO"] = "OK 1 Example%20Metrology T-1000 815-4711 2.1"
+
+
+pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Geocom, Pointline])
 
 
 def connected(far, **options):

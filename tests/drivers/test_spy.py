@@ -177,9 +177,9 @@ class TestEmsconReading:
 class TestLineReadings:
     def test_robotline_is_read_in_both_directions(self):
         reading = READINGS["robotline"]()
-        question = robotline.encode_request(robotline.RobotlineRequest(8, Order.STATE))
+        question = robotline.GRAMMAR.encode_request(robotline.RobotlineRequest(8, Order.STATE))
         status = ControllerStatus(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
-        answer = robotline.encode_reply(robotline.RobotlineReply(8, "STATE", status))
+        answer = robotline.GRAMMAR.encode_reply(robotline.RobotlineReply(8, "STATE", status))
         assert reading.sent(question) == ["question 8: Order.STATE"]
         (said,) = reading.received(answer)
         assert said.startswith("answer 8 to STATE: ControllerStatus(moving=False")

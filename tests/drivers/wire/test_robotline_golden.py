@@ -8,6 +8,7 @@ import pytest
 from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT, command_of, outcome_of
 
 from drivers.errors import WireError
+from drivers.wire import numbered_lines as lines
 from drivers.wire import robotline as wire
 
 ROOT = Path(__file__).parents[3]
@@ -25,32 +26,32 @@ def why(case):
 
 @pytest.mark.parametrize("case", GOLDEN["checksums"], ids=lambda case: case["text"])
 def test_checksum_of_golden_text(case):
-    assert f"{wire.checksum(case['text'].encode()):04X}" == case["checksum"]
+    assert f"{lines.checksum(case['text'].encode()):04X}" == case["checksum"]
 
 
 @pytest.mark.parametrize("case", GOLDEN["requests"], ids=line)
 def test_golden_request_is_written_and_read(case):
     request = wire.RobotlineRequest(case["sequence"], command_of(case))
-    assert wire.encode_request(request) == case["line"].encode() + b"\n"
+    assert wire.GRAMMAR.encode_request(request) == case["line"].encode() + b"\n"
     assert wire.decode_request(case["line"].encode(), PAR4_LAYOUT) == request
 
 
 @pytest.mark.parametrize("case", GOLDEN["replies"], ids=line)
 def test_golden_reply_is_written_and_read(case):
     reply = wire.RobotlineReply(case["sequence"], case["verb"], outcome_of(case))
-    assert wire.encode_reply(reply) == case["line"].encode() + b"\n"
+    assert wire.GRAMMAR.encode_reply(reply) == case["line"].encode() + b"\n"
     assert wire.decode_reply(case["line"].encode(), PAR4_LAYOUT) == reply
     assert wire.decode_reply(case["line"].encode(), PAR4_LAYOUT).line == case["line"]
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=why)
 def test_bad_request_says_what_the_controller_must_answer(case):
-    with pytest.raises(wire.BadRequest) as bad:
+    with pytest.raises(lines.BadRequest) as bad:
         wire.decode_request(case["line"].encode(), PAR4_LAYOUT)
     if case["answer"] is None:
         assert bad.value.reply is None
     else:
-        assert wire.encode_reply(bad.value.reply).decode().startswith(case["answer"])
+        assert wire.GRAMMAR.encode_reply(bad.value.reply).decode().startswith(case["answer"])
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_replies"], ids=why)

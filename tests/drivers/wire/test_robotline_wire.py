@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from robotline_layouts import PAR4_LAYOUT, THREE_CARRIAGES
 
 from drivers.errors import WireError
+from drivers.wire import numbered_lines as lines
 from drivers.wire import robotline as wire
 
 
@@ -27,7 +28,7 @@ def checked(body):
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 speeds = st.floats(min_value=0.0, exclude_min=True, max_value=100.0)
-sequences = st.integers(1, wire.LAST_SEQUENCE)
+sequences = st.integers(1, lines.LAST_SEQUENCE)
 arms = st.integers(0, 3)
 joints = st.tuples(*[numbers] * 4)
 names = st.text(max_size=5).filter(str.isprintable)
@@ -71,7 +72,7 @@ def reply_of(data):
 @given(sequences, any_command)
 def test_request_reads_as_it_was_written(sequence, command):
     request = wire.RobotlineRequest(sequence, command)
-    written = wire.encode_request(request)
+    written = wire.GRAMMAR.encode_request(request)
     assert written.endswith(b"\n")
     assert len(written) <= wire.LINE_BYTES
     assert request_of(written[:-1]) == request
@@ -80,13 +81,13 @@ def test_request_reads_as_it_was_written(sequence, command):
 @given(sequences, any_outcome)
 def test_reply_reads_as_it_was_written(sequence, verb_and_outcome):
     reply = wire.RobotlineReply(sequence, *verb_and_outcome)
-    assert reply_of(wire.encode_reply(reply)[:-1]) == reply
+    assert reply_of(wire.GRAMMAR.encode_reply(reply)[:-1]) == reply
 
 
 @given(sequences, st.text(max_size=600))
 def test_any_text_of_a_refusal_fits_into_a_line(sequence, text):
-    written = wire.encode_reply(
-        wire.RobotlineReply(sequence, "ABANDON", wire.Refused("GEOMETRY", text))
+    written = wire.GRAMMAR.encode_reply(
+        wire.RobotlineReply(sequence, "ABANDON", lines.Refused("GEOMETRY", text))
     )
     assert len(written) <= wire.LINE_BYTES
     assert reply_of(written[:-1]).outcome.code == "GEOMETRY"
@@ -94,7 +95,7 @@ def test_any_text_of_a_refusal_fits_into_a_line(sequence, text):
 
 @given(st.binary())
 def test_checksum_is_the_one_that_is_specified(data):
-    assert wire.checksum(data) == checksum_by_bits(data)
+    assert lines.checksum(data) == checksum_by_bits(data)
 
 
 @given(numbers)
@@ -107,7 +108,9 @@ def test_number_reads_as_the_same_double(value):
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_number_that_is_not_finite_is_never_sent(value):
     with pytest.raises(WireError, match="not a finite number"):
-        wire.encode_request(wire.RobotlineRequest(1, wire.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
+        wire.GRAMMAR.encode_request(
+            wire.RobotlineRequest(1, wire.MoveJoints((0.0, value, 0.0, 0.0), 10.0))
+        )
 
 
 def test_longest_lines_are_read_and_longer_ones_neither_read_nor_sent():
@@ -117,7 +120,7 @@ def test_longest_lines_are_read_and_longer_ones_neither_read_nor_sent():
     with pytest.raises(WireError, match="more than 255 bytes"):
         reply_of(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
     with pytest.raises(WireError, match="limit is 255"):
-        wire.encode_reply(
+        wire.GRAMMAR.encode_reply(
             wire.RobotlineReply(
                 1, "STATE", wire.ControllerStatus(False, False, "x" * 300, (0.0,) * 4)
             )
@@ -125,8 +128,8 @@ def test_longest_lines_are_read_and_longer_ones_neither_read_nor_sent():
 
 
 def test_number_of_a_question_starts_again_after_the_last():
-    numbers = wire.sequence_from(wire.LAST_SEQUENCE - 1)
-    assert [next(numbers) for _ in range(4)] == [wire.LAST_SEQUENCE - 1, wire.LAST_SEQUENCE, 1, 2]
+    numbers = lines.sequence_from(lines.LAST_SEQUENCE - 1)
+    assert [next(numbers) for _ in range(4)] == [lines.LAST_SEQUENCE - 1, lines.LAST_SEQUENCE, 1, 2]
 
 
 def test_parameters_keep_their_names_through_the_parts():
@@ -141,18 +144,18 @@ def test_parameters_keep_their_names_through_the_parts():
 def test_another_robot_has_other_words():
     """Three joints, no turn, and no parameter beside those of its arms."""
     moved = wire.RobotlineRequest(1, wire.MoveJoints((1.0, 2.0, 3.0), 50.0))
-    assert wire.decode_request(wire.encode_request(moved)[:-1], THREE_CARRIAGES) == moved
-    with pytest.raises(wire.BadRequest):
-        request_of(wire.encode_request(moved)[:-1])
+    assert wire.decode_request(wire.GRAMMAR.encode_request(moved)[:-1], THREE_CARRIAGES) == moved
+    with pytest.raises(lines.BadRequest):
+        request_of(wire.GRAMMAR.encode_request(moved)[:-1])
     assert list(THREE_CARRIAGES.parts) == ["ARM 0", "ARM 1", "ARM 2"]
-    with pytest.raises(wire.BadRequest, match="'PLATE' is neither ARM"):
+    with pytest.raises(lines.BadRequest, match="'PLATE' is neither ARM"):
         wire.decode_request(
-            wire.encode_request(wire.RobotlineRequest(1, wire.ReadPart("PLATE")))[:-1],
+            wire.GRAMMAR.encode_request(wire.RobotlineRequest(1, wire.ReadPart("PLATE")))[:-1],
             THREE_CARRIAGES,
         )
-    with pytest.raises(wire.BadRequest, match="not 0 to 2"):
+    with pytest.raises(lines.BadRequest, match="not 0 to 2"):
         wire.decode_request(
-            wire.encode_request(wire.RobotlineRequest(1, wire.ReadPart("ARM 3")))[:-1],
+            wire.GRAMMAR.encode_request(wire.RobotlineRequest(1, wire.ReadPart("ARM 3")))[:-1],
             THREE_CARRIAGES,
         )
 
@@ -160,7 +163,7 @@ def test_another_robot_has_other_words():
 @given(sequences, any_outcome, st.binary())
 def test_reply_is_read_whatever_trails_behind_its_line(sequence, verb_and_outcome, trailing):
     reply = wire.RobotlineReply(sequence, *verb_and_outcome)
-    first, *_ = wire.line_framer().feed(wire.encode_reply(reply) + trailing)
+    first, *_ = wire.GRAMMAR.line_framer().feed(wire.GRAMMAR.encode_reply(reply) + trailing)
     assert reply_of(first) == reply
 
 
@@ -170,7 +173,7 @@ def test_no_damage_of_two_bytes_goes_unseen(data):
     at = data.draw(st.integers(0, len(whole) - 2))
     damaged = bytes(whole[:at]) + data.draw(st.binary(min_size=2, max_size=2)) + whole[at + 2 :]
     if damaged != bytes(whole):
-        with pytest.raises(wire.BadRequest):
+        with pytest.raises(lines.BadRequest):
             request_of(damaged)
 
 

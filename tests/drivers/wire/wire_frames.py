@@ -6,7 +6,15 @@ from random import Random
 from typing import NamedTuple
 
 from drivers.errors import WireError
-from drivers.wire import emscon, emscon_messages, geocom, linuxcncrsh, robotline
+from drivers.wire import (
+    emscon,
+    emscon_messages,
+    geocom,
+    linuxcncrsh,
+    numbered_lines,
+    pointline,
+    robotline,
+)
 from drivers.wire.emscon_constants import Command
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
 from sim.geometry import PAR4
@@ -76,19 +84,20 @@ LAYOUT = layout_of(PAR4)
 PART = robotline.Part(
     "ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"])))
 )
-OUTCOMES: tuple[tuple[str, robotline.Answer | robotline.Refused], ...] = (
+OUTCOMES: tuple[tuple[str, robotline.Answer | numbered_lines.Refused], ...] = (
     ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
     ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),
     ("MOVEJ", robotline.MotionBegun(1.5)),
     ("GEOM", PART),
     ("STOP", robotline.CommandDone()),
-    ("MOVEP", robotline.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
+    ("MOVEP", numbered_lines.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
 )
 ROBOTLINE_REPLIES = tuple(
-    robotline.encode_reply(robotline.RobotlineReply(7, verb, outcome)) for verb, outcome in OUTCOMES
+    robotline.GRAMMAR.encode_reply(robotline.RobotlineReply(7, verb, outcome))
+    for verb, outcome in OUTCOMES
 )
 ROBOTLINE_REQUESTS = tuple(
-    robotline.encode_request(robotline.RobotlineRequest(7, command))
+    robotline.GRAMMAR.encode_request(robotline.RobotlineRequest(7, command))
     for command in (
         robotline.Hello(1),
         robotline.Order.STATE,
@@ -97,6 +106,26 @@ ROBOTLINE_REQUESTS = tuple(
         robotline.ReadPart("ARM 0"),
         PART,
         robotline.Order.COMMIT,
+    )
+)
+POINTLINE_REPLIES = tuple(
+    pointline.GRAMMAR.encode_reply(pointline.PointlineReply(7, verb, outcome))
+    for verb, outcome in (
+        ("HELLO", pointline.InstrumentGreeting(1, "Example Metrology", "T", "4711", "2.1")),
+        ("STATE", pointline.InstrumentStatus(False, True, True, True, "CCR 1.5")),
+        ("REFLECTOR", pointline.ReflectorDefinition(2, "CCR 1.5", 19.05)),
+        ("MEASURE", pointline.PointMeasured(9, "CCR", (2e3, -1.5, 1e-300), (1e-4,) * 6)),
+        ("PREPARE", pointline.CommandDone()),
+        ("FIND", numbered_lines.Refused("BEAM", "nothing was found")),
+    )
+)
+POINTLINE_REQUESTS = tuple(
+    pointline.GRAMMAR.encode_request(pointline.PointlineRequest(7, command))
+    for command in (
+        pointline.Hello(1),
+        pointline.Order.MEASURE,
+        pointline.Prepare("CCR 1.5", 2.0),
+        pointline.GoTo((1.5, -2.5, 1e300)),
     )
 )
 LINUXCNC = (
@@ -137,7 +166,7 @@ def _geocom_request():
 
 
 def _robotline_request():
-    lines = robotline.line_framer()
+    lines = robotline.GRAMMAR.line_framer()
 
     def feed(data):
         return [_answerable(line) for line in lines.feed(data)]
@@ -149,9 +178,9 @@ def _answerable(line: bytes) -> robotline.RobotlineRequest:
     """The request; what a server answers to a bad one can be written and read."""
     try:
         return robotline.decode_request(line, LAYOUT)
-    except robotline.BadRequest as bad:
+    except numbered_lines.BadRequest as bad:
         if bad.reply is not None:
-            robotline.decode_reply(robotline.encode_reply(bad.reply)[:-1], LAYOUT)
+            robotline.decode_reply(robotline.GRAMMAR.encode_reply(bad.reply)[:-1], LAYOUT)
         raise
 
 
@@ -168,10 +197,15 @@ def _linuxcnc():
     return feed
 
 
-def resealed_robotline(line: bytes) -> bytes:
+def _pointline_request():
+    lines = pointline.GRAMMAR.line_framer()
+    return lambda data: [pointline.decode_request(line) for line in lines.feed(data)]
+
+
+def resealed_line(line: bytes) -> bytes:
     """The line with the checksum that fits what stands before it."""
     text = line.rstrip(b"\n").rpartition(b" *")[0]
-    return b"%s *%04X\n" % (text, robotline.checksum(text))
+    return b"%s *%04X\n" % (text, numbered_lines.checksum(text))
 
 
 def resealed_geocom(line: bytes) -> bytes:
@@ -192,12 +226,11 @@ WIRES: tuple[Wire, ...] = (
     Wire("GeoCOM, instrument", _geocom_reply, GEOCOM_REPLIES, resealed_geocom),
     Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
     Wire(
-        "robotline, controller",
-        lambda: robotline.replies(LAYOUT),
-        ROBOTLINE_REPLIES,
-        resealed_robotline,
+        "robotline, controller", lambda: robotline.replies(LAYOUT), ROBOTLINE_REPLIES, resealed_line
     ),
-    Wire("robotline, client", _robotline_request, ROBOTLINE_REQUESTS, resealed_robotline),
+    Wire("robotline, client", _robotline_request, ROBOTLINE_REQUESTS, resealed_line),
+    Wire("pointline, instrument", pointline.replies, POINTLINE_REPLIES, resealed_line),
+    Wire("pointline, client", _pointline_request, POINTLINE_REQUESTS, resealed_line),
     Wire("linuxcncrsh", _linuxcnc, LINUXCNC),
 )
 

@@ -60,7 +60,9 @@ def robotline_request(draw, number):
         messages.Order.COMMIT,
         messages.ReadPart(PART),
     )
-    return robotline.encode_request(robotline.RobotlineRequest(number, draw.choice(commands)))
+    return robotline.GRAMMAR.encode_request(
+        robotline.RobotlineRequest(number, draw.choice(commands))
+    )
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, DriverError
 from drivers.geocom.client import GeocomDeadlines
 from drivers.geocom.tracker import GeocomTracker
+from drivers.pointline.tracker import PointlineDeadlines, PointlineTracker
 from drivers.ports import SystemClock
 from drivers.transport import open_transport
 from sim.cell import Cell
@@ -21,16 +22,18 @@ from sim.servers.emscon_instrument import EmsconInstrument
 from sim.servers.emscon_server import EmsconSession
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
+from sim.servers.pointline_server import PointlineSession
 from sim.servers.server import CellServer
 
 CCR = "CCR-1.5in"
 IMPATIENT = {
     "emscon": EmsconDeadlines(answer_s=0.25, measuring_margin_s=0.0),
     "geocom": GeocomDeadlines(answer_s=0.4, greeting_s=0.4, distance_s=2),
+    "pointline": PointlineDeadlines(answer_s=0.4, greeting_s=0.4, measuring_margin_s=0.0),
 }
-FAULTS_AT = {"emscon": (50, 51, 103, 104, 156, 157), "geocom": (70, 140)}
+FAULTS_AT = {"emscon": (50, 51, 103, 104, 156, 157), "geocom": (70, 140), "pointline": (5, 9)}
 """Two of an emScon in a row: one of them alone may be an event, which nobody waits for."""
-both = pytest.mark.parametrize("speaks", ["emscon", "geocom"])
+both = pytest.mark.parametrize("speaks", ["emscon", "geocom", "pointline"])
 
 
 @contextmanager
@@ -45,6 +48,8 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     def session(send, already_open):
         if speaks == "geocom":
             return GeocomSession(station, send)
+        if speaks == "pointline":
+            return PointlineSession(cell.tracker, send)
         is_second = already_open > 0
         return EmsconSession(cell.tracker, send, instrument=instrument, is_second=is_second)
 
@@ -53,6 +58,7 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     make = {
         "emscon": partial(EmsconTracker, clock=SystemClock(), instrument_clock=clock),
         "geocom": partial(GeocomTracker, clock=SystemClock(), first_transaction=20_000),
+        "pointline": partial(PointlineTracker, clock=SystemClock(), first_sequence=20_000),
     }
 
     def connected(**options):
@@ -74,6 +80,8 @@ def place_mm(cell):
     [
         ("emscon", "tcp", pytest.approx(0.010 / 3**0.5, rel=0.1)),
         ("geocom", "tcp", pytest.approx(0.5, abs=0.2)),
+        ("pointline", "tcp", pytest.approx(0.010 / 3**0.5, rel=0.1)),
+        ("pointline", "pty", pytest.approx(0.010 / 3**0.5, rel=0.1)),
         ("geocom", "pty", pytest.approx(0.5, abs=0.2)),
     ],
 )

@@ -1,0 +1,266 @@
+"""An instrument that speaks pointline (docs/pointline.md): units and meaning."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import hypot
+from typing import TypeVar
+
+from typing_extensions import override
+
+from drivers import values
+from drivers.byte_log import WireReading, meanings
+from drivers.declaration import Surroundings, TrackerDriver
+from drivers.errors import (
+    BeamBroken,
+    DeviceNotReady,
+    DeviceRefused,
+    ImplausibleAnswer,
+    NoReflector,
+    NotAMeasurement,
+    WrongDevice,
+)
+from drivers.line_client import Dialect, LineClient, Refusals, open_client
+from drivers.link import never
+from drivers.plausible import RESTART, require, require_point, require_weather
+from drivers.ports import Clock, LaserTracker
+from drivers.session import PreparedSession
+from drivers.transport import Transport
+from drivers.wire import pointline as wire
+from drivers.wire.framing import ascii_bytes
+from drivers.wire.numbered_lines import LAST_SEQUENCE, sequence_from
+
+NONE = "NONE"
+"""Refusal of what the instrument does not have: a weather station, a direction."""
+MOST_REFLECTORS = 100
+BEAM = "clear the line of sight, and let the instrument see the reflector"
+REFUSALS: Refusals = {
+    "BEAM": (BeamBroken, BEAM),
+    "NOBEAM": (NoReflector, BEAM),
+    "REFLECTOR": (DeviceNotReady, "set tracker.reflector to one that `pkmcal devices` lists"),
+    "COLD": (DeviceNotReady, "wait until the instrument is warm, then try again"),
+    "FAULT": (DeviceNotReady, "look at the instrument's own display, then try again"),
+}
+DIALECT: Dialect[wire.Command] = Dialect(wire.GRAMMAR, wire.replies, REFUSALS, "docs/pointline.md")
+
+AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
+
+
+@dataclass(frozen=True, slots=True)
+class PointlineDeadlines:
+    """Deadlines of the instrument, in real seconds."""
+
+    answer_s: float = 2.0
+    greeting_s: float = 15.0
+    """Deadline of the greeting: what an earlier client had begun may have to end first."""
+    prepare_s: float = 600.0
+    motion_s: float = 60.0
+    measuring_margin_s: float = 15.0
+
+
+class PointlineTracker(LaserTracker):
+    """An instrument at the other end of a wire.
+
+    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
+    `clock` is real time. `first_sequence`, 1 to 999999999, should differ from session to session.
+    """
+
+    def __init__(
+        self,
+        open_transport: Callable[[], Transport],
+        *,
+        clock: Clock,
+        first_sequence: int,
+        deadlines: PointlineDeadlines = PointlineDeadlines(),
+        cancelled: Callable[[], bool] = never,
+    ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._numbers = sequence_from(first_sequence)
+        self._deadlines = deadlines
+        self._cancelled = cancelled
+        self._last_count = 0
+        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
+
+    @override
+    def connect(self) -> None:
+        self._session.open()
+
+    @override
+    def reconnect(self) -> None:
+        self._session.open()
+        self._session.prepare_again()
+
+    @override
+    def close(self) -> None:
+        self._session.close()
+
+    @override
+    def identity(self) -> values.Identity:
+        return self._session.recognised(self._greet(self._session.connection))
+
+    @override
+    def state(self) -> values.TrackerState:
+        status = self._ask(wire.Order.STATE, wire.InstrumentStatus)
+        readiness = values.Readiness.NOT_READY
+        if status.busy:
+            readiness = values.Readiness.BUSY
+        elif status.initialised and status.warm and status.locked:
+            readiness = values.Readiness.READY
+        return values.TrackerState(
+            readiness=readiness,
+            initialised=status.initialised,
+            laser_warm=status.warm,
+            beam_locked=status.locked,
+            reflector=status.reflector,
+        )
+
+    @override
+    def weather(self) -> values.Weather | None:
+        told = self._if_it_has(wire.Order.AIR, wire.Air)
+        if told is None:
+            return None
+        air = values.Weather(told.temperature_degC, told.pressure_hPa, told.humidity_percent)
+        require_weather(self._session.connection.name, air)
+        return air
+
+    @override
+    def reflectors(self) -> tuple[values.Reflector, ...]:
+        found: list[values.Reflector] = []
+        count = 1
+        while len(found) < min(count, MOST_REFLECTORS):
+            index = len(found)
+            told = self._ask(wire.ReadReflector(index), wire.ReflectorDefinition)
+            count = told.count
+            found.append(values.Reflector(told.name, index, told.surface_offset_mm))
+        return tuple(found)
+
+    @override
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:
+        self._session.prepare(wire.Prepare(reflector, measuring_time_s))
+
+    @override
+    def measure(self) -> values.Measurement:
+        """Take one point; raises `BeamBroken` when the reflector is lost.
+
+        `NoReflector` when it could not begin, `NotAMeasurement` for a number told before.
+        """
+        client, wanted, _ = self._session.prepared()
+        within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
+        told, line = client.ask(wire.Order.MEASURE, wire.PointMeasured, within_s)
+        covariance_mm2 = _covariance_mm2(client.name, told)
+        before, self._last_count = self._last_count, told.count
+        if told.count == before != 0:
+            raise NotAMeasurement(
+                f"{client.name}: the point is that of the measurement before, number {before}",
+                remedy="measure again; if it comes back, compare the instrument's program with "
+                "docs/pointline.md",
+            )
+        if told.reflector != wanted.reflector:
+            raise self._session.not_ready(
+                f"measured with reflector '{told.reflector}', prepared was '{wanted.reflector}'"
+            )
+        return values.Measurement(told.point_mm, covariance_mm2, self.weather(), line)
+
+    @override
+    def direction(self) -> values.Vector3 | None:
+        told = self._if_it_has(wire.Order.DIRECTION, wire.BeamDirection)
+        if told is None or not (length := hypot(*told.direction)):
+            return None
+        return values.vector(value / length for value in told.direction)
+
+    @override
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
+        self._aim(wire.GoTo(values.vector(point_in_tracker_mm)))
+
+    @override
+    def find_reflector(self, distance_mm: float) -> None:
+        self._aim(wire.Find(distance_mm))
+
+    def _aim(self, command: wire.GoTo | wire.Find) -> None:
+        self._session.prepared()
+        self._ask(command, wire.CommandDone, self._deadlines.motion_s)
+
+    def _if_it_has(self, command: wire.Command, kind: type[AnswerKind]) -> AnswerKind | None:
+        try:
+            return self._ask(command, kind)
+        except DeviceRefused as refused:
+            if refused.code != NONE:
+                raise
+            return None
+
+    def _ask(
+        self, command: wire.Command, kind: type[AnswerKind], within_s: float | None = None
+    ) -> AnswerKind:
+        within_s = within_s or self._deadlines.answer_s
+        return self._session.connection.ask(command, kind, within_s)[0]
+
+    def _opened(self) -> LineClient[wire.Command]:
+        return open_client(
+            self._open_transport(),
+            DIALECT,
+            self._numbers,
+            clock_s=self._clock.now_s,
+            cancelled=self._cancelled,
+            within_s=self._deadlines.answer_s,
+        )
+
+    def _greet(self, client: LineClient[wire.Command]) -> values.Identity:
+        hello = wire.Hello(wire.VERSION)
+        told, _ = client.ask(hello, wire.InstrumentGreeting, self._deadlines.greeting_s)
+        identity = values.Identity(
+            told.vendor, told.model, told.serial, told.firmware, f"pointline {told.version}"
+        )
+        if told.version != wire.VERSION:
+            raise WrongDevice(
+                f"{identity} answers; pointline {wire.VERSION} is needed",
+                remedy="check the address and the instrument's program",
+            )
+        return identity
+
+    def _set_up(self, client: LineClient[wire.Command], wanted: wire.Prepare) -> wire.Prepare:
+        client.ask(wanted, wire.CommandDone, self._deadlines.prepare_s)
+        return wanted
+
+
+def _covariance_mm2(where: str, told: wire.PointMeasured) -> values.Matrix3 | None:
+    """Covariance of a point, None where the instrument states none; raises `ImplausibleAnswer`."""
+    require_point(where, told.point_mm)
+    if not any(told.covariance_mm2):
+        return None
+    xx, xy, xz, yy, yz, zz = told.covariance_mm2
+    covariance: values.Matrix3 = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+    if not values.is_positive_definite(covariance):
+        raise ImplausibleAnswer(
+            f"{where}: a covariance of {told.covariance_mm2} mm² cannot be: it is not positive "
+            "definite",
+            remedy=RESTART,
+        )
+    for variance in (xx, yy, zz):
+        require(where, values.SIGMA, variance**0.5)
+    return covariance
+
+
+def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
+    """Point, mm, and covariance, mm², of an answer as records keep it; raises `DriverError`."""
+    told = wire.point_said(ascii_bytes(raw))
+    return told.point_mm, _covariance_mm2("the tracker", told)
+
+
+def _made(given: Surroundings, _instrument_clock: Clock | None) -> PointlineTracker:
+    return PointlineTracker(
+        given.open_transport,
+        clock=given.clock,
+        first_sequence=given.draws.randint(1, LAST_SEQUENCE),
+        cancelled=given.cancelled,
+    )
+
+
+def _reading() -> WireReading:
+    asked, told = wire.GRAMMAR.line_framer(), wire.GRAMMAR.line_framer()
+    return WireReading(
+        meanings(asked.feed, lambda line: wire.decode_request(line).describe()),
+        meanings(told.feed, lambda line: wire.decode_reply(line).describe()),
+    )
+
+
+DRIVER = TrackerDriver(_made, _reading, measurement_said)

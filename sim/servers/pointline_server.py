@@ -1,0 +1,173 @@
+"""The simulated tracker's side of pointline (docs/pointline.md): one connection, no socket."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from typing_extensions import override
+
+from drivers.values import vector
+from drivers.wire import pointline as wire
+from drivers.wire.numbered_lines import BadRequest, Refused
+from sim.servers.peers import ServedSession
+from sim.tracker.instrument import SimulatedTracker
+
+MODEL = "SIM-PL"
+MOST_WAITING = 100
+"""Questions that are kept while one is worked on; what comes above is lost, as in a full buffer."""
+UNSEEN = Refused("BEAM", "no reflector was found")
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """Work that takes time: when it ends, and what is then answered."""
+
+    due_s: float
+    finish: Callable[[float], wire.Answer | Refused]
+
+
+class PointlineSession(ServedSession):
+    """Answers one client, one question after another; what was prepared is the tracker's."""
+
+    def __init__(self, tracker: SimulatedTracker, send: Callable[[bytes], None]) -> None:
+        self._tracker = tracker
+        self._send = send
+        self._lines = wire.GRAMMAR.line_framer()
+        self._waiting: deque[wire.PointlineRequest] = deque()
+        self._pending: tuple[wire.PointlineRequest, Later] | None = None
+        self._measuring_time_s = 1.0
+
+    @override
+    def received(self, data: bytes, now_s: float) -> None:
+        """Obey every line that these bytes complete; what takes time is answered by `advance`."""
+        for line in self._lines.feed(data):
+            if line:
+                self._take(line)
+                self.advance(now_s)
+
+    @override
+    def advance(self, now_s: float) -> None:
+        """Answer what is due, and go on with what waits behind it."""
+        self._tracker.advance(now_s)
+        self._tracker.events()  # pointline tells nothing unasked
+        while self._pending is not None or self._waiting:
+            if self._pending is None:
+                request = self._waiting.popleft()
+                outcome = self._obey(request.command, now_s)
+            else:
+                request, later = self._pending
+                if now_s < later.due_s:
+                    return
+                outcome, self._pending = later.finish(now_s), None
+            if isinstance(outcome, Later):
+                self._pending = request, outcome
+            else:
+                verb = wire.GRAMMAR.verb_of(request.command)
+                self._say(wire.PointlineReply(request.sequence, verb, outcome))
+
+    @override
+    def next_due_s(self) -> float | None:
+        """Time of the next thing that happens by itself."""
+        times = [self._tracker.next_event_s(), self._pending[1].due_s if self._pending else None]
+        return min((time_s for time_s in times if time_s is not None), default=None)
+
+    @override
+    def closed(self, now_s: float) -> None:
+        """Forget what was worked on; the beam stays where it is."""
+        self._pending = None
+        self._waiting.clear()
+
+    def _take(self, line: bytes) -> None:
+        try:
+            request = wire.decode_request(line)
+        except BadRequest as bad:
+            if bad.reply is not None:
+                self._say(bad.reply)
+        else:
+            if len(self._waiting) < MOST_WAITING:
+                self._waiting.append(request)
+
+    def _say(self, reply: wire.PointlineReply) -> None:
+        self._send(wire.GRAMMAR.encode_reply(reply))
+
+    def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused | Later:
+        tracker = self._tracker
+        match command:
+            case wire.Hello(version):
+                if version != wire.VERSION:
+                    return Refused("VERSION", f"version {wire.VERSION} is spoken here")
+                return wire.InstrumentGreeting(
+                    wire.VERSION, tracker.vendor, MODEL, tracker.serial, tracker.firmware
+                )
+            case wire.Order.MEASURE:
+                return self._measure(now_s)
+            case wire.Order():
+                return self._read(command, now_s)
+            case wire.ReadReflector(index):
+                return self._definition(index)
+            case wire.Prepare(name, seconds):
+                return self._prepare(name, seconds, now_s)
+            case wire.GoTo(point_mm):
+                return self._seen_after(tracker.go_to(point_mm, now_s), now_s)
+            case wire.Find(distance_mm):
+                return self._seen_after(tracker.find(distance_mm, now_s), now_s)
+
+    def _read(self, what: wire.Order, now_s: float) -> wire.Answer:
+        tracker = self._tracker
+        if what is wire.Order.AIR:
+            return wire.Air(*tracker.weather(now_s))
+        if what is wire.Order.DIRECTION:
+            return wire.BeamDirection(vector(tracker.beam.point_in_tracker_mm(now_s)))
+        return wire.InstrumentStatus(
+            tracker.busy(now_s),
+            tracker.initialised(now_s),
+            tracker.laser_warm(now_s),
+            tracker.beam_locked(now_s),
+            self._reflector,
+        )
+
+    @property
+    def _reflector(self) -> str:
+        tracker = self._tracker
+        return next(each.name for each in tracker.reflectors if each.id == tracker.selected)
+
+    def _definition(self, index: int) -> wire.ReflectorDefinition | Refused:
+        known = self._tracker.reflectors
+        if index >= len(known):
+            return Refused("ARGUMENT", f"reflector {index}, there are 0 to {len(known) - 1}")
+        each = known[index]
+        return wire.ReflectorDefinition(len(known), each.name, each.surface_offset_mm)
+
+    def _prepare(self, name: str, seconds: float, now_s: float) -> wire.Answer | Refused | Later:
+        tracker = self._tracker
+        found = next((each for each in tracker.reflectors if each.name == name), None)
+        if found is None:
+            return Refused("REFLECTOR", f"there is no reflector {name}")
+        if not tracker.laser_warm(now_s):
+            return Refused("COLD", "the laser is heating up")
+        tracker.select_reflector(found.id)
+        self._measuring_time_s = seconds
+        if tracker.initialised(now_s):
+            return wire.CommandDone()
+        return Later(now_s + tracker.initialise(now_s), lambda _: wire.CommandDone())
+
+    def _measure(self, now_s: float) -> Refused | Later:
+        due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
+        if due_s is None:
+            return Refused("NOBEAM", "the beam is on no reflector")
+        return Later(due_s, self._measured)
+
+    def _measured(self, now_s: float) -> wire.PointMeasured | Refused:
+        shot = self._tracker.finish_measurement(now_s)
+        if shot is None or shot.covariance_mm2 is None:
+            return Refused("BEAM", "the beam was lost while it was measured")
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
+        count = len(self._tracker.taken)
+        terms = xx, xy, xz, yy, yz, zz
+        return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
+
+    def _seen_after(self, seconds: float, now_s: float) -> Later:
+        def finish(end_s: float) -> wire.CommandDone | Refused:
+            return wire.CommandDone() if self._tracker.beam_locked(end_s) else UNSEEN
+
+        return Later(now_s + seconds, finish)
