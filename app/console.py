@@ -3,8 +3,9 @@
 import io
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from threading import Timer
 from time import monotonic
 from typing import TypeVar
 
@@ -23,6 +24,8 @@ T = TypeVar("T")
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
 TALK, WARNING = "dim", "yellow"
+SILENT_S = 1.0
+"""Work of so long needs no word."""
 
 
 def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
@@ -143,6 +146,21 @@ class Terminal:
         """Go on only with the operator's yes, given before or now; raises `NotConfirmed`."""
         if not yes and not self.asks(question):
             raise _not_confirmed()
+
+    @contextmanager
+    def telling(self, text: str) -> Iterator[Callable[[str], None]]:
+        """Shows on a terminal, from a second on, what the block is at; gives what changes it."""
+        status = self._talk.status(text)
+        late = Timer(SILENT_S, status.start)
+        if self._talk.is_terminal:
+            late.start()
+        try:
+            yield status.update
+        finally:
+            late.cancel()
+            if late.ident is not None:
+                late.join()
+            status.stop()
 
     def watching(self, title: str, *, plain: bool = False) -> RunDisplay:
         """Shows a run while the block runs; `plain` by lines."""

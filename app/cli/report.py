@@ -1,5 +1,6 @@
 """pkmcal report: the whole campaign on one page."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from app.next import tell_next, tell_who_works
 from app.options import Folder, Json
 from app.report.page import Page, page_of
 from app.report.pdf import find_browser, print_pdf
+from app.report.rendering import no_word
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate
@@ -46,7 +48,10 @@ def command(
     campaign = open_campaign(folder)
     browser = find_browser() if pdf else None
     tell_who_works(terminal, campaign)
-    page, path = report(campaign, to)
+    with terminal.telling("reading the campaign") as now_at:
+        page, path = report(
+            campaign, to, lambda title, n, total: now_at(f"figure {n} of {total}: {title}")
+        )
     verdict = page.evaluation.verdict
     terminal.say(f"verdict: {verdict.says}")
     journal = page.evaluation.evidence.journal
@@ -63,14 +68,16 @@ def command(
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
-    """Write the report; gives also what is on it.
+def report(
+    campaign: Campaign, to: Path | None = None, tell: Callable[[str, int, int], None] = no_word
+) -> tuple[Page, Path]:
+    """Write the report; gives also what is on it. `tell` hears of each figure (`rendered`).
 
     Raises `JournalFailed`, `OutputExists` or `WriteFailed`.
     """
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
-    page = page_of(evaluate(campaign), now_utc())
+    page = page_of(evaluate(campaign), now_utc(), tell)
     replace_text(path, page.html)
     return page, path
 

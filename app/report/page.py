@@ -1,5 +1,6 @@
 """Page of the report: an evaluation in the words of sections.jinja and page.html.jinja."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.report import (
@@ -11,7 +12,7 @@ from app.report import (
     results_sections,
 )
 from app.report.figures import distances, tests, time_and_parameters, workspace
-from app.report.rendering import Outline, rendered
+from app.report.rendering import Outline, no_word, rendered
 from campaigns.evaluation.campaign_verdict import RULE
 from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT
 from campaigns.evidence import Evaluation
@@ -42,8 +43,10 @@ class Page:
     outline: Outline
 
 
-def page_of(evaluation: Evaluation, made_utc: str) -> Page:
-    """Write the page and draw its figures."""
+def page_of(
+    evaluation: Evaluation, made_utc: str, tell: Callable[[str, int, int], None] = no_word
+) -> Page:
+    """Write the page and draw its figures, of which `tell` hears (`rendered`)."""
     key_figures = results_sections.key_figure_rows(evaluation)
     evidence, found = evaluation.evidence, evaluation.evidence.identification
     advice = found and advice_by(evidence.campaign, found)
@@ -52,4 +55,4 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     following = {"next": next_step(state), "ways": state.ways}
     values = {**MAKERS, **own, **following, "made_utc": made_utc, "rule": RULE}
     values["left_and_right"] = LEFT_AND_RIGHT
-    return Page(evaluation, *rendered("page.html.jinja", values))
+    return Page(evaluation, *rendered("page.html.jinja", values, tell=tell))

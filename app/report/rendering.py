@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from app.report.figures.drawing import svg_text
+from app.report.figures.picture import Picture
 from campaigns.files.table import number
 from campaigns.version import VERSION
 from drivers.texts import printable
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 GENERATOR = f"pkmcal {VERSION}"
 PACKAGE = "app.report"
+MARK = "<!--figure {}-->"
+"""Holds the place of a figure: text from outside has no such brackets."""
 LONG_TABLE = 34
 """A table of more rows may be cut by the end of a printed page."""
 
@@ -36,6 +38,8 @@ class Outline:
     missing: dict[str, str] = field(default_factory=dict)
     """What is not there and what would bring it, each once, with the first section that has it."""
     figures: list[str] = field(default_factory=list)
+    drawings: list[tuple[str, Callable[[], str]]] = field(default_factory=list)
+    """Titles, and what draws each; a mark on the page keeps their places."""
 
     def begin(self, name: str, title: str) -> int:
         """Begin a section; gives its number."""
@@ -47,24 +51,49 @@ class Outline:
         self.missing.setdefault(text, [*self.sections][-1])
         return text
 
+    def picture(self, name: str, title: str, *given: Any, **named: Any) -> str:
+        """Keep the place of a figure, which is drawn when the page is written."""
+        draw, *values = given
+        self.figures.append(name)
+        self.drawings.append((title, lambda: drawn(draw, name, title, *values, **named)))
+        return Markup(MARK.format(len(self.drawings)))  # noqa: S704 - a number of our own
+
+
+def no_word(_title: str, _number: int, _total: int) -> None:
+    """Tell nothing of figures that are drawn."""
+
 
 def rendered(
-    template: str, values: Mapping[str, object], *, package: str = PACKAGE
+    template: str,
+    values: Mapping[str, object],
+    *,
+    package: str = PACKAGE,
+    tell: Callable[[str, int, int], None] = no_word,
 ) -> tuple[str, Outline]:
     """Fill in a template of a package: figures are drawn, whatever is text is escaped.
 
-    Gives the page and what is on it.
+    `tell` hears of each figure before it is drawn: title, number, how many there are. Gives the
+    page and what is on it.
     """
     outline = Outline()
     environment = _environment(package)
     page = environment.get_template(template).render(values, outline=outline, generator=GENERATOR)
+    for count, (title, draw) in enumerate(outline.drawings, start=1):
+        tell(title, count, len(outline.drawings))
+        page = page.replace(MARK.format(count), draw(), 1)
     return page, outline
 
 
-def drawn(draw: "Callable[..., Figure]", name: str, title: str, *given: Any, **named: Any) -> str:
+def drawn(
+    draw: "Callable[..., Picture | Figure]", name: str, title: str, *given: Any, **named: Any
+) -> str:
     """Figure as markup. Any: what each figure is drawn of."""
-    svg = svg_text(draw(*given, **named), name, title)
-    return Markup(svg)  # noqa: S704 - drawn by us, holds no text from outside
+    made = draw(*given, **named)
+    if isinstance(made, Picture):
+        return made.svg(title)
+    from app.report.figures.drawing import svg_text  # matplotlib takes longer than a page
+
+    return svg_text(made, name, title)
 
 
 def moment(utc: str) -> str:
@@ -92,7 +121,7 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"LONG": LONG_TABLE, "drawn": lambda *of, **named: drawn(*of, **named)}
+    environment.globals["LONG"] = LONG_TABLE
     environment.filters |= {"plain": _plain, "prose": _prose, "number": number, "moment": moment}
     return environment
 

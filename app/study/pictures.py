@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from app.report.figures.drawing import AFTER, BEFORE, GRID, INK, QUIET, in_house_style, new_figure
+from app.report.figures.drawing import in_house_style, new_figure
+from app.report.figures.picture import AFTER, BEFORE, GRID, INK, QUIET
 from app.study.errors import Compared
 from campaigns.estimation.information import CONFIDENCE
 from campaigns.studies.summary import estimates, normal_scores

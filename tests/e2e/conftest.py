@@ -27,12 +27,6 @@ def pkmcal(capsys):
     return CommandLine(capsys)
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leaves the figures out of pages, which take seconds; the tests of the page draw them."""
-    monkeypatch.setattr("app.report.rendering.drawn", lambda *_, **_named: "")
-
-
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory, worker_id):
     """Makes a folder by a function of it, once for all workers of this test run."""

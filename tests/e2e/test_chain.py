@@ -57,7 +57,6 @@ def assert_is_identification(document):
             assert set(stage) == {"mean_abs", "rms", "max_abs"}
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     limits = load_scenario("paper-simulation").acceptance.model_dump()
     change(planned / "campaign.yaml", {"acceptance": limits})
@@ -86,7 +85,6 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("undrawn")
 def test_a_dry_run_whose_limit_lies_within_the_uncertainty_decides_nothing(pkmcal, planned):
     change(planned / "campaign.yaml", {"acceptance.rotation_mm": 0.001})
     ended = pkmcal("dry-run", planned, "--json")

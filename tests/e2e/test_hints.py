@@ -155,9 +155,7 @@ def arrives(pkmcal, robot, scenario, way, tmp_path, record_property):
         ("delta", "drawn-robots", "imported"),
     ],
 )
-def test_who_follows_the_hints_arrives(
-    pkmcal, undrawn, robot, scenario, way, tmp_path, record_property
-):
+def test_who_follows_the_hints_arrives(pkmcal, robot, scenario, way, tmp_path, record_property):
     arrives(pkmcal, robot, scenario, way, tmp_path, record_property)
 
 
@@ -167,6 +165,6 @@ def test_who_follows_the_hints_arrives(
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_who_follows_the_hints_arrives_with_every_robot(
-    pkmcal, undrawn, robot, scenario, way, tmp_path, record_property
+    pkmcal, robot, scenario, way, tmp_path, record_property
 ):
     arrives(pkmcal, robot, scenario, way, tmp_path, record_property)

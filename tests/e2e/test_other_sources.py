@@ -21,7 +21,6 @@ def rows_of(file):
     return [*csv.DictReader(file.read_text(encoding="utf-8").splitlines())]
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured, shots, tmp_path):
     first = pkmcal("identify", measured, "--json").document["parameters"]
     other = tmp_path / "other"

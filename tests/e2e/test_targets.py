@@ -101,7 +101,6 @@ def test_before_calibration_no_target_is_corrected(pkmcal, exported):
     assert "before calibration no target is corrected" in ended.error_line
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_report_says_that_targets_were_corrected(pkmcal, exported):
     words = ("--stage", "after", "--by", "targets", "--only", "distances", "--yes")
     assert pkmcal("validate", exported, *words).code == 0

@@ -11,16 +11,8 @@ from app.papers.corbel2006.comparison import HIGH, LOW, Row
 from app.papers.corbel2006.evidence import Evidence, PairLengths
 from app.papers.corbel2006.printed import allowed
 from app.papers.corbel2006.trials import PROTOTYPE, TrialResult
-from app.report.figures.drawing import (
-    AFTER,
-    BEFORE,
-    GRID,
-    INK,
-    QUIET,
-    in_house_style,
-    legend_above,
-    new_figure,
-)
+from app.report.figures.drawing import in_house_style, legend_above, new_figure
+from app.report.figures.picture import AFTER, BEFORE, GRID, INK, QUIET
 from campaigns.arrays import AXES
 from campaigns.mechanisms.par4 import PAR4
 

@@ -3,11 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
 
-from app.report.figures import drawing
+from app.report.figures.picture import AFTER, BEFORE, QUIET, Look, Panel, Picture, Range, span
 from app.report.groups import PairGroup
 from campaigns.arrays import Array, Index
 
@@ -18,48 +15,57 @@ LEAST_PLACES = 20
 BINS = 24
 SHADES = (0.95, 0.45, 0.1)
 """Of the groups in a histogram."""
+HEADROOM = 0.14
 
 
-@drawing.in_house_style
 def pair_errors(
     groups: Sequence[PairGroup], *, quantity: str = "error of distance", what: str = "pairs"
-) -> Figure:
+) -> Picture:
     """Errors of every pair or shot, before and after; below, after alone on its own scale."""
-    has_after = any(group.after_mm is not None for group in groups)
-    has_both = has_after and any(group.before_mm is not None for group in groups)
-    figure = drawing.new_figure(96.0 if has_both else 60.0)
-    every = figure.subplots(2 if has_both else 1, 1, sharex=True, squeeze=False)[:, 0]
-    top, bottom = every[0], every[-1]
-    for place, group in _placed(groups):
-        _plot(top, place, group.before_mm, group.marker, drawing.BEFORE, "before")
-        for axes in every:
-            _plot(axes, place, group.after_mm, group.marker, drawing.AFTER, "after")
-    for axes in every:
-        _divide(axes, groups)
-        axes.set_ylabel(f"{quantity}, mm")
-    top.set_title("before and after" if has_both else "after" if has_after else "before")
-    if has_both:
-        bottom.set_title("after, on its own scale")
-    bottom.set_xlabel(f"{what}, in the order of the plan")
-    drawing.legend_above(figure, top, 2, "outside upper right")
-    return figure
+    before, after = [g.before_mm for g in groups], [g.after_mm for g in groups]
+    has_after = any(each is not None for each in after)
+    has_both = has_after and any(each is not None for each in before)
+    picture = Picture(96.0 if has_both else 60.0)
+    panels = [row[0] for row in picture.panels(1 + has_both, 1, between=6.0, foot=16.0)]
+    first = "before and after" if has_both else "after" if has_after else "before"
+    stages = (("before", BEFORE, before), ("after", AFTER, after))
+    for place, panel in enumerate(panels):
+        shown = stages[place:]
+        _axes(panel, groups, [mm for _, _, every in shown for mm in every], f"{quantity}, mm")
+        panel.title("after, on its own scale" if place else first)
+        for stage, colour, every in shown:
+            for (at, group), mm in zip(_placed(groups), every, strict=True):
+                if mm is not None:
+                    look = Look(colour, group.marker, filled=stage == "after")
+                    panel.plot(at[: len(mm)].astype(float), mm, look)
+    last = panels[-1]
+    middle = last.left + last.width / 2
+    foot = f"{what}, in the order of the plan"
+    picture.text(middle, last.top + last.height + 12.0, foot, anchor="middle")
+    names = [
+        (stage, Look(colour, groups[0].marker, filled=stage == "after"))
+        for stage, colour, every in stages
+        if any(mm is not None for mm in every)
+    ]
+    picture.legend(names, right=True)
+    return picture
 
 
-@drawing.in_house_style
-def histogram(groups: Sequence[PairGroup]) -> Figure:
+def histogram(groups: Sequence[PairGroup]) -> Picture:
     """Histogram of the errors, before and after, each on its own scale."""
-    figure = drawing.new_figure(56.0)
-    left, right = figure.subplots(1, 2)
-    for axes, title, colour, errors in (
-        (left, "before", drawing.BEFORE, [group.before_mm for group in groups]),
-        (right, "after", drawing.AFTER, [group.after_mm for group in groups]),
-    ):
-        axes.set_title(title)
-        axes.set_xlabel("error of distance, mm")
-        axes.set_ylabel("pairs")
-        _bars(axes, colour, groups, errors)
-    drawing.legend_above(figure, right if right.patches else left, len(groups))
-    return figure
+    picture = Picture(56.0)
+    stages = (
+        ("before", BEFORE, [group.before_mm for group in groups]),
+        ("after", AFTER, [group.after_mm for group in groups]),
+    )
+    for panel, (title, colour, errors) in zip(picture.panels(1, 2)[0], stages, strict=True):
+        _bars(panel, colour, errors)
+        panel.title(title)
+    told = next(
+        (colour for _, colour, every in stages[::-1] if any(e is not None for e in every)), AFTER
+    )
+    picture.shades((g.name, told, alpha) for g, alpha in zip(groups, SHADES, strict=False))
+    return picture
 
 
 def _placed(groups: Sequence[PairGroup]) -> Iterator[tuple[Index, PairGroup]]:
@@ -70,68 +76,36 @@ def _placed(groups: Sequence[PairGroup]) -> Iterator[tuple[Index, PairGroup]]:
         start += len(group) + GAP
 
 
-def _plot(
-    axes: Axes, place: Index, errors: Array | None, marker: str, colour: str, label: str
+def _axes(
+    panel: Panel, groups: Sequence[PairGroup], errors: Sequence[Array | None], name: str
 ) -> None:
-    if errors is None:
-        return
-    filled = label == "after"
-    axes.plot(
-        place[: len(errors)],
-        errors,
-        marker,
-        color=colour,
-        markerfacecolor=colour if filled else "white",
-        markeredgewidth=0.9,
-        label=label,
-    )
-
-
-def _divide(axes: Axes, groups: Sequence[PairGroup]) -> None:
-    """A line between groups, and each one's name over it."""
-    drawing.zero_line(axes)
-    axes.set_xticks([])
-    for place, group in _placed(groups):
-        axes.text(
-            float(place[0]) - 0.5,
-            1.0,
-            group.name,
-            transform=axes.get_xaxis_transform(),
-            color=drawing.QUIET,
-            va="top",
-            style="italic",
-            in_layout=False,
-        )
-        if place[0] > 1:
-            axes.axvline(float(place[0]) - 0.5 * (GAP + 1), color=drawing.QUIET, linewidth=0.6)
+    """Axes with a line between groups, and each one's name over it."""
     places = sum(len(group) + GAP for group in groups)
-    axes.set_xlim(1 - GAP, max(places, LEAST_PLACES))
-    axes.margins(y=0.14)
+    wide: Range = (1.0 - GAP, float(max(places, LEAST_PLACES)))
+    panel.axes(wide, span(*errors, room=HEADROOM, zero=True), names=("", name), x_ticks=False)
+    panel.level()
+    for place, group in _placed(groups):
+        x, _ = panel.place(float(place[0]) - 0.5, 0.0)
+        quiet = f'fill="{QUIET}" font-style="italic"'
+        panel.picture.text(x, panel.top + 6.0, group.name, style=quiet)
+        if place[0] > 1:
+            panel.upright(float(place[0]) - 0.5 * (GAP + 1), 0.6)
 
 
-def _bars(
-    axes: Axes, colour: str, groups: Sequence[PairGroup], errors: Sequence[Array | None]
-) -> None:
+def _bars(panel: Panel, colour: str, errors: Sequence[Array | None]) -> None:
     """Groups stacked, each in its own shade."""
-    known = [(g, e) for g, e in zip(groups, errors, strict=True) if e is not None]
+    names = ("error of distance, mm", "pairs")
+    known = [(mm, alpha) for mm, alpha in zip(errors, SHADES, strict=False) if mm is not None]
     if not known:
-        drawing.say_instead(axes, "not measured")
+        panel.axes((0.0, 1.0), (0.0, 1.0), x_numbers=False, y_numbers=False, names=names)
+        panel.instead("not measured")
         return
-    together = np.concatenate([values for _, values in known])
+    together = np.concatenate([values for values, _ in known])
     edges = np.histogram_bin_edges(together, bins=min(BINS, max(6, len(together) // 4)))
-    bottom = np.zeros(len(edges) - 1)
-    for (group, values), alpha in zip(known, SHADES, strict=False):
-        counts = np.histogram(values, edges)[0]
-        axes.bar(
-            edges[:-1],
-            counts,
-            np.diff(edges),
-            bottom,
-            align="edge",
-            facecolor=to_rgba(colour, alpha),
-            edgecolor=drawing.INK,
-            linewidth=0.4,
-            label=group.name,
-        )
-        bottom += counts
-    axes.axvline(0.0, color=drawing.QUIET, linewidth=0.8)
+    counts = [np.histogram(values, edges)[0] for values, _ in known]
+    top = np.cumsum(counts, axis=0)
+    panel.axes(span(edges), (0.0, 1.05 * float(top.max())), names=names)
+    for own, above, (_, alpha) in zip(counts, top, known, strict=True):
+        for n, height in zip(np.flatnonzero(own), above[own > 0], strict=True):
+            panel.bar((edges[n], edges[n + 1]), (height - own[n], height), colour, alpha)
+    panel.upright(0.0)

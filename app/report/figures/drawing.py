@@ -13,18 +13,19 @@ from typing import Any, Literal, ParamSpec
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure, FigureBase
+from matplotlib.patches import Circle, Polygon, Rectangle
 
+from app.report.figures.picture import GRID, INK, QUIET, WIDTH_MM, Picture
+from app.report.page_tree import lines_of, page_tree, shapes
 from campaigns.errors import WriteFailed
 
 P = ParamSpec("P")
 
-INK, QUIET, GRID = "#22303c", "#66727d", "#d9dee2"
-BEFORE, AFTER = "#c98a3d", "#1f4e79"
-"""Light and dark: 63 % and 29 % of white in grey."""
-WIDTH_MM = 180.0
-"""The text's width on A4."""
 INCH_MM = 25.4
+POINTS = 72.0
+"""To the inch."""
 
 _STYLE: dict[Any, Any] = {  # matplotlib's own type lists every name there is
     "font.family": "DejaVu Sans",  # comes with matplotlib, and is wider than what pages show
@@ -92,11 +93,11 @@ def svg_text(figure: Figure, name: str, title: str) -> str:
     return svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1).strip()
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: Figure | Picture, path: Path) -> None:
     """Write the picture in the format of the file's ending; raises `WriteFailed`."""
     try:
         with rc_context(_STYLE):
-            figure.savefig(path, dpi=200)
+            (_redrawn(figure) if isinstance(figure, Picture) else figure).savefig(path, dpi=200)
     except ValueError as error:
         raise WriteFailed(
             f"{path}: no picture can be written in the format '{path.suffix}'",
@@ -107,6 +108,48 @@ def save(figure: Figure, path: Path) -> None:
             f"{path}: cannot be written ({(error.strerror or str(error)).lower()})",
             remedy="check that the folder exists and that this user may write there",
         ) from error
+
+
+def _redrawn(picture: Picture) -> Figure:
+    """Picture of ours as a figure of matplotlib, which writes other formats than SVG."""
+    figure = Figure(figsize=(picture.width / POINTS, picture.height / POINTS))
+    axes = figure.add_axes(
+        (0.0, 0.0, 1.0, 1.0), xlim=(0.0, picture.width), ylim=(picture.height, 0.0)
+    )
+    axes.set_axis_off()
+    [svg] = page_tree(picture.svg("")).nodes
+    for shape in shapes(svg):
+        of = shape.attributes
+        look: dict[str, Any] = {
+            "facecolor": to_rgba(of["fill"], float(of.get("fill-opacity", 1.0))),
+            "edgecolor": of.get("stroke", "none"),
+            "linewidth": float(of.get("stroke-width", 0.0)),
+        }
+        if "stroke-dasharray" in of:
+            look["linestyle"] = (0.0, [*map(float, of["stroke-dasharray"].split())])
+        if shape.tag == "text":
+            axes.text(
+                float(of["x"]),
+                float(of["y"]),
+                shape.words,
+                fontsize=float(of["font-size"]),
+                color=of["fill"],
+                ha={"start": "left", "middle": "center", "end": "right"}[of["text-anchor"]],
+                va="baseline",
+                rotation=90.0 if "transform" in of else 0.0,
+                rotation_mode="anchor",
+                weight=of.get("font-weight", "normal"),
+                style=of.get("font-style", "normal"),
+            )
+        elif shape.tag == "circle":
+            axes.add_patch(Circle((float(of["cx"]), float(of["cy"])), float(of["r"]), **look))
+        elif shape.tag == "rect":
+            x, y, width, height = (float(of[name]) for name in ("x", "y", "width", "height"))
+            axes.add_patch(Rectangle((x, y), width, height, **look))
+        else:
+            closed = shape.tag == "polygon"
+            axes.add_patch(Polygon(lines_of(shape)[0], closed=closed, **look))
+    return figure
 
 
 def zero_line(axes: Axes) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from app.report.figures import drawing
+from app.report.figures.picture import AFTER, BEFORE
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.trend import Epoch, ParameterTrend
 
@@ -33,7 +34,7 @@ def over_campaigns(epochs: Sequence[Epoch], moved: Sequence[ParameterTrend]) -> 
             drawing.say_instead(axes, "nothing changed by more than its σ")
         drawing.zero_line(axes)
         axes.set_ylabel(f"change since the first, {unit}")
-    for stage, color in (("before", drawing.BEFORE), ("after", drawing.AFTER)):
+    for stage, color in (("before", BEFORE), ("after", AFTER)):
         told = [(each.at, value) for each in epochs if (value := getattr(each, stage))]
         if told:
             mm = [value.value_mm for _, value in told]

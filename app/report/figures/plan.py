@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new_figure
-from app.report.figures.workspace import ROUND_FACTORS, draw_poses
+from app.report.figures.drawing import in_house_style, legend_above, new_figure
+from app.report.figures.picture import AFTER, BEFORE, INK, QUIET
+from app.report.figures.space import axes_in_space, one_scale
+from app.report.figures.workspace import ROUND_FACTORS
+from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.estimation.information import Uncertainty
@@ -17,6 +21,11 @@ from campaigns.shots.shot_sets import ShotSet
 POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0
 """Heights of the parts."""
 MOST_TICKS = 12
+MARKERS: Mapping[ShotSet, tuple[str, str]] = {
+    ShotSet.IDENTIFICATION: ("o", AFTER),
+    ShotSet.VALIDATION: ("D", BEFORE),
+    ShotSet.DRIFT: ("*", INK),
+}
 
 
 @in_house_style
@@ -33,12 +42,33 @@ def plan_picture(
     heights += [CURVE_MM] if curve else []
     figure = new_figure(sum(heights))
     parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False).flat)
-    draw_poses(parts.pop(0), poses, purposes, space)
+    _draw_poses(parts.pop(0), poses, purposes, space)
     if predicted.full_rank:
         _draw_std(parts.pop(0), predicted)
     if curve:
         _draw_curve(parts.pop(0), curve, forecast.shots)
     return figure
+
+
+def _draw_poses(
+    figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...], restricted: RestrictedSpace
+) -> None:
+    """Poses (N, t) of a plan by what they are for, and zones, in space and from above."""
+    space, above = axes_in_space(figure, (1, 2, 1)), figure.add_subplot(1, 2, 2)
+    zones = outlines(restricted, poses[:, :3])
+    walls = [loop for zone in zones for loop in zone.loops]
+    one_scale(space, np.vstack([poses[:, :3], *walls]))
+    draw_zones(space, above, zones)
+    for purpose, (marker, colour) in MARKERS.items():
+        rows = [row for row, kind in enumerate(purposes) if kind is purpose]
+        if rows:
+            space.plot(*poses[rows, :3].T, marker, color=colour)
+            above.plot(*poses[rows, :2].T, marker, color=colour, label=purpose.value)
+    space.set_title("in the base frame, mm")
+    reach_mm = restricted.plate_radius_mm + restricted.margin_mm
+    kept_off = f", walls {reach_mm:g} mm off" if restricted.is_restricted else ""
+    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"from above{kept_off}")
+    legend_above(figure, above, len(MARKERS) + 2)
 
 
 def _draw_std(figure: FigureBase, predicted: Uncertainty) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 
-from app.report.figures.drawing import GRID, QUIET
+from app.report.figures.picture import GRID, QUIET
 from campaigns.arrays import Array
 
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from app.report.figures import drawing
+from app.report.figures.picture import AFTER, EDGE, QUIET, SMALL_SIZE, Look, Panel, Picture, span
 from campaigns.arrays import Array
 from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.time_series import TimeSeries
@@ -16,50 +14,71 @@ LEAST_VALUES = 2
 """One value shows no course."""
 AT_LEAST = 3.0
 """A unit of time is used from so many of it on."""
+NAMES = 78.0
+"""Room for names of parameters."""
+SCALE = 40.0
+FAINTEST = 0.02
+"""Correlations smaller than this are white."""
 
 
-@drawing.in_house_style
-def over_time(courses: Sequence[TimeSeries]) -> Figure:
+def over_time(courses: Sequence[TimeSeries]) -> Picture:
     """Above the air's temperature, below the drift pose; a column a series."""
-    figure = drawing.new_figure(84.0)
+    picture = Picture(84.0)
     unit, unit_s = _unit(max(course.longest_s for course in courses))
-    rows = figure.subplots(2, len(courses), sharex="col", sharey="row", squeeze=False)
-    for course, warm, drift in zip(courses, *rows, strict=True):
-        warm.set_title(course.name)
-        _plot(warm, course.temperature_s / unit_s, course.temperature_degC, ".")
-        _plot(drift, course.drift_s / unit_s, course.drift_mm, "o-")
-        drawing.zero_line(drift)
-        drift.set_xlabel(f"{unit} since the first shot")
-    rows[0, 0].set_ylabel("air, °C")
-    rows[0, 0].ticklabel_format(useOffset=False)
-    rows[0, 0].margins(y=0.3)
-    rows[1, 0].set_ylabel("drift pose moved, mm")
-    return figure
+    rows = picture.panels(2, len(courses), legend=False, shared=True, between=8.0)
+    airs = span(*(course.temperature_degC for course in courses), room=0.3)
+    moved = span(*(course.drift_mm for course in courses), zero=True)
+    for place, (course, warm, drift) in enumerate(zip(courses, *rows, strict=True)):
+        times = span(course.temperature_s / unit_s, course.drift_s / unit_s)
+        first, of = place == 0, f"{unit} since the first shot"
+        air, motion = ("air, °C", "drift pose moved, mm") if first else ("", "")
+        warm.axes(times, airs, names=("", air), x_numbers=False, y_numbers=first)
+        drift.axes(times, moved, names=(of, motion), y_numbers=first)
+        warm.title(course.name)
+        drift.level()
+        _plot(warm, course.temperature_s / unit_s, course.temperature_degC, size=1.1)
+        _plot(drift, course.drift_s / unit_s, course.drift_mm, dash="")
+    return picture
 
 
-@drawing.in_house_style
-def correlation_map(known: Uncertainty) -> Figure:
+def correlation_map(known: Uncertainty) -> Picture:
     """|ρ| of every two parameters as shades of grey."""
     names, size = known.names, np.abs(known.correlations())
-    figure = drawing.new_figure(118.0)
-    axes = figure.subplots()
-    below = np.ma.array(size, mask=np.triu(np.ones_like(size, dtype=bool)))
-    image = axes.imshow(below, cmap="Greys", vmin=0.0, vmax=1.0)
-    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6.5)
-    axes.set_yticks(range(len(names)), names, fontsize=6.5)
-    axes.grid(visible=False)
-    bar = figure.colorbar(image, shrink=0.6, label="|ρ|")
-    bar.outline.set_edgecolor(drawing.QUIET)
-    return figure
-
-
-def _plot(axes: Axes, times: Array, values: Array, style: str) -> None:
-    if len(values) < LEAST_VALUES:
-        drawing.say_instead(axes, "not recorded here")
-        return
-    axes.plot(
-        times, values, style, color=drawing.AFTER, markeredgecolor=drawing.INK, markeredgewidth=0.3
+    picture = Picture(118.0)
+    side = (picture.height - NAMES - EDGE) / len(names)
+    left, top = 0.5 * (picture.width - SCALE - len(names) * side) + 0.3 * NAMES, EDGE
+    foot = top + len(names) * side
+    letters = min(SMALL_SIZE, 0.9 * side)
+    for row, name in enumerate(names):
+        middle = (row + 0.5) * side
+        picture.text(left - 4.0, top + middle + 2.3, name, size=letters, anchor="end")
+        at = left + middle + 2.3
+        picture.text(at, foot + 4.0, name, size=letters, anchor="end", upwards=True)
+        for column in np.flatnonzero(size[row, :row] >= FAINTEST).tolist():
+            shade = float(size[row, column])
+            picture.cell(left + column * side, top + row * side, side, side, shade)
+    picture.line(
+        [(left, top), (left, foot), (left + len(names) * side, foot)], Look(QUIET, dash="")
     )
+    beside, high = left + len(names) * side + 24.0, 0.6 * (foot - top)
+    for step in range(20):
+        picture.cell(
+            beside, top + high * (1.0 - (step + 1) / 20), 9.0, high / 20, (step + 0.5) / 20
+        )
+    for tenth in range(0, 11, 2):
+        at = top + high * (1.0 - tenth / 10)
+        picture.text(beside + 13.0, at + 2.7, f"{tenth / 10:.1f}")
+    picture.text(beside, top + high + 14.0, "|ρ|")
+    return picture
+
+
+def _plot(
+    panel: Panel, times: Array, values: Array, *, dash: str | None = None, size: float = 1.8
+) -> None:
+    if len(values) < LEAST_VALUES:
+        panel.instead("not recorded here")
+        return
+    panel.plot(times, values, Look(AFTER, "o", dash=dash, size=size))
 
 
 def _unit(longest_s: float) -> tuple[str, float]:

@@ -1,20 +1,26 @@
-"""Pictures in the workspace: where was measured, and by how much the model misses there."""
+"""Pictures in the workspace: by how much the model misses, and where."""
 
 import json
-from collections.abc import Mapping
+from itertools import chain
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure, FigureBase
 
-from app.report.figures import drawing
-from app.report.figures.space import axes_in_space, one_scale
-from app.report.figures.zones import draw_zones, outlines
+from app.report.figures.picture import (
+    AFTER,
+    BEFORE,
+    INK,
+    QUIET,
+    Look,
+    Panel,
+    Picture,
+    Space,
+    arrow,
+    span,
+)
 from campaigns.arrays import Array, Mask
-from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.evaluation.summary import binned_medians
-from campaigns.shots.shot_sets import ShotSet
 
 ARROW_MM = 130.0
 """Length at which the longest arrow is drawn."""
@@ -22,107 +28,73 @@ LEAN_ARROW_MM = 90.0
 ROUND_FACTORS = (1, 2, 5)
 BINS = 6
 COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")
-MARKERS: Mapping[ShotSet, tuple[str, str]] = {
-    ShotSet.IDENTIFICATION: ("o", drawing.AFTER),
-    ShotSet.VALIDATION: ("D", drawing.BEFORE),
-    ShotSet.DRIFT: ("*", drawing.INK),
-}
+MEDIAN = ("median of each sixth", Look(INK, dash=""))
+DOT = Look(QUIET, "o", size=0.6)
 
 
-def draw_poses(
-    figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...], restricted: RestrictedSpace
-) -> None:
-    """Poses (N, t) of a plan by what they are for, and zones, in space and from above."""
-    space, above = axes_in_space(figure, (1, 2, 1)), figure.add_subplot(1, 2, 2)
-    zones = outlines(restricted, poses[:, :3])
-    walls = [loop for zone in zones for loop in zone.loops]
-    one_scale(space, np.vstack([poses[:, :3], *walls]))
-    draw_zones(space, above, zones)
-    for purpose, (marker, colour) in MARKERS.items():
-        rows = [row for row, kind in enumerate(purposes) if kind is purpose]
-        if rows:
-            space.plot(*poses[rows, :3].T, marker, color=colour)
-            above.plot(*poses[rows, :2].T, marker, color=colour, label=purpose.value)
-    space.set_title("in the base frame, mm")
-    reach_mm = restricted.plate_radius_mm + restricted.margin_mm
-    kept_off = f", walls {reach_mm:g} mm off" if restricted.is_restricted else ""
-    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"from above{kept_off}")
-    drawing.legend_above(figure, above, len(MARKERS) + 2)
-
-
-@drawing.in_house_style
-def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) -> Figure:
+def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) -> Picture:
     """Measured minus modelled position at each pose, each panel with its own magnification."""
-    figure = drawing.new_figure(76.0)
-    panels = (("before", drawing.BEFORE, before_mm), ("after", drawing.AFTER, after_mm))
-    for column, (name, colour, errors) in enumerate(panels, 1):
-        space = axes_in_space(figure, (1, 2, column))
-        one_scale(space, poses[:, :3])
+    picture = Picture(76.0)
+    stages = (("before", BEFORE, before_mm), ("after", AFTER, after_mm))
+    panels = picture.panels(1, 2, legend=False, foot=6.0)[0]
+    for panel, (name, colour, errors) in zip(panels, stages, strict=True):
+        space = Space(panel, poses[:, :3])
         if errors is None:
-            space.set_title(f"{name}: not known")
+            panel.title(f"{name}: not known")
             continue
         factor = magnification(errors)
-        place, arrow = poses[:, :3].T, (factor * errors).T
-        space.plot(*place, ".", color=drawing.QUIET, markersize=2.0)
-        space.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.25, linewidth=0.8)
-        space.set_title(f"{name}: arrows {factor:g} times the error")
-    return figure
+        starts, ends = space.seen(poses[:, :3]), space.seen(poses[:, :3] + factor * errors)
+        picture.marks(starts, DOT)
+        for start, end in zip(starts, ends, strict=True):
+            arrow(picture, start, end, colour)
+        panel.title(f"{name}: arrows {factor:g} times the error")
+    return picture
 
 
-@drawing.in_house_style
-def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Figure:
+def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Picture:
     """Length of the error of position, against each coordinate of the pose."""
-    figure = drawing.new_figure(98.0)
+    picture = Picture(98.0)
     size = np.linalg.norm(errors_mm, axis=1)
     values = [*poses[:, :3].T, *np.degrees(poses[:, 3:]).T]
-    every = figure.subplots(2, 2, sharey=True).ravel()
-    for axes in every[len(values) :]:
-        axes.set_axis_off()
-    for axes, column, name in zip(every, values, COORDINATES, strict=False):
-        axes.plot(column[fitted], size[fitted], "o", color=drawing.AFTER, label="fitted")
-        axes.plot(
-            column[~fitted], size[~fitted], "D", color=drawing.AFTER, mfc="white", label="unseen"
-        )
-        axes.plot(
-            *binned_medians(column, size, BINS), color=drawing.INK, label="median of each sixth"
-        )
-        axes.set_xlabel(name)
-        drawing.zero_line(axes)
-    for axes in every[::2]:
-        axes.set_ylabel("error of position, mm")
-    drawing.legend_above(figure, every[0], 3)
-    return figure
+    every = [*chain.from_iterable(picture.panels(2, 2, title=False))]
+    kinds = (
+        ("fitted", Look(AFTER, "o"), fitted),
+        ("unseen", Look(AFTER, "D", filled=False), ~fitted),
+    )
+    for place, (panel, column, name) in enumerate(zip(every, values, COORDINATES, strict=False)):
+        upwards = "" if place % 2 else "error of position, mm"
+        panel.axes(span(column), span(size, zero=True), names=(name, upwards))
+        panel.level()
+        for _, look, rows in kinds:
+            panel.plot(column[rows], size[rows], look)
+        _medians(panel, column, size)
+    picture.legend([*((name, look) for name, look, _ in kinds), MEDIAN])
+    return picture
 
 
-@drawing.in_house_style
-def plate_tilt(poses: Array, tilt_rad: Array) -> Figure:
+def plate_tilt(poses: Array, tilt_rad: Array) -> Picture:
     """How the tool leans: from above as arrows to where its lower end goes, and by distance."""
-    figure = drawing.new_figure(76.0)
-    above, along = figure.subplots(1, 2)
+    picture = Picture(76.0)
+    above, along = picture.panels(1, 2)[0]
     lean_mrad = 1e3 * np.stack([-tilt_rad[:, 1], tilt_rad[:, 0]], axis=1)
     size = np.linalg.norm(lean_mrad, axis=1)
     arrows = (LEAN_ARROW_MM / float(size.max())) * lean_mrad
-    above.plot(*poses[:, :2].T, ".", color=drawing.QUIET, markersize=2.0)
-    above.quiver(
-        *poses[:, :2].T,
-        *arrows.T,
-        color=drawing.AFTER,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        width=0.0045,
-    )
-    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
-    above.set_title(f"from above: the longest is {size.max():.2f} mrad")
-    middle = poses[:, :2].mean(axis=0)
-    away_mm = np.linalg.norm(poses[:, :2] - middle, axis=1)
-    along.plot(away_mm, size, "o", color=drawing.AFTER)
-    along.plot(
-        *binned_medians(away_mm, size, BINS), color=drawing.INK, label="median of each sixth"
-    )
-    along.set(xlabel="distance from the middle, mm", ylabel="lean, mrad", ylim=(0.0, None))
-    drawing.legend_above(figure, along, 1)
-    return figure
+    (x, y), (u, v) = poses[:, :2].T, arrows.T
+    above.axes(span(x, x + u), span(y, y + v), names=("x, mm", "y, mm"), square=True)
+    above.plot(x, y, DOT)
+    above.arrows(x, y, u, v, AFTER)
+    above.title(f"from above: the longest is {size.max():.2f} mrad")
+    away_mm = np.linalg.norm(poses[:, :2] - poses[:, :2].mean(axis=0), axis=1)
+    high = (0.0, span(size, zero=True)[1])
+    along.axes(span(away_mm), high, names=("distance from the middle, mm", "lean, mrad"))
+    along.plot(away_mm, size, Look(AFTER, "o"))
+    _medians(along, away_mm, size)
+    picture.legend([MEDIAN])
+    return picture
+
+
+def _medians(panel: Panel, values: Array, sizes: Array) -> None:
+    panel.plot(*binned_medians(values, sizes, BINS), MEDIAN[1])
 
 
 def magnification(errors_mm: Array) -> float:

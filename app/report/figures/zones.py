@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from app.report.figures.drawing import INK, QUIET
+from app.report.figures.picture import INK, QUIET
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import Disc, RestrictedSpace, Zone
 

@@ -1,6 +1,7 @@
 """Figures and texts: what is drawn, and that drawing leaves no trace."""
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -11,9 +12,12 @@ from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 
 from app.report.figures.distances import pair_errors
 from app.report.figures.drawing import new_figure, save, svg_text
+from app.report.figures.picture import AFTER, Picture, ticks
 from app.report.figures.space import axes_in_space, one_scale
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
 from app.report.groups import PairGroup
+from app.report.page import page_of
+from app.report.page_tree import Node, lines_of, page_tree, shapes
 from app.report.plots import plot_plan, plot_residuals
 from app.report.rendering import moment
 from app.report.results_sections import percent_gained
@@ -22,7 +26,7 @@ from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.summary import binned_medians
-from campaigns.evidence import gather
+from campaigns.evidence import evaluate, gather
 from campaigns.files.table import number
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
@@ -33,7 +37,9 @@ GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1
 
 
 def test_ids_of_two_figures_on_one_page_never_meet() -> None:
-    one, other = (svg_text(pair_errors([GROUP]), name, name) for name in ("one", "other"))
+    figure = new_figure(40.0)
+    figure.subplots().plot([1.0, 2.0], "o", clip_on=True)
+    one, other = (svg_text(figure, name, name) for name in ("one", "other"))
     ids = [set(re.findall(r'\bid="([^"]+)"', svg)) for svg in (one, other)]
     assert not ids[0] & ids[1]
     used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', one))
@@ -41,7 +47,7 @@ def test_ids_of_two_figures_on_one_page_never_meet() -> None:
 
 
 def test_text_in_a_figure_stays_text() -> None:
-    svg = svg_text(pair_errors([GROUP]), "one", 'Errors & "more"')
+    svg = pair_errors([GROUP]).svg('Errors & "more"')
     assert ">fitted pairs</text>" in svg
     assert 'aria-label="Errors &amp; &quot;more&quot;"' in svg
 
@@ -51,22 +57,40 @@ def settings() -> dict[str, object]:
     return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
 
 
-def test_drawing_leaves_matplotlibs_settings_and_no_pyplot_behind() -> None:
+def test_drawing_leaves_matplotlibs_settings_and_no_pyplot_behind(tmp_path: Path) -> None:
     before = settings()
-    svg_text(pair_errors([GROUP]), "one", "Errors")
+    save(pair_errors([GROUP]), tmp_path / "errors.png")
     assert settings() == before
     assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_a_page_is_drawn_without_a_plotting_library() -> None:
+    asked = "import sys, app.cli.report; print('matplotlib' in sys.modules)"
+    words = [sys.executable, "-c", asked]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+def test_a_page_says_before_each_figure_which_of_how_many_it_is(whole: PaperCampaign) -> None:
+    told: list[tuple[str, int, int]] = []
+    made = page_of(
+        evaluate(whole.campaign), "2026-03-02T09:30:00+00:00", lambda *at: told.append(at)
+    )
+    assert [n for _, n, _ in told] == [*range(1, len(made.outline.drawings) + 1)]
+    assert {total for *_, total in told} == {len(made.outline.drawings)}
+    assert told[0][0] == "Errors of position, shot by shot"
+    assert "<!--figure" not in made.html
 
 
 @pytest.mark.parametrize("pairs", [1, 2, 1000])
 def test_any_number_of_pairs_can_be_drawn(pairs: int) -> None:
     errors = np.linspace(-1.0, 1.0, pairs)
-    assert svg_text(pair_errors([PairGroup("few", "o", errors, None)]), "n", "n")
+    shown = shapes_of(pair_errors([PairGroup("few", "o", errors, None)]))
+    assert sum(shape.tag == "circle" for shape in shown) == pairs + 1  # and the legend's
 
 
 def test_errors_of_nothing_at_all_can_be_drawn() -> None:
     poses = np.tile([0.0, 0.0, -500.0, 0.0], (4, 1))
-    assert svg_text(error_arrows(poses, np.zeros((4, 3)), None), "n", "n")
+    assert inside(error_arrows(poses, np.zeros((4, 3)), None))
 
 
 @pytest.mark.parametrize(("size_mm", "factor"), [(26.0, 5.0), (0.5, 200.0), (130.0, 1.0)])
@@ -204,14 +228,65 @@ def test_moments_are_cut_to_the_minute() -> None:
     assert moment("2026-03-02T08:15:30.123+00:00") == "2026-03-02 08:15 UTC"
 
 
-def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes():
-    """Turned about x by 2 mrad, the lower end of a tool goes towards +y."""
+def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes() -> None:
+    """Turned about x by 2 mrad, the lower end of a tool goes towards +y: upwards on paper."""
     poses = np.array([[0.0, 0.0, -500.0, 0.0], [100.0, 0.0, -500.0, 0.0], [0.0, 90.0, -500.0, 0.0]])
-    figure = plate_tilt(poses, np.array([[2e-3, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 0.0, 5e-3]]))
-    above, along = figure.axes
-    assert "2.00 mrad" in above.get_title(loc="left")
-    [arrows] = [each for each in above.collections if hasattr(each, "U")]
-    assert pytest.approx([0.0, 0.0, 0.0]) == arrows.U
-    assert arrows.V[0] == pytest.approx(2.0 * arrows.V[1])
-    assert arrows.V[0] > 0.0
-    assert along.lines[0].get_ydata() == pytest.approx([2.0, 1.0, 0.0])
+    picture = plate_tilt(poses, np.array([[2e-3, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 0.0, 5e-3]]))
+    assert "from above: the longest is 2.00 mrad" in picture.svg("")
+    shafts = [
+        np.diff(line, axis=0)[0]
+        for shape in shapes_of(picture)
+        if shape.tag == "polyline" and shape.attributes["stroke"] == AFTER
+        for line in lines_of(shape)
+        if len(line) == 2
+    ]
+    assert shafts[0][0] == shafts[1][0] == pytest.approx(0.0)
+    assert shafts[0][1] == pytest.approx(2.0 * shafts[1][1], abs=0.2)
+    assert shafts[0][1] < 0.0
+    assert not shafts[2].any()
+
+
+def test_ticks_are_round_and_lie_inside() -> None:
+    assert ticks((-0.31, 0.52), 5) == [
+        (pytest.approx(n / 5), words)
+        for n, words in ((-1, "−0.2"), (0, "0.0"), (1, "0.2"), (2, "0.4"))
+    ]
+    assert [words for _, words in ticks((0.0, 10.0), 4)] == ["0.0", "2.5", "5.0", "7.5", "10.0"]
+    assert [words for _, words in ticks((-930.0, -320.0), 4)] == ["−800", "−600", "−400"]
+
+
+def test_every_figure_stays_inside_its_picture(whole: PaperCampaign) -> None:
+    html = page_of(evaluate(whole.campaign), "2026-03-02T09:30:00+00:00").html
+    figures = [*page_tree(html).find("figure")]
+    assert len(figures) == 11
+    assert [figure.attributes["id"] for figure in figures if not inside(figure)] == []
+
+
+def test_a_number_on_a_page_has_one_place_for_each_value() -> None:
+    """What lies twice as far is drawn twice as far, upwards."""
+    panel = Picture(60.0).panels(1, 1)[0][0]
+    panel.axes((0.0, 4.0), (0.0, 2.0))
+    (x0, y0), (x1, y1), (x2, y2) = panel.places(
+        np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0])
+    )
+    assert (x2 - x0, y2 - y0) == pytest.approx((2 * (x1 - x0), 2 * (y1 - y0)))
+    assert (x1 > x0, y1 < y0) == (True, True)
+
+
+def shapes_of(picture: Picture) -> list[Node]:
+    return [*shapes(next(page_tree(picture.svg("")).find("svg")))]
+
+
+def inside(figure: Picture | Node) -> bool:
+    """Whether every shape has a place, and one within the picture."""
+    svg = next((figure if isinstance(figure, Node) else page_tree(figure.svg(""))).find("svg"))
+    _, _, width, height = map(float, svg.attributes["viewbox"].split())
+    places = []
+    for shape in shapes(svg):
+        of = shape.attributes
+        if shape.tag in {"polyline", "polygon", "path"}:
+            places += [place for line in lines_of(shape) for place in line]
+        else:
+            x, y = ("cx", "cy") if shape.tag == "circle" else ("x", "y")
+            places.append((float(of[x]), float(of[y])))
+    return all(-1.0 <= x <= width + 1.0 and -1.0 <= y <= height + 1.0 for x, y in places)

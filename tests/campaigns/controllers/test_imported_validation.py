@@ -286,10 +286,7 @@ def test_a_form_for_a_controller_of_few_parameters_is_judged_as_what_it_is(tmp_p
     assert after.result.distances.mean.value_mm < 0.2 * before.result.distances.mean.value_mm
 
 
-def test_terminal_program_and_page_tell_one_verdict(
-    paper: PaperCampaign, capsys, monkeypatch
-) -> None:
-    monkeypatch.setattr("app.report.rendering.drawn", lambda *_, **__: "")  # figures take seconds
+def test_terminal_program_and_page_tell_one_verdict(paper: PaperCampaign, capsys) -> None:
     path = paper.folder / "after.csv"
     write_shots(path, rows(paper, identified(paper)), NOMINAL.robot.mechanism)
     assert run_command(["import", str(paper.folder), str(path), "--stage", "after", "--json"]) == 0
