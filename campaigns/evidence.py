@@ -4,7 +4,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -18,6 +18,7 @@ from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
+from campaigns.controllers.programs import current_program
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.campaign_verdict import (
@@ -126,6 +127,8 @@ class Evidence:
     """Parameter sets that the journal knows."""
     written: WrittenSet | None = None
     """What `export` or `correct` wrote last."""
+    programs: Mapping[str, str] = field(default_factory=dict)
+    """Languages of the programs of plan.csv and of what was written last, by stage."""
     unreadable: tuple[str, ...] = ()
     """What is there and cannot be read, and why."""
 
@@ -271,9 +274,14 @@ def gather(campaign: Campaign) -> Evidence:
     parameters = _read_if_there(
         campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
     )
+    programs = {"run": _program(campaign, plan)}
     if not campaign.journal_path.exists():
         return Evidence(
-            campaign=campaign, plan=plan, parameter_file=parameters, unreadable=tuple(unreadable)
+            campaign=campaign,
+            plan=plan,
+            parameter_file=parameters,
+            programs=programs,
+            unreadable=tuple(unreadable),
         )
     with campaign.journal_reader() as journal:
         entries, all_series = journal.records(), journal.series()
@@ -293,6 +301,9 @@ def gather(campaign: Campaign) -> Evidence:
             _unended_load(journal, unreadable),
         )
         run = _measured(campaign, _identified_series(all_series, identification))
+        written = next(written_sets(journal), None)
+        if written is not None:
+            programs["after"] = current_program(campaign.folder, "after", written.digest)
         return Evidence(
             campaign=campaign,
             journal=facts,
@@ -307,9 +318,17 @@ def gather(campaign: Campaign) -> Evidence:
                 campaign.robot,
                 (each.record for each in entries if isinstance(each.record, Finding)),
             ),
-            written=next(written_sets(journal), None),
+            written=written,
+            programs=programs,
             unreadable=tuple(unreadable),
         )
+
+
+def _program(campaign: Campaign, plan: tuple[PlannedShot, ...] | None) -> str:
+    """Language of the program of plan.csv, as it is now; empty without one."""
+    if plan is None:
+        return ""
+    return current_program(campaign.folder, "run", plan_digest(plan, campaign.robot.mechanism))
 
 
 def _read_if_there(

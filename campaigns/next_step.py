@@ -100,6 +100,10 @@ class CampaignState:
     """Whether the devices were asked who they are; a simulated cell need not be."""
     offline: bool = False
     """Whether nothing is connected: what a command would measure is imported."""
+    program: str = ""
+    """Language of the program of plan.csv; of an offline campaign."""
+    program_after: bool = False
+    """Whether there is one for what was exported last."""
     planned: bool = False
     before: bool = False
     """Whether the robot was validated before."""
@@ -148,11 +152,13 @@ def _to_measure(state: CampaignState) -> NextStep:
         return NextStep(("devices", here), look)
     if not state.planned:
         return NextStep(("plan", here), look if state.offline else "")
+    if state.offline and not state.program:
+        return NextStep(("plan", here, "--program", "LANGUAGE"))
     if state.offline and not state.before:
-        first = "have the controller go to the plan's validation pairs, and measure them"
+        first = "run program-before on the controller, and measure at each of its stops"
         return NextStep(("import", here, "FILE", "--stage", "before"), first)
     if state.offline:
-        first = "have the controller go to the poses of plan.csv, and measure them"
+        first = "run program-run on the controller, and measure at each of its stops"
         return NextStep(("import", here, "FILE"), first)
     if not state.before:
         return NextStep(("validate", here, "--stage", "before"))
@@ -175,6 +181,8 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
         return NextStep((*after, "--by", "targets"))
     if state.after or state.holds:
         return None if state.after else NextStep(after)
+    if state.program and not state.program_after:
+        return NextStep(("plan", here, "--program", state.program, "--stage", "after"))
     if imported:
         put = "put the exported file into the controller, or correct the targets, and measure pairs"
         return NextStep(("import", here, "FILE", "--stage", "after"), put)
@@ -340,6 +348,8 @@ def state_of(
         words=_words(evidence),
         answered=answered or campaign.is_simulated,
         offline=campaign.is_offline,
+        program=evidence.programs.get("run", "") if campaign.is_offline else "",
+        program_after=bool(evidence.programs.get("after")),
         planned=evidence.plan is not None,
         before=bool(evidence.before),
         reported=reported,

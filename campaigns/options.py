@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Annotated, Literal
 
 from campaigns.controllers.export import CalibrationRoute
+from campaigns.controllers.programs import LANGUAGES, Targets
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
@@ -17,7 +18,9 @@ from campaigns.settings.option import Option, typed_words
 from campaigns.shots.shot_sets import ShotSet
 
 ValidationStage = Literal["before", "after"]
+ProgramStage = Literal["run", "before", "after"]
 ValidationTest = StrEnum("ValidationTest", {name: name for name in SET_OF})  # type: ignore[misc] # words of the tests
+ProgramLanguage = StrEnum("ProgramLanguage", {name: name for name in LANGUAGES})  # type: ignore[misc] # words of another room
 Skip = Annotated[
     tuple[int, ...],
     Option("Leave this shot out, and the other one of its pair; repeatable.", metavar="SHOT"),
@@ -119,6 +122,36 @@ class PlanOptions(Selection):
             "--candidates": self.candidates,
         }
         return (option for option, value in options.items() if value is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProgramOptions:
+    """Options of programs for a controller that is not connected."""
+
+    program: Annotated[
+        ProgramLanguage | None,
+        Option(
+            "Write plan and tests as programs in the controller's language, and the joints of "
+            "each shot; a plan.csv that is there is kept, unless options of a plan are given."
+        ),
+    ] = None
+    stage: Annotated[
+        ProgramStage | None, Option("Of --program: one stage alone.", default="run and before")
+    ] = None
+    targets: Annotated[Targets, Option("Of --program, in run: what the controller is sent to.")] = (
+        "poses"
+    )
+    dwell_s: Annotated[
+        float | None,
+        Option(
+            "Of --program: time at each shot.",
+            metavar="S",
+            least=0.1,
+            most=600.0,
+            name="--dwell",
+            default="settle.time_s and tracker.measuring_time_s",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

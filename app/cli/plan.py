@@ -10,16 +10,18 @@ from app.options import Folder, Json, Plot
 from app.plan_text import forecast_document, plan_line, plate_warning, refusals_lines, show_forecast
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.options import PlanOptions
+from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import PlannedCampaign, plan
+from campaigns.workflow.programs import write_programs
 
 
 def command(
     context: typer.Context,
     folder: Folder,
     options: PlanOptions,
+    programs: ProgramOptions,
     *,
     plot: Plot = None,
     json: Json = False,
@@ -32,9 +34,15 @@ def command(
     Says before anything moves how well parameters and positions will be known, and, where shots
     are chosen, when more of them stop paying. Defaults stand under `plan` in campaign.yaml.
     plan.csv may be edited and is checked again; an older one is kept.
+
+    --program writes it as the controller's own program, with safe ways and a dwell at each shot.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
+        written = _write(terminal, campaign, programs)
+        terminal.document(written | tell_next(terminal, campaign))
+        return
     planned = plan(campaign, options)
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
@@ -46,7 +54,22 @@ def command(
         terminal.say(f"drawn: {plot}")
     if planned.note:
         terminal.note(planned.note, WARNING)
-    terminal.document(plan_document(campaign, planned) | tell_next(terminal, campaign))
+    written = _write(terminal, campaign, programs) if programs.program else {}
+    document = plan_document(campaign, planned) | written
+    terminal.document(document | tell_next(terminal, campaign))
+
+
+def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> dict[str, object]:
+    """Programs written, said and as a part of what `--json` prints."""
+    written = write_programs(campaign, options)
+    for each in written:
+        for note in each.notes:
+            terminal.note(note)
+        terminal.say(
+            f"written: {each.path}, {each.shots} shots, about {each.seconds / 60.0:.0f} min; the "
+            f"joints that it commands: {each.joints_path}"
+        )
+    return {"programs": [asdict(each) for each in written]}
 
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:

@@ -27,6 +27,9 @@ PathFault = tuple[str, float]
 PATH_STEP_RAD = np.radians(5.0)
 SLACK_RAD = np.radians(3.0)
 """A passing pose may exceed limits of turn and swing by this; one that is measured may not."""
+JOINT_SLACK_RAD = np.radians(0.5)
+"""Likewise joints on straight lines; controllers' own limits are to be wider than robot files'."""
+LINE_LOOKS = 9
 PASSING_SINGULARITY_MARGIN = 0.1
 SPACE_STEP_RAD = np.radians(1.0)
 PARTS = (1, 2, 4, 8, 16)
@@ -94,7 +97,7 @@ class RobotModel:
 
     def _motion_fault(self, start: Array, end: Array) -> PathFault | None:
         """First fault by the mechanism and its limits."""
-        kinematics, mechanism = self.kinematics, self.kinematics.mechanism
+        kinematics = self.kinematics
         turn = np.abs(kinematics.comparable(end - start)).max()
         steps = max(2, int(np.ceil(turn / PATH_STEP_RAD)) + 1)
         part = np.linspace(0.0, 1.0, steps)
@@ -103,10 +106,37 @@ class RobotModel:
         if not solution.found.all():
             lost = float(part[np.argmin(solution.found)])
             return "the mechanism cannot be assembled", lost
-        # limits of a pose that is passed, not measured
+        return self._passing_fault(joints, solution.values, part)
+
+    def straight_path(self, start: Array, end: Array) -> list[Array] | None:
+        """Joint targets of a joint move in parts, between which a controller may go straight.
+
+        The last is `end`; None where no part of it is short enough.
+        """
+        for parts in PARTS:
+            way = start + np.linspace(0.0, 1.0, parts + 1)[:, None] * (end - start)
+            poses = self.kinematics.forward(way).values_or_raise()
+            if all(self._line_fault(here, there) is None for here, there in pairwise(poses)):
+                return list(way[1:])
+        return None
+
+    def _line_fault(self, here: Array, there: Array) -> tuple[str, float] | None:
+        """First fault by mechanism and limits on the straight line between poses (t,)."""
+        part = np.linspace(0.0, 1.0, LINE_LOOKS)
+        poses = here + part[:, None] * (there - here)
+        joints, scale = self.kinematics.inverse(poses), self.kinematics.mechanism.joints[0].scale
+        limits = self.limits.drawn_in(joint=-JOINT_SLACK_RAD * scale)
+        lost = ~joints.found | outside(joints.values, limits.joint).any(axis=1)
+        if lost.any():
+            return "a joint leaves its limits", float(part[np.argmax(lost)])
+        return self._passing_fault(joints.values, poses, part)
+
+    def _passing_fault(self, joints: Array, poses: Array, part: Array) -> tuple[str, float] | None:
+        """First fault by limits at poses (N, t) that are passed, not measured."""
+        mechanism = self.kinematics.mechanism
         wider = self.limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
         passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
-        passed = mechanism.path_feasibility(kinematics.p, passing, joints, solution.values)
+        passed = mechanism.path_feasibility(self.kinematics.p, passing, joints, poses)
         task = zip(mechanism.task, self.limits.task, strict=True)
         limited = ", ".join(axis.name for axis, each in task if each)
         reasons = {

@@ -46,7 +46,7 @@ OPTIONS = (
 )
 """All that a next step may ask an identification for: each changes it once."""
 DEVICES = {"devices", "run", "validate", "load"}
-OFFLINE = ("plan", "import before", "import", "identify", "export", "import after", "report")
+OFFLINE = ("plan", "program", "before", "import", "identify", "export", "program", "after")
 FIXED_A = "identify DIR --fix a"
 
 
@@ -124,6 +124,10 @@ def changed(words: tuple[str, ...]) -> dict[str, object]:
     match words[0], words[2:]:
         case "plan", ("--shots", _):
             return {"left": "run"}
+        case "plan", ("--program", "LANGUAGE"):
+            return {"program": "krl"}
+        case "plan", ("--program", "krl", *_):
+            return {"program_after": True}
         case "run", _:
             return {"measured": "run", "left": "", "verdict": None, "way_on": None}
         case "export", ("--format", "plain"):
