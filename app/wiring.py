@@ -344,12 +344,9 @@ def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterFile | HalPa
     if section.coordinates == "joints":
         return export.CalibrationFile(path, whose, otherwise=nominal)
     space, pins = nominal.mechanism.parameters, export.parameter_pins(nominal.mechanism)
-    plate, ripples = (
-        {export.pin_of(name): value for name, value in flat(nominal.mechanism).items()}
-        for flat in (export.drawing_flat, export.ripples_flat)
-    )
-    required = frozenset((*plate, *(pins[name] for name in space.geometry)))
-    drawing = plate | ripples
+    drawn = export.drawing_flat(nominal.mechanism)
+    drawing = {export.pin_of(name): value for name, value in drawn.items()}
+    required = frozenset((*drawing, *(pins[name] for name in space.geometry)))
     return HalParameters(
         export.CalibrationFile(path, whose),
         HalPins((*pins.values(), *drawing), command_prefix(section.beside), required=required),

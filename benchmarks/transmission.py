@@ -94,7 +94,7 @@ def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> tuple[flo
     rng = np.random.default_rng(seed)
     nominal = file.kinematics
     space, rate = nominal.mechanism.parameters, TURNS / kind.scale
-    nominal = Kinematics(nominal.mechanism.with_ripples(rate), nominal.p)
+    nominal = Kinematics(nominal.mechanism.with_ripples(space.phase_rate(rate)), nominal.p)
     poses = workspace_poses(nominal, file.limits, file.workspace_centre, SHOTS + UNSEEN, rng)
     encoders = nominal.inverse(poses).values_or_raise()
     sides = rng.choice([-1.0, 1.0], encoders.shape)

@@ -435,7 +435,7 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         shots=shots,
         before=before,
         after=after,
-        plate_tilt_rad=nominal.mechanism.plate_tilt(model.p, shots.joints, poses),
+        plate_tilt_rad=model.mechanism.plate_tilt(model.p, shots.joints, poses),
         sessions=found is not None and bool(found.sessions),
     )
 

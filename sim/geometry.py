@@ -115,9 +115,14 @@ class Kind:
         return self._of_arms((*(field.format(self.unit) for field in RIPPLES), *own))
 
     @property
+    def rate(self) -> str:
+        """Flat name of how often ripples come: in a turn, or of a carriage the way of one."""
+        return "drive_period_mm" if self.on_rails else "ripples_per_turn"
+
+    @property
     def optional(self) -> tuple[str, ...]:
         """Flat names of all that not every controller has."""
-        return self.extensions + self.transmission
+        return (*self.extensions, *self.transmission, self.rate)
 
     def _of_arms(self, fields: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(f"arm{arm}.{field}" for field in fields for arm in range(self.arms))

@@ -154,6 +154,7 @@ def _provenance(
         "controller_serial": controller.serial or None if controller else None,
         "identified_utc": found.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
+        **({"ripples": document["ripples"]} if found.ripples else {}),
         **_warmth(nominal.robot.mechanism.parameters, found),
         **({"pedigree": document["pedigree"]} if found.pedigree else {}),
     }

@@ -3,7 +3,7 @@
 Its pins are named after the parameters. The heading says whose they are: a file of another robot
 or another kinematics, with a parameter missing, or changed by hand without saying so, is refused.
 What is optional (axis tilts, skews, transmission) is in the file where it is not 0, and with it the
-drawing of the plate and of the drives, which it then needs. Backlashes are LinuxCNC's own: a HAL
+drawing of the plate, which it then needs. Backlashes are LinuxCNC's own: a HAL
 file that is read before its pins of the INI file exist can name them in comments alone.
 """
 
@@ -28,8 +28,6 @@ MODULE = "pkmkins"
 MODULE_BEFORE = "par4kins"
 """Name under which earlier versions wrote their files, of a Par4 alone."""
 LAST_GOOD = ".last-good"
-RATES = ("ripples_per_turn", "drive_period_mm")
-"""Names of how often ripples come; files of older software have none."""
 LONGEST_NOTE = 160
 """halcmd takes lines of some 250 characters."""
 REMEDY = "restore the file, or write it anew with `pkmcal export --format linuxcnc`"
@@ -47,7 +45,7 @@ def pin_of(name: str) -> str:
 def parameter_pins(mechanism: ClosedChain) -> dict[str, str]:
     """Pins of all parameters of a mechanism by name, the optional ones among them."""
     space = mechanism.parameters
-    pins = {name: pin_of(name) for name in space.of_robot}
+    pins = {name: pin_of(name) for name in (*space.of_robot, space.rate.name)}
     return pins | {name: f"ini.{space[name].arm}.backlash" for name in space.backlashes}
 
 
@@ -63,16 +61,6 @@ def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
         flat[f"arm{arm}.bar_azimuth_deg"] = math.degrees(outward_rad)
     reflector = zip("xyz", plate.reflector_mm, strict=True)
     return flat | {f"reflector_{axis}_mm": value for axis, value in reflector}
-
-
-def ripples_flat(mechanism: ClosedChain) -> dict[str, float]:
-    """How often the drives' ripples come, by name; nothing where no file says it."""
-    rate = mechanism.transmission.ripple_rate
-    if not rate:
-        return {}
-    if mechanism.joints[0].is_revolute:
-        return {"ripples_per_turn": rate}
-    return {"drive_period_mm": 2.0 * math.pi / rate}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +91,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
     ]
     values = dict(robot.parameters)
     if robot.is_extended:
-        values |= drawing_flat(robot.mechanism) | ripples_flat(robot.mechanism)
+        values |= drawing_flat(robot.mechanism)
     for name in robot.mechanism.parameters.backlashes:
         values.pop(name, None)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
@@ -169,14 +157,15 @@ def _setting(line: str, where: str, mechanism: ClosedChain) -> tuple[str, float]
             f"{where}: {shown(pin)} is no pin of {MODULE} for a {mechanism.name}",
             remedy="a file of another kinematics, or a misspelt parameter: " + REMEDY,
         )
-    known = mechanism.parameters.of_robot
-    is_length = name in known and mechanism.parameters[name].field.quantity == "length"
+    space = mechanism.parameters
+    known = (*space.of_robot, space.rate.name)
+    is_length = name in known and space[name].field.quantity == "length"
     return name, _number(word, where, is_length=is_length)
 
 
 def _is_known(name: str, mechanism: ClosedChain) -> bool:
-    own = mechanism.parameters.of_robot
-    return name in own or name in drawing_flat(mechanism) or name in RATES
+    space = mechanism.parameters
+    return name in {*space.of_robot, space.rate.name} or name in drawing_flat(mechanism)
 
 
 def _number(word: str, where: str, *, is_length: bool) -> float:
@@ -201,10 +190,7 @@ def _checked(
         )
     mechanism = whose.nominal.mechanism
     drawing = drawing_flat(mechanism)
-    if any(rate in values for rate in RATES):
-        drawing |= ripples_flat(mechanism)
-    beside = {*drawing, *RATES}
-    geometry = {key: value for key, value in values.items() if key not in beside}
+    geometry = {key: value for key, value in values.items() if key not in drawing}
     robot = whose.having(geometry, name)
     _check_drawing(name, robot, values, drawing)
     if headings.get("sha256", robot.digest()) != robot.digest():

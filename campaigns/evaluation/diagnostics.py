@@ -25,7 +25,7 @@ COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR 
     "lack-of-fit",
     "reflector-constant",
 )
-EXTRAPOLATION, KNOWN_LENGTH, NESTS = "extrapolation", "known-length", "nests"
+EXTRAPOLATION, KNOWN_LENGTH, NESTS, RATE = ("extrapolation", "known-length", "nests", "ripple-rate")
 MOST_BEYOND = 0.05
 """Share of the workspace that may be so far from all shots."""
 PPM = 1e6
@@ -44,16 +44,8 @@ LACKS = {
         f"{BY_AUTO}; or mend the encoder",
         "°",
     ),
-    "period": (
-        "error of the carriage's drive with a period",
-        f"set drive_period_mm in robot.yaml, then {BY_AUTO}",
-        " mm",
-    ),
-    "ripple": (
-        "ripple of the gear or of the motor's encoder",
-        f"set ripples_per_turn in robot.yaml, then {BY_AUTO}",
-        "°",
-    ),
+    "period": ("error of the carriage's drive with a period", BY_AUTO, " mm"),
+    "ripple": ("ripple of the gear or of the motor's encoder", BY_AUTO, "°"),
     "ratio": (
         "ratio of the gear or pitch of the drive",
         f"{BY_AUTO}; or correct the controller's",
@@ -256,6 +248,16 @@ def reflector_told(off_mm: float, std_mm: float) -> Doubt:
     if abs(off_mm) > ANOTHER_TYPE_MM:
         says += "; another type of reflector is set in the tracker"
     return Doubt(REFLECTOR, says, None, {"off_mm": off_mm, "std_mm": std_mm})
+
+
+def rate_told(key: str, rate: float, std: float, p: float) -> Doubt:
+    """What was found of how often ripples come: told, it decides nothing."""
+    unit = " a turn" if key == "ripples_per_turn" else " mm"
+    says = (
+        f"ripples: rate found in the residuals, {rate:.5g} ± {COVERAGE * std:.2g}{unit} "
+        f"({_chance(p)}): state {key} in robot.yaml"
+    )
+    return Doubt(RATE, says, None, {"rate": rate, "std": std, "p": p, "key": key})
 
 
 def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> Doubt:

@@ -133,8 +133,6 @@ class _AllShots:
     size: Array
     out: Mask
     fitted: Mask
-    period_mm: float | None
-    """Of the carriages' drives, where it is known."""
 
     @property
     def parameters(self) -> Array:
@@ -149,9 +147,7 @@ class _AllShots:
     @property
     def rate(self) -> float:
         """Phase of the drives' ripple over their readings, where it is known; else 0."""
-        if self.is_revolute:
-            return self.everything.model.mechanism.transmission.ripple_rate
-        return 2.0 * np.pi / self.period_mm if self.period_mm else 0.0
+        return self.everything.model.mechanism.transmission.ripple_rate
 
     @property
     def encoders(self) -> Array:
@@ -204,9 +200,7 @@ def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _Al
     size = size / scale
     out = size > rejection_threshold(len(size), 3)
     out |= np.array([not kept.get(number, True) for number in everything.numbers])
-    return _AllShots(
-        everything, linearized, root, found.x, size, out, fitted, inputs.options.drive_period_mm
-    )
+    return _AllShots(everything, linearized, root, found.x, size, out, fitted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Identification: a robot's kinematics from measured shots, with its uncertainty and a verdict."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,14 @@ from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.identification import result
 from campaigns.identification.change import Tested, tested
-from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
+from campaigns.identification.fit import (
+    Fit,
+    PointFit,
+    fit_shots,
+    plain_fit,
+    unknown_at,
+    with_fitted_rate,
+)
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
 from campaigns.identification.nests import compensated, nest_doubts, nest_places
@@ -51,10 +58,13 @@ def identify(
     _check(nominal, known, sessions=options.sessions)
     inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
     constant: tuple[float, float] | None = None
+    rate_std = np.nan
     try:
+        if options.ripple_p is not None:
+            inputs, rate_std = with_fitted_rate(inputs)
         fit = fit_shots(inputs)
         if options.frees_reflector_constant:
-            constant = fit.reflector_constant_mm(len(selection.free))
+            constant = unknown_at(fit.found, len(selection.free))
             inputs = replace(inputs, shots=shots.with_shorter_ranges(constant[0]))
             fit = fit_shots(inputs)
     except NoSolution as error:
@@ -63,7 +73,7 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    found = _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant)
+    found = _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant, rate_std)
     if options.sessions or fit.observations.kind != "shots":
         return found
     points, instrument = fit.observations.points, options.instrument
@@ -83,6 +93,7 @@ def _result(
     held_out: UnseenPairs,
     lengths: KnownLengths | None,
     constant_mm: tuple[float, float] | None,
+    rate_std: float,
 ) -> result.IdentificationResult:
     """Findings of the fitted and the unseen shots, and of known lengths, together."""
     found, fitted, options = fit.found, fit.observations, inputs.options
@@ -95,6 +106,7 @@ def _result(
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
+    ripples = _ripples(inputs, parameters, rate_std)
     position_std, region = _positions(uncertainty, inputs, fit)
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
@@ -108,6 +120,7 @@ def _result(
         *known_length_doubts(lengths),
         *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
+        *_rate_told(ripples),
     )
     outliers = fit.left_out.found if fit.left_out else found
     verdict, reasons, obstacles = identification.identification_verdict(
@@ -155,6 +168,7 @@ def _result(
         modelled=_modelled(inputs, fit, held_out),
         excluded=_excluded(inputs, fit) + held_out.unusable + held_out.lost,
         unobservable=unobservable,
+        ripples=ripples,
         known_by_priors_alone=tuple(each for each in by_data if each not in unobservable),
         chi2=result.NoiseTest.of(noise, says),
         covariance=covariance,
@@ -326,6 +340,24 @@ def _parameters(
         )
         for name in old
     }
+
+
+def _ripples(
+    inputs: Inputs, found: Mapping[str, result.IdentifiedParameter], std: float
+) -> result.RippleRate | None:
+    """How often ripples come, where any were found; `std` is NaN where they were told."""
+    mechanism = inputs.nominal.mechanism
+    space, rate = mechanism.parameters, mechanism.rate
+    if not rate or not any(space[name].is_ripple and each.value for name, each in found.items()):
+        return None
+    if not np.isfinite(std):
+        return result.RippleRate(space.rate.name, rate)
+    return result.RippleRate(space.rate.name, rate, std, inputs.options.ripple_p)
+
+
+def _rate_told(found: result.RippleRate | None) -> Iterator[diagnostics.Doubt]:
+    if found is not None and found.std is not None and found.p is not None:
+        yield diagnostics.rate_told(found.key, found.value, found.std, found.p)
 
 
 def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[result.Excluded]:

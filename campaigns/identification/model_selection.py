@@ -15,6 +15,7 @@ import scipy
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.identification.identify import identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
@@ -188,10 +189,7 @@ def _with_terms(
 
     Forward selection: what is objected to is not tried again, what is not is the next best.
     """
-    space, has_rate = (
-        nominal.mechanism.parameters,
-        nominal.mechanism.transmission.ripple_rate != 0.0,
-    )
+    space = nominal.mechanism.parameters
     if _grows(best):
         for warmed in _with_warmth(best, nominal, shots, options):
             yield warmed
@@ -199,18 +197,25 @@ def _with_terms(
         if best.course is not None:
             shots = replace(shots, warmth=best.course.values)
     for _ in range(MOST_TERMS):
-        more = _lacking_terms(best, allowed, space, has_rate=has_rate)
+        more = _lacking_terms(best, allowed, space)
         if more is None:
             return
-        cause, names = more
+        cause, names, doubt = more
         wanted = {*best.known.free, *names}
         free = tuple(name for name in space.model if name in wanted)
         known = ParameterSelection(free, best.known.priors)
-        candidate = _candidate(f"{best.name}+{cause}", nominal, shots, known, options)
+        robot, how = nominal, options
+        rate = doubt.numbers.get("per_turn", doubt.numbers.get("period_mm"))
+        if rate is not None and not nominal.mechanism.rate:
+            robot = replace(nominal, mechanism=nominal.mechanism.with_ripples(float(rate)))
+            p = float(doubt.numbers["p"])
+            how = replace(options or IdentificationOptions(), ripple_p=p)
+        candidate = _candidate(f"{best.name}+{cause}", robot, shots, known, how)
         candidate = replace(candidate, course=best.course)
         yield candidate
         allowed -= names
-        best = best if _objection(candidate, best) else candidate
+        if not _objection(candidate, best):
+            best, nominal, options = candidate, robot, how
 
 
 def _grows(best: _Candidate) -> bool:
@@ -250,19 +255,17 @@ def _with_warmth(
 
 
 def _lacking_terms(
-    best: _Candidate, allowed: set[str], space: ParameterSpace, *, has_rate: bool
-) -> tuple[str, set[str]] | None:
+    best: _Candidate, allowed: set[str], space: ParameterSpace
+) -> tuple[str, set[str], Doubt] | None:
     """First cause of a lack of fit that terms of the transmission take up, and their names."""
     for doubt in best.found.doubts if best.found else ():
         stems = TERMS.get(str(doubt.numbers.get("cause")), ())
         arm = int(doubt.numbers.get("arm", -1)) if doubt.numbers.get("alone") else None
         own = (space[name] for name in allowed)
         names = {each.name for each in own if each.field.stem in stems and arm in {None, each.arm}}
-        if stems == TERMS["ripple"] and not has_rate:
-            continue  # only named, with its rate: robot.yaml has to say it
         if names:
             told = str(doubt.numbers["cause"]) + ("" if arm is None else str(arm))
-            return told, names
+            return told, names, doubt
     return None
 
 
@@ -278,7 +281,8 @@ def bic(found: IdentificationResult) -> float:
     outliers = sum(each.is_outlier for each in found.excluded)
     measured = after.size + after.shape[1] * outliers
     scatter = max(found.chi2.value / after.size, NO_SCATTER)
-    return float(measured * math.log(scatter) + found.rank * math.log(measured))
+    searched = found.ripples is not None and found.ripples.std is not None
+    return float(measured * math.log(scatter) + (found.rank + searched) * math.log(measured))
 
 
 def _narrowed(full: ParameterSelection, allowed: set[str]) -> ParameterSelection:

@@ -48,6 +48,8 @@ class Inputs:
     """The nominal robot's poses at all shots."""
     stand: StandMotion | None = None
     """Motion of the tracker that nests show, which the shots are without."""
+    rippling: Kinematics | None = None
+    """Robot about which the rate of its ripples is fitted too; None: the rate is known."""
 
     @classmethod
     def of(
@@ -257,14 +259,20 @@ def point_observations(inputs: Inputs) -> Observations:
         raise ShotsMissing(
             f"{len(shots)} shots fix no frame: {error}", remedy="measure all over the workspace"
         ) from error
-    points = replace(points, nuisance=_nuisance(measured, inputs.options))
+    points = replace(points, nuisance=_nuisance(points, shots, inputs))
     return Observations(points, _priors(inputs, model), shots, shots.numbers, stated, excluded)
 
 
-def _nuisance(points_in_tracker_mm: Array, options: IdentificationOptions) -> Array | None:
-    """Columns of what is fitted beside robot and frame: the reflector's constant."""
-    asked = options.frees_reflector_constant
-    return error_columns.reflector_constant(points_in_tracker_mm) if asked else None
+def _nuisance(points: PointResiduals, shots: Shots, inputs: Inputs) -> Array | None:
+    """Columns of what is fitted beside robot and frame: reflector's constant, ripples' rate."""
+    columns, robot = list[Array](), inputs.rippling
+    if inputs.options.frees_reflector_constant:
+        columns.append(error_columns.reflector_constant(points.points_in_tracker_mm))
+    if robot is not None:
+        by_joints = points.rotations(points.start()) @ points.model.by_joints(points.model.nominal)
+        turned = robot.mechanism.joints_by_rate(robot.p, shots.joints)
+        columns.append(by_joints @ turned[:, :, None])
+    return np.concatenate(columns, axis=2) if columns else None
 
 
 def all_observations(inputs: Inputs, fitted: Observations, near: KinematicSolution) -> Observations:
@@ -289,8 +297,8 @@ def all_observations(inputs: Inputs, fitted: Observations, near: KinematicSoluti
         points_in_tracker_mm=shots.points_in_tracker_mm,
         whitening=inverse_roots(stated),
         sessions=sessions,
-        nuisance=_nuisance(shots.points_in_tracker_mm, inputs.options),
     )
+    residuals = replace(residuals, nuisance=_nuisance(residuals, shots, inputs))
     return Observations(residuals, fitted.priors, shots, shots.numbers, stated, ())
 
 

@@ -140,8 +140,8 @@ class IdentificationOptions(Selection):
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker stated nothing."""
     tolerance: Tolerance = field(default_factory=Tolerance)
-    drive_period_mm: float | None = None
-    """Period of the carriages' drives; None: it is searched."""
+    ripple_p: float | None = None
+    """Chance of a false alarm by which ripples were found; None: their rate is not fitted."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     known_lengths: tuple[KnownLengthConfig, ...] = ()

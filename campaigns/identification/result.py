@@ -91,6 +91,17 @@ class ComparedModel:
 
 
 @dataclass(frozen=True, slots=True)
+class RippleRate:
+    """How often the ripples of a set come, by the robot file's key: as that says, or as found."""
+
+    key: str
+    value: float
+    std: float | None = None
+    p: float | None = None
+    """Chance of a false alarm in the search; None, as σ, where it was not searched."""
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseTest:
     """Test of the stated noise by χ², what it means for σ, and both in words."""
 
@@ -267,6 +278,8 @@ class IdentificationResult:
     """By what the robot grew, where a model lets it: temperature of parts, °C above the reference;
     drift pose or time, from -1 at the start to 0 at the end, in whose state parameters are stated.
     """
+    ripples: RippleRate | None = None
+    """None where the set has no ripples."""
     chi2: NoiseTest | None = None
     covariance: Uncertainty | None = None
     """Of the parameters whose σ are known."""
@@ -313,8 +326,9 @@ class IdentificationResult:
         return {name: found.nominal for name, found in self.parameters.items()}
 
     def flat(self) -> dict[str, float]:
-        """Parameters that it found, mm and deg."""
-        return {name: found.value for name, found in self.parameters.items()}
+        """Parameters that it found, mm and deg, and how often their ripples come."""
+        rate = {self.ripples.key: self.ripples.value} if self.ripples else {}
+        return {name: found.value for name, found in self.parameters.items()} | rate
 
     def std(self) -> dict[str, float]:
         """1 σ by name, mm and deg, where it is known."""

@@ -110,6 +110,8 @@ class ClosedChain:
         self._arms = arms
         self.platform = self._own_platform = platform
         self.transmission = Transmission(arms.transmission)
+        self.rate = 0.0
+        """Of its drives' ripples, as `parameters.rate` has it; 0 where nobody knows."""
         self.plate = PlateGeometry.typical(
             np.linspace(0.0, 2.0 * np.pi, platform.arms, endpoint=False),
             follows_arms=arms.azimuth_is_outward,
@@ -190,6 +192,10 @@ class ClosedChain:
         """Encoder readings (N, n) at which arms are at these joints (N, n), offsets aside."""
         return self.transmission.encoder_readings(self._lost(p), joints, approach)
 
+    def joints_by_rate(self, p: Array, joints: Array) -> Array:
+        """Derivatives of the arms' joints (N, n) by the ripples' phase rate, at readings (N, n)."""
+        return self.transmission.by_rate(self._lost(p), joints)
+
     def steepest_error(self, p: Array) -> float:
         """Bound of the change of any joint's error over its motion."""
         return self.transmission.steepest(self._lost(p))
@@ -257,9 +263,10 @@ class ClosedChain:
         return chain
 
     def with_ripples(self, rate: float) -> Self:
-        """Mechanism whose joints' ripples have this phase in rad over a reading in rad or mm."""
+        """Mechanism whose drives' ripples come so often, as `parameters.rate` has it."""
         chain = copy.copy(self)
-        chain.transmission = replace(self.transmission, ripple_rate=rate)
+        chain.rate, phase = rate, self.parameters.phase_rate(rate)
+        chain.transmission = replace(self.transmission, ripple_rate=phase)
         return chain
 
     def configuration(

@@ -233,13 +233,17 @@ class Kinematics:
 
     @classmethod
     def of(cls, mechanism: "ClosedChain", values: Mapping[str, float]) -> Self:
-        """Model from values by name in mm and deg; raises `KeyError` when one is missing."""
-        return cls(mechanism, Parameters.of(mechanism.parameters, values).vector)
+        """Model from values by name in mm and deg; raises `KeyError` when one is missing.
+
+        Ripples come as often as the values say; where they don't, as the mechanism's.
+        """
+        own = Parameters.of(mechanism.parameters, values)
+        return cls(mechanism.with_ripples(own.rate) if own.rate else mechanism, own.vector)
 
     @property
     def parameters(self) -> Parameters:
         """Parameters by name in mm and deg."""
-        return Parameters.of_vector(self.mechanism.parameters, self.p)
+        return Parameters.of_vector(self.mechanism.parameters, self.p, self.mechanism.rate)
 
     @property
     def controlled(self) -> "Kinematics":

@@ -15,17 +15,18 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 
-Unit = Literal["mm", "deg", "ppm"]
+Unit = Literal["mm", "deg", "ppm", ""]
 UNITS: Mapping[str, Unit] = {
     "place": "mm",
     "length": "mm",
     "angle": "deg",
     "small angle": "deg",
     "ratio": "ppm",
+    "count": "",
 }
-INNER: Mapping[Unit, float] = {"mm": 1.0, "deg": np.pi / 180.0, "ppm": 1e-6}
+INNER: Mapping[Unit, float] = {"mm": 1.0, "deg": np.pi / 180.0, "ppm": 1e-6, "": 1.0}
 """Factors from the units of files to inner ones: mm, rad and ratios."""
-SIGNS: Mapping[Unit, str] = {"mm": " mm", "deg": "°", "ppm": " ppm"}
+SIGNS: Mapping[Unit, str] = {"mm": " mm", "deg": "°", "ppm": " ppm", "": ""}
 
 BACKLASHES = ("backlash_deg", "backlash_mm")
 JOINT_OFFSETS = ("joint_offset_deg", "joint_offset_mm")
@@ -52,7 +53,7 @@ class ParameterField:
 
     name: str
     description: str
-    quantity: Literal["place", "length", "angle", "small angle", "ratio"]
+    quantity: Literal["place", "length", "angle", "small angle", "ratio", "count"]
     repair: Repair | str = "no part has an adjustment for it: leave it to the parameters"
     """What a mechanic does about it, or why nothing."""
 
@@ -96,6 +97,7 @@ class Role(Enum):
     EXTENSION = "of imperfect parts, nominally 0: not every controller has it"
     TRANSMISSION = "of a joint's gear and encoder, nominally 0: not every controller has it"
     THERMAL = "of a run's warmth: it belongs to what is measured and is in no file"
+    RATE = "of ripples, how often they come: no entry of a vector, and of sets that have ripples"
 
 
 EXPANSIONS = tuple(
@@ -107,6 +109,12 @@ EXPANSIONS = tuple(
     )
 )
 """Of the whole robot, for a regressor of 1."""
+RIPPLES_PER_TURN = ParameterField(
+    "ripples_per_turn", "periods of a gear's ripple in a turn of its crank", "count"
+)
+DRIVE_PERIOD = ParameterField(
+    "drive_period_mm", "a carriage's travel in a period of its drive's ripple", "length"
+)
 OPTIONAL = (Role.EXTENSION, Role.TRANSMISSION)
 """Roles of what a file leaves out where it is 0."""
 IN_FILES = (Role.FREE, Role.HELD, Role.LEANING)
@@ -195,8 +203,8 @@ class ParameterSpace:
         return iter(self.every)
 
     def __getitem__(self, name: str) -> Parameter:
-        """Parameter of a name; raises `KeyError`."""
-        return self._by_name[name]
+        """Parameter of a name, or of the ripples' rate; raises `KeyError`."""
+        return self.rate if name == self.rate.name else self._by_name[name]
 
     @cached_property
     def _by_name(self) -> dict[str, Parameter]:
@@ -262,8 +270,18 @@ class ParameterSpace:
 
     @cached_property
     def optional(self) -> tuple[str, ...]:
-        """Names of what is nominally 0 and not known to every controller."""
-        return self._of_roles(*OPTIONAL)
+        """Names of what is nominally 0 and not known to every controller; the rate is last."""
+        return (*self.extensions, *self.transmission, self.rate.name)
+
+    @cached_property
+    def rate(self) -> Parameter:
+        """How often ripples come: `ripples_per_turn`, of carriages `drive_period_mm`."""
+        is_angle = self.every[self.offsets[0]].is_angle
+        return Parameter(None, RIPPLES_PER_TURN if is_angle else DRIVE_PERIOD, Role.RATE)
+
+    def phase_rate(self, rate: float) -> float:
+        """Phase of ripples in rad over readings in rad or mm, by how often they come; or back."""
+        return 2.0 * np.pi / rate if rate and self.rate.unit == "mm" else rate
 
     @cached_property
     def arm_lengths(self) -> tuple[str, ...]:
@@ -348,8 +366,9 @@ class ParameterSpace:
 class Parameters(Mapping[str, float]):
     """Values of one robot's parameters, by name in mm, deg and ppm as its file has them.
 
-    It lists what a file lists: what is optional only where it is not 0. `vector` is the same for
-    the solver, `std` what a file says of its uncertainty.
+    It lists what a file lists: what is optional only where it is not 0, and how often ripples come
+    where there are any. `vector` is the same for the solver, `std` what a file says of its
+    uncertainty.
     """
 
     space: ParameterSpace
@@ -357,6 +376,8 @@ class Parameters(Mapping[str, float]):
     """Of all of `space.of_robot`."""
     covariance: Array | None = None
     """Of `space.of_robot`, (P, P), mm, deg, ppm; NaN where it is not known. None: nothing is."""
+    rate: float = 0.0
+    """Of ripples, as `space.rate` has it; 0 where nobody knows."""
 
     @classmethod
     def of(
@@ -370,21 +391,23 @@ class Parameters(Mapping[str, float]):
         Names beyond a robot file's are left out. Raises `KeyError` for a value that is missing.
         """
         ordered = [values[name] for name in space.names]
-        ordered += [values.get(name, 0.0) for name in space.optional]
+        ordered += [values.get(name, 0.0) for name in space.of_robot[len(ordered) :]]
         known = None if std is None else _covariance(space.of_robot, std)
-        return cls(space, tuple(map(float, ordered)), known)
+        return cls(space, tuple(map(float, ordered)), known, values.get(space.rate.name, 0.0))
 
     @classmethod
-    def of_vector(cls, space: ParameterSpace, p: Array) -> Self:
-        """From a vector p (P,), or its geometry (G,), mm and rad."""
+    def of_vector(cls, space: ParameterSpace, p: Array, rate: float = 0.0) -> Self:
+        """From a vector p (P,), or its geometry (G,), mm and rad, and the ripples' rate."""
         whole = np.zeros(len(space.of_robot))
         whole[: len(p)] = p
-        return cls(space, tuple((whole / space.file_unit[: len(whole)]).tolist()))
+        return cls(space, tuple((whole / space.file_unit[: len(whole)]).tolist()), rate=rate)
 
     @cached_property
     def _by_name(self) -> dict[str, float]:
         named = zip(self.space.every, self.values_in_file, strict=False)
-        return {each.name: v for each, v in named if v or each.role not in OPTIONAL}
+        listed = {each.name: v for each, v in named if v or each.role not in OPTIONAL}
+        ripples = self.rate and any(self.space[name].is_ripple for name in listed)
+        return listed | ({self.space.rate.name: self.rate} if ripples else {})
 
     def __getitem__(self, name: str) -> float:
         """Value of a parameter that is listed; raises `KeyError`."""

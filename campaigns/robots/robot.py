@@ -54,10 +54,6 @@ class RobotFile:
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
-    drive_period_mm: float | None = None
-    """Travel of a carriage in a turn of its screw or pulley, where the file says."""
-    ripples_per_turn: float | None = None
-    """Periods of a gear's error in a turn of its crank, where the file says."""
     expansions: Mapping[str, float] = field(default_factory=dict)
     """By the names of `parameters.thermal`, ppm/°C, where the file says."""
     reference_degC: float | None = None
@@ -69,7 +65,8 @@ class RobotFile:
         cls, mechanism: ClosedChain, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
         """Robot from values by name, the optional 0 if not named; raises `ConfigInvalid`."""
-        return cls(name, mechanism, checked_parameters(mechanism, values, name), limits)
+        own = checked_parameters(mechanism, values, name)
+        return cls(name, mechanism.with_ripples(own.rate), own, limits)
 
     @property
     def kinematics(self) -> Kinematics:
@@ -191,6 +188,8 @@ def compensated(
         tree.pop(key, None)  # the nominal's are of other lengths
         if told not in ({}, None):
             tree[key] = told
+    if own.rate and own.rate != nominal.robot.mechanism.rate:
+        tree[own.space.rate.name] = own.rate
     tree["uncertainty"] = known or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = own.digest()
@@ -233,10 +232,12 @@ def checked_parameters(
 ) -> Parameters:
     """Parameters of values by name, the optional ones 0 if not given, and 1 σ of some.
 
-    `name` says whose they are. Raises `ConfigInvalid` for what is unknown, missing or not finite.
+    Ripples come as often as the mechanism's unless the values say it. `name` says whose they are.
+    Raises `ConfigInvalid` for what is unknown, missing or not finite.
     """
     space = mechanism.parameters
-    for unknown in values.keys() - set(space.of_robot):
+    values = {space.rate.name: mechanism.rate, **values}
+    for unknown in values.keys() - {*space.of_robot, space.rate.name}:
         raise ConfigInvalid(
             f"{name}: {unknown} is not a parameter of a robot",
             remedy=suggestion(unknown, space.of_robot),
@@ -268,7 +269,9 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
             raise ConfigInvalid(
                 f"{document.place_of('reflector_half')}: {error}", remedy="delete the line"
             ) from error
+    rate = mechanism.parameters.rate.name
     values = _by_name(mechanism.parameters, contents.geometry)
+    values[rate] = getattr(contents, rate) or 0.0
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     robot = RobotFile(
         contents.name,
@@ -278,8 +281,6 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
-        contents.drive_period_mm,
-        contents.ripples_per_turn,
         {f"{n}{EXPANSION}": v for n, v in (contents.expansion_ppm_per_degC or {}).items()},
         contents.reference_temperature_degC,
         contents.mechanics,
@@ -298,12 +299,10 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
 
     A ripple needs its period, and no error of a joint may turn its motion round.
     """
-    rate = contents.ripples_per_turn or 0.0
-    if not mechanism.joints[0].is_revolute:
-        rate = 2.0 * math.pi / (contents.drive_period_mm or math.inf)
-    drawn = mechanism.with_plate(_plate(mechanism, parameters, contents)).with_ripples(rate)
+    drawn = mechanism.with_plate(_plate(mechanism, parameters, contents))
+    drawn = drawn.with_ripples(parameters.rate)
     ripples = [name for name in parameters.extended_by if parameters.space[name].is_ripple]
-    if ripples and not rate:
+    if ripples and not parameters.rate:
         raise ConfigInvalid(
             f"{contents.name}: {ripples[0]} is {parameters[ripples[0]]:g}, but the file does not "
             "say how often it comes",

@@ -86,7 +86,8 @@ def export_hal(
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
     # a plate tilts as the nominal robot's drawing has it, also where a file says nothing of it
     identified = identified_robot(campaign, degC).robot
-    robot = replace(identified, mechanism=campaign.robot.mechanism)
+    mechanism = campaign.robot.mechanism.with_ripples(identified.mechanism.rate)
+    robot = replace(identified, mechanism=mechanism)
     form = form_of(robot.provenance, str(path))
     with recorded(campaign, path, robot.parameters, form=form):
         linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)

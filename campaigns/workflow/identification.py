@@ -90,7 +90,6 @@ def identification_options(
         options,
         instrument=campaign.instrument,
         tolerance=campaign.robot.tolerance,
-        drive_period_mm=campaign.robot.drive_period_mm,
         limits_mm=campaign.config.acceptance.distances_mm,
         known_lengths=campaign.config.known_lengths,
         workspace=campaign.workspace_sample(),

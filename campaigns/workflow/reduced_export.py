@@ -16,7 +16,6 @@ from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, wo
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import FORM, ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile, compensated
 from campaigns.workflow.files import identified_robot, recorded
@@ -66,7 +65,7 @@ def export_projected(
     few, found = few_parameters(robot, campaign.robot, _poses(campaign, robot), made)
     left = found | _full(campaign)
     path = to or campaign.path(made.file_name)
-    own = Parameters.of_vector(robot.mechanism.parameters, few.found.kinematics.p)
+    own = few.found.kinematics.parameters
     with recorded(campaign, path, own, form=_form(robot, word, few.found.error)):
         write_text_unless_there(path, configuration_text(few, left, made), overwrite=overwrite)
     return ReducedExport(path, left)

@@ -194,7 +194,8 @@ class SimulatedController:
     def extensions(self) -> tuple[str, ...]:
         """Flat names of the parameters of imperfect parts that its kinematics has."""
         tilts = () if self._plate is None else self.kind.extensions
-        return tilts if self._ripple_rate is None else tilts + self.kind.transmission
+        own = (*self.kind.transmission, self.kind.rate)
+        return tilts if self._ripple_rate is None else tilts + own
 
     def stop(self, now_s: float) -> None:
         """Brake at once, whatever happens; the state says when the robot stands."""
@@ -226,7 +227,9 @@ class SimulatedController:
             joints = tilted_joints_for(flat, kind, self._plate, position_mm, turn_rad)
         if self._ripple_rate is None:
             return joints
-        return readings_for(flat, kind, self._ripple_rate, joints, self._joints)
+        told = flat.get(kind.rate, 0.0)
+        rate = (math.tau / told if kind.on_rails else told) if told else self._ripple_rate
+        return readings_for(flat, kind, rate, joints, self._joints)
 
     def _advance(self, now_s: float) -> None:
         """Let end what has ended by now."""

@@ -75,7 +75,7 @@ def drawn(name, *, extended, seed=5):
             ),
             reflector_mm=(20.0, -30.0, -45.0),
         )
-        rate = 30.0 if nominal.mechanism.joints[0].is_revolute else 0.2
+        rate = 30.0 if nominal.mechanism.joints[0].is_revolute else 2.0 * np.pi / 0.2
         drawn = nominal.mechanism.with_plate(plate).with_ripples(rate)
         nominal = replace(nominal, mechanism=drawn)
     robot = RobotFile.of(nominal.mechanism, flat, name=name, limits=nominal.limits)

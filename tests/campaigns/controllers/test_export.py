@@ -17,6 +17,8 @@ from campaigns.controllers.export import (
 from campaigns.estimation.information import Uncertainty
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4 as MECHANISM
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotDocument, at_temperature, find_robot, read_robot
 from campaigns.version import VERSION
@@ -102,6 +104,21 @@ def test_axis_tilts_and_backlash_are_exported(nominal: RobotDocument) -> None:
     for name in extended:
         assert robot.parameters[name] == 0.02
         assert (robot.parameters.std or {})[name] == 0.001
+
+
+def test_the_rate_that_ripples_were_found_with_is_a_number_of_the_exported_set(
+    nominal: RobotDocument,
+) -> None:
+    ripple = {"nominal": 0.0, "value": 0.003, "delta": 0.003, "std": 0.001, "free": True}
+    parameters = body(nominal)["parameters"] | {"arm2.ripple_cos_deg": ripple}
+    rate = {"key": "ripples_per_turn", "value": 29.97, "std": 0.02, "p": 1e-9}
+    found = finding(nominal, parameters=parameters, ripples=rate)
+    robot = compensated_robot("press 4", nominal, found).robot
+    assert robot.parameters["ripples_per_turn"] == robot.kinematics.mechanism.rate == 29.97
+    assert robot.digest() == Kinematics.of(MECHANISM, found.flat()).parameters.digest()
+    assert (robot.provenance or {})["ripples"] == rate
+    other = finding(nominal, parameters=parameters, ripples=rate | {"value": 30.0})
+    assert compensated_robot("press 4", nominal, other).robot.digest() != robot.digest()
 
 
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:

@@ -61,17 +61,16 @@ def test_a_plate_drawn_otherwise_is_refused_where_it_tilts(change):
 
 def test_backlashes_are_comments_for_the_ini_file_and_ripples_come_with_their_rate():
     gears = {"arm1.backlash_deg": 0.005, "arm2.ripple_sin_deg": 0.003}
-    geared = replace(NOMINAL, mechanism=NOMINAL.mechanism.with_ripples(30.0))
-    whose = linuxcnc_export.RobotIdentity("PAR4-7", geared)
-    robot = with_values(geared, gears)
+    robot = with_values(NOMINAL, gears | {"ripples_per_turn": 30.0})
     text = linuxcnc_export.hal_text(robot, "PAR4-7")
     assert "\n# [JOINT_1]BACKLASH = 0.005\n" in text
     assert "setp pkmkins.arm2.ripple_sin_deg 0.003\n" in text
     assert "setp pkmkins.ripples_per_turn 30.0\n" in text
     assert "setp pkmkins.arm1.backlash" not in text
-    assert linuxcnc_export.parse_hal(text, "calib.hal", whose).parameters == robot.parameters
-    with pytest.raises(ConfigInvalid, match=r"ripples_per_turn is 31"):
-        linuxcnc_export.parse_hal(text.replace("turn 30.0", "turn 31.0"), "calib.hal", whose)
+    found = linuxcnc_export.parse_hal(text, "calib.hal", WHOSE)
+    assert (found.parameters, found.mechanism.rate) == (robot.parameters, 30.0)
+    with pytest.raises(ConfigInvalid, match="sha256 is not that of its parameters"):
+        linuxcnc_export.parse_hal(text.replace("turn 30.0", "turn 31.0"), "calib.hal", WHOSE)
     pins = linuxcnc_export.parameter_pins(NOMINAL.mechanism)
     assert pins["arm1.backlash_deg"] == "ini.1.backlash"
 

@@ -79,9 +79,9 @@ def test_a_carriages_drive_is_named_with_its_period_told_or_searched(told_mm):
     driven = joints + 0.03 * np.sin(2.0 * np.pi * joints / 20.0 + np.arange(3))
     points = TRACKER_FROM_BASE.apply(member.nominal.forward(driven).values_or_raise()[:, :3])
     data = replace(PLAIN, joints=joints, points_in_tracker_mm=points, approach=np.zeros((120, 3)))
-    options = IdentificationOptions(drive_period_mm=told_mm)
-    selection = select_parameters(member.space)
-    found = identify(member.nominal, noisy(data, 4), selection, options)
+    nominal, selection = member.nominal, select_parameters(member.space)
+    nominal = replace(nominal, mechanism=nominal.mechanism.with_ripples(told_mm or 0.0))
+    found = identify(nominal, noisy(data, 4), selection)
     (doubt,) = [each for each in found.doubts if each.name == "lack-of-fit"]
     assert doubt.numbers["cause"] == "period"
     assert doubt.numbers["period_mm"] == pytest.approx(20.0, rel=0.01)

@@ -28,7 +28,7 @@ all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: ea
 def geared(member):
     """Perturbed robot whose joints all have every error, and sides of approach of three shots."""
     robot = member.perturbed
-    rate = 30.0 if member.mechanism.joints[0].is_revolute else 2.0 * np.pi / 20.0
+    rate = 30.0 if member.mechanism.joints[0].is_revolute else 20.0
     p, space, draw = robot.p.copy(), member.space, np.random.default_rng(3)
     for name in space.transmission:
         p[space.places([name])] = SIZES[space[name].unit] * draw.uniform(-1.0, 1.0)

@@ -336,7 +336,8 @@ def test_a_file_holds_transmission_where_it_is_not_0(tmp_path):
         backlash_deg=0.01,
         ripples_per_turn=30.0,
     )
-    names = ("arm1.encoder_gain_ppm", "arm1.ripple_cos_deg", "arm1.backlash_deg")
+    gears = ("arm1.encoder_gain_ppm", "arm1.ripple_cos_deg", "arm1.backlash_deg")
+    names = (*gears, "ripples_per_turn")
     assert robot.parameters.extended_by == names
     assert robot.digest() != PROTOTYPE.robot.digest()
     assert geared(tmp_path, backlash_deg=0.0).digest() == PROTOTYPE.robot.digest()
@@ -400,11 +401,11 @@ def test_the_half_that_carries_the_reflector_is_one_of_two():
 
 def test_a_drives_period_is_in_the_file_and_stays_in_an_identified_set(tmp_path):
     shipped = find_robot("linear-delta")
-    assert shipped.robot.drive_period_mm is None
+    assert shipped.robot.mechanism.rate == 0.0
     path = tmp_path / "robot.yaml"
     text = resources.files("campaigns.robots").joinpath("linear-delta.yaml")
     path.write_text(f"{text.read_text(encoding='utf-8')}drive_period_mm: 20.0\n", encoding="utf-8")
     told = read_robot(path)
-    assert told.robot.drive_period_mm == 20.0
+    assert told.robot.mechanism.rate == 20.0
     identified = compensated(told, "identified", told.robot.parameters)
-    assert identified.robot.drive_period_mm == 20.0
+    assert identified.robot.mechanism.rate == 20.0

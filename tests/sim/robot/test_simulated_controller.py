@@ -214,3 +214,26 @@ def test_a_mechanism_that_cannot_follow_trips_the_drives_where_it_holds():
     assert "following error" in state.fault
     assert state.joints == pytest.approx(HOME + 0.25 * (THERE - HOME), abs=1e-7)
     assert robot.state(takes_s + 10.0).fault == ""
+
+
+def test_ripples_come_as_often_as_the_loaded_set_says():
+    def commanded(**told):
+        robot = SimulatedController(
+            ControllerSection(),
+            Axes(),
+            geometry=NOMINAL_ROBOTS["par4-prototype"] | {"arm1.ripple_sin_deg": 0.1} | told,
+            joints=HOME,
+            faults=FaultScript((), {}),
+            worked=WorkedTime(0.0),
+            ripple_rate=30.0,
+        )
+        assert "ripples_per_turn" in robot.extensions
+        return robot.state(robot.move_pose(20.0, 30.0, -550.0, 0.0, 1.0, 0.0)).joints
+
+    known, same, other = (
+        commanded(),
+        commanded(ripples_per_turn=30.0),
+        commanded(ripples_per_turn=7),
+    )
+    assert known == same
+    assert abs(known[1] - other[1]) > 1e-4
