@@ -11,7 +11,7 @@ from app.exits import Exit
 from app.next import tell_next, tell_who_works
 from app.options import Folder, Json
 from app.report.page import Page, page_of
-from app.report.pdf import find_browser, print_pdf
+from app.report.pdf import find_printer
 from app.report.rendering import no_word
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
@@ -32,21 +32,25 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Default: report.html in DIR.")
     ] = None,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="A PDF beside it too, as an installed browser prints it.")
+        bool,
+        typer.Option(
+            "--pdf",
+            help="A PDF beside it too, printed by an installed browser, else by pkmcal[pdf].",
+        ),
     ] = False,
     json: Json = False,
 ) -> None:
     """Write the report: one page about all of it.
 
     Verdict, before and after, figures, parameters, records, in one HTML file that needs no network.
-    The browser's print makes a PDF of it on A4. What the campaign does not have yet is named on
-    the page. An older report is replaced, any other file is not.
+    `--pdf` prints it on A4 too, as a browser's print does. What the campaign does not have yet is
+    named on the page. An older report is replaced, any other file is not.
 
     Exit code 1: the verdict is fail.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    browser = find_browser() if pdf else None
+    printer = find_printer() if pdf else None
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign") as now_at:
         page, path = report(
@@ -60,9 +64,11 @@ def command(
     for text in page.outline.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
-    if browser is not None:
-        print_pdf(browser, path, path.with_suffix(".pdf"))
-        terminal.say(f"written: {path.with_suffix('.pdf')}")
+    if printer is not None:
+        by, print_pdf = printer
+        with terminal.telling(f"printing by {by}"):
+            print_pdf(path, path.with_suffix(".pdf"))
+        terminal.say(f"written: {path.with_suffix('.pdf')} (by {by})")
     terminal.document(report_document(page, path) | tell_next(terminal, campaign, reported=True))
     if verdict.decision == "fail":
         raise typer.Exit(Exit.NOT_GOOD)

@@ -1,8 +1,11 @@
-"""PDF of a page, as a browser prints it."""
+"""PDF of a page, as a browser prints it, or laid out without one."""
 
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from campaigns.errors import OptionsInvalid, WriteFailed
@@ -12,18 +15,27 @@ QUIET = ("--headless", "--disable-gpu", "--no-first-run", "--disable-background-
 PATIENCE_S = 120.0
 
 
-def find_browser() -> str:
-    """Path of a browser that prints; raises `OptionsInvalid` where there is none."""
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
+def find_printer() -> tuple[str, Callable[[Path, Path], None]]:
+    """Who prints, and what writes a PDF of a page: an installed browser, else reportlab.
+
+    Raises `OptionsInvalid` where there is neither.
+    """
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is not None:
+        return Path(browser).name, partial(print_by_browser, browser)
+    if find_spec("reportlab") is None:
         raise OptionsInvalid(
-            f"--pdf: none of {', '.join(BROWSERS)} is installed",
-            remedy="install one of them, or open report.html in any browser and print it",
+            f"--pdf: neither a browser ({', '.join(BROWSERS)}) nor the package reportlab is "
+            "installed",
+            remedy="`pip install 'pkmcal[pdf]'`, or install one of these browsers, or open "
+            "report.html in any browser and print it",
         )
-    return found
+    from app.report.page_layout import print_without_browser
+
+    return "reportlab, plainer than a browser", print_without_browser
 
 
-def print_pdf(browser: str, page: Path, pdf: Path) -> None:
+def print_by_browser(browser: str, page: Path, pdf: Path) -> None:
     """Print a page on A4; raises `WriteFailed`."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         made = Path(scratch) / "page.pdf"

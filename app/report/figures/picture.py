@@ -368,7 +368,7 @@ def span(*values: Array | None, room: float = ROOM, zero: bool = False) -> Range
     every = [*chain.from_iterable(np.ravel(v).tolist() for v in values if v is not None)]
     every += [0.0] if zero or not every else []
     low, high = min(every), max(every)
-    more = room * (high - low) or 0.5 * max(abs(high), 1e-3)
+    more = room * (high - low) or 0.05 * abs(high) or 1.0
     return low - more, high + more
 
 

@@ -106,14 +106,6 @@ def test_a_page_and_its_journal_are_told_from_others(pkmcal, certified, tmp_path
     assert pkmcal("check-journal", paper.folder, "--page", other).code == 2
 
 
-def test_a_pdf_needs_a_browser_and_says_so_before_it_works(pkmcal, certified, monkeypatch) -> None:
-    paper = certified(WHOLE)
-    monkeypatch.setattr("app.report.pdf.shutil.which", lambda _: None)
-    code, _, err = pkmcal("report", paper.folder, "--pdf", "--json")
-    assert (code, "chromium" in err) == (2, True)
-    assert not (paper.folder / "report.html").exists()
-
-
 def test_settings_of_a_certificate_are_in_a_new_campaign_with_their_meaning(tmp_path) -> None:
     paper = new_campaign(tmp_path / "c")
     text = (paper.folder / "campaign.yaml").read_text(encoding="utf-8")
