@@ -12,15 +12,23 @@ from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
 from campaigns.controllers.gcode_correction import TOLERANCE_MM
 from campaigns.controllers.gcode_moves import ROTARY
+from campaigns.controllers.programs import LANGUAGES
 from campaigns.errors import OptionsInvalid
+from campaigns.options import ProgramLanguage
 from campaigns.settings.option import Option, require_finite
-from campaigns.workflow.correction import CorrectionTerms, correct_gcode_file, correct_poses_file
+from campaigns.workflow.correction import CorrectionTerms, correct_poses_file, correct_program_file
 
 WORD = "-corrected"
 LETTERS = ("A", "B", "C")
+ENDINGS = {".nc": "gcode", ".gcode": "gcode", ".prg": "rapid", ".dat": "krl", ".pg": "vplus"}
+"""More endings of files than those of the programs that are written."""
 
 
-File = Annotated[Path | None, Option("A program of moves.", metavar="FILE")]
+File = Annotated[Path | None, Option("A program of moves in G-code.", metavar="FILE")]
+Program = Annotated[Path | None, Option("A program in the language of --format.", metavar="FILE")]
+Language = Annotated[
+    ProgramLanguage | None, Option("Of --program.", name="--format", default="by the file's ending")
+]
 Poses = Annotated[
     Path | None,
     Option("CSV with a column for each coordinate, such as x_mm; name may be left out.", "FILE"),
@@ -39,6 +47,8 @@ def command(
     *,
     poses: Poses = None,
     gcode: File = None,
+    program: Program = None,
+    language: Language = None,
     to: To = None,
     tolerance: Tolerance = TOLERANCE_MM,
     rotary: Rotary = ROTARY,
@@ -49,19 +59,22 @@ def command(
 
     For each wanted pose: what to command, so that the robot stands there as if the identified
     parameters had been loaded. Of G-code straight moves and arcs are corrected, split until the
-    robot follows the wanted path; everything else stays as it is. Refused by its line is what
-    cannot be corrected, what is out of reach or not allowed, and what is outside of the calibrated
-    workspace, the hull of the identification's shots and a margin.
+    robot follows the wanted path; everything else stays as it is. Of RAPID, KRL, V+ and CSV the
+    poses that stand in the program as numbers are corrected, and nothing else changes. Refused by
+    its line is what cannot be corrected, what is out of reach or not allowed, and what is outside
+    of the calibrated workspace, the hull of the identification's shots and a margin.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     require_finite("--tolerance", tolerance)
-    source = poses or gcode
-    if source is None or (poses and gcode):
+    named = {"--poses": poses, "--gcode": gcode, "--program": program}
+    given = {option: each for option, each in named.items() if each is not None}
+    if len(given) != 1:
+        both = f"both {' and '.join(given)}"
         raise OptionsInvalid(
-            "both --poses and --gcode" if source else "neither --poses nor --gcode",
-            remedy="name one file",
+            both if given else f"neither {' nor '.join(named)}", remedy="name one file"
         )
+    (source,) = given.values()
     path = to or source.parent / f"{source.stem}{WORD}{source.suffix}"
     if poses is not None:
         found = correct_poses_file(campaign, poses, path, terms, overwrite=overwrite)
@@ -70,18 +83,23 @@ def command(
         std_mm = None if np.isnan(found.std_mm).any() else float(found.std_mm.max())
         done, counts = f"{len(size)} poses", {"poses": len(size)}
     else:
-        program = correct_gcode_file(
+        spoken = "gcode" if gcode is not None else _language(source, language)
+        corrected = correct_program_file(
             campaign,
             source,
             path,
             terms,
+            language=spoken,
             tolerance_mm=tolerance,
             rotary=_letter(rotary),
             overwrite=overwrite,
         )
-        (mean_mm, max_mm), std_mm = program.correction_mm, program.std_mm
-        done = f"{program.moves} moves as {program.pieces} straight ones"
-        counts = {"moves": program.moves, "pieces": program.pieces}
+        (mean_mm, max_mm), std_mm = corrected.correction_mm, corrected.std_mm
+        done = f"{corrected.moves} targets"
+        counts = {"targets": corrected.moves}
+        if spoken == "gcode":
+            done = f"{corrected.moves} moves as {corrected.pieces} straight ones"
+            counts = {"moves": corrected.moves, "pieces": corrected.pieces}
     terminal.say(f"written: {path}")
     terminal.say(
         f"{done}, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most{_sigma(std_mm)}"
@@ -96,6 +114,17 @@ def _sigma(std_mm: float | None) -> str:
     if std_mm is None:
         return "; no identification in the journal says how sure that is"
     return f"; 1 σ of the position {std_mm:.3f} mm at most"
+
+
+def _language(path: Path, told: ProgramLanguage | None) -> str:
+    """Language of a program, by its ending where it is not told."""
+    endings = {own.suffix: name for name, own in LANGUAGES.items()} | ENDINGS
+    if told is None and path.suffix.lower() not in endings:
+        raise OptionsInvalid(
+            f"--program {path}: its ending does not say which language it is",
+            remedy=f"give --format, one of {', '.join(LANGUAGES)}",
+        )
+    return endings[path.suffix.lower()] if told is None else told.value
 
 
 def _letter(rotary: str) -> str:

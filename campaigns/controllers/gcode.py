@@ -76,7 +76,7 @@ class Block:
 
 def read_program(path: Path) -> str:
     """Text of a program; raises `TargetsInvalid` for one that is too long, before parsing it."""
-    missing = "name a file of G-code"
+    missing = "name a robot program"
     text = read_text(path, TargetsInvalid, if_missing=missing, most_bytes=MOST_BYTES)
     lines = text.count("\n") + text.count("\r") - text.count("\r\n")
     if lines > MOST_LINES:

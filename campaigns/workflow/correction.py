@@ -16,6 +16,7 @@ from campaigns.controllers.gcode import read_program
 from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.controllers.load_checks import file_objections, read_parameter_file
+from campaigns.controllers.program_targets import correct_program
 from campaigns.controllers.target_poses import (
     CorrectedPoses,
     correct_poses,
@@ -124,25 +125,31 @@ def correct_poses_file(
     return found
 
 
-def correct_gcode_file(
+def correct_program_file(
     campaign: Campaign,
     source: Path,
     to: Path,
     terms: CorrectionTerms,
     *,
+    language: str = "gcode",
     tolerance_mm: float = TOLERANCE_MM,
     rotary: str = ROTARY,
     overwrite: bool,
 ) -> CorrectedProgram:
-    """Write a program of corrected moves.
+    """Write a program of corrected moves, or with corrected targets.
 
-    Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
+    `tolerance_mm` and `rotary` are G-code's. Raises `TargetsInvalid`,
+    `OutputExists` or `WriteFailed`.
     """
     text, cold = read_program(source), identified_set(campaign, terms.robot)
     warm = _as_warm(cold, terms)
     form = form_of(warm.provenance, warm.name)
     correction = target_correction(campaign, terms)
-    found = correct_gcode(text, str(source), correction, tolerance_mm=tolerance_mm, rotary=rotary)
+    name = str(source)
+    if language == "gcode":
+        found = correct_gcode(text, name, correction, tolerance_mm=tolerance_mm, rotary=rotary)
+    else:
+        found = correct_program(text, name, language, correction)
     with recorded(campaign, to, warm.parameters, "targets", form):
         write_text_unless_there(to, found.text, overwrite=overwrite)
     return found

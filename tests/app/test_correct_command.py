@@ -55,6 +55,21 @@ def test_poses_with_what_to_command_beside_them(correct, poses, folder):
         assert float(row["correction_theta_deg"]) == pytest.approx(turned, abs=2e-6)
 
 
+def test_program_of_another_language_is_known_by_its_ending_or_told(correct, folder, tmp_path):
+    program = tmp_path / "part.src"
+    program.write_text("DEF part()\nPTP {X 100, Y 0, Z -600, A 10, B 0, C 180}\nEND\n")
+    done = correct("--program", program, "--json")
+    assert done.code == 0
+    assert done.document["targets"] == 1
+    written = program.with_name("part-corrected.src").read_text().splitlines()
+    assert (written[0], written[2]) == ("DEF part()", "END")
+    assert written[1].endswith(", B 0, C 180}")
+    other = program.rename(tmp_path / "part.txt")
+    assert "give --format" in correct("--program", other).error_line
+    assert correct("--program", other, "--format", "krl").code == 0
+    assert "both --gcode and --program" in correct("--program", other, "--gcode", other).error_line
+
+
 def test_what_was_done_as_a_document(correct, poses):
     code, out, _ = correct("--poses", poses, "--json")
     document = json.loads(out)

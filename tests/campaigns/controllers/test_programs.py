@@ -13,6 +13,7 @@ from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
 from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_moves import Move, moves_of
+from campaigns.controllers.program_targets import targets_of
 from campaigns.controllers.programs import LANGUAGES, current_program
 from campaigns.evidence import evaluate
 from campaigns.mechanisms.mechanism import Kinematics
@@ -92,6 +93,16 @@ def test_every_language_names_each_shot_once_and_in_order(campaign, language):
     axes = campaign.robot.mechanism.joints
     found = [[axis.from_file(float(row[axis.column])) for axis in axes] for row in rows]
     assert np.abs(np.subtract(found, [shot.joints for shot in shots])).max() < ROUNDED
+
+
+@pytest.mark.parametrize("language", ["rapid", "krl", "vplus"])
+def test_program_is_read_back_as_the_poses_of_the_plan(campaign, language):
+    (run,) = write_programs(campaign, options(language, stage="run"))
+    shots, task = campaign.read_plan(), campaign.robot.mechanism.task
+    lines = run.path.read_text().splitlines()
+    targets = targets_of("\n".join(lines), "run", language, task)
+    at = [target.pose for target in targets if "passes" not in lines[target.line - 1]]
+    assert np.abs(np.subtract(at, [pose_row(shot.pose) for shot in shots])).max() < ROUNDED
 
 
 @pytest.mark.parametrize("by", ["parameters", "targets"])
