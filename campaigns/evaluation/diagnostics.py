@@ -37,7 +37,7 @@ PLAY = 2.0
 """Backlash over the scatter of the joints that it makes."""
 BY_LIMITS = "the model has no parameter for it; pass by acceptance limits that are met"
 HARMONIC = ("eccentricity", "period", "ripple")
-BY_AUTO = "--estimator points, --model auto fit it"
+BY_AUTO = "--model auto fits it"
 LACKS = {
     "eccentricity": (
         "eccentric encoder, or sag of the arm's own weight",

@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import scipy
 
 from campaigns.arrays import Array
@@ -273,14 +274,16 @@ def bic(found: IdentificationResult) -> float:
     """Schwarz's criterion for noise of known shape and unknown size; the least is best.
 
     Of all measurements of the fit: those that one model leaves out and another does not count by
-    the scatter of the rest.
+    the scatter of the rest. Distances count alike, in mm: each model weighs them with the scatter
+    that the robot has by it, beside which none would leave more than any other.
     """
     assert found.fitted is not None, "it was just made"
     assert found.chi2 is not None, "likewise"
     after = found.fitted.after
     outliers = sum(each.is_outlier for each in found.excluded)
     measured = after.size + after.shape[1] * outliers
-    scatter = max(found.chi2.value / after.size, NO_SCATTER)
+    squares = found.chi2.value if found.fitted.of == "shots" else float(np.sum(after**2))
+    scatter = max(squares / after.size, NO_SCATTER)
     searched = found.ripples is not None and found.ripples.std is not None
     return float(measured * math.log(scatter) + (found.rank + searched) * math.log(measured))
 

@@ -18,7 +18,7 @@ from par4_space import (
 )
 
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Model
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import (
@@ -30,6 +30,7 @@ from campaigns.identification.model_selection import (
     select_model,
     transmission_terms,
 )
+from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
@@ -115,6 +116,7 @@ def test_what_gears_and_encoders_do_is_found_by_its_cause_and_fitted(nominal, te
     assert choice.unseen_mm.after.rms < 0.02, "the tracker's noise of a distance"
 
 
+@pytest.mark.slow
 def test_a_ripple_of_unknown_rate_is_found_with_it_and_stated_with_the_set():
     data, values = geared(RIPPLING, ripple_sin_deg=0.006, ripple_cos_deg=0.006)
     choice = of_auto(data)
@@ -134,6 +136,18 @@ def test_a_ripple_of_unknown_rate_is_found_with_it_and_stated_with_the_set():
     stated = of_auto(data, RIPPLING)
     assert (stated.ripples.value, stated.ripples.std) == (30.0, None)
     assert bic(choice) > bic(stated), "the rate that was searched has its price"
+
+
+@pytest.mark.slow
+def test_backlash_is_kept_by_distances_too_whose_weights_take_it_for_the_robots_scatter():
+    data, values = geared(seed=2, backlash_deg=1.0 / 60.0)
+    by_distances = IdentificationOptions(estimator=Estimator.DISTANCES)
+    terms = transmission_terms(SPACE, Model.AUTO)
+    models = {name: MODELS[name] for name in (STANDARD, "axes")}
+    choice = select_model(NOMINAL, data, models, by_distances, terms=terms)
+    assert kept(choice) == "standard+backlash"
+    found = choice.parameters
+    assert max(abs(found[name].value - values[name]) / found[name].std for name in values) < 4.5
 
 
 def test_terms_that_are_fixed_are_not_added():
