@@ -56,7 +56,7 @@ def identify(
     `ShotsInvalid`.
     """
     models = model_selection.candidate_models(robot.mechanism.parameters, model, free, fix, priors)
-    terms = model_selection.transmission_terms(robot.mechanism.parameters, model, fix)
+    terms = model_selection.terms_to_add(robot.mechanism.parameters, model, free, fix, priors)
     how = replace(options or IdentificationOptions(), free=tuple(free))
     return model_selection.select_model(
         robot.kinematics, shots, models, how, asked=model_selection.asked_of(model), terms=terms

@@ -20,11 +20,7 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.identification.identify import identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import (
-    ParameterSelection,
-    matching,
-    select_parameters,
-)
+from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
 from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
@@ -92,15 +88,41 @@ def candidate_models(
     priors: Sequence[str] = (),
 ) -> dict[str, ParameterSelection]:
     """Parameters of each model to compare, the standard one first; raises `OptionsInvalid`."""
+    usual = select_parameters(space, freed, fixed, names=space.model).free
+    whole = _whole(space, model, freed, fixed, priors)
+    models = {STANDARD: (), **extensions(space, model)}
+    return {name: _narrowed(whole, {*usual, *more}) for name, more in models.items()}
+
+
+def terms_to_add(
+    space: ParameterSpace,
+    model: Model,
+    freed: Sequence[str] = (),
+    fixed: Sequence[str] = (),
+    priors: Sequence[str] = (),
+) -> ParameterSelection:
+    """Terms of joints' transmission and of warmth that a choice may add; as `candidate_models`."""
+    added = _added(space, model) - {*select_parameters(space, freed, fixed, names=space.model).free}
+    return _narrowed(_whole(space, model, freed, fixed, priors), added)
+
+
+def _added(space: ParameterSpace, model: Model) -> set[str]:
+    return {*space.transmission, *space.thermal} if model is Model.AUTO else set()
+
+
+def _whole(
+    space: ParameterSpace,
+    model: Model,
+    freed: Sequence[str],
+    fixed: Sequence[str],
+    priors: Sequence[str],
+) -> ParameterSelection:
+    """Parameters of all that a model may end with."""
+    more = {name for each in extensions(space, model).values() for name in each}
+    more |= {*space.free_by_default} | _added(space, model)
+    by_default = tuple(name for name in space.model if name in more)
     names = space.model
-    more_of = extensions(space, model)
-    if not more_of:
-        return {STANDARD: select_parameters(space, freed, fixed, priors, names=names)}
-    usual = select_parameters(space, freed, fixed, names=names).free
-    by_default = space.free_if_extended
-    full = select_parameters(space, freed, fixed, priors, names=names, by_default=by_default)
-    models = {STANDARD: (), **more_of}
-    return {name: _narrowed(full, {*usual, *more}) for name, more in models.items()}
+    return select_parameters(space, freed, fixed, priors, names=names, by_default=by_default)
 
 
 def asked_of(model: Model) -> str | None:
@@ -141,13 +163,14 @@ def select_model(
     options: IdentificationOptions | None = None,
     *,
     asked: str | None = None,
-    terms: Collection[str] = (),
+    terms: ParameterSelection | None = None,
 ) -> IdentificationResult:
     """Identify by each of the models, the first being the standard one, and keep the best.
 
-    `terms`: names of the joints' transmission that may be added to it, a cause after the other, as
-    the shots show them and the same rules allow. The model that was `asked` for by name is kept
-    whatever speaks against it. Raises as `identify` does for the standard model, or for that one.
+    `terms`: of the joints' transmission and of warmth, that may be added to it, a cause after the
+    other, as the shots show them and the same rules allow. The model that was `asked` for by name
+    is kept whatever speaks against it. Raises as `identify` does for the standard model, or for
+    that one.
     """
     (name, known), *others = models.items()
     found = identify(nominal, shots, known, options)
@@ -158,7 +181,7 @@ def select_model(
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
         best = min(worthy, key=_price, default=standard)
-        for each in _with_terms(best, {*terms}, nominal, shots, options):
+        for each in _with_terms(best, terms or ParameterSelection(()), nominal, shots, options):
             larger.append(each)
             best = best if _objection(each, best) else each
     else:
@@ -170,18 +193,9 @@ def select_model(
     return replace(best.found, models=compared, warmth=warmth)
 
 
-def transmission_terms(
-    space: ParameterSpace, model: Model, fixed: Sequence[str] = ()
-) -> tuple[str, ...]:
-    """Names of the joints' transmission that a choice may add; raises `OptionsInvalid`."""
-    held = {name for pattern in fixed for name in matching(pattern, space.model)}
-    chosen = space.transmission if model is Model.AUTO else ()
-    return tuple(name for name in chosen if name not in held)
-
-
 def _with_terms(
     best: _Candidate,
-    allowed: set[str],
+    terms: ParameterSelection,
     nominal: Kinematics,
     shots: Shots,
     options: IdentificationOptions | None,
@@ -190,9 +204,9 @@ def _with_terms(
 
     Forward selection: what is objected to is not tried again, what is not is the next best.
     """
-    space = nominal.mechanism.parameters
+    space, allowed = nominal.mechanism.parameters, {*terms.free}
     if _grows(best):
-        for warmed in _with_warmth(best, nominal, shots, options):
+        for warmed in _with_warmth(best, terms, nominal, shots, options):
             yield warmed
             best = best if _objection(warmed, best) else warmed
         if best.course is not None:
@@ -202,9 +216,7 @@ def _with_terms(
         if more is None:
             return
         cause, names, doubt = more
-        wanted = {*best.known.free, *names}
-        free = tuple(name for name in space.model if name in wanted)
-        known = ParameterSelection(free, best.known.priors)
+        known = _widened(best.known, terms, names, space)
         robot, how = nominal, options
         rate = doubt.numbers.get("per_turn", doubt.numbers.get("period_mm"))
         if rate is not None and not nominal.mechanism.rate:
@@ -226,16 +238,20 @@ def _grows(best: _Candidate) -> bool:
 
 
 def _with_warmth(
-    best: _Candidate, nominal: Kinematics, shots: Shots, options: IdentificationOptions | None
+    best: _Candidate,
+    terms: ParameterSelection,
+    nominal: Kinematics,
+    shots: Shots,
+    options: IdentificationOptions | None,
 ) -> Iterator[_Candidate]:
     """Candidates that let arms, forearms and frame grow: that of the course that explains most.
 
     With less to tell where not all three can be told.
     """
     space, reference = nominal.mechanism.parameters, (options or IdentificationOptions())
-    for names in (space.thermal, space.thermal[:1]):
-        free = tuple(n for n in space.model if n in {*best.known.free, *names})
-        known = ParameterSelection(free, best.known.priors)
+    growing = [name for name in terms.free if name in space.thermal]
+    for names in (growing, growing[:1]) if growing else ():
+        known = _widened(best.known, terms, names, space)
         tried = [
             replace(
                 _candidate(
@@ -293,6 +309,19 @@ def _narrowed(full: ParameterSelection, allowed: set[str]) -> ParameterSelection
         tuple(name for name in full.free if name in allowed),
         {name: std for name, std in full.priors.items() if name in allowed},
     )
+
+
+def _widened(
+    known: ParameterSelection,
+    terms: ParameterSelection,
+    names: Collection[str],
+    space: ParameterSpace,
+) -> ParameterSelection:
+    """Selection with some of the terms too, and with what is known of them before."""
+    wanted = {*known.free, *names}
+    of_terms = {name: std for name, std in terms.priors.items() if name in names}
+    free = tuple(name for name in space.model if name in wanted)
+    return ParameterSelection(free, {**known.priors, **of_terms})
 
 
 def _candidate(

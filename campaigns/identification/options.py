@@ -93,7 +93,7 @@ class IdentificationOptions(Selection):
     prior: Annotated[
         tuple[str, ...],
         Option(
-            "Known to lie about nominal with σ (mm, deg), 'arm*.arm_mm=0.05'; repeatable.",
+            "Known to lie about nominal with σ (mm, deg, ppm), 'arm*.arm_mm=0.05'; repeatable.",
             metavar="PATTERN=σ",
         ),
     ] = ()

@@ -16,7 +16,7 @@ from campaigns.evaluation.diagnostics import (
     LACK,
     SWAPPED,
 )
-from campaigns.identification.model_selection import select_model, transmission_terms
+from campaigns.identification.model_selection import select_model, terms_to_add
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.arms import AXIS_TILT
@@ -55,7 +55,7 @@ def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVer
     space = nominal.mechanism.parameters
     models = setup.models or {setup.model.value: ParameterSelection(made.free)}
     options = replace(setup.options, known_lengths=(BAR,))
-    terms = transmission_terms(space, setup.model)
+    terms = terms_to_add(space, setup.model)
     found = select_model(nominal, made.shots, dict(models), options, terms=terms)
     names = [name for name in found.free if name in space.geometry]
     units, places = space.units(names), space.places(names)

@@ -11,7 +11,7 @@ from campaigns.identification.model_selection import (
     asked_of,
     candidate_models,
     select_model,
-    transmission_terms,
+    terms_to_add,
 )
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
@@ -42,7 +42,7 @@ def identify(
         series = campaign.measured_series(journal)
         model = options.model or model_to_find(series.started.model)
         models = candidate_models(space, model, *chosen)
-        terms = transmission_terms(space, model, options.fix)
+        terms = terms_to_add(space, model, *chosen)
         measured = journal.shots(series.number)
         if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
             measured = (*measured, *campaign.known_length_shots(journal))

@@ -13,11 +13,7 @@ from campaigns.estimation.estimators import Model
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.evaluation.mechanical_advice import Instruction
-from campaigns.identification.model_selection import (
-    candidate_models,
-    select_model,
-    transmission_terms,
-)
+from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
@@ -192,6 +188,6 @@ def identified(robot: DrawnRobot, rng: np.random.Generator) -> IdentificationRes
     options = IdentificationOptions(instrument=INSTRUMENT, workspace=workspace)
     models, terms = (
         candidate_models(member.space, Model.AUTO),
-        transmission_terms(member.space, Model.AUTO),
+        terms_to_add(member.space, Model.AUTO),
     )
     return select_model(member.nominal, shots, models, options, terms=terms)

@@ -28,10 +28,10 @@ from campaigns.identification.model_selection import (
     bic,
     candidate_models,
     select_model,
-    transmission_terms,
+    terms_to_add,
 )
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 
@@ -83,10 +83,11 @@ def geared(nominal: Kinematics = NOMINAL, *, seed=1, **terms):
     return noisy(replace(data, points_in_tracker_mm=points, approach=approach), seed), values
 
 
-def of_auto(data, nominal: Kinematics = NOMINAL, fixed=()):
+def of_auto(data, nominal: Kinematics = NOMINAL, fixed=(), priors=()):
     """Choice of --model auto."""
-    terms = transmission_terms(SPACE, Model.AUTO, fixed)
-    return select_model(nominal, data, candidate_models(SPACE, Model.AUTO), terms=terms)
+    terms = terms_to_add(SPACE, Model.AUTO, (), fixed, priors)
+    models = candidate_models(SPACE, Model.AUTO, (), fixed, priors)
+    return select_model(nominal, data, models, terms=terms)
 
 
 RIPPLING = replace(NOMINAL, mechanism=NOMINAL.mechanism.with_ripples(30.0))
@@ -142,7 +143,7 @@ def test_a_ripple_of_unknown_rate_is_found_with_it_and_stated_with_the_set():
 def test_backlash_is_kept_by_distances_too_whose_weights_take_it_for_the_robots_scatter():
     data, values = geared(seed=2, backlash_deg=1.0 / 60.0)
     by_distances = IdentificationOptions(estimator=Estimator.DISTANCES)
-    terms = transmission_terms(SPACE, Model.AUTO)
+    terms = terms_to_add(SPACE, Model.AUTO)
     models = {name: MODELS[name] for name in (STANDARD, "axes")}
     choice = select_model(NOMINAL, data, models, by_distances, terms=terms)
     assert kept(choice) == "standard+backlash"
@@ -150,9 +151,30 @@ def test_backlash_is_kept_by_distances_too_whose_weights_take_it_for_the_robots_
     assert max(abs(found[name].value - values[name]) / found[name].std for name in values) < 4.5
 
 
+@pytest.mark.slow
+def test_what_is_known_of_a_term_before_counts_where_the_term_is_added_and_one_may_be_held():
+    data, values = geared(backlash_deg=1.0 / 60.0)
+    tight, held = "arm1.backlash_deg", "arm3.backlash_deg"
+    choice = of_auto(data, fixed=[held], priors=[f"{tight}=0.0001", "arm*.encoder_gain_ppm=50"])
+    assert choice.priors == {tight: 0.0001}
+    assert held not in choice.parameters
+    assert abs(choice.parameters[tight].value) < 0.1 * abs(values[tight])
+    assert any(f"prior of {tight}" in reason for reason in choice.reasons)
+
+
+def test_a_prior_on_what_a_model_cannot_end_with_is_refused():
+    assert terms_to_add(SPACE, Model.FULL) == ParameterSelection(())
+    grown = terms_to_add(SPACE, Model.AUTO, (), ["forearm_exp*"], ["arm_expansion_ppm=20"])
+    assert grown.priors == {"arm_expansion_ppm": 20.0}
+    assert [n for n in grown.free if n in SPACE.thermal] == [SPACE.thermal[0], SPACE.thermal[2]]
+    with pytest.raises(OptionsInvalid, match=r"backlash_deg.* held at the nominal value"):
+        candidate_models(SPACE, Model.FULL, priors=["arm*.backlash_deg=0.01"])
+
+
 def test_terms_that_are_fixed_are_not_added():
     data, _ = geared(backlash_deg=1.0 / 60.0)
     choice = of_auto(data, fixed=["arm*.backlash_deg"])
+    assert not any(name in BACKLASH_NAMES for name in choice.free)
     assert not any("backlash" in each.name for each in choice.models)
     assert any(doubt.numbers.get("cause") == "backlash" for doubt in choice.doubts)
 
