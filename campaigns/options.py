@@ -11,7 +11,7 @@ from campaigns.controllers.programs import LANGUAGES, Targets
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
-from campaigns.evaluation.validation import SET_OF
+from campaigns.evaluation.validation import BY_DEFAULT, SET_OF
 from campaigns.identification.options import Fixed, Freed, ModelChoice, ModelToPlan, Selection
 from campaigns.planning.plans import Placement
 from campaigns.settings.option import Option, typed_words
@@ -190,7 +190,11 @@ class ValidationOptions:
     stage: Annotated[ValidationStage, Option("Before or after `pkmcal load`.")]
     only: Annotated[
         tuple[ValidationTest, ...],
-        Option(f"Only this test; repeatable: {', '.join(SET_OF)}.", metavar="TEST"),
+        Option(
+            f"Only this test; repeatable: {', '.join(SET_OF)}. The last takes 150 shots, and is "
+            "made only where it is asked for.",
+            metavar="TEST",
+        ),
     ] = ()
     anyway: Annotated[
         bool, Option("Measure though it is the wrong stage, or 'before' is measured.")
@@ -214,8 +218,8 @@ class ValidationOptions:
 
     @property
     def tests(self) -> frozenset[ShotSet]:
-        """Sets of the tests that are asked for; all without a word."""
-        return frozenset(SET_OF[name] for name in self.only or SET_OF)
+        """Sets of the tests that are asked for; without a word those made by default."""
+        return frozenset(SET_OF[name] for name in self.only or BY_DEFAULT)
 
     def words(self) -> list[str]:
         """The options again, as they are typed."""

@@ -94,7 +94,8 @@ def command(
     the --joints of each point.
 
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
-    "validation", which is the default then, and the sets rotation, straightness and repeatability.
+    "validation", which is the default then, and the sets rotation, straightness, repeatability
+    and iso-cube.
     What the controller held is declared, not read, and the report says so. Exit code 1 then as of
     `pkmcal validate`.
 

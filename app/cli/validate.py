@@ -8,7 +8,7 @@ from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.report.validation_text import show_validation
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
-from campaigns.evaluation.validation import SET_OF
+from campaigns.evaluation.validation import BY_DEFAULT
 from campaigns.options import ValidationOptions
 from campaigns.workflow import validation
 
@@ -28,7 +28,10 @@ def command(
 
     Distances between the plan's validation pairs; how far the point strays while only the plate
     turns; how straight lines along x, y and z are; repeatability of approaches from all sides;
-    and, from the same shots as the distances, absolute accuracy in the tracker's frame. Poses
+    and, from the same shots as the distances, absolute accuracy in the tracker's frame. With
+    --only iso9283, pose accuracy AP and repeatability RP as the standard has them: 30 visits from
+    one direction to each of five poses in the largest cube; with --only distances beside it the
+    base frame is that of the pairs. Poses
     are commanded, so the controller's own parameters are put to the test. What it holds is read
     first: the nominal parameters are not "after", any but the nominal ones not "before". What was
     measured before calibration is measured again only with consent.
@@ -43,7 +46,7 @@ def command(
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     campaign.require_devices()
-    stage, names = options.stage, [str(name) for name in options.only or SET_OF]
+    stage, names = options.stage, [str(name) for name in options.only or BY_DEFAULT]
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
         terminal.document({"stage": stage, "tests": names})

@@ -13,6 +13,7 @@ from app.report import (
 )
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.rendering import Outline, no_word, rendered
+from campaigns.evaluation import iso_figures
 from campaigns.evaluation.campaign_verdict import RULE
 from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT
 from campaigns.evidence import Evaluation
@@ -22,6 +23,7 @@ from campaigns.workflow.advising import advice_by
 MAKERS = {
     "mechanics": advice_sections,
     "results": results_sections,
+    "iso": iso_figures,
     "model": model_sections,
     "record": record_sections,
     "certificate": certificate_sections,

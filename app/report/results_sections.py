@@ -1,15 +1,16 @@
 """Tables on results: key figures, limits, errors, tests, ISO 9283."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import zip_longest
 
 from app.report.groups import pair_groups
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array
 from campaigns.evaluation.decision import Requirement
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.iso_figures import IsoRow, iso_rows
 from campaigns.evaluation.summary import ErrorSummary, summary
-from campaigns.evaluation.validation import MeasuredLength, ValidationResult
+from campaigns.evaluation.validation import MeasuredLength, RepeatabilityTest, ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, texts, words
 
@@ -64,6 +65,36 @@ ISO: tuple[Column[Stages], ...] = (
     words("in the standard", lambda both: _shown(both).asked),
 )
 
+CubePose = tuple[str, str, RepeatabilityTest]
+"""Stage, name, visits."""
+UNKNOWN = (None,) * len(AXES)
+
+
+def by_axis(
+    head: str,
+    of: Callable[[CubePose, int], float | None],
+    *,
+    decimals: int = 3,
+    signed: bool = False,
+) -> Iterator[Column[CubePose]]:
+    """Columns of a vector, mm."""
+    for at, axis in enumerate(AXES):
+        yield Column(head + axis, partial(lambda at, row: of(row, at), at), "mm", decimals, signed)
+
+
+CUBE: tuple[Column[CubePose], ...] = (
+    words("", lambda row: row[0]),
+    words("pose", lambda row: row[1]),
+    *by_axis("", lambda row, at: float(row[2].commanded_mm[at]), decimals=0),
+    Column("n", lambda row: len(row[2].points_mm)),
+    Column("AP", lambda row: _mm(row[2].accuracy), "mm"),
+    Column("U", lambda row: _expanded(row[2].accuracy), "mm"),
+    *by_axis("AP ", lambda row, at: _mm((row[2].components or UNKNOWN)[at]), signed=True),
+    Column("RP", lambda row: row[2].rp.value_mm, "mm"),
+    Column("U", lambda row: _expanded(row[2].rp), "mm"),
+)
+"""Figures of ISO 9283's cube, pose by pose."""
+
 
 def key_figure_rows(found: Evaluation) -> tuple[Row, ...]:
     """Figures for readers who read no further: name, before, after, what is shown.
@@ -107,6 +138,10 @@ def _mm(length: MeasuredLength | None) -> float | None:
     return None if length is None else length.value_mm
 
 
+def _expanded(length: MeasuredLength | None) -> float | None:
+    return None if length is None else length.expanded_uncertainty_mm
+
+
 def _larger(gain: Gain) -> float:
     return max(each.value_mm for each in (gain.before, gain.after) if each is not None)
 
@@ -146,4 +181,4 @@ def _iso_value(row: IsoRow | None) -> str | None:
 
 
 def _iso_uncertainty(row: IsoRow | None) -> float | None:
-    return row.figure.expanded_uncertainty_mm if row and row.figure else None
+    return _expanded(row.figure) if row else None

@@ -5,9 +5,11 @@ import typer
 from app.console import BAD, GOOD, OPEN, Terminal
 from app.exits import Exit
 from app.next import tell_next
-from app.report.results_sections import BEFORE_AND_AFTER, limits
+from app.report.results_sections import BEFORE_AND_AFTER, CUBE, limits
+from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.evaluation.gains import NO_CHANGE, Gain
+from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
@@ -58,6 +60,11 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     rows = texts(columns, found.verdict.requirements)
     rows += tuple((name, number(each), *nothing) for name, each in further.items())
     terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
+    if found.whole.cube:
+        shown = [each for each in CUBE[1:] if each.head not in (*AXES, "n")]  # they fill 80 columns
+        cells = texts(shown, cube_poses(**{stage: found.whole}))
+        terminal.table("ISO 9283, pose by pose (mm)", [each.head for each in shown], cells)
+        terminal.say(f"AP: {cube_frame(found.whole)}; U: k = 2")
     _show_series(terminal, stage, found.whole)
     held = found.evaluation.evidence.held(stage)
     if held is not None and (held.form or held.declared or held.kind == "other"):

@@ -1,7 +1,8 @@
 """Figures of a validation's tests beside those of ISO 9283 that they resemble.
 
-None of the tests is made as the standard makes it, so each figure has a name of its own. Which of
-the standard's it resembles, and what would be needed for the standard's symbol, stands beside it.
+The test `iso9283` is made as the standard makes it, and its figures have the standard's symbols.
+None of the others is, so each figure has a name of its own. Which of the standard's it resembles,
+and what would be needed for the standard's symbol, stands beside it.
 """
 
 from collections.abc import Iterator
@@ -10,7 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import AXES
-from campaigns.evaluation.validation import DistanceTest, MeasuredLength, ValidationResult
+from campaigns.evaluation.validation import (
+    CUBE_FIGURES,
+    DistanceTest,
+    MeasuredLength,
+    RepeatabilityTest,
+    ValidationResult,
+)
 
 NO_FRAME = "not formed: too few commanded points for a base frame"
 FIVE_POSES = "30 visits from one direction to each of five poses"
@@ -41,7 +48,36 @@ class IsoRow:
 
 def iso_rows(found: ValidationResult) -> tuple[IsoRow, ...]:
     """Every figure of the standard once, that of paths once a line."""
-    return (*_pose_rows(found), *_distance_rows(found), *_path_rows(found))
+    return (*_cube_rows(found), *_pose_rows(found), *_distance_rows(found), *_path_rows(found))
+
+
+def cube_poses(**stages: ValidationResult | None) -> tuple[tuple[str, str, RepeatabilityTest], ...]:
+    """Stage, name and visits of each of the standard's poses, P1 to P5."""
+    return tuple(
+        (stage, f"P{number}", each)
+        for stage, found in stages.items()
+        for number, each in enumerate(found.cube if found else (), start=1)
+    )
+
+
+def cube_frame(found: ValidationResult) -> str:
+    """Frame in which AP is told: that of the pairs where they are of the same series."""
+    if not found.cube[0].in_base:
+        return NO_FRAME
+    pairs, own = (found.series.get(name) for name in ("distances", "iso9283"))
+    of = "the pairs" if pairs is not None and pairs == own else "these poses alone"
+    return f"frame fitted to {of}"
+
+
+def _cube_rows(found: ValidationResult) -> Iterator[IsoRow]:
+    visits, how, where = 0, "not measured: `--only iso9283`", ""
+    if found.cube:
+        visits = min(len(each.points_mm) for each in found.cube)
+        how = f"{visits} visits from one direction to each of {len(found.cube)} poses"
+        where = f"; {cube_frame(found)}"
+    accuracy, rp = found.worst_of_cube
+    yield IsoRow(CUBE_FIGURES[0], accuracy, visits, how + where, AP)
+    yield IsoRow(CUBE_FIGURES[1], rp, visits, how, RP)
 
 
 def _pose_rows(found: ValidationResult) -> Iterator[IsoRow]:

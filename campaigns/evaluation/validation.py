@@ -25,8 +25,13 @@ SET_OF: Mapping[str, ShotSet] = {
     "rotation": ShotSet.ROTATION,
     "straightness": ShotSet.STRAIGHTNESS,
     "repeatability": ShotSet.REPEATABILITY,
+    "iso9283": ShotSet.ISO_CUBE,
 }
-"""Shots of each test, by the word on the command line: those of the paper's section IV.E."""
+"""Shots of each test, by the word on the command line: the paper's (section IV.E), and a cube."""
+BY_DEFAULT = tuple(name for name in SET_OF if name != "iso9283")
+SAME_POSE_SHARE = 0.1
+"""Commanded places within this part of the cube are one pose's: as read by encoders they differ."""
+CUBE_FIGURES = ("pose accuracy AP, worst", "pose repeatability RP, worst")
 DEVIATIONS = 3.0
 """Standard deviations in RP."""
 NO_AXIS = -1
@@ -140,6 +145,8 @@ class RepeatabilityTest:
     points_mm: Array
     radius: MeasuredLength
     """Of the sphere about their mean."""
+    instrument_mm2: Array
+    """Mean covariance of the points by the instrument, (3, 3): averaging does not reduce it."""
     in_base: bool
     """Frame of the points: the base's, or not."""
 
@@ -156,7 +163,7 @@ class RepeatabilityTest:
 
     @property
     def accuracy(self) -> MeasuredLength | None:
-        """Distance of their mean from the commanded point; None without a base frame.
+        """Distance of their mean from the commanded point (AP); None without a base frame.
 
         The scatter of the mean and the instrument's uncertainty are in its own.
         """
@@ -164,9 +171,24 @@ class RepeatabilityTest:
         length = float(np.linalg.norm(away))
         if not self.in_base:
             return None
-        along = self.points_mm @ (away / length) if length > 0.0 else np.zeros(len(self.points_mm))
-        of_mean = float(along.std(ddof=1) / np.sqrt(len(along)))
-        return MeasuredLength(length, self.radius.standard_uncertainty_mm).with_scatter(of_mean)
+        of_mean = self._scatter_of_mean_mm(away / length) if length > 0.0 else 0.0
+        return _length(away, self.instrument_mm2).with_scatter(of_mean)
+
+    @property
+    def components(self) -> tuple[MeasuredLength, ...] | None:
+        """AP along x, y and z, mean less commanded; None without a base frame."""
+        away = self.points_mm.mean(axis=0) - self.commanded_mm
+        own_mm = np.sqrt(np.diag(self.instrument_mm2))
+        each = zip(away.tolist(), own_mm.tolist(), np.eye(3), strict=True)
+        found = tuple(
+            MeasuredLength(mm, std_mm).with_scatter(self._scatter_of_mean_mm(axis))
+            for mm, std_mm, axis in each
+        )
+        return found if self.in_base else None
+
+    def _scatter_of_mean_mm(self, direction: Array) -> float:
+        along = self.points_mm @ direction
+        return float(along.std(ddof=1) / np.sqrt(len(along)))
 
     @property
     def rp(self) -> MeasuredLength:
@@ -191,6 +213,8 @@ class ValidationResult:
     rotation: RotationTest | None
     lines: tuple[LineTest, ...]
     repeatability: RepeatabilityTest | None
+    cube: tuple[RepeatabilityTest, ...] = ()
+    """Visits from one direction to each of ISO 9283's poses, P1 first."""
     series: Mapping[str, int] = field(default_factory=dict)
     """Series in which each test was made, by the test's name."""
 
@@ -202,6 +226,7 @@ class ValidationResult:
             self.rotation or older.rotation,
             self.lines or older.lines,
             self.repeatability or older.repeatability,
+            self.cube or older.cube,
             {**older.series, **self.series},
         )
 
@@ -229,7 +254,14 @@ class ValidationResult:
                 for axis, line in lines.items()
             },
             "repeatability, radius of the sphere": repeated.radius if repeated else None,
+            **dict(zip(CUBE_FIGURES, self.worst_of_cube, strict=True)),
         }
+
+    @property
+    def worst_of_cube(self) -> tuple[MeasuredLength | None, MeasuredLength | None]:
+        """AP and RP of the poses at which they may be largest, U included; None: not known."""
+        accuracy = max(filter(None, [p.accuracy for p in self.cube]), key=_most_mm, default=None)
+        return accuracy, max([p.rp for p in self.cube], key=_most_mm, default=None)
 
     def comparable_figures(self) -> dict[str, MeasuredLength | None]:
         """The same figures for comparison with another validation's of the same tests.
@@ -243,6 +275,7 @@ class ValidationResult:
             "distances, largest error": np.sqrt(2.0),
             "rotation": np.sqrt(2.0),
             "repeatability, radius of the sphere": OF_THE_OUTERMOST,
+            **dict.fromkeys(CUBE_FIGURES, 0.0),  # their own scatter is in them
         }
         found = {
             name: length and length.with_scatter(scatter_mm * float(shares.get(name, 1.0)))
@@ -274,6 +307,7 @@ class ValidationResult:
             "straightness_mm": straight or None,
             "repeatability": None if self.repeatability is None else _repeated(self.repeatability),
             "frame_mm": None if self.absolute_mm is None else _absolute(self.absolute_mm),
+            "iso9283": [_pose(f"P{n}", each) for n, each in enumerate(self.cube, 1)] or None,
         }
 
 
@@ -284,6 +318,19 @@ def _distances(test: DistanceTest) -> dict[str, JsonValue]:
 def _repeated(test: RepeatabilityTest) -> dict[str, JsonValue]:
     approaches = len(test.points_mm)
     return {"radius_mm": test.radius.value_mm, "rp_mm": test.rp.value_mm, "approaches": approaches}
+
+
+def _pose(name: str, test: RepeatabilityTest) -> dict[str, JsonValue]:
+    """AP, its components and RP of one pose, each with U."""
+    figures = {"ap": test.accuracy, "rp": test.rp}
+    figures |= {f"ap_{axis}": each for axis, each in zip(AXES, test.components or (), strict=False)}
+    return {
+        "pose": name,
+        "commanded_mm": test.commanded_mm.tolist(),
+        "visits": len(test.points_mm),
+        **{f"{key}_mm": each.value_mm for key, each in figures.items() if each},
+        **{f"{key}_u_mm": each.expanded_uncertainty_mm for key, each in figures.items() if each},
+    }
 
 
 def _absolute(away_mm: Array) -> dict[str, JsonValue]:
@@ -320,8 +367,9 @@ def evaluate_validation(
         rotation_test(*of(ShotSet.ROTATION)),
         line_tests(*of(ShotSet.STRAIGHTNESS), in_base=in_base),
         repeatability_test(*of(ShotSet.REPEATABILITY), in_base=in_base),
+        cube_tests(*of(ShotSet.ISO_CUBE), in_base=in_base),
     )
-    made = (found.distances, found.rotation, found.lines, found.repeatability)
+    made = (found.distances, found.rotation, found.lines, found.repeatability, found.cube)
     return replace(
         found, series={name: series for name, each in zip(SET_OF, made, strict=True) if each}
     )
@@ -392,7 +440,34 @@ def repeatability_test(
     if len(points_mm) < 2:
         return None
     radius = _longest(point_sets.away_from_mean(points_mm), covariance_mm2)
-    return RepeatabilityTest(commanded[0, :3], points_mm, radius, in_base)
+    at_mm, instrument_mm2 = commanded[:, :3].mean(axis=0), covariance_mm2.mean(axis=0)
+    return RepeatabilityTest(at_mm, points_mm, radius, instrument_mm2, in_base)
+
+
+def cube_tests(
+    commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
+) -> tuple[RepeatabilityTest, ...]:
+    """Visits to each of ISO 9283's poses: P1 in the middle, the others in their turn about z.
+
+    Poses of fewer than two visits are left out.
+    """
+    places_mm, found = commanded[:, :3], []
+    if not len(places_mm):
+        return ()
+    low, high = places_mm.min(axis=0), places_mm.max(axis=0)
+    near_mm, middle = SAME_POSE_SHARE * float((high - low).max()) + SAME_MM, 0.5 * (low + high)
+    left = np.arange(len(places_mm))
+    while len(left):
+        own = np.linalg.norm(places_mm[left] - places_mm[left[0]], axis=1) <= near_mm
+        each = (values[left[own]] for values in (commanded, points_mm, covariance_mm2))
+        found.append(repeatability_test(*each, in_base=in_base))
+        left = left[~own]
+
+    def place(test: RepeatabilityTest) -> tuple[bool, float]:
+        x_mm, y_mm, _ = away = test.commanded_mm - middle
+        return bool(np.linalg.norm(away) > near_mm), float(np.arctan2(y_mm, x_mm))
+
+    return tuple(sorted(filter(None, found), key=place))
 
 
 def line_axes(commanded_mm: Array) -> Index:
@@ -473,6 +548,8 @@ def _requirements(
     figures = {} if found is None else found.figures()
     for name, limit in limits_by_figure(limits).items():
         length = figures.get(name)
+        if length is None and limit is None and name in CUBE_FIGURES:
+            continue  # only made where it is asked for
         if length is None:
             yield Requirement(name, None, limit)
         else:
@@ -487,7 +564,13 @@ def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
         "rotation": limits.rotation_mm,
         **{f"straightness along {axis}": limits.straightness_mm for axis in AXES},
         "repeatability, radius of the sphere": limits.repeatability_mm,
+        CUBE_FIGURES[0]: limits.pose_accuracy_mm,
+        CUBE_FIGURES[1]: limits.pose_repeatability_mm,
     }
+
+
+def _most_mm(length: MeasuredLength) -> float:
+    return length.value_mm + length.expanded_uncertainty_mm
 
 
 def _longest(away_mm: Array, covariance_mm2: Array) -> MeasuredLength:

@@ -156,7 +156,8 @@ class Mover:
         """Joint targets of a safe way, the last one being the step's."""
         way: list[Joints] = []
         for target in (*step.approach, step.planned.joints):
-            way += self._legs(here, target, f"to shot {step.planned.shot}")
+            if target != here or target is step.planned.joints:  # else it stands there
+                way += self._legs(here, target, f"to shot {step.planned.shot}")
             here = target
         return way
 

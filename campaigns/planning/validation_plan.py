@@ -1,6 +1,6 @@
-"""The tests of the paper's section IV.E as poses to command: the controller's model counts.
+"""The tests of a validation as poses to command: the controller's model counts.
 
-Repeatability, rotation, straightness and distances.
+Repeatability, rotation, straightness and distances (the paper's section IV.E); ISO 9283's cube.
 """
 
 import math
@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import AXES, Array
+from campaigns.design.largest_cube import largest_cube
+from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
@@ -31,6 +33,10 @@ SHORTEST_PART = SHRINK ** (SHRINKS - 1)
 LINE_PROBES = 401
 LINE_SPARE = 0.9
 """A line is no longer than that part of what the nominal robot can do."""
+ISO_POSES = np.array([[-1, 1, 1], [1, 1, 1], [1, -1, -1], [-1, -1, -1], [0, 0, 0]], dtype=float)
+"""ISO 9283's P5 to P1, in a cycle's order, on the plane C1-C2-C7-C8 of a cube with corners ± 1."""
+ISO_PART = 0.8
+"""P2 to P5 are a tenth of its diagonal inside the cube's corners."""
 Planned = tuple[tuple[Step, ...], tuple[str, ...]]
 """Steps, and notes that say what was shortened or left out, and why."""
 Correct = Callable[[Array, Array | None], KinematicSolution]
@@ -93,8 +99,11 @@ def validation_steps(
     robot: Reachable,
     only: frozenset[ShotSet],
     rng: np.random.Generator,
+    region: FeasibleRegion | None = None,
 ) -> Planned:
     """The steps of the tests asked for; `pairs` are the plan's validation shots.
+
+    In `region`, of the nominal robot, the largest cube is sought: it is the same in both stages.
 
     Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
     """
@@ -108,6 +117,7 @@ def validation_steps(
         ShotSet.REPEATABILITY: lambda: _repetitions(
             centre, config.repeatability_approaches, robot, rng
         ),
+        ShotSet.ISO_CUBE: lambda: _cube(centre, config, robot, region),
     }
     made = [each for purpose, make in makers.items() if purpose in only for each in make()]
     steps = [step for own, _ in made for step in own]
@@ -219,6 +229,25 @@ def _repetitions(
             return
         first_reason = first_reason or reason
     raise _impossible("repeatability", first_reason)
+
+
+def _cube(
+    centre: Array, config: ValidationConfig, robot: Reachable, region: FeasibleRegion | None
+) -> Iterator[Planned]:
+    """Cycles through ISO 9283's five poses, the plate unturned: each comes from the same one."""
+    edge_mm, middle = config.cube_edge_mm or 0.0, centre.copy()
+    if not edge_mm and region is not None:
+        middle[: len(AXES)], edge_mm = largest_cube(region)
+    if not edge_mm:
+        raise _impossible("ISO 9283's cube", "the workspace holds none")
+    away = np.zeros((len(ISO_POSES), len(centre)))
+    away[:, : len(AXES)] = 0.5 * edge_mm * ISO_PART * ISO_POSES
+    poses, notes = _shortened(middle, away, robot.first_reason, "ISO 9283's cube", edge_mm, " mm")
+    visits = np.tile(poses, (config.cube_cycles, 1))
+    steps = _steps(ShotSet.ISO_CUBE, visits, robot, approaches=np.roll(visits, 1, axis=0))
+    x_mm, y_mm, z_mm = middle[: len(AXES)].tolist()
+    where = f"about [{x_mm:.0f}, {y_mm:.0f}, {z_mm:.0f}] mm"
+    yield steps, (f"ISO 9283's cube of {edge_mm:.4g} mm {where}", *notes)
 
 
 def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:

@@ -355,6 +355,14 @@ class ValidationConfig(FileModel):
         default=(0.0, 0.0, -575.0),
         description="the workspace's centre in the base frame, [x, y, z] mm",
     )
+    cube_edge_mm: Distance | None = Field(
+        default=None,
+        description="the edge of ISO 9283's cube about that centre, mm; left out: the largest cube "
+        "that can be measured, wherever it is",
+    )
+    cube_cycles: int = Field(
+        default=30, ge=2, le=1000, description="the number of visits to each of its five poses"
+    )
 
 
 class AcceptanceConfig(FileModel):
@@ -372,6 +380,12 @@ class AcceptanceConfig(FileModel):
     straightness_mm: Acceptable = Field(default=None, description="the deviation from a line, mm")
     repeatability_mm: Acceptable = Field(
         default=None, description="the radius of the sphere of repeated approaches, mm"
+    )
+    pose_accuracy_mm: Acceptable = Field(
+        default=None, description="ISO 9283's pose accuracy AP of the worst of five poses, mm"
+    )
+    pose_repeatability_mm: Acceptable = Field(
+        default=None, description="ISO 9283's pose repeatability RP of the worst, mm"
     )
 
     @property

@@ -14,6 +14,7 @@ class ShotSet(Enum):
     STRAIGHTNESS = "straightness"
     KNOWN_LENGTH = "known-length"
     NEST = "nest"
+    ISO_CUBE = "iso-cube"
     CHECK = "check"
 
     @property

@@ -336,6 +336,7 @@ def _work(
         reachable,
         tests,
         np.random.default_rng(campaign.config.plan.seed),
+        campaign.region,
     )
     setup = EstimationSetup(
         Selection().estimator, robot.mechanism.parameters.free_by_default, campaign.instrument

@@ -64,6 +64,8 @@ class AcceptanceSection(Section):
     rotation_mm: Positive | None = None
     straightness_mm: Positive | None = None
     repeatability_mm: Positive | None = None
+    pose_accuracy_mm: Positive | None = None
+    pose_repeatability_mm: Positive | None = None
 
 
 class Scenario(Section):

@@ -34,7 +34,9 @@ DRY_RUN_KEYS = {
     *("scenario", "seed", "before", "after", "identification", "parameter_file", "report"),
     "seconds",
 }
-VALIDATION_KEYS = {"distances_mm", "rotation_mm", "straightness_mm", "repeatability", "frame_mm"}
+VALIDATION_KEYS = {
+    *("distances_mm", "rotation_mm", "straightness_mm", "repeatability", "frame_mm", "iso9283")
+}
 
 
 def assert_is_validation(document):

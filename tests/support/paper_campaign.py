@@ -23,6 +23,7 @@ from campaigns.journal import records
 from campaigns.journal.journal import Journal, open_journal
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
+from campaigns.planning.validation_plan import ISO_POSES
 from campaigns.robots.robot import find_robot, pose_of, write_new_robot
 from campaigns.settings.config import CampaignConfig, write_new_campaign
 from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
@@ -223,7 +224,7 @@ def planned(number: int, purpose: ShotSet, pair: int | None, pose: np.ndarray) -
 
 
 def validation_shots(rng: np.random.Generator) -> tuple[PlannedShot, ...]:
-    """Rotation, three lines, pairs, repeated visits."""
+    """Rotation, three lines, pairs, repeated visits, two cycles through a cube."""
     poses: list[tuple[ShotSet, int | None, np.ndarray]] = []
     for theta in np.linspace(-0.7, 0.7, 7):
         poses.append((ShotSet.ROTATION, None, CENTRE + theta * np.eye(4)[3]))
@@ -233,4 +234,6 @@ def validation_shots(rng: np.random.Generator) -> tuple[PlannedShot, ...]:
     for pair in range(8):
         poses += [(ShotSet.VALIDATION, pair, random_pose(rng)) for _ in range(2)]
     poses += [(ShotSet.REPEATABILITY, None, CENTRE)] * 10
+    for away in (*ISO_POSES, *ISO_POSES):
+        poses.append((ShotSet.ISO_CUBE, None, CENTRE + 80.0 * np.append(away, 0.0)))
     return tuple(planned(number, *pose) for number, pose in enumerate(poses))

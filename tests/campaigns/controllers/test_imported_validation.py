@@ -18,6 +18,7 @@ from app.new_campaign import create_simulated
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.estimation.estimators import Model
+from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
@@ -108,7 +109,11 @@ def test_the_gain_of_a_closed_controller_is_proved_by_shots_measured_elsewhere(
     assert before.verdict.decision == "fail"
     assert after.verdict.decision == after.campaign_verdict.decision == "pass"
     found = evaluate(paper.campaign)
-    assert set(found.after.series) == {"distances", "rotation", "straightness", "repeatability"}
+    assert set(found.after.series) == set(SET_OF)
+    ap, rp = "pose accuracy AP, worst", "pose repeatability RP, worst"
+    gained = {each.name: each for each in found.gains}
+    assert 20.0 * gained[ap].after.value_mm < gained[ap].before.value_mm
+    assert max(gained[rp].before.value_mm, gained[rp].after.value_mm) < 0.1
     assert found.gains[0].after.value_mm < 0.05 * found.gains[0].before.value_mm
     held = found.evidence.held("after")
     assert (held.kind, held.targets, held.declared) == ("identified", True, "corrected.csv")

@@ -17,6 +17,7 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.evaluation.summary import summary
+from campaigns.evaluation.validation import CUBE_FIGURES
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import select_parameters
@@ -113,17 +114,21 @@ def test_repeatability_is_the_iso_figure_of_the_same_points(
 ) -> None:
     visits = points_mm(accepted(whole, "after", ShotSet.REPEATABILITY))
     away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
-    row = next(row for row in iso_rows(contents.after) if row.asked.startswith("RP"))
+    row = next(row for row in iso_rows(contents.after) if row.name.startswith("repeated"))
     assert row.figure.value_mm == pytest.approx(away.mean() + 3.0 * away.std(ddof=1))
     assert row.n == len(visits)
 
 
 def test_only_tests_made_as_the_standard_makes_them_have_a_symbol_with_a_figure(
-    contents: Evaluation,
+    whole: PaperCampaign, contents: Evaluation
 ) -> None:
-    without = {row.asked.split()[0] for row in iso_rows(contents.after) if row.figure is None}
-    assert without == {"vAP", "RD"}
-    rows = iso_rows(contents.after)
+    ap, rp, *rows = iso_rows(contents.after)
+    assert (ap.name, rp.name) == CUBE_FIGURES
+    assert None not in {ap.figure, rp.figure}
+    cube = points_mm(accepted(whole, "after", ShotSet.ISO_CUBE))
+    away = 0.5 * np.linalg.norm(cube[:5] - cube[5:], axis=1)  # of two visits each, and so S is 0
+    assert rp.figure.value_mm == pytest.approx(away.max())
+    assert {row.asked.split()[0] for row in rows if row.figure is None} == {"vAP", "RD"}
     symbols = {row.asked.split()[0] for row in rows}
     assert symbols == {"AP", "RP", "vAP", "AD", "RD", "AT"}
     for row in rows:

@@ -7,6 +7,7 @@ from validation_cases import line, pairs, shot, validated
 
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.gains import gains, worse_than_before
+from campaigns.evaluation.iso_figures import cube_frame
 from campaigns.evaluation.validation import (
     ValidationResult,
     ValidationVerdict,
@@ -30,6 +31,8 @@ ALL_LIMITS = AcceptanceConfig(
     rotation_mm=1.0,
     straightness_mm=1.0,
     repeatability_mm=1.0,
+    pose_accuracy_mm=1.0,
+    pose_repeatability_mm=1.0,
 )
 
 
@@ -164,6 +167,7 @@ def test_test_that_was_not_run_is_null() -> None:
         "straightness_mm": {"x": found.line("x").straightness.value_mm},
         "repeatability": None,
         "frame_mm": None,
+        "iso9283": None,
     }
     assert found.series == {"straightness": 0}
     assert validated([]).document() == dict.fromkeys(found.document())
@@ -213,7 +217,7 @@ def whole() -> ValidationResult:
     repeated = [shot(90 + n, kind, (0, 0, -575), (0.1 * n, 0, -575)) for n in range(3)]
     turned = [shot(80 + n, ShotSet.ROTATION, (0, 0, -575), (0, 0.2 * n, -575)) for n in range(3)]
     lines = [*line(0, first=20), *line(1, first=30), *line(2, first=40)]
-    return validated([*pairs([0.3, -0.6, 0.1]), *lines, *turned, *repeated])
+    return validated([*pairs([0.3, -0.6, 0.1]), *lines, *turned, *repeated, *cube_shots()])
 
 
 def test_every_figure_is_in_the_document_and_has_its_limit(whole: ValidationResult) -> None:
@@ -237,6 +241,8 @@ def test_figures_on_screen_and_page_are_those_of_the_document(whole: ValidationR
         "rotation": document["rotation_mm"],
         **{f"straightness along {axis}": document["straightness_mm"][axis] for axis in "xyz"},
         "repeatability, radius of the sphere": document["repeatability"]["radius_mm"],
+        "pose accuracy AP, worst": max(each["ap_mm"] for each in document["iso9283"]),
+        "pose repeatability RP, worst": max(each["rp_mm"] for each in document["iso9283"]),
     }
     assert further == {
         "repeatability, l̄ + 3 S": document["repeatability"]["rp_mm"],
@@ -302,3 +308,74 @@ def test_errors_larger_than_before_loading_fail_whatever_the_limits() -> None:
     for before in (alike, None):
         assert not [*worse_than_before(gains(before, found))]
     assert not [*worse_than_before(gains(better, None))]
+
+
+# Visits to P1 in the middle and P2 to P5 about it; commanded as in ISO 9283, order P5 to P1.
+CUBE = [(-80, 80, -495), (80, 80, -495), (80, -80, -655), (-80, -80, -655), (0, 0, -575)]
+VISITS = ((0.1, 0.3, 0.0), (0.3, 0.3, 0.0), (0.2, 0.2, 0.0), (0.2, 0.4, 0.0))
+"""From the commanded place. Their mean is (0.2, 0.3, 0): AP = √0.13; each is 0.1 from it: l̄ = 0.1,
+S = 0, RP = 0.1."""
+FAR = ((0.0, 0.0, 0.3), (0.0, 0.0, -0.1), (0.0, 0.0, 0.1), (0.0, 0.0, 0.1))
+"""Mean (0, 0, 0.1): AP = 0.1; distances 0.2, 0.2, 0, 0: l̄ = 0.1, S = √(0.04/3), RP = 0.1 + 3 S."""
+
+
+def cube_shots(first: int = 200, off_mm: float = 0.0) -> list:
+    """Four cycles; encoders read `off_mm` more from cycle to cycle."""
+    return [
+        shot(
+            first + 5 * cycle + place,
+            ShotSet.ISO_CUBE,
+            np.add(at, off_mm * cycle),
+            np.add(at, (FAR if place == 3 else VISITS)[cycle]),
+        )
+        for cycle in range(4)
+        for place, at in enumerate(CUBE)
+    ]
+
+
+def test_ap_and_rp_are_those_of_the_standard_worked_by_hand() -> None:
+    found = validated([*pairs([0.0] * 8), *cube_shots()], TrackerUncertainty())
+    commanded = np.array([each.commanded_mm for each in found.cube])
+    assert commanded == pytest.approx(np.array(CUBE[::-1], dtype=float))
+    rp = 0.1 + 3.0 * (0.04 / 3.0) ** 0.5
+    for place, each in enumerate(found.cube):
+        far = place == 1
+        assert each.accuracy.value_mm == pytest.approx(0.1 if far else 0.13**0.5)
+        assert each.rp.value_mm == pytest.approx(rp if far else 0.1)
+        parts = (0.0, 0.0, 0.1) if far else (0.2, 0.3, 0.0)
+        assert [part.value_mm for part in each.components] == pytest.approx(parts, abs=1e-9)
+        across_mm = 0.0 if far else (0.02 / 3.0 / 4.0) ** 0.5  # of the mean of four visits
+        scatter = (across_mm, across_mm, (0.08 / 3.0 / 4.0) ** 0.5 if far else 0.0)
+        for part, own_mm, axis in zip(each.components, scatter, np.eye(3), strict=True):
+            by_tracker = axis @ each.instrument_mm2 @ axis
+            assert part.standard_uncertainty_mm == pytest.approx(np.hypot(own_mm, by_tracker**0.5))
+    assert [each.value_mm for each in found.worst_of_cube] == pytest.approx([0.13**0.5, rp])
+    p2 = found.document()["iso9283"][1]
+    assert (p2["pose"], p2["visits"], p2["rp_mm"]) == ("P2", 4, pytest.approx(rp))
+    assert (p2["ap_mm"], p2["ap_z_mm"]) == pytest.approx((0.1, 0.1))
+
+
+def test_poses_as_encoders_read_them_are_told_apart_and_alone_fix_the_frame() -> None:
+    alone = validated(cube_shots(off_mm=0.05))
+    assert [len(each.points_mm) for each in alone.cube] == [4] * 5
+    assert cube_frame(alone) == "frame fitted to these poses alone"
+    both = validated([*pairs([0.0] * 4), *cube_shots()])
+    assert cube_frame(both) == "frame fitted to the pairs"
+    assert validated(cube_shots()[:7]).cube[0].rp is not None
+    assert len(validated(cube_shots()[:7]).cube) == 2  # of which there are two visits
+
+
+def test_limits_of_the_cube_are_judged_and_not_asked_of_others() -> None:
+    found = validated([*pairs([0.0] * 8), *cube_shots()])
+    limits = AcceptanceConfig(pose_accuracy_mm=0.1, pose_repeatability_mm=2.0)
+    verdict = validation_verdict(found, limits)
+    assert decision_on(verdict, "pose accuracy AP, worst") == "fail"
+    assert decision_on(verdict, "pose repeatability RP, worst") == "pass"
+    other = validated(line(0))
+    names = {each.name for each in validation_verdict(other, AcceptanceConfig()).requirements}
+    assert not names & {"pose accuracy AP, worst", "pose repeatability RP, worst"}
+    assert (
+        decision_on(validation_verdict(other, limits), "pose accuracy AP, worst") == "not decided"
+    )
+    gained = {each.name: each for each in gains(other, found)}["pose accuracy AP, worst"]
+    assert (gained.before, gained.after.value_mm) == (None, pytest.approx(0.13**0.5))

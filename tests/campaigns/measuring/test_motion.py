@@ -56,6 +56,17 @@ def test_a_stop_on_the_way_is_told_as_read_and_not_as_commanded() -> None:
     assert apart_deg == pytest.approx([0.0, 0.01, 0.0, 0.0])
 
 
+def test_a_robot_that_stands_where_it_comes_from_goes_straight_on() -> None:
+    cell = FakeCell()
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
+    far = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0)
+    for step in (Step(far, "pose"), commanded_as_pose(NEAR, (far.joints,))):
+        mover.go(step, lambda _: None)
+    assert len(moves(cell)) == 2
+    mover.go(commanded_as_pose(NEAR, (far.joints,)), lambda _: None)
+    assert len(moves(cell)) == 4  # it has to come from there again
+
+
 def test_approach_is_passed_before_the_target() -> None:
     cell = FakeCell()
     via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL
+from family_cases import MEMBERS
 from par4_space import par4
 from small_plans import LIMITS, planned
 
 from campaigns.controllers.corrected_targets import TargetCorrection
+from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.errors import PlanInvalid
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Step
@@ -123,6 +125,46 @@ def test_repeated_pose_is_approached_from_all_around() -> None:
     directions = away / APPROACHES_MM[0]
     nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
     assert np.degrees(np.arccos(nearest)).min() > 15.0
+
+
+@pytest.mark.parametrize(
+    "member",
+    [
+        pytest.param(each, marks=() if each.name == "delta" else pytest.mark.long)
+        for each in MEMBERS
+    ],
+    ids=lambda each: each.name,
+)
+def test_a_cycle_comes_to_each_of_isos_poses_from_the_same_other_one(member) -> None:
+    only, config = frozenset({ShotSet.ISO_CUBE}), ValidationConfig(cube_cycles=3)
+    centre, robot = member.shipped.workspace_centre, member.shipped
+    region = FeasibleRegion(
+        robot.kinematics, robot.limits, centre, np.array([3e3, 0.0, 0.0]), np.eye(3)[0], np.pi
+    )
+    reach = Reachable(robot.kinematics, robot.limits)
+    found, notes = validation_steps(config, (), reach, only, np.random.default_rng(1), region)
+    p5, p4, p3, p2, p1 = poses((found, ()), ShotSet.ISO_CUBE)[:5, :3]
+    half_mm = 0.5 * np.ptp([p2, p3, p4, p5], axis=0)  # 0.8 of half the cube's edge
+    assert half_mm == pytest.approx(np.full(3, half_mm[0]))
+    assert half_mm[0] > 0.8 * 0.5 * 250.0
+    assert p1 == pytest.approx((p2 + p4) / 2.0)
+    assert p1 == pytest.approx((p3 + p5) / 2.0)
+    assert notes[0].startswith(f"ISO 9283's cube of {2.0 * half_mm[0] / 0.8:.4g} mm about [")
+    turned = [step.planned.pose.theta_rad for step in found]
+    assert set(turned) <= {0.0, None}
+    joints = [step.planned.joints for step in found]
+    assert [step.approach for step in found] == [((*q,),) for q in (joints[4], *joints[:-1])]
+    assert joints[:5] * 3 == joints
+
+
+def test_a_cube_is_as_large_as_said_and_the_workspace_must_hold_one() -> None:
+    only, config = frozenset({ShotSet.ISO_CUBE}), ValidationConfig(cube_edge_mm=200.0)
+    found, notes = steps(only, config)
+    assert len(found) == 150
+    assert np.ptp(poses((found, ()), ShotSet.ISO_CUBE)[:, :3], axis=0) == pytest.approx(160.0)
+    assert notes == ("ISO 9283's cube of 200 mm about [0, 0, -575] mm",)
+    with pytest.raises(PlanInvalid, match="ISO 9283's cube of 3000 mm cannot be done with"):
+        steps(only, ValidationConfig(cube_edge_mm=3000.0))
 
 
 def test_same_seed_gives_the_same_approaches() -> None:
