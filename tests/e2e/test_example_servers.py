@@ -1,0 +1,110 @@
+"""The servers under examples/servers: their answers word for word, and a run by them."""
+
+import json
+import subprocess
+import sys
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from threading import Lock
+
+import pytest
+from command_line import change
+from robotline_layouts import PAR4_LAYOUT
+
+from drivers.wire import pointline, robotline
+from drivers.wire.numbered_lines import LineRequest
+
+ROOT = Path(__file__).parents[2]
+SERVERS = ROOT / "examples/servers"
+GOLDEN = json.loads((ROOT / "tests/data/robotline-golden.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def controller(monkeypatch):
+    """A session of the controller to copy."""
+    monkeypatch.syspath_prepend(SERVERS)
+    server = import_module("robotline_server")
+    return server.RobotlineSession(server.Controller(), Lock())
+
+
+@pytest.fixture
+def instrument(monkeypatch):
+    """A session of the instrument to copy, which sees nothing."""
+    monkeypatch.syspath_prepend(SERVERS)
+    server = import_module("pointline_server")
+    return server.PointlineSession(server.Instrument(), Lock())
+
+
+@contextmanager
+def serving(script, *words):
+    """A server in a process of its own; gives its port."""
+    command = (sys.executable, SERVERS / script, "0", *words)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process.stdout.readline().split()[-1]
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=lambda case: case["why"])
+def test_controller_to_copy_answers_bad_lines_as_the_page_says(controller, case):
+    answer = controller.answer(case["line"].encode())
+    if case["answer"] is None:
+        assert answer is None
+    else:
+        assert answer.decode().startswith(case["answer"])
+        assert robotline.decode_reply(answer[:-1], PAR4_LAYOUT)
+
+
+def asked(session, grammar, command):
+    line = grammar.GRAMMAR.encode_request(LineRequest(7, command))
+    return session.answer(line[:-1])[:-1]
+
+
+@pytest.mark.parametrize("command", [*pointline.Order, pointline.Hello(1), pointline.Find(2500.0)])
+def test_instrument_to_copy_speaks_the_grammar(instrument, command):
+    told = pointline.decode_reply(asked(instrument, pointline, command))
+    assert told.verb == pointline.GRAMMAR.verb_of(command)
+
+
+def test_controller_to_copy_replaces_all_parameters_or_none_and_keeps_them(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(SERVERS)
+    server = import_module("robotline_server")
+    session = server.RobotlineSession(server.Controller(tmp_path / "kept"), Lock())
+
+    def told(command):
+        return robotline.decode_reply(asked(session, robotline, command), PAR4_LAYOUT).outcome
+
+    parts = [told(robotline.ReadPart(name)) for name in PAR4_LAYOUT.parts]
+    changed = [robotline.Part(p.name, tuple(1.5 + value for value in p.values)) for p in parts]
+    told(changed[0])
+    assert told(robotline.Order.COMMIT).code == "GEOMETRY"
+    for part in changed:
+        told(part)
+    assert told(robotline.Order.COMMIT) == robotline.CommandDone()
+    again = server.RobotlineSession(server.Controller(tmp_path / "kept"), Lock())
+    line = asked(again, robotline, robotline.ReadPart("ARM 0"))
+    kept = robotline.decode_reply(line, PAR4_LAYOUT)
+    assert kept.outcome == changed[0]
+
+
+@pytest.mark.long
+def test_a_run_by_the_servers_to_copy(pkmcal, tiny):
+    with (
+        serving("robotline_server.py", "--deg-per-s", "9000") as robot,
+        serving("pointline_server.py", "--robot", f"127.0.0.1:{robot}") as seen,
+    ):
+        devices = {
+            "controller.url": f"tcp://127.0.0.1:{robot}",
+            "tracker.url": f"tcp://127.0.0.1:{seen}",
+            "tracker.driver": "pointline",
+            "tracker.measuring_time_s": 0.001,
+            "settle.time_s": 0.001,
+        }
+        change(tiny / "campaign.yaml", devices)
+        found = pkmcal("devices", tiny, "--json").document
+        assert (found["controller"]["serial"], found["tracker"]["serial"]) == ("EX-0001", "4711")
+        ended = pkmcal("run", tiny, "--yes", "--json")
+    assert ended.code == 0, ended.err
+    assert ended.document["shots"] == 10
