@@ -2,9 +2,11 @@
 
 import io
 import json
+import os
+import select
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from threading import Timer
 from time import monotonic
 from typing import TypeVar
@@ -18,11 +20,16 @@ from rich.table import Table
 from app.exits import NotConfirmed
 from app.progress import RunDisplay
 from campaigns.files.table import Column, texts
+from drivers.errors import Cancelled, LinkDown
+from drivers.ports import Prompt
 from drivers.texts import printable
 
 T = TypeVar("T")
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
+LOOK_S = 0.1
+"""How often a question looks at the wish to stop."""
+TYPED_BYTES = 4096
 TALK, WARNING = "dim", "yellow"
 SILENT_S = 1.0
 """Work of so long needs no word."""
@@ -50,6 +57,23 @@ def forget_what_was_typed() -> None:
 def _print(console: Console, text: str, style: str) -> None:
     """A line; on a terminal it is broken between words, elsewhere not at all."""
     console.print(text, style=style, markup=False, soft_wrap=not console.is_terminal)
+
+
+def _typed_line(stop_requested: Callable[[], bool]) -> str:
+    """First line that is typed; a signal alone ends no reading, so the wish is looked at."""
+    typed = b""
+    while b"\n" not in typed:
+        if stop_requested():
+            raise Cancelled("the question was abandoned", remedy="start again when ready")
+        if sys.platform != "win32":
+            ready, _, _ = select.select([sys.stdin], [], [], LOOK_S)
+            if not ready:
+                continue
+        piece = os.read(sys.stdin.fileno(), TYPED_BYTES)
+        typed += piece
+        if not piece or len(typed) > TYPED_BYTES:
+            raise LinkDown("nobody answers: the terminal was closed", remedy="run it again")
+    return typed.partition(b"\n")[0].decode("utf-8", errors="replace").strip()
 
 
 def _not_confirmed() -> NotConfirmed:
@@ -126,7 +150,7 @@ class Terminal:
 
     def asks(self, question: str) -> bool:
         """Whether the operator says yes, now; without a terminal nobody does."""
-        if sys.stdin is None or not sys.stdin.isatty():
+        if not self.has_somebody:
             return False
         forget_what_was_typed()
         asked = f"{printable(question)} [y/N] "
@@ -137,9 +161,39 @@ class Terminal:
             self._talk.print()  # what is said next begins a line
             raise
 
+    @property
+    def has_somebody(self) -> bool:
+        """Whether there is a terminal at which somebody can answer."""
+        return sys.stdin is not None and sys.stdin.isatty()
+
+    def prompt(
+        self, display: RunDisplay | None = None, stop_requested: Callable[[], bool] = lambda: False
+    ) -> Prompt | None:
+        """Way to ask the operator for a line while a run is shown; None: nobody is there."""
+        if not self.has_somebody:
+            return None
+
+        def asked(question: str) -> str:
+            with nullcontext() if display is None else display.paused():
+                return self._answer(question, stop_requested)
+
+        return asked
+
+    def _answer(self, question: str, stop_requested: Callable[[], bool]) -> str:
+        """The line that the operator types now; raises `Cancelled` once a stop is requested.
+
+        What was typed before the question answers nothing. `LinkDown` when the terminal closes.
+        """
+        forget_what_was_typed()
+        for line in question.split("\n")[:-1]:
+            self.note(line, OPEN)
+        last = printable(question.rpartition("\n")[2])
+        self._talk.print(last, style="bold", end="", markup=False, soft_wrap=True)
+        return _typed_line(stop_requested)
+
     def require_somebody(self) -> None:
         """Raise `NotConfirmed` where there is nobody who could be asked."""
-        if sys.stdin is None or not sys.stdin.isatty():
+        if not self.has_somebody:
             raise _not_confirmed()
 
     def require_yes(self, question: str, *, yes: bool) -> None:

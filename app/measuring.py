@@ -26,7 +26,7 @@ from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow import validation
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
-from drivers.ports import SystemClock
+from drivers.ports import Prompt, SystemClock
 
 Prepare = Callable[[Cell], Work]
 Result = TypeVar("Result")
@@ -65,9 +65,11 @@ def measure(
                     return terminal.asks(what)
 
             with (
-                terminal.watching(title, plain=plain) as display,
+                terminal.watching(title, plain=plain or campaign.is_by_hand) as display,
                 _keys(display, wish, wishes),
-                _ready_cell(campaign, wish, terminal, clearance) as cell,
+                _ready_cell(
+                    campaign, wish, terminal, clearance, terminal.prompt(display, wish)
+                ) as cell,
             ):
                 work, cell = make_work(cell), replace(cell, ask=ask)
                 with campaign.opened_journal() as journal:
@@ -171,10 +173,14 @@ class Clearance:
 
 @contextmanager
 def _ready_cell(
-    campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance
+    campaign: Campaign,
+    wish: StopRequest,
+    terminal: Terminal,
+    clearance: Clearance,
+    prompt: Prompt | None,
 ) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
-    with connected_cell(campaign, wish, terminal.alarm) as cell:
+    with connected_cell(campaign, wish, terminal.alarm, prompt) as cell:
         found = identities(cell)
         terminal.detail(f"controller: {found.controller}")
         terminal.detail(f"tracker: {found.tracker}")

@@ -12,7 +12,7 @@ from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
-from campaigns.settings.sections import ValidationConfig
+from campaigns.settings.sections import BY_HAND, ValidationConfig
 from drivers.bounded_files import is_there
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
 from sim.scenarios.scenario import parse_scenario, scenario_text
@@ -42,11 +42,11 @@ def create_for_devices(
     config = new_config(
         {
             **_identity(folder),
-            "controller": {"url": controller, **_driver(drivers["controller"])},
+            "controller": {"url": controller, **_driver(drivers["controller"], controller)},
             "tracker": {
                 "url": tracker,
                 "reflector": DEFAULT_REFLECTOR,
-                **_driver(drivers["tracker"]),
+                **_driver(drivers["tracker"], tracker),
             },
             **_validation(nominal.robot),
         }
@@ -124,7 +124,9 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     return adapted(scenario_text(scenario, seed), wanted)
 
 
-def _driver(name: str | None) -> dict[str, str]:
+def _driver(name: str | None, url: str = "") -> dict[str, str]:
+    """Driver as it was named, or as the address alone says it."""
+    name = name or (BY_HAND if url == BY_HAND else None)
     return {} if name is None else {"driver": name}
 
 

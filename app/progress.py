@@ -179,9 +179,10 @@ class RunDisplay(RunObserver):
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Time without the screen, for questions and answers."""
+        """Time without the screen, or lines of its own, for questions and answers."""
         if self._live is None:
-            yield
+            with self._turn:
+                yield
             return
         with self._turn:
             self._live.stop()

@@ -19,6 +19,8 @@ from campaigns.measuring.work import Cell as Devices
 from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import LinuxcncConfig
 from drivers import bounded_files, errors
+from drivers.by_hand.asking import BY_HAND
+from drivers.by_hand.robot import HandSettings
 from drivers.byte_log import ByteLog, WireReading, logged
 from drivers.catalog import controller_driver, tracker_driver
 from drivers.declaration import RobotSurroundings, Surroundings
@@ -26,7 +28,7 @@ from drivers.link import never
 from drivers.linuxcnc.hal_parameters import HalParameters, HalPins, ParameterFile
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
 from drivers.polling import WakefulClock
-from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
+from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener, open_transport
 from drivers.values import Coordinate, Identity
@@ -44,6 +46,9 @@ MEMORY_BYTES = bounded_files.CSV_BYTES
 """A line or two for each place at which the cell has ever stood."""
 ACTIVE = "linuxcnc-active.hal"
 """The parameters in use where LinuxCNC has none itself; in the campaign's folder."""
+
+HELD = "by-hand-active.hal"
+"""The parameters that were typed into a controller by hand; in the campaign's folder."""
 
 StopRequested = Callable[[], bool]
 
@@ -75,14 +80,17 @@ def require_devices(campaign: Campaign) -> None:
 
 @contextmanager
 def connected_cell(
-    campaign: Campaign, stop_requested: StopRequested = never, alarm: Alarm = unheard
+    campaign: Campaign,
+    stop_requested: StopRequested = never,
+    alarm: Alarm = unheard,
+    prompt: Prompt | None = None,
 ) -> Iterator[Devices]:
     """Both devices, connected; closed at the end of the block.
 
     Once a stop is requested, nothing is waited for any more. `alarm` is told what the operator has
     to read at once. Raises a driver's error when one is not there or not the expected one.
     """
-    ways = connections(campaign, stop_requested, alarm)
+    ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
         yield Devices(robot, tracker, to.awake(to.clock), SystemClock())
 
@@ -105,6 +113,8 @@ class DeviceConnections:
     """Time as the devices live it."""
     tracker_clock: Clock | None
     """Time as a simulated tracker of ours lives it; None for one that is not served here."""
+    prompt: Prompt | None
+    """Asks the operator, for devices that he works by hand; None: nobody can be asked."""
 
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
@@ -114,13 +124,14 @@ class DeviceConnections:
         opener = self._opener(self.controller_url, "controller", partial(driver.reading, layout))
         robot = driver.made(
             RobotSurroundings(
-                opener,
-                SystemClock(),
-                self.stop_requested,
-                random.SystemRandom(),
-                layout,
-                self.alarm,
-                partial(_own_settings, self.campaign),
+                open_transport=opener,
+                clock=SystemClock(),
+                cancelled=self.stop_requested,
+                draws=random.SystemRandom(),
+                own=partial(_own_settings, self.campaign),
+                prompt=self.prompt,
+                layout=layout,
+                alarm=self.alarm,
             )
         )
         serial = self.campaign.config.controller.serial
@@ -141,7 +152,14 @@ class DeviceConnections:
         driver = tracker_driver(config.driver)
         opener = self._opener(self.tracker_url, "tracker", driver.reading)
         clock = self.awake(SystemClock())
-        given = Surroundings(opener, clock, self.stop_requested, random.SystemRandom())
+        given = Surroundings(
+            open_transport=opener,
+            clock=clock,
+            cancelled=self.stop_requested,
+            draws=random.SystemRandom(),
+            own=lambda: config.serial or BY_HAND,
+            prompt=self.prompt,
+        )
         tracker = driver.made(given, self.tracker_clock)
         try:
             with _named("tracker", self.tracker_url, (errors.BeamBroken,)) as greeted:
@@ -168,6 +186,7 @@ def connections(
     stop_requested: StopRequested = never,
     alarm: Alarm = unheard,
     log: ByteLog | None = None,
+    prompt: Prompt | None = None,
 ) -> Iterator[DeviceConnections]:
     """Ways to each device; a simulated cell is served for the time of the block.
 
@@ -178,7 +197,7 @@ def connections(
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
     if not simulated:
-        yield made(controller, tracker, SystemClock(), None)
+        yield made(controller, tracker, SystemClock(), None, prompt)
         return
     if len(set(simulated)) > 1:
         raise ConfigInvalid(
@@ -191,13 +210,14 @@ def connections(
             cell.tracker_url if tracker in simulated else tracker,
             cell.clock if controller in simulated else SystemClock(),
             cell.clock if tracker in simulated else None,
+            prompt,
         )
 
 
 @contextmanager
-def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
+def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterator[RobotController]:
     """The controller alone."""
-    with connections(campaign) as to, to.robot() as robot:
+    with connections(campaign, prompt=prompt) as to, to.robot() as robot:
         yield robot
 
 
@@ -228,7 +248,8 @@ def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
     scenario = scenario_of(campaign.folder, url)
     require_same_mechanism(campaign, scenario)
     cell = Cell(scenario, memory=_remembered(path))
-    speaks = campaign.config.tracker.driver
+    tracker = campaign.config.tracker
+    speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
     with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:
         try:
             yield embedded
@@ -310,10 +331,27 @@ def _check_serial(device: str, found: Identity, expected: str | None) -> None:
         )
 
 
-def _own_settings(campaign: Campaign) -> LinuxcncSettings | None:
+def _own_settings(campaign: Campaign) -> LinuxcncSettings | HandSettings | None:
     """What the campaign says to one driver alone."""
+    if campaign.config.controller.driver == BY_HAND:
+        return _hand_settings(campaign)
     section = campaign.config.controller.linuxcnc
     return None if section is None else linuxcnc_settings(campaign, section)
+
+
+def _hand_settings(campaign: Campaign) -> HandSettings:
+    """What the driver has to know of a robot that somebody moves."""
+    mechanism = campaign.robot.mechanism
+    whose = export.RobotIdentity(campaign.robot_identity, campaign.robot)
+    held = export.CalibrationFile(campaign.folder / HELD, whose, otherwise=campaign.robot)
+    return HandSettings(
+        serial=campaign.config.controller.serial or BY_HAND,
+        in_place=tuple(campaign.config.settle.in_place_rad * a.scale for a in mechanism.joints),
+        read=held.read,
+        write=held.write,
+        lacks=held.lacks,
+        joints_of=lambda held, pose: ActiveKinematics(mechanism, held).joints(pose),
+    )
 
 
 def linuxcnc_settings(campaign: Campaign, section: LinuxcncConfig) -> LinuxcncSettings:

@@ -26,7 +26,7 @@ from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
 from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
 from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
-from campaigns.settings.sections import OFFLINE
+from campaigns.settings.sections import BY_HAND, OFFLINE
 from drivers.values import Vector3
 
 JournalT = TypeVar("JournalT", bound=JournalReader)
@@ -71,6 +71,11 @@ class Campaign:
         """Whether no real device is meant."""
         urls = (self.config.controller.url, self.config.tracker.url)
         return all(url.startswith(SIMULATED) for url in urls)
+
+    @property
+    def is_by_hand(self) -> bool:
+        """Whether somebody works a device by hand, and is asked at each shot."""
+        return BY_HAND in (self.config.controller.url, self.config.tracker.url)
 
     @property
     def is_offline(self) -> bool:

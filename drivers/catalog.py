@@ -14,10 +14,12 @@ TRACKERS: Mapping[str, str] = {
     "emscon": "drivers.emscon.tracker",
     "geocom": "drivers.geocom.tracker",
     "pointline": "drivers.pointline.tracker",
+    "by-hand": "drivers.by_hand.tracker",
 }
 CONTROLLERS: Mapping[str, str] = {
     "robotline": "drivers.robotline.robot",
     "linuxcnc": "drivers.linuxcnc.robot",
+    "by-hand": "drivers.by_hand.robot",
 }
 """Modules whose `DRIVER` declares it."""
 

@@ -5,24 +5,28 @@ from dataclasses import dataclass
 from random import Random
 
 from drivers.byte_log import WireReading
-from drivers.ports import Clock, LaserTracker, RobotController
+from drivers.ports import Clock, LaserTracker, Prompt, RobotController
 from drivers.stopping import Alarm
 from drivers.transport import Opener
 from drivers.values import Matrix3, Vector3
 from drivers.wire.robotline import RobotLayout
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Surroundings:
     """What any driver is made with: its wire, real time, the operator's wish to stop.
 
-    `draws` is where the numbers of its questions begin: differently from session to session.
+    `draws` is where the numbers of its questions begin: differently from session to session. `own`
+    gives what a campaign says to one driver alone, whose type only that driver knows. `prompt` is
+    None where nobody can be asked.
     """
 
     open_transport: Opener
     clock: Clock
     cancelled: Callable[[], bool]
     draws: Random
+    own: Callable[[], object]
+    prompt: Prompt | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +44,15 @@ class TrackerDriver:
     """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RobotSurroundings(Surroundings):
     """What any controller's driver is made with.
 
-    `alarm` is told what the operator has to read at once; `own` gives what a campaign says to one
-    driver alone, whose type only that driver knows.
+    `alarm` is told what the operator has to read at once.
     """
 
     layout: RobotLayout
     alarm: Alarm
-    own: Callable[[], object]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,13 @@
 """Ports of the devices; a new controller or tracker is driven by providing one."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Protocol
 
 from drivers import values
+
+Prompt = Callable[[str], str]
+"""Asks the operator and returns the line that is typed; raises `Cancelled` at the wish to stop."""
 
 
 class Clock(Protocol):

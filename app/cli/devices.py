@@ -69,7 +69,7 @@ def of_controller(campaign: Campaign, robot: RobotController) -> Facts:
     """What the controller says of itself."""
     identity, state = robot.identity(), robot.state()
     axes = campaign.robot.mechanism.joints
-    joints = zip(axes, state.joints, strict=True)
+    joints = zip(axes, state.joints, strict=bool(state.joints))  # by hand: none until asked
     return {
         "identity": str(identity),
         "serial": identity.serial,

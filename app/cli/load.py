@@ -107,9 +107,9 @@ def command(
         dry=dry,
     )
     if rollback:
-        done = roll_back(campaign, connected_robot(campaign), terms)
+        done = roll_back(campaign, connected_robot(campaign, terminal.prompt()), terms)
     elif verify and not dry:
-        display = terminal.watching("load")
+        display = terminal.watching("load", plain=campaign.is_by_hand)
         setup = VerificationSetup(
             pairs=verify,
             prepare=partial(prepare, campaign),
@@ -118,10 +118,10 @@ def command(
             goes_on=partial(_goes_on, wish, display, terminal),
         )
         watched = replace(terms, uninterrupted=_watched(wish, display))
-        cell = connected_cell(campaign, wish, terminal.alarm)
+        cell = connected_cell(campaign, wish, terminal.alarm, terminal.prompt(display, wish))
         done = load(campaign, cell, file, watched, setup)
     else:
-        done = load(campaign, connected_robot(campaign), file, terms)
+        done = load(campaign, connected_robot(campaign, terminal.prompt()), file, terms)
     _tell(terminal, campaign, done)
     if wish.suspends:
         suspend()

@@ -11,9 +11,13 @@ from campaigns.files.yaml_file import FileModel, broken_rule
 from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 
 OFFLINE = "offline"
+BY_HAND = "by-hand"
+"""Driver and address of a device that a person works: he is shown what to do, and answers."""
 """In place of an address: nothing is connected, programs go out and files come in."""
-URL_PATTERN = rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|sim://[\w-]+|{OFFLINE})$"
-URL_FORMS = f"tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO or {OFFLINE}"
+URL_PATTERN = rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|sim://[\w-]+|{OFFLINE}|{BY_HAND})$"
+URL_FORMS = (
+    f"tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, {BY_HAND} or {OFFLINE}"
+)
 
 
 def _not_zero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -30,6 +34,11 @@ SmallAngle = Annotated[float, Field(gt=0.0, le=5.0)]
 Acceptable = Annotated[float, Field(gt=0.0, le=1000.0)] | None
 LimitUm = Annotated[float, Field(gt=0.0, le=100_000.0)]
 LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
+
+
+def _require_address(driver: str, url: str) -> None:
+    if (driver == BY_HAND) != (url == BY_HAND):
+        raise broken_rule(f"has driver {driver} and url {url}: {BY_HAND} stands in both or none")
 
 
 class LinuxcncConfig(FileModel):
@@ -95,6 +104,11 @@ class ControllerConfig(FileModel):
         default=None,
         description="LinuxCNC's own settings (docs/linuxcnc.md); empty with another driver",
     )
+
+    @model_validator(mode="after")
+    def _driver_has_its_address(self) -> Self:
+        _require_address(self.driver, self.url)
+        return self
 
     @model_validator(mode="after")
     def _linuxcnc_has_its_settings(self) -> Self:
@@ -221,6 +235,11 @@ class TrackerConfig(FileModel):
         default=TrackerCommonConfig(),
         description="limits of what all shots have in common, by default an AT500's in a shop",
     )
+
+    @model_validator(mode="after")
+    def _driver_has_its_address(self) -> Self:
+        _require_address(self.driver, self.url)
+        return self
 
     @property
     def acceptance_rad(self) -> float:

@@ -18,7 +18,13 @@ def abstract_calls(port):
 
 @pytest.mark.parametrize("name", catalog.TRACKERS)
 def test_tracker_is_made_as_its_declaration_says(name):
-    given = Surroundings(lambda **_: None, HandClock(), lambda: False, random.Random(1))
+    given = Surroundings(
+        open_transport=lambda **_: None,
+        clock=HandClock(),
+        cancelled=lambda: False,
+        draws=random.Random(1),
+        own=lambda: "SN-1",
+    )
     tracker = catalog.tracker_driver(name).made(given, None)
     assert abstract_calls(LaserTracker) <= set(dir(tracker))
 

@@ -1,0 +1,145 @@
+"""Robot and tracker by hand: an operator at a pseudo-terminal, who errs, stops and goes on."""
+
+import os
+import pty
+import re
+import select
+import subprocess
+
+import numpy as np
+import pytest
+from command_line import PKMCAL, change
+
+from campaigns.campaign import open_campaign
+from campaigns.journal.journal import read_journal
+from campaigns.journal.records import Outcome, Rejected
+
+BY_HAND = {"driver": "by-hand", "url": "by-hand"}
+ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+SILENT_S = 60.0
+STATION_MM = np.array([2500.0, 0.0, -500.0])
+TO_TRACKER = np.diag([-1.0, -1.0, 1.0])
+
+
+@pytest.fixture
+def by_hand(tiny):
+    change(tiny / "campaign.yaml", {"controller": BY_HAND, "tracker": BY_HAND | {"reflector": "C"}})
+    return tiny
+
+
+class Operator:
+    """Does at the terminal what is asked; `point_of` says what he types of a point's joints."""
+
+    def __init__(self, campaign, point_of=None):
+        self.kinematics = campaign.robot.kinematics
+        self.point_of = point_of or self.point
+        self.joints_deg, self.points = None, 0
+        self.said = ""
+
+    def point(self, joints_deg):
+        pose = self.kinematics.forward(np.radians([joints_deg])).values[0]
+        point = TO_TRACKER @ (pose[:3] - STATION_MM)
+        return "; ".join(f"{value:.4f}".replace(".", ",") for value in point)
+
+    def answer(self, asked):
+        """What he types; None while nothing is asked."""
+        if asked.endswith("[y/N]"):
+            return "n" if "Go on" in asked[-60:] else "y"
+        if asked.endswith("[Enter: the same]"):
+            shown = re.findall(r"= ([-\d. ]+) deg", asked)[-1]
+            self.joints_deg = [float(each) for each in shown.split()]
+            return ""
+        if asked.endswith("display shows: q0 q1 q2 q3, deg"):
+            return (
+                "31.3 31.3 21.0 21.0"
+                if self.joints_deg is None
+                else " ".join(map(str, self.joints_deg))
+            )
+        if asked.endswith("(- for none)"):
+            self.points += 1
+            return self.point_of(self.joints_deg)
+        return None
+
+    def runs(self, *arguments):
+        """Sit at a command until it ends; gives its exit code."""
+        mine, program = pty.openpty()
+        process = subprocess.Popen(
+            [*PKMCAL, *map(str, arguments)],
+            stdin=program,
+            stdout=program,
+            stderr=program,
+            preexec_fn=lambda: os.login_tty(0),
+            env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
+        )
+        os.close(program)
+        heard = ""
+        try:
+            while select.select([mine], [], [], SILENT_S)[0]:
+                try:
+                    piece = os.read(mine, 65536).decode(errors="replace")
+                except OSError:
+                    break
+                self.said += piece
+                heard += piece
+                typed = self.answer(" ".join(ESCAPE.sub("", heard).split()))
+                if typed is not None:
+                    heard = ""
+                    os.write(mine, typed.encode() + (b"" if typed == "\x03" else b"\n"))
+            return process.wait(SILENT_S)
+        finally:
+            process.kill()
+            process.wait()
+            os.close(mine)
+
+
+def records(folder, kind):
+    with read_journal(folder / "campaign.db") as journal:
+        return [entry.record for entry in journal.records_of(kind, 1)]
+
+
+@pytest.mark.parametrize("device", ["controller", "tracker"])
+def test_without_a_terminal_a_device_by_hand_is_refused_by_name(pkmcal, tiny, device):
+    settings = BY_HAND | ({"reflector": "C"} if device == "tracker" else {})
+    change(tiny / "campaign.yaml", {device: settings})
+    assert pkmcal("devices", tiny, "--json").document[device]["serial"] == "by-hand"
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 2
+    assert f"the {device} is worked by hand, and there is no terminal" in ended.error_line
+
+
+def test_driver_and_address_are_by_hand_together(pkmcal, tiny):
+    change(tiny / "campaign.yaml", {"tracker.url": "by-hand"})
+    ended = pkmcal("devices", tiny)
+    assert ended.code == 2
+    assert "driver emscon and url by-hand" in ended.error_line
+
+
+@pytest.mark.long
+def test_campaign_by_hand_is_gated_stopped_and_resumed(by_hand):
+    def mistaken(joints_deg):
+        """He stops after six points; the fifth is one that a wrong target gave."""
+        if operator.points > 6:
+            return "\x03"
+        right = operator.point(joints_deg)
+        return "; ".join(reversed(right.split("; "))) if operator.points == 5 else right
+
+    campaign = open_campaign(by_hand)
+    operator = Operator(campaign, mistaken)
+    assert operator.runs("run", by_hand) == 130
+    assert "the robot stands still, everything measured is kept" in operator.said
+    kept = len(records(by_hand, Outcome))
+    assert 0 < kept < 10
+    (refused,) = [each for each in records(by_hand, Rejected) if "wrong target" in each.reason]
+    assert refused.measured.raw_tracker.count(";") == 2
+    again = Operator(campaign)
+    again.joints_deg = operator.joints_deg
+    assert again.runs("run", by_hand) == 0
+    assert len(records(by_hand, Outcome)) > kept
+    with read_journal(by_hand / "campaign.db") as journal:
+        assert len(journal.shots(1)) == 10
+    assert (
+        "the journal is whole"
+        in subprocess.run(
+            [*PKMCAL, "check-journal", str(by_hand)], capture_output=True, text=True, check=True
+        ).stdout
+    )
