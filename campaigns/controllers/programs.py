@@ -159,7 +159,7 @@ def _lines(lines: Iterator[str]) -> str:
 
 
 def _turn_of(values: Sequence[float]) -> float:
-    """Turn of a pose x, y, z and perhaps θ, deg; 0 of a plate that does not turn."""
+    """Turn of a pose, deg; 0 of a plate that does not turn."""
     return values[3] if len(values) > 3 else 0.0
 
 

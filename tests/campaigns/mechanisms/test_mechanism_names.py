@@ -93,7 +93,7 @@ ALLOWED = (
     ("app/cli/import_shots.py", "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm", EXAMPLE),
     ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
     ("app/report/figures/tests.py", "while θ turns", LETTER),
-    ("app/report/figures/tests.py", 'xlabel="θ, °"', LETTER),
+    ("app/report/figures/tests.py", '("θ, °"', LETTER),
     ("app/report/figures/workspace.py", '"θ, °"', LETTER),
     ("app/report/sections.jinja", "while only θ should change", LETTER),
     ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
