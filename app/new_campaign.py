@@ -12,7 +12,7 @@ from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
-from campaigns.settings.sections import BY_HAND, ValidationConfig
+from campaigns.settings.sections import BY_HAND, FILE, WATCH_FILE, ValidationConfig
 from drivers.bounded_files import is_there
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
 from sim.scenarios.scenario import parse_scenario, scenario_text
@@ -126,7 +126,10 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
 
 def _driver(name: str | None, url: str = "") -> dict[str, str]:
     """Driver as it was named, or as the address alone says it."""
-    name = name or (BY_HAND if url == BY_HAND else None)
+    if name is None and url == BY_HAND:
+        name = BY_HAND
+    if name is None and url.startswith(FILE):
+        name = WATCH_FILE
     return {} if name is None else {"driver": name}
 
 

@@ -17,9 +17,9 @@ from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.work import Cell as Devices
 from campaigns.settings.config import FILE_NAME
-from campaigns.settings.sections import LinuxcncConfig
+from campaigns.settings.sections import BY_HAND, FILE, WATCH_FILE, LinuxcncConfig
+from campaigns.shots import ascii_points
 from drivers import bounded_files, errors
-from drivers.by_hand.asking import BY_HAND
 from drivers.by_hand.robot import HandSettings
 from drivers.byte_log import ByteLog, WireReading, logged
 from drivers.catalog import controller_driver, tracker_driver
@@ -32,6 +32,7 @@ from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemCl
 from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener, open_transport
 from drivers.values import Coordinate, Identity
+from drivers.watch_file.tracker import WatchSettings
 from drivers.wire.command_prefix import command_prefix
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
@@ -157,7 +158,7 @@ class DeviceConnections:
             clock=clock,
             cancelled=self.stop_requested,
             draws=random.SystemRandom(),
-            own=lambda: config.serial or BY_HAND,
+            own=partial(_tracker_settings, self.campaign),
             prompt=self.prompt,
         )
         tracker = driver.made(given, self.tracker_clock)
@@ -337,6 +338,24 @@ def _own_settings(campaign: Campaign) -> LinuxcncSettings | HandSettings | None:
         return _hand_settings(campaign)
     section = campaign.config.controller.linuxcnc
     return None if section is None else linuxcnc_settings(campaign, section)
+
+
+def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
+    """What the campaign says to one tracker's driver alone: the file, or a serial number."""
+    tracker = campaign.config.tracker
+    if tracker.driver != WATCH_FILE:
+        return tracker.serial or BY_HAND
+    path, told = campaign.folder / tracker.url.removeprefix(FILE), tracker.watch
+    columns = told.columns.split(",") if told.columns else None
+    return WatchSettings(
+        serial=tracker.serial or path.name,
+        path=path,
+        wait_s=told.wait_s,
+        rows_of=ascii_points.data_rows,
+        point_of=lambda row, text: ascii_points.point_of_row(
+            row, text, path.name, unit=told.unit, columns=columns
+        ),
+    )
 
 
 def _hand_settings(campaign: Campaign) -> HandSettings:

@@ -15,6 +15,7 @@ TRACKERS: Mapping[str, str] = {
     "geocom": "drivers.geocom.tracker",
     "pointline": "drivers.pointline.tracker",
     "by-hand": "drivers.by_hand.tracker",
+    "watch-file": "drivers.watch_file.tracker",
 }
 CONTROLLERS: Mapping[str, str] = {
     "robotline": "drivers.robotline.robot",

@@ -13,10 +13,13 @@ from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 OFFLINE = "offline"
 BY_HAND = "by-hand"
 """Driver and address of a device that a person works: he is shown what to do, and answers."""
+WATCH_FILE, FILE = "watch-file", "file:"
+"""Driver and beginning of the address of a tracker whose software writes into a file."""
 """In place of an address: nothing is connected, programs go out and files come in."""
-URL_PATTERN = rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|sim://[\w-]+|{OFFLINE}|{BY_HAND})$"
+URL_PATTERN = rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|sim://[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
 URL_FORMS = (
-    f"tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, {BY_HAND} or {OFFLINE}"
+    "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, file:NAME of a tracker, "
+    f"{BY_HAND} or {OFFLINE}"
 )
 
 
@@ -39,6 +42,8 @@ LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 def _require_address(driver: str, url: str) -> None:
     if (driver == BY_HAND) != (url == BY_HAND):
         raise broken_rule(f"has driver {driver} and url {url}: {BY_HAND} stands in both or none")
+    if (driver == WATCH_FILE) != url.startswith(FILE):
+        raise broken_rule(f"has driver {driver} and url {url}: {WATCH_FILE} is of {FILE}NAME")
 
 
 class LinuxcncConfig(FileModel):
@@ -198,6 +203,22 @@ def bar_of(
     return for_all[0] if len(for_all) == 1 else None
 
 
+class WatchConfig(FileModel):
+    """How rows of a watched file are read; a header in the file tells it too."""
+
+    unit: Literal["mm", "m", "inch", "ft", "cm", "um"] = Field(
+        default="mm", description="the unit of lengths"
+    )
+    columns: str = Field(
+        default="",
+        description="the columns from the left, name,x,y,z, with - for one that is passed over; "
+        "empty: the first three numbers in a row",
+    )
+    wait_s: float = Field(
+        default=600.0, gt=0.0, le=86_400.0, description="how long a row is waited for, s"
+    )
+
+
 class TrackerConfig(FileModel):
     """The laser tracker and its reflector."""
 
@@ -226,6 +247,9 @@ class TrackerConfig(FileModel):
         gt=0.0,
         lt=90.0,
         description="the largest angle of the beam to that direction, deg",
+    )
+    watch: WatchConfig = Field(
+        default=WatchConfig(), description="how a file is read; with driver watch-file alone"
     )
     uncertainty: TrackerLimitsConfig = Field(
         default=TrackerLimitsConfig(),

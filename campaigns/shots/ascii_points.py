@@ -43,6 +43,8 @@ SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas",
 FARTHEST_MM = 1e8
 """Whatever is farther is in no unit that could be told by its distances."""
 
+_HEADER = re.compile(r"([a-z]+)(?:[_ ]?[\[(]?([a-z]+)[\])]?)?")
+"""Word of a header: `x`, `x_mm`, `"x [mm]"`."""
 _WHOLE = re.compile(r"\d+", re.ASCII)
 _COLUMNS_REMEDY = "say what they are, for example --columns name,x,y,z"
 
@@ -91,6 +93,42 @@ def parse_points(
     return points, f"{words} by {SEPARATORS[separator]}, in {unit}"
 
 
+def data_rows(text: str) -> tuple[str, ...]:
+    """Lines of a text that hold points: none that is empty, a comment or a header."""
+    lines = (line.strip() for line in StringIO(text, newline=None))
+    return tuple(
+        line
+        for line in lines
+        if line and not line.startswith(COMMENTS) and told_columns(line) is None
+    )
+
+
+def told_columns(line: str) -> tuple[tuple[str, ...], LengthUnit | None] | None:
+    """Columns that a header tells, `name;x_mm;y_mm;z_mm`, and their unit; None: it is none."""
+    found = [_HEADER.fullmatch(word.lower()) for word in _words(line, _separator(line))]
+    places = {word[1]: word[2] for word in found if word and word[1] in AXES}
+    if places.keys() != {*AXES}:
+        return None
+    columns = tuple(word[1] if word and word[1] in COLUMN_WORDS else "-" for word in found)
+    units = [unit for unit in UNIT_WORDS if {*places.values()} == {unit}]
+    return columns, units[0] if units else None
+
+
+def point_of_row(
+    row: str, text: str, name: str, *, unit: LengthUnit, columns: Sequence[str] | None
+) -> Vector3:
+    """Point, mm, of one row of a file's text; its header tells columns and unit where it has one.
+
+    Raises `ShotsInvalid`.
+    """
+    lines = (line.strip() for line in StringIO(text, newline=None))
+    header = next((told for line in lines if (told := told_columns(line))), None)
+    if header is not None:
+        columns, unit = columns or header[0], header[1] or unit
+    (point,), _ = parse_points(row, name, unit=unit, columns=columns)
+    return point.point_mm
+
+
 def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:
     """Leave out what holds no data, and cut the rest at the separator of the first line."""
     filled = [
@@ -102,7 +140,7 @@ def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:
         raise ShotsInvalid(f"{name}: holds no points", remedy="check that it is the right file")
     where, first = filled[0]
     _check_decimal_comma(where, first)
-    separator = next((sign for sign in SEPARATORS if sign and sign in first), "")
+    separator = _separator(first)
     return separator, [_Line(where, _words(line, separator)) for where, line in filled]
 
 
@@ -115,6 +153,10 @@ def _check_decimal_comma(where: str, line: str) -> None:
                 f"{where}: '{shown(commas[0].strip())}' is a decimal comma",
                 remedy="export the points with decimal points",
             )
+
+
+def _separator(line: str) -> str:
+    return next((sign for sign in SEPARATORS if sign and sign in line), "")
 
 
 def _words(line: str, separator: str) -> tuple[str, ...]:

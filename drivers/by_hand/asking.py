@@ -7,7 +7,6 @@ from drivers.errors import AddressInvalid, ImplausibleAnswer, WireError
 from drivers.ports import Prompt
 from drivers.values import Identity
 
-BY_HAND = "by-hand"
 Read = TypeVar("Read")
 
 

@@ -1,6 +1,7 @@
 """The drivers there are: declared once, chosen by name, and refused by name."""
 
 import random
+from pathlib import Path
 
 import pytest
 from timed_pipe import HandClock
@@ -10,6 +11,11 @@ from drivers import catalog
 from drivers.declaration import Surroundings
 from drivers.errors import AddressInvalid, WireError
 from drivers.ports import LaserTracker
+from drivers.watch_file.tracker import WatchSettings
+
+WATCHED = WatchSettings(
+    serial="SN-1", path=Path(), wait_s=1.0, rows_of=lambda _: (), point_of=lambda *_: (0, 0, 0)
+)
 
 
 def abstract_calls(port):
@@ -23,7 +29,7 @@ def test_tracker_is_made_as_its_declaration_says(name):
         clock=HandClock(),
         cancelled=lambda: False,
         draws=random.Random(1),
-        own=lambda: "SN-1",
+        own=lambda: WATCHED if name == "watch-file" else "SN-1",
     )
     tracker = catalog.tracker_driver(name).made(given, None)
     assert abstract_calls(LaserTracker) <= set(dir(tracker))

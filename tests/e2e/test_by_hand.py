@@ -143,3 +143,34 @@ def test_campaign_by_hand_is_gated_stopped_and_resumed(by_hand):
             [*PKMCAL, "check-journal", str(by_hand)], capture_output=True, text=True, check=True
         ).stdout
     )
+
+
+class Software(Operator):
+    """An operator whose tracker's own software appends a row whenever a shot is measured."""
+
+    def __init__(self, campaign, file):
+        super().__init__(campaign)
+        self.file, self.rows = file, 0
+
+    def answer(self, asked):
+        if len(re.findall(r"\d measuring ", self.said)) > self.rows:
+            self.rows += 1
+            row = self.point(self.joints_deg).replace(",", ".")
+            with self.file.open("a") as file:
+                file.write(f"p{self.rows}; {row}\n")
+        return super().answer(asked)
+
+
+@pytest.mark.long
+def test_campaign_whose_trackers_software_writes_into_a_file(by_hand):
+    watched = {"driver": "watch-file", "url": "file:points.txt", "reflector": "C"}
+    change(by_hand / "campaign.yaml", {"tracker": watched})
+    (by_hand / "points.txt").write_text("p0; 2000.0; 10.0; 20.0\n")
+    operator = Software(open_campaign(by_hand), by_hand / "points.txt")
+    assert operator.runs("--verbose", "run", by_hand) == 0, operator.said
+    with read_journal(by_hand / "campaign.db") as journal:
+        assert len(journal.shots(1)) == 10
+    checked = subprocess.run(
+        [*PKMCAL, "check-journal", str(by_hand)], capture_output=True, text=True, check=True
+    )
+    assert "the journal is whole" in checked.stdout

@@ -1,0 +1,1 @@
+"""Trackers whose own software writes points into a file."""

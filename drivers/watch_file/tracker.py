@@ -1,0 +1,195 @@
+"""A tracker whose own software appends its points to a file (docs/watch-file.md)."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from typing_extensions import override
+
+from drivers import bounded_files, values
+from drivers.byte_log import no_reading
+from drivers.declaration import Surroundings, TrackerDriver
+from drivers.errors import Cancelled, LinkDown, NotAMeasurement
+from drivers.plausible import require_point
+from drivers.ports import Clock, LaserTracker
+from drivers.wire.typed_numbers import typed_numbers
+
+AXES = 3
+LOOK_S = 0.1
+"""How often the file is looked at."""
+QUIET_S = 1.0
+"""After so long without a change a last line without its end counts as whole."""
+AS_IT_STOOD = " = "
+"""Behind the point in a record: the row as it stood in the file."""
+AGAIN = "measure the point again, one row for each question"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchSettings:
+    """Facts about the file; its format is what `pkmcal import` reads."""
+
+    serial: str
+    path: Path
+    wait_s: float
+    """How long a row is waited for."""
+    rows_of: Callable[[str], Sequence[str]]
+    """Rows of a text that hold points: no header, comments or empty lines."""
+    point_of: Callable[[str, str], values.Vector3]
+    """Point, mm, of a row, with the whole text that it is from."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Contents:
+    """Contents of the file at a moment: whole rows, and a last line that has no end yet."""
+
+    text: str
+    rows: Sequence[str]
+    partial: str
+
+    def new_since(self, before: "_Contents") -> list[str]:
+        """Rows that are new; of a file that was replaced, those that the old one did not have."""
+        known = [*before.rows, *filter(None, [before.partial])]
+        whole = len(before.rows)
+        if [*self.rows[:whole]] == [*before.rows]:
+            new = [*self.rows[whole:]]
+            ended = new and before.partial and new[0].startswith(before.partial)
+            return new[1:] if ended else new  # it had begun before it was asked for
+        return [*(Counter(self.rows) - Counter(known)).elements()]
+
+
+class WatchedTracker(LaserTracker):
+    """A tracker of which nothing is known but the rows that come into a file.
+
+    Only a row that comes after a measurement was asked for is its point, by what the file holds and
+    not by any clock: neither that of its computer nor times in the rows have to agree with ours.
+    """
+
+    def __init__(
+        self, settings: WatchSettings, *, clock: Clock, cancelled: Callable[[], bool]
+    ) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._cancelled = cancelled
+        self._name = f"file {settings.path.name}"
+        self._last = ""
+
+    def connect(self) -> None:
+        """Raise `LinkDown` where there is no such folder; the file may come later."""
+        if not self._settings.path.parent.is_dir():
+            raise LinkDown(
+                f"{self._name}: there is no folder {self._settings.path.parent}",
+                remedy="correct tracker.url in campaign.yaml, or make the folder",
+            )
+
+    reconnect = connect
+
+    def close(self) -> None:
+        """Do nothing: the file is open only while it is read."""
+
+    @override
+    def identity(self) -> values.Identity:
+        return values.Identity("operator", "tracker", self._settings.serial, "-", "watched file")
+
+    def state(self) -> values.TrackerState:
+        """Ready: its own software sees to it."""
+        return values.TrackerState(
+            readiness=values.Readiness.READY,
+            initialised=True,
+            laser_warm=True,
+            beam_locked=True,
+            reflector="",
+        )
+
+    def weather(self) -> None:
+        """Nothing is known of the air."""
+
+    def reflectors(self) -> tuple[values.Reflector, ...]:
+        """No definitions are known."""
+        return ()
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
+        """Read what the file holds; raises `LinkDown` where it cannot be read."""
+        self._contents()
+
+    def measure(self) -> values.Measurement:
+        """Wait for a new row; raises `NotAMeasurement` for none in time, for two, for the last one.
+
+        `LinkDown` when the file cannot be read, `Cancelled` at the wish to stop.
+        """
+        before = seen = self._contents()
+        give_up_s = self._clock.now_s() + self._settings.wait_s
+        since_s = self._clock.now_s()
+        while True:
+            if self._cancelled():
+                raise Cancelled(f"{self._name}: the wait for a row was abandoned", remedy="-")
+            now, now_s = self._contents(otherwise=seen), self._clock.now_s()
+            if now != seen:
+                seen, since_s = now, now_s
+            rows = now.new_since(before)
+            if now.partial not in {"", before.partial} and now_s - since_s >= QUIET_S:
+                rows.append(now.partial)
+            if rows:
+                return self._measured(rows, now.text)
+            if now_s >= give_up_s:
+                raise NotAMeasurement(
+                    f"{self._name}: no new row for {self._settings.wait_s:g} s",
+                    remedy="measure while pkmcal says that it measures; see that the tracker's "
+                    "software writes to this file at once",
+                )
+            self._clock.sleep_s(LOOK_S)
+
+    def direction(self) -> None:
+        """Nobody tells where it looks."""
+
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
+        """Do nothing: its own software aims."""
+
+    def find_reflector(self, distance_mm: float) -> None:
+        """Do nothing: its own software aims."""
+
+    def _measured(self, rows: Sequence[str], text: str) -> values.Measurement:
+        if len(rows) > 1:
+            raise NotAMeasurement(
+                f"{self._name}: {len(rows)} new rows at once, which of them is it?", remedy=AGAIN
+            )
+        (row,) = rows
+        before, self._last = self._last, row
+        if row == before:
+            raise NotAMeasurement(f"{self._name}: the row is that before: {row}", remedy=AGAIN)
+        point_mm = self._settings.point_of(row, text)
+        require_point(self._name, point_mm)
+        raw = " ".join(map(repr, point_mm)) + AS_IT_STOOD + row
+        return values.Measurement(point_mm, None, None, raw)
+
+    def _contents(self, otherwise: _Contents | None = None) -> _Contents:
+        """What it holds now; `otherwise` while somebody who writes keeps others from reading."""
+        path = self._settings.path
+        try:
+            data = bounded_files.read_bounded(path, bounded_files.CSV_BYTES)
+        except bounded_files.FileMissing:
+            data = b""  # not there yet, or being replaced
+        except bounded_files.FileRefused as error:
+            if otherwise is not None:
+                return otherwise
+            raise LinkDown(error.problem, remedy=error.remedy) from error
+        text = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+        whole, _, partial = text.rpartition("\n")
+        last = self._settings.rows_of(partial)
+        return _Contents(text, tuple(self._settings.rows_of(whole)), last[-1] if last else "")
+
+
+def point_said(raw: str) -> values.Vector3:
+    """Point, mm, of a record; raises `DriverError`."""
+    point_mm = values.vector(typed_numbers(raw.partition(AS_IT_STOOD)[0], AXES))
+    require_point("the record of a row", point_mm)
+    return point_mm
+
+
+def _made(given: Surroundings, _instrument_clock: Clock | None) -> WatchedTracker:
+    settings = given.own()
+    assert isinstance(settings, WatchSettings), "the campaign has them for this driver"
+    return WatchedTracker(settings, clock=given.clock, cancelled=given.cancelled)
+
+
+DRIVER = TrackerDriver(_made, no_reading, lambda raw: (point_said(raw), None))

@@ -1,0 +1,156 @@
+"""A tracker whose software writes into a file: which row is the point, and which is none."""
+
+from functools import partial
+
+import pytest
+from timed_pipe import HandClock
+
+from campaigns.errors import ShotsInvalid
+from campaigns.shots.ascii_points import data_rows, point_of_row
+from drivers.errors import Cancelled, ImplausibleAnswer, LinkDown, NotAMeasurement
+from drivers.watch_file.tracker import WatchedTracker, WatchSettings, point_said
+
+POINT = (2000.5, 10.25, -300.125)
+ROW = "Main p2 2000.5 10.25 -300.125"
+
+
+class Software(HandClock):
+    """The tracker's software, which does the next thing each time the file is looked at."""
+
+    def __init__(self, path, *doings):
+        super().__init__()
+        self.path, self.doings = path, [*doings]
+
+    def sleep_s(self, seconds):
+        super().sleep_s(seconds)
+        if self.doings:
+            self.doings.pop(0)(self.path)
+
+
+def appends(text):
+    def write(path):
+        with path.open("a", newline="") as file:
+            file.write(text)
+
+    return write
+
+
+def replaces(text):
+    return lambda path: path.write_text(text)
+
+
+def nothing(_path):
+    pass
+
+
+def watched(tmp_path, before, *doings, unit="mm", columns=None, cancelled=lambda: False):
+    path = tmp_path / "points.txt"
+    if before is not None:
+        path.write_text(before)
+    settings = WatchSettings(
+        serial="4711",
+        path=path,
+        wait_s=30.0,
+        rows_of=data_rows,
+        point_of=lambda row, text: point_of_row(row, text, path.name, unit=unit, columns=columns),
+    )
+    clock = Software(path, *doings)
+    tracker = WatchedTracker(settings, clock=clock, cancelled=cancelled)
+    tracker.connect()
+    return clock, tracker
+
+
+@pytest.mark.parametrize(
+    ("before", "doings"),
+    [
+        ("", [appends(ROW + "\n")]),
+        (None, [replaces(f"// made later\n\n{ROW}\n")]),
+        ("Main p1 1.0 2.0 3.0\n", [nothing, appends(ROW + "\r\n")]),
+        ("Main p1 1.0 2.0 3.0", [appends("\n" + ROW)]),
+        ("Main p1 1.0 2.0", [appends(" 3.0\n"), appends(ROW + "\n")]),
+        ("", [appends("Main p2 2000.5 10."), nothing, appends("25 -300.125\n")]),
+        (
+            "a 1 2 3\n",
+            [replaces(""), replaces("a 1 2 3\nMain p2 20"), replaces(f"a 1 2 3\n{ROW}\n")],
+        ),
+        ("a 1 2 3\nb 4 5 6\n", [lambda path: path.unlink(), replaces(f"{ROW}\na 1 2 3\n")]),
+        ("a 1 2 3\n", [appends("# a comment\n"), appends(ROW + "\n")]),
+    ],
+    ids=[
+        *("appended", "made later", "after others", "its end comes with the next", "one under way"),
+        *("in pieces", "written anew", "replaced", "comment"),
+    ],
+)
+def test_row_that_comes_after_the_question_is_the_point(tmp_path, before, doings):
+    _, tracker = watched(tmp_path, before, *doings)
+    measured = tracker.measure()
+    assert measured.point_in_tracker_mm == POINT
+    assert (measured.covariance_mm2, measured.weather) == (None, None)
+    assert measured.raw.endswith(f" = {ROW}")
+    assert point_said(measured.raw) == POINT
+
+
+def test_last_line_without_an_end_is_whole_only_once_it_stays_as_it_is(tmp_path):
+    clock, tracker = watched(tmp_path, "", appends("Main p2 2000.5 10.25 -300"), *[nothing] * 5)
+    clock.doings.append(appends(".125"))
+    assert tracker.measure().point_in_tracker_mm == POINT
+    assert clock.now_s() >= 1.6
+
+
+def test_rows_of_before_are_never_taken_and_silence_is_no_measurement(tmp_path):
+    clock, tracker = watched(tmp_path, f"{ROW}\n")
+    with pytest.raises(NotAMeasurement, match="no new row for 30 s"):
+        tracker.measure()
+    assert clock.now_s() == pytest.approx(30.0, abs=0.2)
+
+
+def test_two_rows_at_once_and_the_row_before_are_no_measurement(tmp_path):
+    twice = appends(f"{ROW}\nMain p3 1.0 2.0 3.0\n")
+    with pytest.raises(NotAMeasurement, match="2 new rows at once"):
+        watched(tmp_path, "", twice)[1].measure()
+    _, tracker = watched(tmp_path, "", appends(ROW + "\n"), appends(ROW + "\n"))
+    assert tracker.measure()
+    with pytest.raises(NotAMeasurement, match="the row is that before"):
+        tracker.measure()
+
+
+def test_header_tells_columns_and_unit(tmp_path):
+    head = '"name";"x [m]";"sigma";"y [m]";"z [m]"\n'
+    _, tracker = watched(tmp_path, head, appends("p1;2.0005;0.001;0.01025;-0.300125\n"))
+    assert tracker.measure().point_in_tracker_mm == pytest.approx(POINT, abs=1e-9)
+
+
+def test_unit_and_columns_are_those_of_the_settings(tmp_path):
+    told = {"unit": "m", "columns": ["-", "x", "y", "z"]}
+    _, tracker = watched(tmp_path, "", appends("7.5,2.0005,0.01025,-0.300125,9\n"), **told)
+    assert tracker.measure().point_in_tracker_mm == pytest.approx(POINT, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("row", "error", "said"),
+    [
+        ("Main p2 2000,5 10,25 -300,1", ShotsInvalid, "decimal comma"),
+        ("Main p2 2000.5 10.25", ShotsInvalid, "no three numbers"),
+        ("Main p2 2e6 0.0 0.0", ImplausibleAnswer, "possible is 0 to 200000 mm"),
+    ],
+)
+def test_row_that_is_no_point_is_refused(tmp_path, row, error, said):
+    with pytest.raises(error, match=said):
+        watched(tmp_path, "", appends(row + "\n"))[1].measure()
+
+
+def test_wish_to_stop_ends_the_wait(tmp_path):
+    wishes = []
+    _, tracker = watched(
+        tmp_path, "", nothing, lambda _: wishes.append(1), cancelled=partial(bool, wishes)
+    )
+    with pytest.raises(Cancelled):
+        tracker.measure()
+
+
+def test_file_that_cannot_be_is_refused_by_name(tmp_path):
+    (tmp_path / "points.txt").mkdir()
+    with pytest.raises(LinkDown, match=r"points.txt: is no file but a folder"):
+        watched(tmp_path, None)[1].prepare("CCR", 1.0)
+    with pytest.raises(LinkDown, match="there is no folder"):
+        watched(tmp_path / "elsewhere", None)
