@@ -48,7 +48,8 @@ def command(
     The shots are those that, beside what the last identification knows, tell encoders, arms and
     forearms apart. The tracker may stand anywhere, as long as it stays there meanwhile. Where they
     do not agree with the stored parameters, the part that changed is named, with its size and U
-    (k = 2): an encoder, an arm, a forearm, a mount, warmth, or the tracker's stand.
+    (k = 2): an encoder, an arm, a forearm, a mount, warmth, or the tracker's stand. Nests that the
+    campaign knows are measured behind them, and tell whether the base moved since.
 
     --repair takes six more shots and finds the named part anew, everything else being known as the
     last identification left it. The new set is exported, loaded and rolled back like any other.
@@ -104,7 +105,8 @@ def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck)
         f"{found.expected_mm:.4f} (χ² {found.chi2:.0f} with {found.dof} degrees of freedom)"
     )
     style = {"pass": GOOD, "fail": BAD}.get(found.decision, OPEN)
-    terminal.say(found.says, style)
+    told = style == GOOD and found.base is not None and found.base.decision != "pass"
+    terminal.say(found.says, OPEN if told else style)
     following: dict[str, object] = {"next": None, "before_next": None}
     words = ["pkmcal", "check", str(campaign.folder)]
     if found.decision == "pass":

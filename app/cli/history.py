@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from app.console import BAD, terminal_of
+from app.console import BAD, OPEN, terminal_of
 from app.options import Json, Plot
 from campaigns.campaign import now_utc, open_campaign
 from campaigns.estimation.information import WeightedLine
@@ -69,7 +69,8 @@ def command(
     the parameters whose values spread by more than their σ; --json and --csv have all. Where a
     parameter drifts beyond chance, along a line through three times or more, the next check is due
     when the drift with 2 σ would use up acceptance.distance_mean_mm of the latest campaign, or,
-    without that limit, double U of positions.
+    without that limit, double U of positions. Nests with equal names in two campaigns tell how
+    the base moved between them, with U, from what the robot did.
     """
     terminal = terminal_of(context, as_json=json)
     campaigns = [open_campaign(folder) for folder in folders]
@@ -81,6 +82,8 @@ def command(
         terminal.rows("Parameters that changed", CHANGES, _changes(moved))
     if rated := [each for each in moved if each.line]:
         terminal.rows("Trends", RATES, rated)
+    for each in found.bases:
+        terminal.say(each.says, OPEN if each.base.decision != "pass" else "")
     for note in found.notes:
         terminal.note(note)
     terminal.say(found.due.says, BAD if found.due.drifting else "")
@@ -95,7 +98,8 @@ def command(
         terminal.say(f"drawn: {plot}")
     parameters = {each.name: asdict(each) | {"drifts": each.drifts} for each in found.trends}
     epochs = [asdict(each) for each in found.epochs]
-    document = {"epochs": epochs, "parameters": parameters, "notes": found.notes}
+    bases = [asdict(each) | {"says": each.says} for each in found.bases]
+    document = {"epochs": epochs, "parameters": parameters, "notes": found.notes, "bases": bases}
     terminal.document(document | {"next_check": asdict(found.due)})
 
 

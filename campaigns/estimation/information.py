@@ -86,6 +86,14 @@ def chi_square_test(chi2: float, dof: int, sigma0: float | None = None) -> ChiSq
     return ChiSquareTest(chi2, dof, min(p, 1.0), sigma0)
 
 
+def chance_of_change(change: Array, covariance_matrix: Array) -> float:
+    """Chance of values (F,) that stayed to differ by as much, by the covariance of differences."""
+    scale = np.sqrt(np.diag(covariance_matrix))
+    root = np.linalg.cholesky(covariance_matrix / np.outer(scale, scale))
+    chi2 = float(np.sum(np.linalg.solve(root, change / scale) ** 2))
+    return float(scipy.special.chdtrc(len(change), chi2))
+
+
 def variance_scale(
     scatter: float | None, tested: ChiSquareTest, *, known_variance: bool, robust: bool = False
 ) -> float | None:
@@ -334,6 +342,12 @@ class Uncertainty:
     def array(self) -> Array:
         """Covariance matrix, (F, F), in mm and deg."""
         return np.array(self.matrix).reshape(len(self.names), len(self.names))
+
+    @property
+    def total_array(self) -> Array:
+        """Covariance (F, F) as positions turned out to have it, with what shots have in common."""
+        shared = (np.outer(each, each) for each in map(np.array, self.common.values()))
+        return np.asarray(sum(shared, self.hold_out_ratio**2 * self.array))
 
     @property
     def full_rank(self) -> bool:

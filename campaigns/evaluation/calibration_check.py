@@ -13,6 +13,7 @@ import scipy
 from campaigns.estimation.change_detection import Cause, CauseKind
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import SIGNIFICANCE, column_effect
+from campaigns.evaluation.base_motion import BaseMotion
 from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.mechanisms.parameters import ParameterSpace
 
@@ -99,6 +100,8 @@ class CalibrationCheck:
     misfit_mm: float
     expected_mm: float
     """By the stored covariance, the tracker and the robot's scatter."""
+    base: BaseMotion | None = None
+    """Since the campaign, where both measured nests; it decides nothing of the calibration."""
 
     @property
     def of_robot(self) -> tuple[PartChange, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
+from campaigns.estimation import information
 from campaigns.estimation.change_detection import Cause
 from campaigns.estimation.estimate import Estimate, estimate
 from campaigns.estimation.f_test import FittedShots
@@ -16,9 +17,11 @@ from campaigns.estimation.least_squares import Priors
 from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import VarianceComponents
+from campaigns.evaluation.base_motion import BaseMotion, base_motion
 from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange, judge_check
 from campaigns.identification.change import part_causes
 from campaigns.identification.fit import covariance_of, linearized
+from campaigns.identification.nests import nest_places
 from campaigns.identification.observations import Observations
 from campaigns.identification.result import Pedigree, PositionStd, RecordedIdentification
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
@@ -33,6 +36,8 @@ EXPECTED_STD = {"mm": 0.1, "deg": float(np.radians(0.05))}
 """Changes of lengths and joint offsets, mm and rad, which a check's shots shall tell apart."""
 ANY_STD = {"mm": 10.0, "deg": 0.1, "ppm": 0.01}
 """Changes, mm, rad and parts, that a repair takes to be possible: it starts from none."""
+CheckFrame = tuple[PointResiduals, Array, Array]
+"""Coordinates of a check, unknowns with its frame last, and the frame's covariance (6, 6)."""
 BY_ONE = frozenset({"joint", "length"})
 """Kinds of causes that are a parameter each."""
 
@@ -112,19 +117,39 @@ def check_calibration(
 ) -> CalibrationCheck:
     """Judgement on shots of a robot whose parameters were identified; raises `ShotsInvalid`.
 
-    Where a length or offset changed they are linearised anew about the change.
+    Where a length or offset changed they are linearised anew about the change. Nests among them
+    tell whether the base moved since.
     """
-    shots, moved = shots.rows(shots.order_of_time()), dict[str, float]()
+    every, moved = shots.rows(shots.order_of_time()), dict[str, float]()
+    shots = every.rows(np.flatnonzero([purpose.on_robot for purpose in every.purposes]))
     shots = replace(shots, session=np.zeros(len(shots), dtype=np.intp))
     for _ in range(ROUNDS):
         try:
-            judged = _judged(stored, shots, instrument, moved)
+            judged, frame = _judged(stored, shots, instrument, moved)
         except (NoSolution, np.linalg.LinAlgError) as error:
             raise _not_assembled() from error
         moved = {each.name: each.size for each in judged.changed if each.kind in BY_ONE}
         if not moved:
             break
-    return judged
+    base = None if frame is None else _base_moved(stored, every, frame, instrument)
+    if base is None:
+        return judged
+    return replace(judged, base=base, says=f"{judged.says}; {base.says}")
+
+
+def _base_moved(
+    stored: StoredCalibration, every: Shots, frame: CheckFrame, instrument: TrackerUncertainty
+) -> BaseMotion | None:
+    """Motion of the base since the campaign about the check's middle; None where no nests tell."""
+    older, (points, x, covariance) = stored.found.nest_places(), frame
+    if older is None or not any(every.nests):
+        return None
+    _, newer = nest_places(every, points, x, covariance, instrument)
+    assert newer is not None, "the frame's covariance is known"
+    base_from_tracker = points.tracker_from_base(x).inverted()
+    on_robot = np.array([not name for name in every.nests])
+    about_mm = base_from_tracker.apply(every.points_in_tracker_mm[on_robot]).mean(axis=0)
+    return base_motion(older, newer, about_mm)
 
 
 def _not_assembled() -> ShotsInvalid:
@@ -139,10 +164,11 @@ def _judged(
     shots: Shots,
     instrument: TrackerUncertainty,
     moved: Mapping[str, float],
-) -> CalibrationCheck:
+) -> tuple[CalibrationCheck, CheckFrame | None]:
     """Judgement by shots linearised about parameters moved by so much, mm and deg.
 
-    They are brought back by the same columns: a change of that size is then told exactly.
+    They are brought back by the same columns: a change of that size is then told exactly. The frame
+    is that beside whatever changed; None where that is not one thing.
     """
     space, flat = stored.space, stored.found.flat()
     at = flat | {name: flat[name] + by for name, by in moved.items()}
@@ -174,7 +200,16 @@ def _judged(
     expected_mm = np.sqrt(np.trace(beside @ expected) / misfit.size)
     causes = _causes(stored.kinematics, about.by_joints, by_parameters, frame)
     whitened = [replace(each, columns=white(each.columns)) for each in causes]
-    return judge_check(fit, whitened, space, float(rms_mm), float(expected_mm))
+    judged = judge_check(fit, whitened, space, float(rms_mm), float(expected_mm))
+    if judged.as_likely or (judged.decision != "pass" and not judged.of_robot):
+        return judged, None
+    changed = {(each.kind, each.name) for each in judged.changed}
+    beside_it = [each.columns for each in whitened if (each.kind, each.name) in changed]
+    columns = np.concatenate([white(frame), *beside_it], axis=2).reshape(misfit.size, -1)
+    moved_by = np.linalg.lstsq(columns, white(misfit).ravel(), rcond=None)[0][:FRAME_COLUMNS]
+    x[-FRAME_COLUMNS:] += moved_by
+    own = information.covariance(columns)[:FRAME_COLUMNS, :FRAME_COLUMNS]
+    return judged, (points, x, own)
 
 
 def _causes(
@@ -296,6 +331,8 @@ def repaired(
         verdict="fail" if reasons else "pass",
         reasons=tuple(reasons) or last.reasons,
         obstacles=("repair",) if reasons else (),
+        nests={},  # in a base frame that is no longer this one
+        nest_covariance_mm2=None,
         pedigree=Pedigree(
             repairs=stored.kinematics.parameters.digest(),
             changed=tuple(each.part for each in changes),

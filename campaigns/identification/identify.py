@@ -11,6 +11,7 @@ from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
+from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
@@ -76,8 +77,11 @@ def identify(
     found = _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant, rate_std)
     if options.sessions or fit.observations.kind != "shots":
         return found
-    points, instrument = fit.observations.points, options.instrument
-    return replace(found, nests=nest_places(every, points, fit.found, instrument))
+    points, of_all = fit.observations.points, fit.found.covariance
+    of_frame = None if of_all is None else of_all[-FRAME_COLUMNS:, -FRAME_COLUMNS:]
+    nests, placed = nest_places(every, points, fit.found.x, of_frame, options.instrument)
+    rows = None if placed is None else tuple(map(tuple, placed[2].tolist()))
+    return replace(found, nests=nests, nest_covariance_mm2=rows)
 
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:

@@ -9,19 +9,18 @@ import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation import information
-from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.information import ChiSquareTest, chi_square_test, position_std_mm
 from campaigns.estimation.point_sets import away_from_best_line, longest_mm
 from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
 from campaigns.estimation.rigid_transforms import frame_jacobian, small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
+from campaigns.evaluation.base_motion import FEWEST, NestPlaces
 from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.identification.options import IdentificationOptions
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.shots.warmth import part_passed
 
-FEWEST = 3
 OFF_LINE_MM = 100.0
 """Way of the farthest nest from the best line through all, below which they tell no turn."""
 
@@ -144,20 +143,31 @@ def nest_doubts(stand: StandMotion | None, shots: Shots, left_mm: float) -> Iter
 
 
 def nest_places(
-    shots: Shots, fitted: PointResiduals, estimate: Estimate, instrument: TrackerUncertainty
-) -> dict[str, Nest]:
-    """Nests of corrected shots by name, by the frame that was estimated and its covariance."""
-    base_from_tracker = fitted.tracker_from_base(estimate.x).inverted()
-    by_angle = fitted.guess.rotation @ small_rotation(estimate.x[-6:-3])[1]
-    found, names, of_frame = {}, np.array(shots.nests), estimate.covariance
-    for name in sorted({*shots.nests} - {""}):
-        some, std_mm = shots.rows(np.flatnonzero(names == name)), None
-        place = base_from_tracker.apply(some.points_in_tracker_mm).mean(axis=0)
-        if of_frame is not None:
-            own = some.covariance_mm2(instrument).sum(axis=0) / len(some) ** 2
-            jacobian = np.hstack([(by_angle @ place).T, np.eye(3), np.eye(3)])
-            both = scipy.linalg.block_diag(of_frame[-6:, -6:], own)
-            std_mm = float(position_std_mm(jacobian[None], both)[0])
-        x_mm, y_mm, z_mm = place.tolist()
-        found[name] = Nest(x_mm, y_mm, z_mm, std_mm)
-    return found
+    shots: Shots,
+    fitted: PointResiduals,
+    x: Array,
+    of_frame: Array | None,
+    instrument: TrackerUncertainty,
+) -> tuple[dict[str, Nest], NestPlaces | None]:
+    """Nests of corrected shots by name, by the frame that was estimated, the last six of `x`.
+
+    Together with their covariance, by that of the frame, (6, 6); None without it.
+    """
+    names = tuple(sorted({*shots.nests} - {""}))
+    base_from_tracker = fitted.tracker_from_base(x).inverted()
+    turn = base_from_tracker.rotation
+    by_angle = fitted.guess.rotation @ small_rotation(x[-FRAME_COLUMNS:-3])[1]
+    places_mm, by_frame, own = np.empty((len(names), 3)), list[Array](), list[Array]()
+    for row, name in enumerate(names):
+        some = shots.rows(np.flatnonzero([each == name for each in shots.nests]))
+        places_mm[row] = base_from_tracker.apply(some.points_in_tracker_mm).mean(axis=0)
+        by_frame.append(turn @ np.hstack([(by_angle @ places_mm[row]).T, np.eye(3)]))
+        own.append(turn @ some.covariance_mm2(instrument).sum(axis=0) @ turn.T / len(some) ** 2)
+    known, std_mm = None, [None] * len(names)
+    if of_frame is not None and names:
+        jacobian = np.vstack(by_frame)
+        covariance = jacobian @ of_frame @ jacobian.T + scipy.linalg.block_diag(*own)
+        known = names, places_mm, np.asarray(covariance)
+        std_mm = np.sqrt(np.diag(covariance).reshape(-1, 3).sum(axis=1)).tolist()
+    each = zip(names, places_mm.tolist(), std_mm, strict=True)
+    return {name: Nest(x, y, z, std) for name, (x, y, z), std in each}, known

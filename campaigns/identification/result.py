@@ -19,6 +19,7 @@ from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import VarianceComponents
+from campaigns.evaluation.base_motion import NestPlaces
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.identification import Combination
@@ -292,6 +293,8 @@ class IdentificationResult:
     """None where none was measured."""
     nests: dict[str, Nest] = field(default_factory=dict)
     """By name; empty where none was measured or no frame estimated."""
+    nest_covariance_mm2: tuple[tuple[float, ...], ...] | None = None
+    """Of their places, x, y and z of one after the other, the frame's part in it."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
     hidden: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -320,6 +323,14 @@ class IdentificationResult:
     def accepted(self) -> tuple[str, ...]:
         """Doubts with which somebody took it all the same, in words."""
         return tuple(doubt.says for doubt in self.doubts if doubt.accepted)
+
+    def nest_places(self) -> NestPlaces | None:
+        """Places with their covariance as positions turned out to have it; None: not known."""
+        if self.nest_covariance_mm2 is None or self.covariance is None:
+            return None
+        places = np.array([[each.x_mm, each.y_mm, each.z_mm] for each in self.nests.values()])
+        known_mm2 = self.covariance.hold_out_ratio**2 * np.array(self.nest_covariance_mm2)
+        return tuple(self.nests), places, known_mm2
 
     def nominal_flat(self) -> dict[str, float]:
         """Parameters that it began with, mm and deg."""

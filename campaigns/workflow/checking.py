@@ -1,5 +1,6 @@
 """Checking of a calibration in the time of a coffee, and its repair without a new campaign."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from campaigns.campaign import Campaign, now_utc
 from campaigns.controllers.export import latest_identification, require_usable
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid, VerdictBad
+from campaigns.evaluation.base_motion import FEWEST
 from campaigns.evaluation.calibration_check import CalibrationCheck
 from campaigns.identification.checking import (
     StoredCalibration,
@@ -23,8 +25,10 @@ from campaigns.journal.records import Finding, Stage
 from campaigns.measuring.work import Work
 from campaigns.options import CheckOptions
 from campaigns.planning.further_shots import further_shots
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import joint_steps
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from campaigns.workflow.work import engine_work
 
@@ -54,10 +58,20 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
     count = options.shots or (REPAIR_SHOTS if options.repair else CHECK_SHOTS)
     rng = np.random.default_rng(campaign.config.plan.seed)
     planned = further_shots(region, free, known, instrument, criterion, count, rng)
+    planned = (*planned, *_nests(campaign, stored, planned[-1])) if not options.repair else planned
     setup = EstimationSetup(stored.found.estimator, free, campaign.instrument)
     stage: Stage = "repair" if options.repair else "check"
     digest = robot.parameters.digest()
     return engine_work(campaign, stage, joint_steps(planned), robot, digest, setup)
+
+
+def _nests(
+    campaign: Campaign, stored: StoredCalibration, last: PlannedShot
+) -> Iterator[PlannedShot]:
+    """Nests that the campaign knows, measured while the robot stands at the last shot's pose."""
+    names = [each.name for each in campaign.config.nests if each.name in stored.found.nests]
+    for number, name in enumerate(names if len(names) >= FEWEST else (), start=last.shot + 1):
+        yield replace(last, shot=number, purpose=ShotSet.NEST, pair=None, nest=name)
 
 
 def record_check(campaign: Campaign, journal: Journal, series: int) -> CalibrationCheck:

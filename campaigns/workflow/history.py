@@ -3,14 +3,17 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
 
+from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, ShotsMissing
-from campaigns.estimation.information import WorkspaceSample
+from campaigns.estimation.information import SIGNIFICANCE, WorkspaceSample, chance_of_change
+from campaigns.evaluation.base_motion import BaseMotion, base_motion
 from campaigns.evaluation.calibration_check import CalibrationCheck
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.trend import Epoch, NextCheck, ParameterTrend, next_check, trends
@@ -22,6 +25,30 @@ from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters
 
+SAME = 1e-9
+"""Difference of held parameters, mm and deg, that is rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class BaseSince:
+    """What base and robot did since an older campaign, the base by nests that both measured."""
+
+    folder: str
+    since: str
+    base: BaseMotion
+    robot_p: float | None
+    """Chance of an unchanged robot to show the parameters' changes; None: they were not told."""
+
+    @property
+    def says(self) -> str:
+        """Sentence on both."""
+        changed = self.robot_p is not None and self.robot_p < SIGNIFICANCE
+        robot = "the robot changed" if changed else "the robot did not change beyond chance"
+        also = "; by that its base frame may have moved, not its base" if changed else ""
+        robot = "whether the robot changed is not known" if self.robot_p is None else robot
+        both = changed and self.base.decision == "fail"
+        return f"{self.folder} since {self.since}: {self.base.says}; {robot}{also if both else ''}"
+
 
 @dataclass(frozen=True, slots=True)
 class History:
@@ -30,6 +57,8 @@ class History:
     epochs: tuple[Epoch, ...]
     trends: tuple[ParameterTrend, ...]
     due: NextCheck
+    bases: tuple[BaseSince, ...] = ()
+    """By nests: what base and robot did from each campaign to the next."""
     notes: tuple[str, ...] = ()
 
 
@@ -55,7 +84,51 @@ def history(campaigns: Sequence[Campaign], now: datetime) -> History:
         sample, points = WorkspaceSample.of(robot, names, poses), poses[:, :3]
     limit_mm = campaign.config.acceptance.distance_mean_mm
     due = next_check(epochs, found, sample, points, limit_mm, now)
-    return History(epochs, found, due, (*_notes(epochs),))
+    return History(epochs, found, due, (*_bases(campaigns),), (*_notes(epochs),))
+
+
+def _bases(campaigns: Sequence[Campaign]) -> Iterator[BaseSince]:
+    """What base and robot did since the campaign before, of those whose nests have equal names.
+
+    By the latest identification of each that passed and was no repair.
+    """
+    every = list[tuple[str, Campaign, RecordedIdentification]]()
+    for campaign in campaigns:
+        with campaign.journal_reader() as journal:
+            records = [each.record for each in journal.records_of(Finding)]
+            series = {each.number: each for each in journal.series()}
+        sets = [read_identification(e.body) for e in records if e.kind == "identification"]
+        good = [each for each in sets if each.verdict == "pass" and each.pedigree is None]
+        for found in good[-1:]:
+            at_utc = _measured_utc(series.get(found.series), found.at_utc)
+            every.append((at_utc, campaign, found))
+    every.sort(key=lambda each: datetime.fromisoformat(each[0]))
+    for (_, before, older), (_, after, newer) in pairwise(every):
+        places, seen = older.nest_places(), newer.nest_places()
+        if places is None or seen is None or not _same_datum(older, newer):
+            continue
+        if base := base_motion(places, seen, before.centre[: len(AXES)]):
+            yield BaseSince(str(after.folder), str(before.folder), base, _robot_p(older, newer))
+
+
+def _same_datum(older: RecordedIdentification, newer: RecordedIdentification) -> bool:
+    """Whether all that neither looked for, and so the base frame's datum, has the same values."""
+    held = set(older.flat()) - {*older.free, *newer.free}
+    ours, theirs = older.flat(), newer.flat()
+    return all(abs(ours[name] - theirs.get(name, 0.0)) <= SAME for name in held)
+
+
+def _robot_p(older: RecordedIdentification, newer: RecordedIdentification) -> float | None:
+    """Chance of an unchanged robot to show as large changes of all that both tell."""
+    if older.covariance is None or newer.covariance is None:
+        return None
+    both, common = (older.covariance, newer.covariance), {*newer.covariance.names}
+    names = tuple(name for name in older.covariance.names if name in common)
+    if not names or set(older.free) != set(newer.free):
+        return None
+    known = sum((each.only(names).total_array for each in both), np.zeros((len(names),) * 2))
+    moved = np.array([newer.flat()[name] - older.flat()[name] for name in names])
+    return chance_of_change(moved, known)
 
 
 def _read(campaign: Campaign) -> tuple[tuple[Epoch, ...], RecordedIdentification]:

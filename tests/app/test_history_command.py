@@ -73,6 +73,44 @@ def test_what_drifts_over_three_campaigns_is_named_with_the_next_check(pkmcal, a
     assert f"{DRIFTING} drifts by +0.0" in shown
 
 
+def sees_nests(paper, names, shift_mm):
+    """The same identification, beside nests that moved by so much in its base frame."""
+    places = np.array([[900.0, 800.0, -900.0], [-700.0, 900.0, -950.0], [200.0, -900.0, -300.0]])
+    nests = [dict(zip(("x_mm", "y_mm", "z_mm"), each, strict=True)) for each in places + shift_mm]
+    known = {name: each | {"std_mm": 0.02} for name, each in zip(names, nests, strict=True)}
+    with paper.journal() as journal:
+        body = dict(journal.records_of(Finding)[-1].record.body)
+        covariance = (1e-4 * np.eye(9)).tolist()
+        more = {"nests": known, "nest_covariance_mm2": covariance}
+        journal.append(Finding("identification", body | more))
+
+
+@pytest.mark.long
+def test_a_base_that_moved_between_campaigns_is_told_from_a_robot_that_changed(pkmcal, at):
+    first, moved, changed, other = (
+        at(month, later) for month, later in ((3, 0), (5, 0), (7, 0.3), (9, 0))
+    )
+    for paper, names, by_mm in (
+        (first, "ABC", 0.0), (moved, "ABC", -0.3), (changed, "ABC", -0.3), (other, "ABX", 0.0)
+    ):  # fmt: skip
+        sees_nests(paper, names, np.array([by_mm, 0.0, 0.0]))
+    folders = [each.folder for each in (changed, other, first, moved)]
+    before, since = pkmcal("history", *folders, "--json").document["bases"]
+    assert (before["since"], before["folder"]) == (str(first.folder), str(moved.folder))
+    assert before["base"]["decision"] == "fail"
+    assert before["base"]["shift_mm"] == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
+    assert before["base"]["moved_u_mm"] == pytest.approx(2.0 * (2e-4 / 3.0) ** 0.5, rel=0.5)
+    assert before["robot_p"] > 0.001
+    assert "the base moved 0.300 ± 0.0" in before["says"]
+    assert before["says"].endswith("the robot did not change beyond chance")
+    assert since["base"]["decision"] == "pass"
+    assert since["robot_p"] < 0.001
+    assert since["says"].endswith("the robot changed")
+    assert f"{moved.folder} since {first.folder}: the base moved" in pkmcal(
+        "history", *folders
+    ).out.replace("\n", "")
+
+
 @pytest.mark.slow
 def test_checks_and_repairs_count_beside_campaigns(pkmcal, at):
     paper = at(3)

@@ -28,6 +28,7 @@ IDENTIFICATION_KEYS = {
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
     "pedigree",
     *("series", "model", "asked", "obstacles", "known_lengths", "region", "hidden", "nests"),
+    "nest_covariance_mm2",
 }
 DRY_RUN_KEYS = {
     *NEXT,

@@ -7,9 +7,12 @@ import pytest
 from identified_cases import NOISE_MM, NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
 from par4_space import SPACE
 
-from campaigns.estimation.rigid_transforms import frame_jacobian
+from campaigns.estimation.rigid_transforms import Transform, frame_jacobian
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.identification.checking import StoredCalibration, check_calibration
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import select_parameters
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import COLUMNS, Shots
 
@@ -111,3 +114,67 @@ def test_a_robot_that_drifts_before_still_nests_is_named():
     found = found_of(campaign(5, robot_mm=GAVE_WAY_MM))
     assert told(found) == [("nests", "robot")]
     assert "the robot, not the tracker" in found.doubts[0].says
+
+
+ELSEWHERE = Transform(TRACKER_FROM_BASE.rotation.T, np.array([2500.0, -700.0, 300.0]))
+"""Where the tracker stands in checks: not where it stood in the campaign."""
+
+
+def base_of_check(seed, *, by_mm=0.0, loose_mm=0.0, offset_deg=0.0):
+    """A check of another day, after a campaign: the base moved `by_mm` in some direction."""
+    rng = np.random.default_rng(seed)
+    stored = StoredCalibration(NOMINAL, found_of(campaign(seed)))
+    way = rng.standard_normal(3)
+    robot = simulated(8, 0, seed=seed + 500, truth=TRUTH)
+    values = TRUTH.parameters | {
+        "arm2.joint_offset_deg": TRUTH.parameters["arm2.joint_offset_deg"] + offset_deg
+    }
+    moved = Kinematics.of(TRUTH.mechanism, values).forward(robot.joints).values_or_raise()[:, :3]
+    nests = np.array([*PLACES.values()])
+    nests[0, 0] += loose_mm
+    points = np.vstack([moved + by_mm * way / np.linalg.norm(way), nests])
+    count = len(robot)
+    rows = robot.rows(np.r_[np.arange(count), np.zeros(3, dtype=int)])
+    shots = replace(
+        rows,
+        numbers=tuple(range(count + 3)),
+        purposes=(ShotSet.CHECK,) * count + (ShotSet.NEST,) * 3,
+        pairs=(None,) * (count + 3),
+        nests=("",) * count + tuple(PLACES),
+        records=(),
+        points_in_tracker_mm=ELSEWHERE.apply(points),
+    )
+    return check_calibration(stored, noisy(shots, seed + 1000), TrackerUncertainty())
+
+
+def test_a_base_that_moved_since_the_campaign_is_told_from_a_robot_that_changed():
+    stayed, moved, changed = (
+        base_of_check(1, **changes) for changes in ({}, {"by_mm": 0.3}, {"offset_deg": 0.05})
+    )
+    for judged, decisions in (
+        (stayed, ("pass", "pass")),
+        (moved, ("pass", "fail")),
+        (changed, ("fail", "pass")),
+    ):
+        assert (judged.decision, judged.base.decision) == decisions
+        assert judged.says.endswith(judged.base.says)
+        by_mm = 0.3 * (judged is moved)
+        assert abs(judged.base.moved_mm - by_mm) < judged.base.moved_u_mm + (by_mm == 0.0) * 0.05
+    assert base_of_check(1, loose_mm=0.3).base.decision == "not decided"
+
+
+@pytest.mark.long
+def test_of_a_hundred_bases_nearly_all_are_called_rightly(record_property):
+    seeds = range(1, 101)
+    for name, changes, decision in (
+        ("stayed", {}, "pass"),
+        ("moved", {"by_mm": 0.3}, "fail"),
+        ("stayed, an encoder changed", {"offset_deg": 0.05}, "pass"),
+    ):
+        found = [base_of_check(seed, **changes) for seed in seeds]
+        rightly = sum(each.base.decision == decision for each in found)
+        record_property(name, rightly)
+        assert rightly >= 95
+        sizes = np.array([(each.base.moved_mm, each.base.moved_u_mm) for each in found])
+        if "by_mm" in changes:
+            assert np.sum(np.abs(sizes[:, 0] - 0.3) < sizes[:, 1]) >= 90
