@@ -484,7 +484,12 @@ def _shot_errors(evidence: Evidence) -> model_errors.ShotErrors | None:
     of_shot = dict(zip(shots.numbers, stated_mm.tolist(), strict=True))
     stated = np.array([of_shot.get(number, np.nan) for number in table.numbers])
     known = np.isfinite(stated)
-    return model_errors.ShotErrors(table.before[known], table.after[known], stated[known])
+    return model_errors.ShotErrors(
+        table.before[known],
+        table.after[known],
+        stated[known],
+        tuple(np.array(table.numbers)[known].tolist()),
+    )
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:

@@ -1,6 +1,6 @@
 """Errors of shots and pairs in groups, each with a mark of its own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ class PairGroup:
     marker: str
     before_mm: Array | None
     after_mm: Array | None
+    numbers: tuple[int, ...] = ()
+    """Of the pairs or shots; () where nobody numbers them."""
 
     def __len__(self) -> int:
         return max(len(e) for e in (self.before_mm, self.after_mm) if e is not None)
@@ -24,7 +26,8 @@ class PairGroup:
 
 def shot_group(shots: ShotErrors) -> PairGroup:
     """Lengths of the errors of fitted shots."""
-    return error_group("fitted shots", "o", shots.before_mm, shots.after_mm)
+    group = error_group("fitted shots", "o", shots.before_mm, shots.after_mm)
+    return replace(group, numbers=shots.numbers)
 
 
 def pair_groups(found: Evaluation) -> tuple[PairGroup, ...]:
@@ -35,14 +38,16 @@ def pair_groups(found: Evaluation) -> tuple[PairGroup, ...]:
         ("unseen pairs", "D", errors.unseen if errors else None),
     )
     groups = [
-        PairGroup(name, marker, pairs.before_mm, pairs.after_mm)
+        PairGroup(name, marker, pairs.before_mm, pairs.after_mm, pairs.pairs)
         for name, marker, pairs in modelled
         if pairs is not None
     ]
     tests = [stage.distances if stage else None for stage in stages]
     if any(tests):
-        told = (test.errors_mm if test else None for test in tests)
-        groups.append(PairGroup("commanded pairs", "s", *told))
+        old, new = (test.errors_mm if test else None for test in tests)
+        numbers = {test.pairs for test in tests if test}
+        each = numbers.pop() if len(numbers) == 1 else ()
+        groups.append(PairGroup("commanded pairs", "s", old, new, each))
     return tuple(groups)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from app.report import (
     advice_sections,
+    captions,
     certificate_sections,
     groups,
     model_sections,
@@ -28,6 +29,7 @@ MAKERS = {
     "record": record_sections,
     "certificate": certificate_sections,
     "groups": groups,
+    "captions": captions,
     "distances": distances,
     "workspace": workspace,
     "tests": tests,

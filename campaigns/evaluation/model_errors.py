@@ -79,6 +79,8 @@ class ShotErrors:
     after_mm: Array
     instrument_mm: Array
     """Standard uncertainty of each measured coordinate, as a root mean square of the three, (N,)"""
+    numbers: tuple[int, ...] = ()
+    """Of the shots, (N,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,7 @@ def pair_errors(
             for (at, group), mm in zip(_placed(groups), every, strict=True):
                 if mm is not None:
                     look = Look(colour, group.marker, filled=stage == "after")
-                    panel.plot(at[: len(mm)].astype(float), mm, look)
+                    panel.plot(at[: len(mm)].astype(float), mm, look, _names(group, mm, what))
     last = panels[-1]
     middle = last.left + last.width / 2
     foot = f"{what}, in the order of the plan"
@@ -66,6 +66,12 @@ def histogram(groups: Sequence[PairGroup]) -> Picture:
     )
     picture.shades((g.name, told, alpha) for g, alpha in zip(groups, SHADES, strict=False))
     return picture
+
+
+def _names(group: PairGroup, errors: Array, what: str) -> list[str]:
+    """What stands under the cursor: number and error of each shot or pair."""
+    one = what.removesuffix("s")
+    return [f"{one} {n}: {mm:.3f} mm" for n, mm in zip(group.numbers, errors, strict=False)]
 
 
 def _placed(groups: Sequence[PairGroup]) -> Iterator[tuple[Index, PairGroup]]:

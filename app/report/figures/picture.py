@@ -5,9 +5,9 @@ points, 72 to the inch, y downwards. Elements are g, line, polyline, polygon, re
 alone, so that every reader of the page can draw them anew.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
-from itertools import chain
+from itertools import chain, zip_longest
 from math import ceil, cos, floor, log10, radians, sin
 from typing import NamedTuple
 
@@ -99,24 +99,26 @@ class Picture:
         style = f'fill="{fill}" fill-opacity="{opacity:g}"'
         self.parts.append(f'<polygon {style} points="{_joined(points)}"/>')
 
-    def marks(self, points: Array, look: Look) -> None:
-        """A marker at each of points (N, 2) of the picture."""
+    def marks(self, points: Array, look: Look, names: Sequence[str] = ()) -> None:
+        """A marker at each of points (N, 2) of the picture. `names`: shown under the cursor."""
         fill = look.colour if look.filled else "#fff"
         self.parts.append(f'<g fill="{fill}" stroke="{look.colour}" stroke-width="0.9">')
-        for x, y in points.tolist():
+        for (x, y), name in zip_longest(points.tolist(), names):
             if look.marker == "o":
-                self.parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{look.size:g}"/>')
+                mark = f'circle cx="{x:.1f}" cy="{y:.1f}" r="{look.size:g}"'
             else:
                 own = ((x + look.size * u, y + look.size * v) for u, v in MARKS[look.marker])
-                self.parts.append(f'<polygon points="{_joined(own)}"/>')
+                mark = f'polygon points="{_joined(own)}"'
+            told = f"><title>{escape(name)}</title></{mark.split()[0]}>" if name else "/>"
+            self.parts.append(f"<{mark}{told}")
         self.parts.append("</g>")
 
-    def series(self, points: Array, look: Look) -> None:
+    def series(self, points: Array, look: Look, names: Sequence[str] = ()) -> None:
         """Line and markers of a series, as it looks."""
         if look.dash is not None:
             self.line(points.tolist(), look)
         if look.marker:
-            self.marks(points, look)
+            self.marks(points, look, names)
 
     def cell(self, x: float, y: float, width: float, height: float, shade: float) -> None:
         """Area in grey from white, 0, to black, 1."""
@@ -245,9 +247,9 @@ class Panel:
         """The same of many, (N, 2)."""
         return np.column_stack(self.place(x, y))  # type: ignore[arg-type]  # arrays like numbers
 
-    def plot(self, x: Array, y: Array, look: Look) -> None:
-        """Draw a series."""
-        self.picture.series(self.places(x, y), look)
+    def plot(self, x: Array, y: Array, look: Look, names: Sequence[str] = ()) -> None:
+        """Draw a series. `names`: shown under the cursor."""
+        self.picture.series(self.places(x, y), look, names)
 
     def level(self, y: float = 0.0) -> None:
         """Line across, if it is in sight."""
