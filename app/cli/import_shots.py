@@ -7,12 +7,16 @@ from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import Terminal, terminal_of
+from app.exits import Exit
 from app.next import tell_next
 from app.options import Folder, Json, folder_and_file
 from app.report.validation_text import show_validation
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.errors import ShotsInvalid
+from campaigns.evaluation.controller_frame import check_frame, parse_displayed
 from campaigns.evidence import evaluate
+from campaigns.files.text_file import read_text
 from campaigns.options import ValidationStage
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
@@ -73,6 +77,13 @@ def command(
             "--anyway", help="Though it is imported or measured already, or the wrong stage."
         ),
     ] = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check-frame",
+            help="Take nothing in: compare a controller's own numbers with ours, see below.",
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Take in shots measured with other software.
@@ -100,9 +111,16 @@ def command(
     `pkmcal validate`.
 
     The journal keeps the files' names and sha256, and the report shows them.
+
+    With --check-frame FILE has the poses and joints that the controller displays at three or more
+    places, in its own units and order, x,y,z,theta,q0,q1,…, and if they were measured
+    point_x_mm,point_y_mm,point_z_mm. Says its units, frame and hand, and which arm is which.
     """
     folder, file = folder_and_file(folder, file)
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
+    if check:
+        _check_frame(terminal, campaign, file)
+        return
     if stage is None and with_ is not None:
         raise typer.BadParameter("--with goes with --stage")
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
@@ -137,3 +155,22 @@ def command(
         terminal.note(f"pairs measured with the controller's own parameters: {again} takes them in")
     taken = {"series": series, "shots": len(rows)}
     terminal.document(taken | tell_next(terminal, campaign))
+
+
+def _check_frame(terminal: Terminal, campaign: Campaign, file: Path) -> None:
+    """Say how a controller counts; exit code 1 where nothing explains what it displays."""
+    nominal, remedy = campaign.robot.kinematics, "name a CSV file of what the controller displays"
+    text = read_text(file, ShotsInvalid, if_missing=remedy)
+    found = check_frame(nominal, parse_displayed(text, str(file), nominal), str(file))
+    for line in found.says:
+        terminal.say(line)
+    terminal.document(
+        {
+            "readings": [each.document for each in found.found],
+            "problems": list(found.problems),
+            "scale": found.scale,
+            "points_misfit_mm": found.tracker_misfit_mm,
+        }
+    )
+    if found.problems or not found.found:
+        raise typer.Exit(Exit.NOT_GOOD)

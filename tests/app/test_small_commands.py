@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from app import new_campaign
@@ -139,3 +140,22 @@ def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):
     latest = keep(campaign.folder, campaign.nominal, held | {"plate_mm": 101.25})
     assert latest.name == "controller-before-10.yaml"
     assert "plate_mm: 101.25" in latest.read_text()
+
+
+def test_frame_check_reads_a_controllers_display_and_takes_nothing_in(pkmcal, tmp_path):
+    folder, path = tmp_path / "cell", tmp_path / "three.csv"
+    new_campaign.create_for_devices(folder, "delta", "offline", "offline")
+    robot = open_campaign(folder).robot
+    poses = robot.workspace_centre + np.array(
+        [[0, 0, 0], [90, 40, -60], [-90, 30, 20], [0, -99, 9]]
+    )
+    joints = np.degrees(robot.kinematics.inverse(poses).values_or_raise())
+    table = np.hstack([poses, joints, poses + 2000.0]).tolist()
+    head = "x,y,z,q0,q1,q2,point_x_mm,point_y_mm,point_z_mm"
+    path.write_text("\n".join([head, *(",".join(map(repr, row)) for row in table)]) + "\n")
+    ended = pkmcal("import", folder, path, "--check-frame")
+    assert ended.code == 0
+    assert "arms: ours 0, 1, 2 are its joints 1, 2, 3" in ended.out
+    assert not (folder / "campaign.db").exists()
+    path.write_text(f"{head}\n")
+    assert "at least 3" in pkmcal("import", folder, path, "--check-frame").error_line
