@@ -197,11 +197,12 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
     names: Iterable[str | None] = dict.fromkeys(asked.scenario) or [None]
     perturbations = asked.perturbations
     revolute = campaign.robot.mechanism.joints[0].is_revolute
-    for name in perturbations if revolute else ():
-        if name and any(each.period_mm for each in KINDS[name]):
+    lacking, other = ("carriages", "on rails") if revolute else ("cranks", "with cranks")
+    for name in filter(None, perturbations):
+        if any(each.period_mm if revolute else each.of_cranks for each in KINDS[name]):
             raise OptionsInvalid(
-                f"--effects {name}: a {campaign.robot.mechanism.name} has no carriages",
-                remedy="leave it out, or study a robot on rails",
+                f"--effects {name}: a {campaign.robot.mechanism.name} has no {lacking}",
+                remedy=f"leave it out, or study a robot {other}",
             )
     scenarios = [study_scenario(campaign, name) for name in names]
     unperturbed = [

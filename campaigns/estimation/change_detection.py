@@ -51,6 +51,8 @@ class Cause:
     columns: Array
     log_prior: float = 0.0
     """Logarithm of how often it happens, beside others that few shots don't tell from it."""
+    time_constants: tuple[float, ...] = (math.inf,)
+    """Of a drift that slows down, in parts of the campaign; by the last it goes on evenly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +68,20 @@ class Change:
     std: Array
     log_p: float
     """Logarithm of the chance of good shots to show as much anywhere."""
+    time_constant: float = math.inf
+    """Of a drift."""
 
     @property
     def p(self) -> float:
         """Chance of good shots to show as much anywhere."""
         return math.exp(self.log_p)
+
+
+def drifted(passed: Array, time_constant: float) -> Array:
+    """Part of a drift that has come about, from 0 to 1, as parts of its time have passed, (N,)."""
+    if math.isinf(time_constant):
+        return passed
+    return np.asarray(np.expm1(-passed / time_constant) / math.expm1(-1.0 / time_constant))
 
 
 def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
@@ -177,25 +188,30 @@ class _Tests:
         """Tests beside the columns of the fit."""
         columns, count = cause.columns, len(cause.columns)
         by_shot, basis = shots.left.reshape(count, 3), shots.basis.reshape(count, 3, -1)
-        if cause.kind == "drift":
-            columns = columns * np.linspace(0.0, 1.0, count)[:, None, None]
         turned = columns.swapaxes(1, 2)
-        own = _from_there_on(turned @ columns)
-        shared = _from_there_on(basis.swapaxes(1, 2) @ columns)
-        gained = _from_there_on((turned @ by_shot[:, :, None])[:, :, 0])
-        first = np.arange(FEWEST_BEYOND, count - FEWEST_BEYOND + 1)
-        first = np.zeros(1, dtype=np.intp) if cause.kind == "drift" else first
+        own, shared = turned @ columns, basis.swapaxes(1, 2) @ columns
+        gained = (turned @ by_shot[:, :, None])[:, :, 0]
+        if cause.kind == "drift":
+            courses = _courses(cause, count)
+            own, shared, gained = (
+                np.tensordot(part, each, axes=1)
+                for part, each in ((courses**2, own), (courses, shared), (courses, gained))
+            )
+            first = np.arange(len(courses))
+        else:
+            own, shared, gained = map(_from_there_on, (own, shared, gained))
+            first = np.arange(FEWEST_BEYOND, count - FEWEST_BEYOND + 1)
         normal = (own - shared.swapaxes(1, 2) @ shared)[first]
         inverse = _inverse(normal)
         size = np.einsum("nij,nj->ni", inverse, gained[first])
         gain = np.maximum(np.einsum("ni,ni->n", gained[first], size), 0.0)
         correlation = np.empty(0)
-        if columns.shape[2] == 1:
+        if columns.shape[2] == 1 and cause.kind != "drift":
             together = own[first[1:], 0, 0]  # what both of two neighbours have: the later one's
             together = together - np.sum(shared[first[:-1], :, 0] * shared[first[1:], :, 0], axis=1)
             unit = np.sqrt(np.maximum(inverse[:, 0, 0], 0.0))  # rounding where a fit says it all
             correlation = together * unit[:-1] * unit[1:]
-        places = first - 1
+        places = np.zeros_like(first) if cause.kind == "drift" else first - 1
         return cls(cause, places, size, gain, inverse, correlation)
 
     def chance_anywhere(self, logarithm: float) -> float:
@@ -219,9 +235,9 @@ class _Tests:
     def gain_by_shot(self, place: int, left: Array) -> tuple[Array, Array]:
         """Part of the gain that each shot makes, and would make if all showed the change, (N,)."""
         count, moved = len(self.cause.columns), self.cause.columns @ self.size[place]
-        course = np.linspace(0.0, 1.0, count)
-        if self.cause.kind != "drift":
-            course = (np.arange(count) > self.after[place]).astype(np.float64)
+        course = (np.arange(count) > self.after[place]).astype(np.float64)
+        if self.cause.kind == "drift":
+            course = _courses(self.cause, count)[place]
         by_all = np.einsum("nk,nk->n", moved, left.reshape(-1, 3))
         if abs(by_all.sum()) < FITTED * self.gain[place]:
             course = course - course.mean()  # the fit says where all are: half of it is before
@@ -243,8 +259,15 @@ class _Tests:
         """Change at one of the places."""
         rest = max(chi2 - float(self.gain[place]), 0.0) / (freedom - self.size.shape[1])
         std = np.sqrt(np.abs(rest * np.diag(self.covariance[place])))
-        cause, after = self.cause, max(int(self.after[place]), 0)
-        return Change(cause.kind, cause.name, after, -self.size[place], std, logarithm)
+        cause, after = self.cause, int(self.after[place])
+        slowing = cause.time_constants[place] if cause.kind == "drift" else math.inf
+        return Change(cause.kind, cause.name, after, -self.size[place], std, logarithm, slowing)
+
+
+def _courses(cause: Cause, count: int) -> Array:
+    """Courses of a drift, (K, N)."""
+    passed = np.linspace(0.0, 1.0, count)
+    return np.stack([drifted(passed, each) for each in cause.time_constants])
 
 
 def _inverse(normal: Array) -> Array:

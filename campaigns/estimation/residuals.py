@@ -105,6 +105,13 @@ class PositionModel:
             by_all = configuration.jacobian(poses)
         return by_all[:, :3][:, :, places]
 
+    def by_expansions(self, x: Array) -> Array:
+        """∂(X, Y, Z)/∂(growth of arms, forearms and frame, a share of their lengths), (N, 3, 3)."""
+        grown = self._mechanism.by_expansions(
+            self._replaced(x), self._expanded(x)[1], self.arm_joints(x)
+        )
+        return np.asarray(grown[:, :3])
+
     def by_joints(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
         return self.by_geometry(x, self._space.offsets)

@@ -165,7 +165,14 @@ def change_doubt(
         values |= {"size": size, "std": std, "ppm": per_mm * size, "std_ppm": per_mm * std}
         grown = f"{space[space.arm_lengths[0]].field.stem}s"
         what = f"{grown_text(grown, per_mm * size, per_mm * std)} ppm over the run, {size:+.2g} mm"
-        remedy = "let the robot warm up first, or measure again when it is warm"
+        remedy = WARM_UP
+    elif change.name == "growth":
+        parts = [f"{space[name].field.stem.removesuffix('_expansion')}s" for name in space.thermal]
+        sizes = zip(parts, (PPM * change.size).tolist(), (PPM * change.std).tolist(), strict=True)
+        told = [grown_text(*each) for each in sizes]
+        values |= {"ppm": PPM * size, "std_ppm": PPM * float(change.std[0])}
+        what = f"{', '.join(told)} ppm over the run"
+        remedy = WARM_UP
     elif change.kind in ("frame", "drift", "mount"):
         moved_mm = float(np.linalg.norm(change.size[-3:]))
         values |= {"moved_mm": moved_mm}
@@ -196,6 +203,9 @@ def change_doubt(
     return Doubt(
         CHANGE, f"{what} ({_chance(change.p)}): {remedy}", None if below else "fail", values
     )
+
+
+WARM_UP = "let the robot warm up first, or measure again when it is warm"
 
 
 def grown_text(parts: str, ppm: float, std_ppm: float) -> str:

@@ -17,6 +17,7 @@ from campaigns.estimation.change_detection import (
     Cause,
     Change,
     detect_change,
+    drifted,
     last_together,
     memory,
     without_memory,
@@ -42,6 +43,7 @@ from campaigns.identification.fit import linearized as linearized_shots
 from campaigns.identification.observations import Inputs, Observations, all_observations
 from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
 from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
+from campaigns.shots.warmth import TIME_CONSTANTS
 
 Columns = TypeVar("Columns", Group, Cause)
 
@@ -173,6 +175,11 @@ class _AllShots:
         by_names = data.model.by_geometry(self.parameters, self.space.places(names))
         return np.asarray(data.rotations(self.x) @ by_names)
 
+    def by_expansions(self) -> Array:
+        """∂point/∂(growth of arms, forearms and frame) in the tracker's axes, (N, 3, 3)."""
+        data = self.everything.points
+        return np.asarray(data.rotations(self.x) @ data.model.by_expansions(self.parameters))
+
     def reweighed(self, rows: Index, columns: Array) -> "_AllShots":
         """The same by the scatter that some of them show beside further columns (N, 3, k)."""
         some = self.linearized
@@ -300,7 +307,7 @@ def _changed(causes: tuple[Cause, ...], change: Change, steps: _Rows) -> Array:
     places = np.arange(len(cause.columns))
     since = (places >= steps.rows[change.after + 1]).astype(np.float64)
     if change.kind == "drift":
-        since = places / len(places)
+        since = drifted(places / len(places), change.time_constant)
     return np.asarray(cause.columns * since[:, None, None])
 
 
@@ -372,7 +379,8 @@ def _causes(shots: _AllShots) -> Iterator[Cause]:
     yield Cause("frame", "frame", frame)
     yield Cause("drift", "drift", frame)
     lengths = shots.by_parameters(space.arm_lengths).sum(axis=2, keepdims=True)
-    yield Cause("drift", "lengths", lengths)
+    yield Cause("drift", "lengths", lengths, time_constants=TIME_CONSTANTS)
+    yield Cause("drift", "growth", shots.by_expansions(), time_constants=TIME_CONSTANTS)
 
 
 def _swapped(shots: _AllShots) -> Iterator[tuple[int, int]]:

@@ -7,7 +7,7 @@ beside a robot's own scatter a few of them may have larger errors with a model t
 """
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ import scipy
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
-from campaigns.evaluation.diagnostics import Doubt
 from campaigns.identification.identify import identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
@@ -212,16 +211,16 @@ def _with_terms(
         if best.course is not None:
             shots = replace(shots, warmth=best.course.values)
     for _ in range(MOST_TERMS):
-        more = _lacking_terms(best, allowed, space)
+        more = _lacking_terms(best, allowed, space) or _terms_of_others(best, allowed, space)
         if more is None:
             return
-        cause, names, doubt = more
+        cause, names, numbers = more
         known = _widened(best.known, terms, names, space)
         robot, how = nominal, options
-        rate = doubt.numbers.get("per_turn", doubt.numbers.get("period_mm"))
+        rate = numbers.get("per_turn", numbers.get("period_mm"))
         if rate is not None and not nominal.mechanism.rate:
             robot = replace(nominal, mechanism=nominal.mechanism.with_ripples(float(rate)))
-            p = float(doubt.numbers["p"])
+            p = float(numbers["p"])
             how = replace(options or IdentificationOptions(), ripple_p=p)
         candidate = _candidate(f"{best.name}+{cause}", robot, shots, known, how)
         candidate = replace(candidate, course=best.course)
@@ -273,8 +272,11 @@ def _with_warmth(
 
 def _lacking_terms(
     best: _Candidate, allowed: set[str], space: ParameterSpace
-) -> tuple[str, set[str], Doubt] | None:
-    """First cause of a lack of fit that terms of the transmission take up, and their names."""
+) -> tuple[str, set[str], Mapping[str, float | str]] | None:
+    """First cause of a lack of fit that terms of the transmission take up.
+
+    With their names, and what the doubt says of it.
+    """
     for doubt in best.found.doubts if best.found else ():
         stems = TERMS.get(str(doubt.numbers.get("cause")), ())
         arm = int(doubt.numbers.get("arm", -1)) if doubt.numbers.get("alone") else None
@@ -282,7 +284,21 @@ def _lacking_terms(
         names = {each.name for each in own if each.field.stem in stems and arm in {None, each.arm}}
         if names:
             told = str(doubt.numbers["cause"]) + ("" if arm is None else str(arm))
-            return told, names, doubt
+            return told, names, doubt.numbers
+    return None
+
+
+def _terms_of_others(
+    best: _Candidate, allowed: set[str], space: ParameterSpace
+) -> tuple[str, set[str], Mapping[str, float | str]] | None:
+    """Cause whose terms some arms have, and their names in the others: parts are alike.
+
+    What is too small to be found in each of them puts the geometry out all the same.
+    """
+    own = {space[name].field.stem for name in {*best.known.free} & {*space.transmission}}
+    for cause, stems in TERMS.items():
+        if names := {name for name in allowed if space[name].field.stem in own & {*stems}}:
+            return cause, names, {}
     return None
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
+from campaigns.estimation.change_detection import drifted
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.shots.shots_csv import times_s
@@ -71,7 +72,7 @@ def courses(shots: Shots, reference_degC: float) -> tuple[Course, ...]:
         return (Course("temperature", above, reference_degC=reference_degC),)
     if drift is not None:
         return (Course("drift pose", drift),)
-    return tuple(Course("time", _warmed(passed, each), each) for each in TIME_CONSTANTS)
+    return tuple(Course("time", drifted(passed, each) - 1.0, each) for each in TIME_CONSTANTS)
 
 
 def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
@@ -99,13 +100,6 @@ def part_passed(shots: Shots) -> Array:
     if seconds is None or np.diff(seconds[order]).min(initial=0.0) < 0.0 or not seconds.any():
         seconds = np.argsort(order).astype(np.float64)
     return np.asarray(seconds / max(float(seconds.max(initial=0.0)), 1e-9))
-
-
-def _warmed(passed: Array, time_constant: float) -> Array:
-    if math.isinf(time_constant):
-        return passed - 1.0
-    done = np.expm1(-passed / time_constant) / math.expm1(-1.0 / time_constant)
-    return np.asarray(done - 1.0)
 
 
 def _moved(shots: Shots, passed: Array) -> Array | None:

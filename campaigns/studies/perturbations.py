@@ -52,6 +52,10 @@ class Perturbation:
     """Of the tracker's transit axis, out of square."""
     known_length: bool = False
     """Whether a bar of a metre, put down five times about the workspace, was measured too."""
+    ripple_arcsec: float = 0.0
+    """Error of every crank in each turn of its motor, at most; how often that is may be drawn."""
+    warmth_ppm: float = 0.0
+    """Growth of the arms over the campaign; forearms and frame grow by a drawn part of it."""
     measured: float = 1.0
     """Part of each axis's range in which shots are, about one of the workspace's sides."""
 
@@ -67,12 +71,19 @@ class Perturbation:
             "eccentricity": self.eccentric_deg,
             "ratio": self.ratio_ppm,
             "period": self.period_mm,
+            "ripple": self.ripple_arcsec,
+            "warmth": self.warmth_ppm,
             "yielding": self.sag_mm,
             "azimuths": self.azimuths_mrad,
             "reflector": self.reflector_mm,
             "transit axis": self.transit_mrad,
         }
         return next((name for name, size in causes.items() if size), "")
+
+    @property
+    def of_cranks(self) -> bool:
+        """Presence of what only encoders and gears of cranks do."""
+        return bool(self.eccentric_deg or self.ripple_arcsec)
 
     @property
     def beyond_the_model(self) -> bool:
@@ -97,6 +108,8 @@ class Perturbation:
             f"eccentric {self.eccentric_deg:g}°": self.eccentric_deg,
             f"ratio {self.ratio_ppm:g} ppm": self.ratio_ppm,
             f"screws {self.period_mm:g} mm": self.period_mm,
+            f"ripple {self.ripple_arcsec:g}″": self.ripple_arcsec,
+            f"warmth {self.warmth_ppm:g} ppm": self.warmth_ppm,
             f"sag {self.sag_mm:g} mm": self.sag_mm,
             f"azimuths {self.azimuths_mrad:g} mrad": self.azimuths_mrad,
             f"reflector {self.reflector_mm:g} mm": self.reflector_mm,
@@ -172,6 +185,8 @@ BY_SIZE: Mapping[str, tuple[Perturbation, ...]] = {
         for ppm in (50.0, 100.0, 300.0)
     ),
     "part-of-the-workspace": tuple(Perturbation(measured=part) for part in (0.25, 0.5, 0.75)),
+    "ripple": tuple(Perturbation(ripple_arcsec=size) for size in (5.0, 10.0, 20.0)),
+    "warmth": tuple(Perturbation(warmth_ppm=size) for size in (50.0, 100.0, 200.0)),
 }
 """Not among `all`, and told by size: parts that are never perfect, from none to coarse, of which
 each model leaves something; wrong shots of which bare distances tell nothing but that; small errors

@@ -104,15 +104,18 @@ def perturbed_campaign(
     joints = shots.joints + _backlash(before, perturbation) * rng.choice(
         [-0.5, 0.5], shots.joints.shape
     )
+    forward = _points_of(after)
     if perturbation.beyond_the_model:
         assert setup.beyond_model is not None, "only asked for where there is one"
-        forward, p = setup.beyond_model(after, perturbation, rng)
-        if {*setup.free} & {*mechanism.parameters.extensions}:
+        in_time, p = setup.beyond_model(after, perturbation, rng)
+        forward = lambda joints: in_time(joints, 1.0)  # noqa: E731 - one of two, as the other
+        put_out = perturbation.imperfect_parts or perturbation.azimuths_mrad
+        if not put_out or {*setup.free} & {*mechanism.parameters.extensions}:
             told = Kinematics(mechanism, p)
+        in_base = in_time(joints, np.linspace(0.0, 1.0, len(shots)))
     else:
-        forward = _points_of(after)
-    in_base = forward(joints)
-    shift = np.zeros_like(in_base)
+        in_base = forward(joints)
+    shift = in_base - forward(joints) if perturbation.warmth_ppm else np.zeros_like(in_base)
     passed = _passed(perturbation, len(shots), first)[:, None]
     if after is not before:
         begun = _points_of(before)(joints)
@@ -120,10 +123,11 @@ def perturbed_campaign(
         in_base = begun + shift
     if perturbation.scatter_mm > 0.0:
         in_base = in_base + perturbation.scatter_mm * rng.uniform(-1.0, 1.0, in_base.shape)
-    frame = setup.tracker_from_base
+    frame, turn = setup.tracker_from_base, setup.tracker_from_base.rotation
+    points = frame.apply(in_base)
     if "frame" in (perturbation.step, perturbation.drift):
-        shift = passed * _any_direction(rng, 1, perturbation.size)
-    points = frame.apply(in_base) + (shift if after is before else 0.0)
+        moved = passed * _any_direction(rng, 1, perturbation.size)
+        points, shift = points + moved, moved @ turn
     wrong = rng.choice(fitted, perturbation.gross, replace=False)
     off = _any_direction(rng, perturbation.gross, perturbation.size)
     if perturbation.along_pairs:
@@ -138,7 +142,6 @@ def perturbed_campaign(
     stated = point_covariance_mm2(points, setup.options.instrument)
     roots = np.linalg.cholesky(stated)
     points = points + np.einsum("nij,nj->ni", roots, rng.standard_normal(points.shape))
-    turn = frame.rotation
     measured = replace(shots, points_in_tracker_mm=points, stated_covariance_mm2=stated)
     return PerturbedCampaign(
         shots=_as_read(measured, perturbation, setup.options.instrument, rng),
@@ -147,7 +150,7 @@ def perturbed_campaign(
         forward=forward,
         covariance_mm2=turn.T @ stated @ turn
         + _own_mm2(before, perturbation, forward, shots.joints),
-        shift_mm=shift @ turn if after is before else shift,
+        shift_mm=shift,
         perturbation=perturbation,
         arm=arm,
         first_after=shots.numbers[first],

@@ -30,10 +30,14 @@ Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
 
 
-BeyondModel = Callable[[Kinematics, Perturbation, np.random.Generator], tuple[Forward, Array]]
+ForwardInTime = Callable[[Array, Array | float], Array]
+"""The same by how much of the campaign has passed, (N,) from 0 to 1."""
+
+BeyondModel = Callable[[Kinematics, Perturbation, np.random.Generator], tuple[ForwardInTime, Array]]
 """Source of robots with imperfect parts, each like a true one with perfect parts.
 
-Gives its points, and its parameters (G,), skews and tilts too, in the datum of that robot.
+Gives its points, and its parameters at the end (P,), skews, tilts and transmission too, in the
+datum of that robot.
 """
 
 

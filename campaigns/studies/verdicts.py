@@ -1,6 +1,8 @@
 """Verdicts on perturbed campaigns: what identification says, beside what is true."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from string import digits
 
 import numpy as np
 
@@ -26,6 +28,8 @@ from campaigns.studies import study
 from campaigns.studies.perturbations import KINDS, Perturbation, perturbation_of
 from campaigns.studies.perturbed import BAR, PerturbedCampaign, perturbed_campaign
 
+GROWTH = {("drift", "lengths"), ("drift", "growth")}
+"""Kind and cause of the change that growth of the arms, or of all parts, is told as."""
 NEAR_SHOTS = 5
 """By which the place of a step may be missed."""
 
@@ -57,37 +61,45 @@ def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVer
     options = replace(setup.options, known_lengths=(BAR,))
     terms = terms_to_add(space, setup.model)
     found = select_model(nominal, made.shots, dict(models), options, terms=terms)
-    names = [name for name in found.free if name in space.geometry]
+    names = [name for name in found.free if name in space.of_robot]
     units, places = space.units(names), space.places(names)
     p, std = nominal.p.copy(), np.full(len(nominal.p), np.nan)
     p[places] = np.array([found.parameters[name].value for name in names]) * units
     stated = [found.parameters[name].std for name in names]
     std[places] = np.array([np.nan if each is None else each for each in stated]) * units
     errors = p - made.true.p
+    if made.perturbation.sag_mm:  # taken up by what no robot has, which is right of positions alone
+        std[space.places(space.transmission)] = np.nan
     known = np.isfinite(std)
     sigmas = np.abs(errors[known] / std[known])
     factor = found.coverage_factor_95 or np.nan
     outliers = _left_out(made, found)
     change = _change(made, found)
     missing, too_many = len(made.gross - outliers), len(outliers - made.gross)
+    mechanism = nominal.mechanism
+    if found.ripples is not None:
+        mechanism = mechanism.with_ripples(found.ripples.value)
     doubts = tuple(each.name for each in found.doubts)
+    model = next((each.name for each in found.models if each.kept), setup.model.value)
+    base = max((name for name in models if model.startswith(name)), key=len, default=model)
+    causes = (*_added(model.removeprefix(base)), *_causes(found))
     return study.CampaignVerdict(
         verdict=found.verdict,
-        model=next((each.name for each in found.models if each.kept), setup.model.value),
+        model=model,
         doubts=doubts,
         known=int(known.sum()),
         worst_sigmas=float(sigmas.max(initial=0.0)),
         square_over_variance=float(np.mean(sigmas**2)) if known.any() else None,
         covered=float(np.mean(sigmas <= factor)) if known.any() else None,
         square_over_least=float(np.mean((errors[space.places(made.free)] / made.least_std()) ** 2)),
-        position_mm=position_error_mm(workspace, made.forward, Kinematics(nominal.mechanism, p)),
+        position_mm=position_error_mm(workspace, made.forward, Kinematics(mechanism, p)),
         stated_mm=None if found.position_std_mm is None else found.position_std_mm.mean,
         change=change,
         signal=made.signal(),
         missing=missing,
         too_many=too_many,
-        causes=_causes(found),
-        named=_named(made, found, change, all_named=missing == too_many == 0),
+        causes=causes,
+        named=_named(made, found, change, causes, all_named=missing == too_many == 0),
         false_alarm=_false_alarm(made.perturbation, doubts, change, too_many),
     )
 
@@ -118,9 +130,9 @@ def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
     if told is None:
         return ""
     kind, cause = str(told.numbers["kind"]), str(told.numbers["cause"])
-    if made.perturbation.drift:
-        wanted = "drift" if made.perturbation.drift == "frame" else "lengths"
-        return "right" if (kind, cause) == ("drift", wanted) else "cause"
+    if made.perturbation.drift or made.perturbation.warmth_ppm:
+        wanted = {("drift", "drift")} if made.perturbation.drift == "frame" else GROWTH
+        return "right" if (kind, cause) in wanted else "cause"
     if not cause:
         return "place"
     right_arm = kind == "frame" or made.true.mechanism.parameters[cause].arm == made.arm
@@ -132,7 +144,12 @@ def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
 
 
 def _named(
-    made: PerturbedCampaign, found: IdentificationResult, change: str, *, all_named: bool
+    made: PerturbedCampaign,
+    found: IdentificationResult,
+    change: str,
+    causes: tuple[str, ...],
+    *,
+    all_named: bool,
 ) -> bool:
     """Naming of what happened; of a clean campaign naming nothing."""
     perturbation = made.perturbation
@@ -146,7 +163,7 @@ def _named(
     if perturbation.measured < 1.0:
         return EXTRAPOLATION in names
     if perturbation.cause:
-        return next(iter(_causes(found)), "") == perturbation.cause
+        return next(iter(causes), "") == perturbation.cause
     if perturbation.swapped:
         return SWAPPED in names
     if perturbation.beyond_the_model and not _described(made, found):
@@ -158,9 +175,17 @@ def _named(
     return not any(each.affects_verdict for each in found.doubts) and all_named
 
 
-def _causes(found: IdentificationResult) -> tuple[str, ...]:
-    """Names of what the model was said to lack."""
-    return tuple(str(each.numbers["cause"]) for each in found.doubts if each.name == LACK)
+def _added(terms: str) -> Iterator[str]:
+    """Names of the causes whose terms a choice of models added, as `+ratio1`, the first first."""
+    yield from (each.rstrip(digits) for each in terms.split("+")[1:])
+
+
+def _causes(found: IdentificationResult) -> Iterator[str]:
+    """Names of what the model was said to lack: growth, and causes of residuals."""
+    for each in found.doubts:
+        if each.name == CHANGE and (each.numbers["kind"], each.numbers["cause"]) in GROWTH:
+            yield "warmth"
+    yield from (str(each.numbers["cause"]) for each in found.doubts if each.name == LACK)
 
 
 def _described(made: PerturbedCampaign, found: IdentificationResult) -> bool:
@@ -175,12 +200,13 @@ def _false_alarm(
     perturbation: Perturbation, doubts: tuple[str, ...], change: str, too_many: int
 ) -> bool:
     """Naming of a change, a scale or a wrong shot where there is none."""
-    changes = bool(perturbation.step or perturbation.drift or perturbation.swapped)
+    drifts = bool(perturbation.drift or perturbation.warmth_ppm)
+    changes = drifts or bool(perturbation.step or perturbation.swapped)
     # carriages know lengths: to them a tracker's scale is a ratio
     lacking = changes or perturbation.beyond_the_model or perturbation.scale != 1.0
     return (
         (bool(change) and not changes)
-        or (COMMON_SCALE in doubts and perturbation.scale == 1.0 and not perturbation.drift)
+        or (COMMON_SCALE in doubts and perturbation.scale == 1.0 and not drifts)
         or (too_many > 0 and not changes and not perturbation.cause)
         or (KNOWN_LENGTH in doubts and perturbation.scale == 1.0)
         or (EXTRAPOLATION in doubts and perturbation.measured == 1.0)

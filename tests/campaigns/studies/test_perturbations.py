@@ -11,6 +11,8 @@ from app.study.rods import misread, rod_robot
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.datum import datum_sample
 from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of
 from campaigns.studies.perturbed import perturbed_campaign
@@ -184,6 +186,8 @@ def test_shots_in_a_quarter_of_each_range_are_no_pass(setup):
         (Perturbation(azimuths_mrad=3.0), "azimuths"),
         (Perturbation(reflector_mm=2.0), "reflector"),
         (Perturbation(transit_mrad=1.0), "transit axis"),
+        (Perturbation(ripple_arcsec=60.0), "ripple"),
+        (Perturbation(warmth_ppm=1000.0), "warmth"),
     ],
 )
 def test_causes_of_the_simulated_parts_are_named(setup, perturbation, cause):
@@ -191,6 +195,51 @@ def test_causes_of_the_simulated_parts_are_named(setup, perturbation, cause):
     assert found.causes[:1] == (cause,)
     assert found.named
     assert not found.passed
+
+
+GEARS = [
+    Perturbation(eccentric_deg=0.02),
+    Perturbation(ratio_ppm=500.0),
+    Perturbation(ripple_arcsec=30.0),
+    Perturbation(warmth_ppm=500.0),
+]
+
+
+@pytest.mark.parametrize("perturbation", GEARS, ids=str)
+def test_true_terms_are_those_of_the_simulated_gears_and_of_the_robot_when_warm(
+    setup, perturbation
+):
+    rippling = Kinematics(NOMINAL.mechanism.with_ripples(30.0), NOMINAL.p)
+    made = perturbed(replace(setup, nominal=rippling), perturbation)
+    assert position_error_mm(setup.options.workspace, made.forward, made.true) < 3e-4, (
+        "eccentricities squared"
+    )
+    assert position_error_mm(setup.options.workspace, made.forward, perturbed_clean(setup)) > 0.005
+
+
+def perturbed_clean(setup):
+    return perturbed(setup, Perturbation()).true
+
+
+def test_shots_of_a_warming_robot_begin_cold(setup):
+    made = perturbed(setup, Perturbation(warmth_ppm=2000.0))
+    cold = perturbed(setup, Perturbation(rods_mm=1e-9)).forward(made.shots.joints)
+    off = made.shots.points_in_tracker_mm - setup.tracker_from_base.apply(cold)
+    sizes = np.linalg.norm(off, axis=1)
+    assert sizes[0] < 0.05 < 0.2 < sizes[-10:].mean()
+
+
+def test_terms_of_gears_that_were_fitted_count_for_positions(setup):
+    eccentric = perturbed(setup, Perturbation(eccentric_deg=0.02))
+    space = NOMINAL.mechanism.parameters
+    names = space.of_field("eccentricity_sin_deg", "eccentricity_cos_deg")
+    usual, wider = (
+        judge(replace(setup, models={"standard": ParameterSelection(free)}), eccentric)
+        for free in (setup.free, (*setup.free, *names))
+    )
+    assert wider.known == usual.known + len(names)
+    assert wider.position_mm < 0.2 * usual.position_mm
+    assert wider.worst_sigmas < 4.0
 
 
 def test_late_steps_and_swapped_neighbours_are_named(setup):
