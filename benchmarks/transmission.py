@@ -1,26 +1,34 @@
 """What encoders, gears and warmth leave of positions, without and with their own parameters.
 
-python -m benchmarks.transmission [--robots N] [--json]
+python -m benchmarks.transmission [--robots N] [--clean N] [--json]
 
 Truth is made by the simulated cell's own rods, gears and warm parts, with errors of manufacture
 drawn: 120 random poses, each joint come to from a random side, a tracker of 0.015/√3 mm on each
 coordinate. Errors of unseen positions, wanted cold, rms in µm, medians of the robots; and the share
 of robots of which an F test asks for the added parameters, p < 1e-3. What is told of angles of
-cranks is told of carriages by the way of a crank of 300 mm. Exit code 1 when a limit is missed.
+cranks is told of carriages by the way of a crank of 300 mm. Then how many 95 % intervals of the
+added parameters hold the truth, the time that all terms take beside the full model, and of how many
+clean robots `study --effects clean --model auto` keeps a term. Exit code 1 when a limit is missed.
 """
 
 import statistics
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import pi, radians
 
 import numpy as np
 from scipy.stats import f as f_distribution
 
+from app.study.rods import terms_of
+from benchmarks.shared.studies import studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.design.pose_sampling import workspace_poses
+from campaigns.estimation.information import covariance
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, Kind, geometry_of
 from sim.robot.rods import Build, Growth, Plate, RodMechanism
@@ -57,18 +65,37 @@ TRUTHS: Mapping[str, Sizes] = {
 }
 """Sizes in arcsec, ppm and arcmin; what is named is fitted too."""
 ALONE_SAID, NEVER_SAID, OVER_CLEAN = 0.9, 0.1, 1.6
+TERMS_OF_CLEAN, LONGER = 0.01, 1.5
+NORMAL_95 = 1.96
 
 
-def measure(robots: int) -> Report:
+@dataclass(frozen=True)
+class Fitted:
+    """A robot by the plain model and with its parameters, and by the full one without and with all.
+
+    Errors of unseen positions, µm; whether the parameters are asked for; errors of these in σ;
+    seconds.
+    """
+
+    errors: tuple[float, float]
+    said: bool
+    sigmas: tuple[float, ...]
+    seconds: tuple[float, float]
+
+
+def measure(robots: int, clean: int) -> Report:
     tables, figures = [], []
+    every: list[Fitted] = []
     for name in ROBOTS:
         file = find_robot(name).robot
         kind = KINDS[file.mechanism.name]
-        rows = {
-            label: medians([one_robot(file, kind, sizes, seed) for seed in range(robots)])
+        found = {
+            label: [one_robot(file, kind, sizes, seed) for seed in range(robots)]
             for label, sizes in TRUTHS.items()
             if not (kind.on_rails and sizes.keys() == {"eccentric"})
         }
+        every += (one for own in found.values() for one in own)
+        rows = {label: medians(own) for label, own in found.items()}
         columns = ("truth", "plain", "with its parameters", "said")
         table = [(label, *row) for label, row in rows.items()]
         tables.append(Table(f"{name}: unseen positions, µm", columns, table))
@@ -81,16 +108,31 @@ def measure(robots: int) -> Report:
             Figure(f"{name}: worst with its parameters, over clean", worst, highest=OVER_CLEAN),
             Figure(f"{name}: all parameters on the clean, over plain", clean / plain),
         ]
+    held = [abs(sigmas) < NORMAL_95 for one in every for sigmas in one.sigmas]
+    full, with_all = (statistics.median(one.seconds[at] for one in every) for at in (0, 1))
+    share, of = share_with_terms(clean)
+    figures += [
+        Figure("95 % intervals of added parameters hold", sum(held) / len(held), "", 0.93, 0.97),
+        Figure("all terms, time over the full model's", with_all / full, highest=LONGER),
+        Figure("clean robots of which auto keeps a term", share, of, highest=TERMS_OF_CLEAN),
+    ]
     return Report(figures, tables)
 
 
-def medians(found: Sequence[tuple[float, float, bool]]) -> tuple[float, float, float]:
-    plain, fitted, said = zip(*found, strict=True)
-    return statistics.median(plain), statistics.median(fitted), sum(said) / len(said)
+def share_with_terms(clean: int) -> tuple[float, str]:
+    """Share of clean robots of which a term is kept, and of how many; so many of each mechanism."""
+    asked = ("--scenario", "drawn-robots", "--effects", "clean", "--model", "auto")
+    found = [one for name in ROBOTS for one in studied(name, "drawn-robots", SHOTS, asked, clean)]
+    kept = [verdict.model for one in found for verdict in one.verdicts()]
+    return sum("+" in model for model in kept) / max(len(kept), 1), f"of {len(kept)}"
 
 
-def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> tuple[float, float, bool]:
-    """Errors of unseen positions, µm, by the plain model and with its parameters; if asked for."""
+def medians(found: Sequence[Fitted]) -> tuple[float, float, float]:
+    plain, fitted = (statistics.median(one.errors[at] for one in found) for at in (0, 1))
+    return plain, fitted, sum(one.said for one in found) / len(found)
+
+
+def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> Fitted:
     rng = np.random.default_rng(seed)
     nominal = file.kinematics
     space, rate = nominal.mechanism.parameters, TURNS / kind.scale
@@ -103,17 +145,21 @@ def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> tuple[flo
         -TIME_CONSTANTS
     )
     true = made_robot(nominal, kind, rng)
-    joints = drawn_gears(kind, sizes, rng).joints(encoders)
+    gears = drawn_gears(kind, sizes, rng)
+    joints = gears.joints(encoders)
     joints -= 0.5 * sizes.get("backlash", 0.0) * 60.0 * ARCSEC * kind.scale * sides
     grown = [Growth(*[1e-6 * sizes.get("warm", 0.0) * part] * 3) for part in warmth]
     level = [Plate.level(kind, pose[:3], float(pose[3:].sum())) for pose in poses]
     settled = [true.settle(*row)[0] for row in zip(joints, level, grown, strict=True)]
     points = np.array([plate.position_mm for plate in settled])
+    rng = np.random.default_rng([seed, *(int(10 * size) for size in sizes.values())])
     measured = points[:SHOTS] + STD_MM * rng.standard_normal((SHOTS, 3))
     own = [stem.format(unit=kind.unit) for cause in sizes for stem in STEMS[cause]]
     added = [each for each in space.model if each.split(".")[-1] in own]
-    lefts, errors = [], []
-    for free in (space.free_by_default, (*space.free_by_default, *added)):
+    usual, full = space.free_by_default, space.free_in_full
+    all_terms = (*full, *space.transmission, *space.thermal)
+    lefts, errors, seconds, sigmas = [], [], [], ()
+    for free in (usual, (*usual, *added), full, all_terms):
         places = space.places(free)
         fitted, unseen = (
             PositionModel(
@@ -123,13 +169,40 @@ def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> tuple[flo
         )
         variances = np.broadcast_to(STD_MM**2 * np.eye(3), (SHOTS, 3, 3))
         problem = PointResiduals.from_points(fitted, measured, variances)
+        began_s = time.process_time()
         x = solve(problem).x
+        seconds.append(time.process_time() - began_s)
         lefts.append((float(np.sum(problem.residual(x) ** 2)), 3 * SHOTS - len(x)))
         off = problem.tracker_from_base(x).apply(unseen.positions_mm(x[: len(free)]))
         errors.append(1e3 * float(np.sqrt(np.mean(np.sum((off - points[SHOTS:]) ** 2, axis=1)))))
-    (plain, before), (left, after) = lefts
+        if len(free) == len(usual) + len(added):
+            std = np.sqrt(np.diag(covariance(problem.jacobian(x))))
+            known = true_terms(space, gears, sizes, kind)
+            sigmas = tuple(
+                float((value - known[name]) / own_std)
+                for name, value, own_std in zip(free, x.tolist(), std.tolist(), strict=False)
+                if known.get(name)
+            )
+    (plain, before), (left, after) = lefts[:2]
     gained = (plain - left) / (before - after) / (left / after)
-    return errors[0], errors[1], bool(f_distribution.sf(gained, before - after, after) < SAID)
+    said = bool(f_distribution.sf(gained, before - after, after) < SAID)
+    return Fitted((errors[0], errors[1]), said, sigmas, (seconds[2], seconds[3]))
+
+
+def true_terms(
+    space: ParameterSpace, gears: Transmission, sizes: Sizes, kind: Kind
+) -> dict[str, float]:
+    """Added parameters, rad, mm and ratios; not the frame's growth, as the plate stays cold."""
+    each = np.ones(kind.arms)
+    values = terms_of(gears)
+    values["backlash"] = sizes.get("backlash", 0.0) * 60.0 * ARCSEC * kind.scale * each
+    warm = 1e-6 * sizes.get("warm", 0.0) * each
+    values |= {"arm_expansion": warm, "forearm_expansion": warm}
+    return {
+        one.name: float(values[one.field.stem][one.arm or 0])
+        for one in space
+        if one.field.stem in values
+    }
 
 
 def made_robot(nominal: Kinematics, kind: Kind, rng: np.random.Generator) -> RodMechanism:
@@ -155,4 +228,4 @@ def drawn_gears(kind: Kind, sizes: Sizes, rng: np.random.Generator) -> Transmiss
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(__doc__, measure, robots=8))
+    raise SystemExit(main(__doc__, measure, robots=8, clean=34))
