@@ -23,9 +23,9 @@ from campaigns.identification.parameter_selection import ParameterSelection, sel
 from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
-from campaigns.mechanisms.transmission import TERMS
+from campaigns.mechanisms.transmission import GAIN, TERMS
 from campaigns.shots.shots import Shots
-from campaigns.shots.warmth import Course, courses
+from campaigns.shots.warmth import FINER, Course, courses, finer
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 VERY_STRONG = 10.0
@@ -249,22 +249,21 @@ def _with_warmth(
     """
     space, reference = nominal.mechanism.parameters, (options or IdentificationOptions())
     growing = [name for name in terms.free if name in space.thermal]
+    on_rails = not nominal.mechanism.joints[0].is_revolute
+    # a rail's scale is right before it grows, and parameters are stated as it ends
+    pitches = [n for n in terms.free if on_rails and n in space.of_field(GAIN.name)]
+    on_stand = compensated(shots, reference)[0]
     for names in (growing, growing[:1]) if growing else ():
-        known = _widened(best.known, terms, names, space)
-        tried = [
-            replace(
-                _candidate(
-                    f"{best.name}+warmth",
-                    nominal,
-                    replace(shots, warmth=course.values),
-                    known,
-                    options,
-                ),
-                course=course,
-            )
-            for course in courses(compensated(shots, reference)[0], reference.reference_degC)
-        ]
-        cheapest = min(tried, key=_price)
+        known = _widened(best.known, terms, [*names, *pitches], space)
+
+        def by(course: Course, known: ParameterSelection = known) -> _Candidate:
+            warm, name = replace(shots, warmth=course.values), f"{best.name}+warmth"
+            return replace(_candidate(name, nominal, warm, known, options), course=course)
+
+        cheapest = min(map(by, courses(on_stand, reference.reference_degC)), key=_price)
+        for factor in FINER if not _objection(cheapest, best) else ():
+            near = finer(on_stand, cheapest.course, factor) if cheapest.course else ()
+            cheapest = min((cheapest, *map(by, near)), key=_price)
         yield cheapest
         if not _objection(cheapest, best):
             return

@@ -21,6 +21,8 @@ from campaigns.shots.shots_csv import times_s
 
 TIME_CONSTANTS = (0.1, 0.2, 1.0 / 3.0, 0.6, 1.2, math.inf)
 """Of warming up that are tried, in parts of the run; by the last it goes on evenly."""
+FINER = (1.35, 1.16, 1.08)
+"""Factors of the time constant that explains most, one after the other."""
 FEWEST_VISITS = 5
 """Of the drift pose by which a course can be told."""
 ALONG = 10.0
@@ -73,6 +75,15 @@ def courses(shots: Shots, reference_degC: float) -> tuple[Course, ...]:
     if drift is not None:
         return (Course("drift pose", drift),)
     return tuple(Course("time", drifted(passed, each) - 1.0, each) for each in TIME_CONSTANTS)
+
+
+def finer(shots: Shots, course: Course, factor: float) -> tuple[Course, ...]:
+    """Courses by time constants that are larger and smaller by a factor; none but of time."""
+    if course.time_constant is None or math.isinf(course.time_constant):
+        return ()
+    passed = part_passed(shots)
+    near = (course.time_constant * factor, course.time_constant / factor)
+    return tuple(Course("time", drifted(passed, each) - 1.0, each) for each in near)
 
 
 def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
