@@ -42,12 +42,9 @@ def create_for_devices(
     config = new_config(
         {
             **_identity(folder),
-            "controller": {"url": controller, **_driver(drivers["controller"], controller)},
-            "tracker": {
-                "url": tracker,
-                "reflector": DEFAULT_REFLECTOR,
-                **_driver(drivers["tracker"], tracker),
-            },
+            "controller": _device("controller", {"controller": controller}, drivers),
+            "tracker": _device("tracker", {"tracker": tracker}, drivers)
+            | {"reflector": DEFAULT_REFLECTOR},
             **_validation(nominal.robot),
         }
     )
@@ -63,9 +60,12 @@ def create_simulated(
     *,
     with_limits: bool = False,
     computes_all: bool = False,
-    tracker_driver: str | None = None,
+    urls: Mapping[str, str | None] = NO_DRIVERS,
+    drivers: Mapping[str, str | None] = NO_DRIVERS,
 ) -> CampaignConfig:
     """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
+
+    `urls`: that of the one device that is real, if one is; `drivers` of controller and tracker.
 
     `computes_all`: whether its controller computes plate tilt and what gears add. `with_limits`
     asks in campaign.yaml for what the scenario asks of a calibrated robot.
@@ -87,10 +87,10 @@ def create_simulated(
     config = new_config(
         {
             **_identity(folder),
-            "controller": {"url": url, "speed_percent": SIMULATED_SPEED_PERCENT},
+            "controller": _device("controller", urls, drivers, url)
+            | ({} if urls["controller"] else {"speed_percent": SIMULATED_SPEED_PERCENT}),
             "tracker": {
-                "url": url,
-                **_driver(tracker_driver),
+                **_device("tracker", urls, drivers, url),
                 "reflector": tracker.reflectors[0].name,
                 "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
                 "uncertainty": _limits(tracker.noise.data_sheet),
@@ -124,13 +124,19 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     return adapted(scenario_text(scenario, seed), wanted)
 
 
-def _driver(name: str | None, url: str = "") -> dict[str, str]:
-    """Driver as it was named, or as the address alone says it."""
+def _device(
+    device: str,
+    urls: Mapping[str, str | None],
+    drivers: Mapping[str, str | None],
+    simulated: str = "",
+) -> dict[str, str]:
+    """Address, and driver as it was named, or as the address alone says it."""
+    url, name = urls[device] or simulated, drivers[device]
     if name is None and url == BY_HAND:
         name = BY_HAND
     if name is None and url.startswith(FILE):
         name = WATCH_FILE
-    return {} if name is None else {"driver": name}
+    return {"url": url} if name is None else {"url": url, "driver": name}
 
 
 def _identity(folder: Path) -> dict[str, object]:

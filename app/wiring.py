@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 from app.consent import require_consent
 from campaigns.campaign import SIMULATED, Campaign
@@ -31,7 +32,7 @@ from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener, open_transport
-from drivers.values import Coordinate, Identity
+from drivers.values import Coordinate, Identity, RobotState
 from drivers.watch_file.tracker import WatchSettings
 from drivers.wire.command_prefix import command_prefix
 from drivers.wire.robotline import RobotLayout
@@ -39,6 +40,7 @@ from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.errors import SimError
+from sim.robot.linuxcnc_joints import ToldJoints
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
@@ -116,6 +118,8 @@ class DeviceConnections:
     """Time as a simulated tracker of ours lives it; None for one that is not served here."""
     prompt: Prompt | None
     """Asks the operator, for devices that he works by hand; None: nobody can be asked."""
+    followed: ToldJoints | None
+    """Told where a real robot stands, for the simulated one that a simulated tracker looks at."""
 
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
@@ -142,7 +146,7 @@ class DeviceConnections:
                 robot.connect()
                 greeted(identity := robot.identity())
                 _check_serial("controller", identity, serial)
-                yield robot
+                yield robot if self.followed is None else _followed(robot, self.followed)
         finally:
             robot.close()
 
@@ -198,20 +202,24 @@ def connections(
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
     if not simulated:
-        yield made(controller, tracker, SystemClock(), None, prompt)
+        yield made(controller, tracker, SystemClock(), None, prompt, None)
         return
     if len(set(simulated)) > 1:
         raise ConfigInvalid(
             f"controller and tracker are of two simulated cells: {' and '.join(simulated)}",
             remedy="give both the same sim:// address",
         )
-    with _embedded(campaign, simulated[0]) as cell:
+    scenario = scenario_of(campaign.folder, simulated[0])
+    follows = controller not in simulated and scenario.controller.joints_from is None
+    followed = ToldJoints(scenario.robot.kind) if follows else None
+    with _embedded(campaign, scenario, followed) as cell:
         yield made(
             cell.controller_url if controller in simulated else controller,
             cell.tracker_url if tracker in simulated else tracker,
             cell.clock if controller in simulated else SystemClock(),
             cell.clock if tracker in simulated else None,
             prompt,
+            followed,
         )
 
 
@@ -242,13 +250,34 @@ def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
         )
 
 
+class _FollowedRobot:
+    """A real robot, whose every rest is told to a simulated one; all else is its own."""
+
+    def __init__(self, robot: RobotController, followed: ToldJoints) -> None:
+        self._robot, self._followed = robot, followed
+
+    def state(self) -> RobotState:
+        state = self._robot.state()
+        if state.joints and not state.moving:
+            self._followed.tell(state.joints)
+        return state
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._robot, name)
+
+
+def _followed(robot: RobotController, followed: ToldJoints) -> RobotController:
+    return cast("RobotController", _FollowedRobot(robot, followed))
+
+
 @contextmanager
-def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
+def _embedded(
+    campaign: Campaign, scenario: Scenario, followed: ToldJoints | None
+) -> Iterator[EmbeddedCell]:
     """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
     path = campaign.path(CELL_MEMORY)
-    scenario = scenario_of(campaign.folder, url)
     require_same_mechanism(campaign, scenario)
-    cell = Cell(scenario, memory=_remembered(path))
+    cell = Cell(scenario, memory=_remembered(path), joints=followed)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
     with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:

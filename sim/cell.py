@@ -17,7 +17,7 @@ from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_fo
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, Standing
 from sim.robot.follower import FollowingController
-from sim.robot.linuxcnc_joints import joint_source
+from sim.robot.linuxcnc_joints import JointSource, joint_source
 from sim.robot.rods import Growth, Plate, RodMechanism
 from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
@@ -105,8 +105,12 @@ class Cell:
         *,
         seed: int | None = None,
         memory: Mapping[str, object] | None = None,
+        joints: JointSource | None = None,
     ) -> None:
+        """Cell; with `joints` its robot is where a real controller's are."""
         self.scenario = scenario
+        if joints is None and (joints_from := scenario.controller.joints_from) is not None:
+            joints = joint_source(joints_from, scenario.robot.kind)
         section, kind = scenario.robot, scenario.robot.kind
         self.kind = kind
         past = None
@@ -134,7 +138,7 @@ class Cell:
             worked=self._worked,
             arrivals=Attempts(state.arrivals),
         )
-        self.controller = self._controller(state.geometry)
+        self.controller = self._controller(state.geometry, joints)
         self._scene = Scene(self.controller, self.robot)
         self.tracker = self._tracker(state)
 
@@ -179,12 +183,12 @@ class Cell:
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 
     def _controller(
-        self, geometry: Mapping[str, float]
+        self, geometry: Mapping[str, float], joints: JointSource | None
     ) -> SimulatedController | FollowingController:
         section = self.scenario.controller
-        if section.joints_from is not None:
+        if joints is not None:
             return FollowingController(
-                joint_source(section.joints_from, self.kind),
+                joints,
                 self.robot,
                 geometry=geometry,
                 speed_per_s=section.speed_per_s(self.kind),

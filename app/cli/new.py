@@ -8,7 +8,7 @@ from app.console import terminal_of
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_for_devices, create_simulated
 from app.next import tell_next
 from app.options import Json, NewFolder
-from campaigns.campaign import open_campaign
+from campaigns.campaign import SIMULATED, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.settings.sections import OFFLINE
 from drivers.catalog import CONTROLLERS, TRACKERS
@@ -63,6 +63,10 @@ def command(
     campaign.yaml explains each of its keys. With --controller and --tracker it is for a real
     cell, otherwise it gets a simulated one, whose every error stands in cell.yaml.
 
+    One of them may be sim://SCENARIO, to rehearse with the other: a simulated tracker sees a robot
+    that stands where the real controller's joints are. A device may be by-hand, a tracker
+    file:NAME.
+
     With --offline nothing is ever connected: the robot's own controller and the tracker's own
     software measure, and `pkmcal import` takes in their files.
 
@@ -80,7 +84,9 @@ def command(
         controller = tracker = OFFLINE
     if (controller is None) != (tracker is None):
         raise OptionsInvalid("--controller or --tracker is missing", remedy="give both, or neither")
-    if controller is not None and scenario is not None:
+    urls = {"controller": controller, "tracker": tracker}
+    simulated = [url for url in urls.values() if url is not None and url.startswith(SIMULATED)]
+    if controller is not None and scenario is not None and len(simulated) != 1:
         raise OptionsInvalid(
             "--scenario is for a simulated cell, --controller for a real one", remedy="give one"
         )
@@ -90,13 +96,14 @@ def command(
             remedy="give --controller and --tracker too, or leave it out",
         )
     terminal = terminal_of(context, as_json=json)
-    if controller is not None and tracker is not None:
-        drivers = {"controller": controller_driver, "tracker": tracker_driver}
+    drivers = {"controller": controller_driver, "tracker": tracker_driver}
+    if controller is not None and tracker is not None and len(simulated) != 1:
         config = create_for_devices(folder, robot, controller, tracker, drivers)
     else:
-        config = create_simulated(
-            folder, robot, scenario or DEFAULT_SCENARIO, tracker_driver=tracker_driver
-        )
+        named = simulated[0].removeprefix(SIMULATED) if simulated else DEFAULT_SCENARIO
+        real = {device: None if url in simulated else url for device, url in urls.items()}
+        named = scenario or (DEFAULT_SCENARIO if named == "cell" else named)
+        config = create_simulated(folder, robot, named, urls=real, drivers=drivers)
     urls = {"controller": config.controller.url, "tracker": config.tracker.url}
     devices = OFFLINE if offline else f"with {urls['controller']} and {urls['tracker']}"
     terminal.say(f"made: {folder}, {devices}")

@@ -1,6 +1,7 @@
-"""Encoder readings from a real LinuxCNC: the simulated robot is where its joints say.
+"""Encoder readings of a real controller: the simulated robot is where its joints say.
 
-Two ways to them, both only reading:
+From any controller as whoever drives it passes them on (`ToldJoints`). From a real LinuxCNC there
+are two ways to them, both only reading:
 
 - `hal:`, or `hal:PREFIX` such as `hal:ssh controller`: LinuxCNC's pins of the encoders, by
   its own Python module in a small program that is kept running beside it. It disturbs nobody. A
@@ -23,6 +24,7 @@ from contextlib import suppress
 from urllib.parse import urlsplit
 
 import numpy as np
+from typing_extensions import override
 
 from drivers.errors import WireError
 from drivers.wire.command_prefix import command_prefix
@@ -93,6 +95,34 @@ class JointSource(ABC):
         if not all(map(math.isfinite, told)):
             raise ValueError("a joint that is not finite")
         return np.array([self._kind.inner(joint) for joint in told])
+
+
+class ToldJoints(JointSource):
+    """Joints that whoever drives the real controller passes on, each time the robot stands."""
+
+    def __init__(self, kind: Kind) -> None:
+        super().__init__("", kind)
+        self._told: Array | None = None
+
+    def tell(self, joints: Sequence[float]) -> None:
+        """The robot stands at these, rad or mm; from any thread."""
+        self._told = np.array(joints)
+
+    @override
+    def read(self) -> Array:
+        """(n,): as they were told last; raises `JointsLost` before the first."""
+        if self._told is None:
+            raise JointsLost("the controller's joints were not told yet", remedy="ask it")
+        return self._told
+
+    @override
+    def close(self) -> None:
+        """Forget them."""
+        self._told = None
+
+    @override
+    def _numbers(self) -> Sequence[float]:
+        return [self._kind.outer(joint) for joint in self.read()]
 
 
 def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:

@@ -1,11 +1,15 @@
 """Devices behind a campaign's addresses: which time each of them is judged by."""
 
+from math import dist
+
+import numpy as np
 import pytest
 
 from app.main import run_command
 from app.wiring import connected_cell
 from campaigns.campaign import open_campaign
 from drivers.errors import NotAMeasurement
+from drivers.values import Pose
 
 CELL = """\
 schema: pkmcal/cell/1
@@ -28,3 +32,35 @@ def test_simulated_tracker_of_a_campaign_is_judged_by_the_cells_time(tmp_path):
         with pytest.raises(NotAMeasurement, match="after its measurement was started"):
             cell.tracker.measure()
         assert cell.tracker.measure()
+
+
+def test_simulated_tracker_sees_its_robot_where_a_real_controllers_joints_are(tmp_path):
+    folder = tmp_path / "own"
+    words = ("--controller", "by-hand", "--tracker", "sim://paper-simulation")
+    assert run_command(["new", str(folder), *words]) == 0
+    campaign = open_campaign(folder)
+    kinematics, places = campaign.robot.kinematics, []
+    with connected_cell(campaign, prompt=lambda _: "") as cell:
+        cell.robot.prepare()
+        cell.tracker.prepare("CCR-1.5in", 0.01)
+        for pose in (Pose(0.0, 0.0, -575.0, 0.0), Pose(60.0, -40.0, -600.0, 0.1)):
+            cell.robot.move_pose(pose, 0.5)
+            joints = cell.robot.state().joints
+            modelled = kinematics.forward(np.array([joints])).values[0, :3]
+            assert modelled == pytest.approx([pose.x_mm, pose.y_mm, pose.z_mm], abs=0.01)
+            places.append(cell.tracker.measure().point_in_tracker_mm)
+    way = dist((0.0, 0.0, -575.0), (60.0, -40.0, -600.0))
+    assert dist(*places) == pytest.approx(way, abs=3.0)  # the simulated robot has its own errors
+    assert dist(*places) != pytest.approx(way, abs=1e-3)
+    assert (folder / "cell.yaml").exists()
+    assert not campaign.is_simulated
+
+
+def test_simulated_controller_stands_beside_a_tracker_that_is_not_of_its_cell(tmp_path):
+    folder = tmp_path / "own"
+    words = ("--controller", "sim://realistic", "--tracker", "by-hand")
+    assert run_command(["new", str(folder), *words]) == 0
+    with connected_cell(open_campaign(folder), prompt=lambda _: "2500,5 0,25 -75,125") as cell:
+        assert cell.robot.identity().protocol == "robotline 1"
+        assert cell.tracker.identity().protocol == "by hand"
+        assert cell.tracker.measure().point_in_tracker_mm == (2500.5, 0.25, -75.125)

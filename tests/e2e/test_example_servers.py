@@ -108,3 +108,19 @@ def test_a_run_by_the_servers_to_copy(pkmcal, tiny):
         ended = pkmcal("run", tiny, "--yes", "--json")
     assert ended.code == 0, ended.err
     assert ended.document["shots"] == 10
+
+
+@pytest.mark.long
+def test_own_controller_is_rehearsed_with_a_simulated_tracker(pkmcal, tmp_path):
+    with serving("robotline_server.py", "--deg-per-s", "9000") as robot:
+        folder = tmp_path / "own"
+        own = f"tcp://127.0.0.1:{robot}"
+        made = pkmcal("new", folder, "--controller", own, "--tracker", "sim://paper-simulation")
+        assert made.code == 0, made.err
+        change(folder / "campaign.yaml", {"settle.time_s": 0.001, "plan.drift_shots": 2})
+        change(folder / "campaign.yaml", {"plan.shots": 48, "plan.validation_pairs": 4})
+        assert pkmcal("plan", folder).code == 0
+        assert pkmcal("run", folder, "--yes", "--json").document["shots"] == 58
+    found = pkmcal("identify", folder, "--json").document
+    assert found["unseen_mm"]["before"]["mean_abs"] > 0.5
+    assert found["unseen_mm"]["after"]["mean_abs"] < 0.05
