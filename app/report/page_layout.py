@@ -32,7 +32,7 @@ INK, QUIET, LINE, WASH = "#22303c", "#5d6973", "#c8ced3", "#f4f6f7"
 TONES = {"pass": "#2c6a3f", "fail": "#98281f", "not-decided": "#8a6412"}
 SIGNS = {"pass": "✓ ", "fail": "✕ ", "not-decided": "? "}
 FONTS = {"": "DejaVuSans", "b": "DejaVuSans-Bold", "i": "DejaVuSans-Oblique", "m": "DejaVuSansMono"}
-"""They come with matplotlib, and have the signs that PDF's own fonts lack: σ, θ, −, ✓."""
+"""They come with matplotlib, and have the signs that PDF's own fonts lack: Greek letters, −, ✓."""
 SIZE, SMALL = 7.8, 6.9
 PADDING = 5.0
 WORDS = 62.0
