@@ -15,7 +15,7 @@ from typer.exceptions import Abort, TyperException
 from app.exits import Exit, exit_code
 from app.interrupt import unblock_signals
 from app.streams import make_streams_last
-from campaigns.version import VERSION
+from campaigns.version import VERSION, commit
 from drivers.errors import ExplainedError
 from drivers.texts import printable, shortened
 
@@ -131,7 +131,8 @@ app = typer.Typer(
 
 def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's signature for callbacks
     if asked:
-        typer.echo(f"pkmcal {VERSION}")
+        of_commit = commit()
+        typer.echo(f"pkmcal {VERSION}{f' ({of_commit})' if of_commit else ''}")
         raise typer.Exit
 
 

@@ -1,3 +1,26 @@
-"""The one place that holds the version of the software."""
+"""The one place that holds the version of the software, and of which commit it is."""
+
+import subprocess
+from contextlib import suppress
+from pathlib import Path
 
 VERSION = "0.1.0"
+COMMIT_FILE = "commit.txt"
+"""Written beside this file when a wheel or an sdist is built."""
+WITHIN_S = 5.0
+
+
+def commit(package: Path = Path(__file__).parent) -> str:
+    """Short name of the commit that this is of, as built or checked out; empty: nobody knows."""
+    built, checkout = package / COMMIT_FILE, package.parent
+    if built.is_file():
+        return built.read_text(encoding="utf-8").strip()
+    if not (checkout / ".git").exists():
+        return ""
+    command = ["git", "-C", str(checkout), "rev-parse", "--short", "HEAD"]
+    with suppress(OSError, subprocess.SubprocessError):
+        done = subprocess.run(  # noqa: S603 - our own words
+            command, capture_output=True, text=True, check=True, timeout=WITHIN_S
+        )
+        return done.stdout.strip()
+    return ""

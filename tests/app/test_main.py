@@ -2,15 +2,18 @@
 
 import ast
 import inspect
+import os
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 from app import main
 from app.interrupt import WATCHED
 from app.main import run_command
+from campaigns.version import COMMIT_FILE, commit
 from drivers.errors import LinkDown
 
 COMMANDS = (
@@ -49,10 +52,31 @@ def test_every_command_explains_itself_as_the_list_of_commands_does(pkmcal, comm
     assert ("--dry" in out and "--yes" in out) is moves_or_changes
 
 
-def test_it_knows_its_version(pkmcal):
+def test_it_knows_its_version(pkmcal, tmp_path):
     code, out, _ = pkmcal("--version")
     assert code == 0
     assert out.startswith("pkmcal ")
+    (tmp_path / "version.py").touch()
+    assert commit(tmp_path) == ""
+    (tmp_path / COMMIT_FILE).write_text("1234567\n")
+    assert commit(tmp_path) == "1234567"
+
+
+def test_folder_that_hides_our_packages_is_named_in_a_line(tmp_path):
+    (tmp_path / "app").mkdir()
+    (tmp_path / "app" / "__init__.py").touch()
+    root = Path(__file__).parents[2]
+    for folders, code in (([tmp_path, root], 2), ([root, tmp_path], 0)):
+        done = subprocess.run(
+            [sys.executable, "-m", "pkmcal", "--version"],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))},
+            cwd=tmp_path.parent,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == code, done.stderr
+    assert done.stderr == ""
 
 
 @pytest.mark.parametrize(
