@@ -9,16 +9,17 @@ import typer
 from app.console import Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Overwrite
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers import joint_tables
 from campaigns.controllers.model_reduction import ResidualError
 from campaigns.controllers.reduced_parameters import FORMATS
+from campaigns.controllers.robot_description import FORMATS as DESCRIPTIONS
 from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.settings.option import Option, require_finite
 from campaigns.workflow.correction import Warm
-from campaigns.workflow.files import export, export_hal, export_shots
+from campaigns.workflow.files import export, export_description, export_hal, export_shots
 from campaigns.workflow.reduced_export import (
     PLAIN,
     ReducedExport,
@@ -26,7 +27,8 @@ from campaigns.workflow.reduced_export import (
     export_projected,
 )
 
-Format = StrEnum("Format", {word: word for word in ("yaml", "linuxcnc", *FORMATS, "plain")})  # type: ignore[misc] # words of another room
+WORDS = ("yaml", "linuxcnc", *FORMATS, "plain", *DESCRIPTIONS)
+Format = StrEnum("Format", {word: word for word in WORDS})  # type: ignore[misc] # words of another room
 YAML = Format("yaml")
 Tables = StrEnum("Tables", {word: word for word in joint_tables.FORMATS})  # type: ignore[misc] # words of another room
 Tolerance = Annotated[
@@ -41,7 +43,7 @@ def command(
     to: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Default, in DIR: robot-compensated.yaml, calib.hal or shots.csv."
+            metavar="FILE", help="Default, in DIR: robot-compensated.yaml, calib.hal, shots.csv …"
         ),
     ] = None,
     shots: Annotated[
@@ -53,7 +55,8 @@ def command(
             "--format",
             metavar="FORMAT",
             help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. Nearest values for fewer "
-            f"parameters: {', '.join(FORMATS)}; plain: a robot file without tilts and skews.",
+            f"parameters: {', '.join(FORMATS)}; plain: a robot file without tilts and skews. "
+            "urdf, sdf: a description for simulators.",
         ),
     ] = YAML,
     joint_table: Annotated[
@@ -102,23 +105,39 @@ def command(
         _show(terminal, found)
         terminal.document(found.document() | tell_next(terminal, campaign))
         return
-    if shots:
-        path, halves = export_shots(campaign, to, overwrite=overwrite)
-        if halves:
-            terminal.note(f"left out, as their partner is missing: shots {halves}")
-    elif format_ == "linuxcnc":
-        path = export_hal(campaign, to, temperature, overwrite=overwrite)
-    elif format_ != "yaml":
+    if format_ in {*FORMATS, PLAIN} and not shots:
         found = export_projected(campaign, str(format_), to, overwrite=overwrite)
         _show(terminal, found)
         terminal.document(found.document() | tell_next(terminal, campaign))
         return
+    if shots:
+        path, halves = export_shots(campaign, to, overwrite=overwrite)
+        if halves:
+            terminal.note(f"left out, as their partner is missing: shots {halves}")
     else:
-        path, robot = export(campaign, to, temperature, overwrite=overwrite)
-        if robot.is_extended:
-            terminal.note(FOR_SOME_CONTROLLERS)
+        path = _whole_set(terminal, campaign, format_, to, temperature, overwrite=overwrite)
     terminal.say(f"written: {path}")
     terminal.document({"path": str(path)} | tell_next(terminal, campaign))
+
+
+def _whole_set(
+    terminal: Terminal,
+    campaign: Campaign,
+    format_: Format,
+    to: Path | None,
+    temperature: float | None,
+    *,
+    overwrite: bool,
+) -> Path:
+    """File of all identified parameters, written."""
+    if format_ in DESCRIPTIONS:
+        return export_description(campaign, str(format_), to, overwrite=overwrite)
+    if format_ == "linuxcnc":
+        return export_hal(campaign, to, temperature, overwrite=overwrite)
+    path, robot = export(campaign, to, temperature, overwrite=overwrite)
+    if robot.is_extended:
+        terminal.note(FOR_SOME_CONTROLLERS)
+    return path
 
 
 def _show(terminal: Terminal, found: ReducedExport) -> None:

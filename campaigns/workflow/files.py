@@ -9,6 +9,8 @@ from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
+from campaigns.controllers.robot_description import robot_description
+from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm, form_of
@@ -91,6 +93,16 @@ def export_hal(
     form = form_of(robot.provenance, str(path))
     with recorded(campaign, path, robot.parameters, form=form):
         linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)
+    return path
+
+
+def export_description(
+    campaign: Campaign, language: str, to: Path | None = None, *, overwrite: bool = False
+) -> Path:
+    """Write the identified robot as URDF or SDF, which no controller holds; raises as `export`."""
+    path = to or campaign.path(f"robot.{language}")
+    text = robot_description(identified_robot(campaign).robot, language)
+    write_text_unless_there(path, text, overwrite=overwrite)
     return path
 
 
