@@ -1,16 +1,20 @@
 """Python API: robots, shots, identification, plans and studies without a campaign's folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array, batch
 from campaigns.controllers.corrected_targets import TargetCorrection
+from campaigns.design import pose_sampling
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
-from campaigns.errors import TargetsInvalid
+from campaigns.errors import OptionsInvalid, TargetsInvalid
 from campaigns.estimation.estimators import MAY_HAVE_GEARS, Estimator, Model
+from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification import model_selection
@@ -27,7 +31,10 @@ from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
 from campaigns.studies.study import StudySetup, StudyTask, planned_shots
 from campaigns.studies.summary import StudySummary, summarise
-from drivers.values import Vector3
+from drivers.values import vector
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def find_robot(name: str | Path) -> RobotFile:
@@ -40,34 +47,85 @@ def read_shots(path: Path | str, robot: RobotFile) -> Shots:
     return shots_of_rows(shots_csv.read_shots(Path(path), robot.mechanism), robot.kinematics)
 
 
+def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Array:
+    """Poses (N, t), mm and rad, spread evenly over a robot's reach; raises `WorkspaceTooSmall`."""
+    rng, centre = np.random.default_rng(seed), robot.workspace_centre
+    return pose_sampling.workspace_poses(robot.kinematics, robot.limits, centre, poses, rng)
+
+
 def identify(
     shots: Shots,
     robot: RobotFile,
     *,
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
-    priors: Sequence[str] = (),
-    model: Model = Model.STANDARD,
-    options: IdentificationOptions | None = None,
+    priors: Sequence[str] | Mapping[str, float] = (),
+    model: Model | str = Model.STANDARD,
+    options: IdentificationOptions | Mapping[str, object] | None = None,
 ) -> IdentificationResult:
     """Identification of a nominal robot's parameters from shots, as `pkmcal identify` does it.
 
-    Patterns and priors are as on the command line. Raises `OptionsInvalid`, `ShotsMissing` and
-    `ShotsInvalid`.
+    Patterns and priors are as on the command line; priors may also be σ by pattern, mm and deg.
+    Raises `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
     """
-    models = model_selection.candidate_models(robot.mechanism.parameters, model, free, fix, priors)
-    terms = model_selection.terms_to_add(robot.mechanism.parameters, model, free, fix, priors)
-    how = replace(options or IdentificationOptions(), free=tuple(free))
+    space, wanted = robot.mechanism.parameters, _word(Model, model, "model")
+    if isinstance(priors, Mapping):
+        priors = [f"{pattern}={std}" for pattern, std in priors.items()]
+    models = model_selection.candidate_models(space, wanted, free, fix, priors)
+    terms = model_selection.terms_to_add(space, wanted, free, fix, priors)
+    if not isinstance(options, IdentificationOptions):
+        options = IdentificationOptions(**dict(options or {}))  # type: ignore[arg-type]
+    how = replace(options, free=tuple(free))
     return model_selection.select_model(
-        robot.kinematics, shots, models, how, asked=model_selection.asked_of(model), terms=terms
+        robot.kinematics, shots, models, how, asked=model_selection.asked_of(wanted), terms=terms
     )
 
 
-def correct_targets(poses: Array, identified: RobotFile, nominal: RobotFile) -> Array:
+def point_residuals(
+    shots: Shots,
+    robot: RobotFile,
+    *,
+    model: Model | str = Model.STANDARD,
+    free: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    uncertainty: TrackerUncertainty | None = None,
+) -> PointResiduals:
+    """Whitened residuals of points with their analytic Jacobian, for an estimator of one's own.
+
+    Its `start()`, `residual(x)` and `jacobian(x)` are what a least-squares solver takes; x holds
+    the free parameters, mm and rad, then six of the tracker's frame.
+    `model.kinematics(parameters(x))` is the robot at x. Raises `OptionsInvalid`, `NoSolution`, and
+    `ValueError` for points that fix no frame.
+    """
+    space = robot.mechanism.parameters
+    names = model_selection.select_geometry(space, _word(Model, model, "model"), free, fix)
+    nominal, places = robot.kinematics, space.places(names)
+    near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
+    return PointResiduals.from_points(
+        PositionModel(nominal, places, shots.joints, near, approach=shots.approach),
+        shots.points_in_tracker_mm,
+        shots.covariance_mm2(uncertainty or TrackerUncertainty()),
+    )
+
+
+Word = TypeVar("Word", Model, Estimator, Placement)
+
+
+def _word(kind: type[Word], word: Word | str, what: str) -> Word:
+    """Member of a list by its word; raises `OptionsInvalid`."""
+    try:
+        return kind(word)
+    except ValueError as error:
+        known = ", ".join(each.value for each in kind)
+        raise OptionsInvalid(f"{what} '{word}' is not known", remedy=f"take {known}") from error
+
+
+def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:
     """Poses (N, t) to command to a controller that holds the nominal parameters, for wanted ones.
 
     In mm and rad. Raises `TargetsInvalid` for a pose that the identified robot cannot take.
     """
+    poses = batch(poses, [axis.name for axis in nominal.mechanism.task], "poses")
     models = identified.kinematics.controlled, nominal.kinematics.controlled
     correction = TargetCorrection(*models, nominal.limits)
     fault = correction.first_fault(poses)
@@ -84,17 +142,35 @@ class Plan:
     shots: tuple[PlannedShot, ...]
     precision: predicted_uncertainty.Forecast
 
+    def __repr__(self) -> str:
+        worst_mm = self.precision.position_std_mm.max()
+        return f"<Plan: {len(self.shots)} shots, 1 σ of any position ≤ {worst_mm:.4f} mm>"
+
+    def plot(self) -> "Figure":
+        """Figure of the planned poses from above and from the side, mm."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+        for place, (across, up) in enumerate((("x_mm", "y_mm"), ("x_mm", "z_mm")), start=1):
+            axes = figure.add_subplot(1, 2, place, xlabel=across, ylabel=up, aspect="equal")
+            for purpose in dict.fromkeys(shot.purpose for shot in self.shots):
+                poses = [shot.pose for shot in self.shots if shot.purpose is purpose]
+                values = ([getattr(pose, each) for pose in poses] for each in (across, up))
+                axes.plot(*values, ".", label=purpose.value)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        return figure
+
 
 def plan(
     robot: RobotFile,
-    tracker_mm: Vector3,
+    tracker_mm: Sequence[float],
     *,
     shots: int = 120,
     validation_pairs: int = 20,
     drift_shots: int | None = None,
-    placement: Placement = Placement.BOUNDARY,
-    estimator: Estimator = Estimator.POINTS,
-    model: Model = Model.STANDARD,
+    placement: Placement | str = Placement.BOUNDARY,
+    estimator: Estimator | str = Estimator.POINTS,
+    model: Model | str = Model.STANDARD,
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
     acceptance_deg: float = 25.0,
@@ -108,10 +184,16 @@ def plan(
     within `acceptance_deg`. Poses keep to the `restricted` space. Raises `PlanInvalid` and
     `OptionsInvalid`.
     """
+    place = vector(batch(tracker_mm, AXES, "tracker_mm")[0])
+    placement, estimator = (
+        _word(Placement, placement, "placement"),
+        _word(Estimator, estimator, "estimator"),
+    )
+    model = _word(Model, model, "model")
     space, centre = robot.mechanism.parameters, robot.workspace_centre
     known = model_selection.select_geometry(space, model, free, fix)
-    x_mm, y_mm, z_mm = (np.array(tracker_mm) - centre[:3]).tolist()
-    view = View(tracker_mm, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
+    x_mm, y_mm, z_mm = (np.array(place) - centre[:3]).tolist()
+    view = View(place, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
     evenly = model in MAY_HAVE_GEARS
     wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted, evenly)
     instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
@@ -124,20 +206,20 @@ def plan(
         made = make_plan(robot, view, wanted, rng)
     setup = predicted_uncertainty.EstimationSetup(estimator, known, instrument)
     sample = predicted_uncertainty.judged_positions(robot, centre, restricted, known, made)
-    place = np.array(tracker_mm)
-    return Plan(
-        made, predicted_uncertainty.plan_forecast(made, robot.kinematics, place, setup, sample)
+    forecast = predicted_uncertainty.plan_forecast(
+        made, robot.kinematics, np.array(place), setup, sample
     )
+    return Plan(made, forecast)
 
 
 def study(
     robot: RobotFile,
     shots: Sequence[PlannedShot],
-    tracker_mm: Vector3,
+    tracker_mm: Sequence[float],
     *,
     campaigns: int = 100,
-    estimator: Estimator = Estimator.POINTS,
-    model: Model = Model.STANDARD,
+    estimator: Estimator | str = Estimator.POINTS,
+    model: Model | str = Model.STANDARD,
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
     uncertainty: TrackerUncertainty | None = None,
@@ -151,15 +233,16 @@ def study(
     campaigns can be identified.
     """
     space = robot.mechanism.parameters
-    known = model_selection.select_geometry(space, model, free, fix)
+    known = model_selection.select_geometry(space, _word(Model, model, "model"), free, fix)
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots(shots),
         free=known,
         options=IdentificationOptions(
-            estimator=estimator, instrument=uncertainty or TrackerUncertainty()
+            estimator=_word(Estimator, estimator, "estimator"),
+            instrument=uncertainty or TrackerUncertainty(),
         ),
-        tracker_from_base=Transform(np.eye(3), -np.array(tracker_mm)),
+        tracker_from_base=Transform(np.eye(3), -batch(tracker_mm, AXES, "tracker_mm")[0]),
         seed=seed,
     )
     places = space.places(known)

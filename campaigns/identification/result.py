@@ -7,7 +7,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
-from typing import Any, Literal
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import JsonValue, TypeAdapter, ValidationError
@@ -25,10 +26,14 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
+from campaigns.files.table import Column, html_table
 from campaigns.identification.known_lengths import KnownLengths
 from campaigns.identification.nests import Nest
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SCHEMA = "pkmcal/identification/1"
 STRONG = 0.9
@@ -51,6 +56,14 @@ class IdentifiedParameter:
     def delta(self) -> float:
         """Identified minus nominal."""
         return self.value - self.nominal
+
+
+PARAMETER_COLUMNS: tuple[Column[tuple[str, IdentifiedParameter]], ...] = (
+    Column("parameter", lambda row: row[0], kind="code"),
+    Column("nominal", lambda row: row[1].nominal, decimals=4),
+    Column("identified", lambda row: row[1].value, decimals=4),
+    Column("σ", lambda row: row[1].std, decimals=4),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,6 +326,31 @@ class IdentificationResult:
     """Names of what stands against it; empty for a pass, and in results of older software."""
     seconds: float = 0.0
     """What the solution took."""
+
+    def __repr__(self) -> str:
+        unseen = f", unseen {self.unseen_mm.after.rms:.4f} mm rms" if self.unseen_mm else ""
+        found = f"{len(self.free)} of {len(self.parameters)} parameters by {self.estimator.value}"
+        return f"<IdentificationResult: {self.verdict}, {found}{unseen}>"
+
+    def _repr_html_(self) -> str:
+        """Table of the free parameters, as notebooks show it."""
+        rows = [(name, self.parameters[name]) for name in self.free]
+        return f"<p>{escape(repr(self))}</p>{html_table(PARAMETER_COLUMNS, rows)}"
+
+    def plot(self) -> "Figure":
+        """Figure of what the nominal and the identified robot leave of each shot or pair."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(8.0, 3.5), layout="constrained")
+        axes = figure.add_subplot(yscale="log", ylabel="error, mm")
+        for kind, table, marker in (("fitted", self.fitted, "o"), ("unseen", self.unseen, "x")):
+            if table is not None:
+                for state, errors in (("before", table.before), ("after", table.after)):
+                    sizes, label = np.linalg.norm(errors, axis=1), f"{kind} {table.of}, {state}"
+                    axes.plot(table.numbers, sizes, marker, markersize=4, label=label)
+        axes.set_xlabel("number in the plan")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return figure
 
     @property
     def free(self) -> tuple[str, ...]:

@@ -196,6 +196,10 @@ class ClosedChain:
         """Derivatives of the arms' joints (N, n) by the ripples' phase rate, at readings (N, n)."""
         return self.transmission.by_rate(self._lost(p), joints)
 
+    def joint_slopes(self, p: Array, joints: Array) -> Array:
+        """Change of the arms' joints over that of encoder readings (N, n), (N, n)."""
+        return self.transmission.slopes(self._lost(p), joints)
+
     def steepest_error(self, p: Array) -> float:
         """Bound of the change of any joint's error over its motion."""
         return self.transmission.steepest(self._lost(p))

@@ -12,9 +12,9 @@ from enum import IntFlag
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Array, Mask, batch
 from campaigns.mechanisms.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -250,26 +250,50 @@ class Kinematics:
         """Model of the point that the controller's poses are of, wherever the reflector is."""
         return replace(self, mechanism=self.mechanism.seen_from(None))
 
-    def inverse(self, poses: Array, approach: Array | None = None) -> KinematicSolution:
+    def inverse(self, poses: ArrayLike, approach: ArrayLike | None = None) -> KinematicSolution:
         """Encoder readings (N, n) of poses (N, t) that the joints reach by `approach` (N, n)."""
-        return self.mechanism.inverse(self.p, poses, approach)
+        return self.mechanism.inverse(self.p, self._poses(poses), self._approach(approach))
 
     def forward(
-        self, joints: Array, near: Array | None = None, approach: Array | None = None
+        self, joints: ArrayLike, near: ArrayLike | None = None, approach: ArrayLike | None = None
     ) -> KinematicSolution:
         """Poses (N, t) of encoder readings (N, n), from poses `near` them where there are such.
 
         `approach` (N, n): the sign of each joint's last motion, 0 where it is not known.
         """
-        return self.mechanism.forward(self.p, joints, near, approach)
+        starts = None if near is None else self._poses(near)
+        return self.mechanism.forward(
+            self.p, self._joints(joints), starts, self._approach(approach)
+        )
 
-    def jacobian(self, joints: Array, poses: Array, approach: Array | None = None) -> Array:
+    def jacobian(
+        self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
+    ) -> Array:
         """d(pose)/dp (N, t, P) at fixed joints; raises `LinAlgError` at a singular pose."""
-        return self.mechanism.jacobian(self.p, joints, poses, approach)
+        at, ways = (self._joints(joints), self._poses(poses)), self._approach(approach)
+        return self.mechanism.jacobian(self.p, *at, ways)
 
-    def feasibility(self, limits: Limits, poses: Array) -> Feasibility:
+    def joint_jacobian(
+        self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
+    ) -> Array:
+        """d(pose)/d(encoder readings) (N, t, n); raises `LinAlgError` at a singular pose."""
+        by_offsets = self.jacobian(joints, poses, approach)[:, :, self.mechanism.parameters.offsets]
+        slopes = self.mechanism.joint_slopes(self.p, self._joints(joints))
+        return np.asarray(by_offsets * slopes[:, None])
+
+    def feasibility(self, limits: Limits, poses: ArrayLike) -> Feasibility:
         """Margins of poses (N, t), and each violation."""
-        return self.mechanism.feasibility(self.p, limits, poses)
+        return self.mechanism.feasibility(self.p, limits, self._poses(poses))
+
+    def _poses(self, poses: ArrayLike) -> Array:
+        return batch(poses, [axis.name for axis in self.mechanism.task], "poses")
+
+    def _joints(self, joints: ArrayLike) -> Array:
+        return batch(joints, [axis.name for axis in self.mechanism.joints], "joints")
+
+    def _approach(self, approach: ArrayLike | None) -> Array | None:
+        names = [axis.name for axis in self.mechanism.joints]
+        return None if approach is None else batch(approach, names, "approach")
 
     def comparable(self, joints: Array) -> Array:
         """Joints (…, n) in units that compare with a radian of a crank."""

@@ -155,6 +155,20 @@ class Transmission:
         columns = by_offsets[:, :, None] * terms[:, None]
         return np.asarray(columns.reshape(*by_offsets.shape[:2], -1))
 
+    def slopes(self, values: Array, encoders: Array) -> Array:
+        """Change of the arms' joints over that of the readings, (N, n), at readings (N, n)."""
+        phase, ripple = self.ripple_rate * encoders, self.ripple_rate
+        of: dict[str, Array] = {
+            "encoder_gain": np.ones_like(encoders),
+            "eccentricity_sin": np.cos(encoders),
+            "eccentricity_cos": -np.sin(encoders),
+            "ripple_sin": ripple * np.cos(phase),
+            "ripple_cos": -ripple * np.sin(phase),
+            "backlash": np.zeros_like(encoders),
+        }
+        rates = np.stack([of[each.stem] for each in self.fields])
+        return np.asarray(1.0 + np.einsum("fn,fkn->kn", values, rates))
+
     def steepest(self, values: Array) -> float:
         """Bound of the change of any joint's error over its motion."""
         rates = {"encoder_gain": 1.0, "backlash": 0.0}

@@ -17,7 +17,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import write_new_text
 from campaigns.files.wording import suggestion
-from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.mechanisms.catalog import find_mechanism
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
@@ -59,6 +59,10 @@ class RobotFile:
     reference_degC: float | None = None
     """Temperature of parts for which parameters are stated, where the file says."""
     mechanics: Mechanics = field(default_factory=Mechanics)
+
+    def __repr__(self) -> str:
+        kind = "identified" if self.provenance else "nominal"
+        return f"<RobotFile: {self.name}, {kind} {self.mechanism.name}>"
 
     @classmethod
     def of(
@@ -261,7 +265,8 @@ def _shipped_robots() -> dict[str, Traversable]:
 def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
     contents = yaml_file.checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
-    mechanism = MECHANISMS[contents.mechanism]
+    mechanism = find_mechanism(contents.mechanism)
+    assert mechanism is not None  # the schema has refused other words
     if contents.reflector_half is not None:
         try:
             mechanism = mechanism.seen_from(contents.reflector_half)

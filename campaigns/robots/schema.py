@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, JsonValue, create_model
 from campaigns.files.ranges import RISING, Length, Place, PlaceRange, Point
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
-from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.mechanisms.catalog import MECHANISMS, find_mechanism
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.mechanisms.parameters import Parameter, ParameterField
@@ -148,8 +148,9 @@ class RobotContents(FileModel):
 
 def contents_model(word: object) -> type[RobotContents]:
     """Model of the files of a mechanism by its word, or one that refuses an unknown word."""
-    if isinstance(word, str) and word in MECHANISMS:
-        return _model_of(word)
+    mechanism = find_mechanism(word)
+    if mechanism is not None:
+        return _model_of(mechanism)
     return create_model(
         "RobotContents",
         __base__=RobotContents,
@@ -160,8 +161,8 @@ def contents_model(word: object) -> type[RobotContents]:
 
 
 @cache
-def _model_of(word: str) -> type[RobotContents]:
-    mechanism = MECHANISMS[word]
+def _model_of(mechanism: ClosedChain) -> type[RobotContents]:
+    word = mechanism.name
     space = mechanism.parameters
     arm = _fields_model("ArmContents", space.arm_fields, space.optional_fields)
     count, keys = COUNTS[space.arms], len(space.arm_fields)

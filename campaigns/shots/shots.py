@@ -1,24 +1,28 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from importlib import import_module
+from io import StringIO
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import AXES, Array, Index, batch
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Kinematics
-from campaigns.robots.robot import pose_row
+from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.import_export import noted
 from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import ShotRow, time_order, times_s
-from drivers.values import Pose
+from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s
+from drivers.values import Matrix3, Pose, vector
 
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
 """A joint that went this far, or what compares, has taken up its gear's lost motion."""
@@ -84,8 +88,61 @@ class Shots:
             if shape != wanted:
                 raise ValueError(f"{name} of {count} shots has shape {shape}, must have {wanted}")
 
+    @classmethod
+    def of(
+        cls,
+        joints: ArrayLike,
+        points_in_tracker_mm: ArrayLike,
+        robot: RobotFile,
+        *,
+        sets: Sequence[str] | str = "identification",
+        pairs: Sequence[int | None] | None = None,
+        covariance_mm2: ArrayLike | None = None,
+        approach: ArrayLike | None = None,
+        times: Sequence[str] | None = None,
+    ) -> "Shots":
+        """Shots of a robot from arrays: joints (N, n), rad or mm, and points (N, 3).
+
+        `covariance_mm2` is of the points, (N, 3, 3), or (3, 3) of each; without it the instrument's
+        is taken. `sets` are words of shots.csv, one or one a shot; pairs count from 0. Raises
+        `ValueError` with the shape of what does not fit.
+        """
+        names = [axis.name for axis in robot.mechanism.joints]
+        rows = batch(joints, names, "joints")
+        points, count = batch(points_in_tracker_mm, AXES, "points"), len(rows)
+        stated = np.nan if covariance_mm2 is None else np.asarray(covariance_mm2)
+        sides = np.zeros(rows.shape) if approach is None else batch(approach, names, "approach")
+        words = [sets] * count if isinstance(sets, str) else sets
+        return cls(
+            numbers=tuple(range(count)),
+            purposes=tuple(map(ShotSet, words)),
+            pairs=tuple(pairs or [None] * count),
+            joints=rows,
+            points_in_tracker_mm=points,
+            stated_covariance_mm2=np.broadcast_to(stated, (count, 3, 3)),
+            approach=sides,
+            commanded=robot.kinematics.forward(rows).values,
+            measured_utc=tuple(times or [""] * count),
+            temperature_degC=np.full(count, np.nan),
+        )
+
     def __len__(self) -> int:
         return len(self.numbers)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(
+            f"{n} {each}" for each, n in Counter(each.value for each in self.purposes).items()
+        )
+        return f"<Shots: {len(self)} ({counts}) of {self.joints.shape[1]} joints>"
+
+    def to_frame(self, robot: RobotFile) -> Any:
+        """DataFrame with the columns of shots.csv, mm and deg; raises `ImportError` without pandas.
+
+        Any: pandas is not among our dependencies.
+        """
+        return import_module("pandas").read_csv(
+            StringIO(shots_text(rows_of_shots(self), robot.mechanism))
+        )
 
     @property
     def knows_approach(self) -> bool:
@@ -241,6 +298,37 @@ def shots_of_outcomes(
         session=np.array(sessions, dtype=np.intp),
         part_temperature_degC=_or_nan(each.part_temperature_degC for each in outcomes),
     )
+
+
+def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
+    """Rows of a file of shots."""
+
+    def known(value: float) -> float | None:
+        return value if np.isfinite(value) else None
+
+    return tuple(
+        ShotRow(
+            shots.pairs[row],
+            () if np.isnan(joints).any() else tuple(joints.tolist()),
+            vector(shots.points_in_tracker_mm[row]),
+            purpose,
+            turn=tuple(shots.commanded[row, 3:].tolist()),
+            covariance_mm2=_matrix(shots.stated_covariance_mm2[row]),
+            temperature_degC=known(shots.temperature_degC[row]),
+            time=shots.measured_utc[row] or None,
+            nest=shots.nests[row] if shots.nests else "",
+            approach=tuple(shots.approach[row].astype(int).tolist()),
+            part_temperature_degC=known(shots.part_temperature_degC[row]),
+        )
+        for row, (purpose, joints) in enumerate(zip(shots.purposes, shots.joints, strict=True))
+    )
+
+
+def _matrix(covariance: Array) -> Matrix3 | None:
+    if np.isnan(covariance).any():
+        return None
+    x, y, z = map(vector, covariance)
+    return x, y, z
 
 
 def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:

@@ -67,6 +67,13 @@ class StudySummary:
     """Quantiles 0.5 and 0.95 over campaigns; None without unseen pairs."""
     unseen_max_mm: tuple[float, ...] | None
 
+    def __repr__(self) -> str:
+        ratios = [each.ratio for each in self.parameters]
+        return (
+            f"<StudySummary: {self.campaigns} campaigns, {self.failed} failed, empirical over "
+            f"stated σ {min(ratios):.2f} to {max(ratios):.2f}>"
+        )
+
     @property
     def too_sure(self) -> tuple[ParameterSummary, ...]:
         """Parameters whose stated σ is smaller than their errors say, beyond chance."""

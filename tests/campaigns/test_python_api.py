@@ -1,0 +1,107 @@
+"""The Python API: names that a prompt completes, words for enums, single poses for batches."""
+
+import numpy as np
+import pytest
+
+import campaigns
+from campaigns import Shots, find_robot, identify, plan, sample_workspace
+from campaigns.errors import OptionsInvalid
+from campaigns.robots.robot import RobotFile
+
+PACKAGE = """
+from campaigns.mechanisms.arms import RotaryArms
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.platforms import TranslatingPlatform
+
+OWN = ClosedChain("own-delta", RotaryArms, TranslatingPlatform(), held_fields=("azimuth_deg",))
+OTHER = "no mechanism"
+"""
+
+
+def test_every_name_is_completed_and_there():
+    assert dir(campaigns) == campaigns.__all__
+    assert all(getattr(campaigns, name) for name in campaigns.__all__)
+    with pytest.raises(AttributeError, match="it has Kinematics, Shots"):
+        _ = campaigns.solve
+
+
+def test_a_single_pose_is_a_batch_of_one_and_others_are_refused_by_their_shape():
+    kinematics = find_robot("par4-prototype").kinematics
+    joints = kinematics.inverse([0.0, 0.0, -600.0, 0.0]).values_or_raise()
+    assert joints.shape == (1, 4)
+    with pytest.raises(ValueError, match=r"joints have shape \(3,\), must have \(N, 4\).*q0, q1"):
+        kinematics.forward(joints[0, :3])
+    with pytest.raises(ValueError, match=r"points have shape \(1, 2\), must have \(N, 3\)"):
+        Shots.of(joints, [[0.0, 1.0]], find_robot("par4-prototype"))
+
+
+@pytest.mark.parametrize("name", ["par4-prototype", "i4l"])
+def test_poses_follow_encoders_by_the_joint_jacobian(name):
+    """Gears' terms too; against central differences."""
+    nominal = find_robot(name)
+    space = nominal.mechanism.parameters
+    terms = {each: 0.02 * (1 + i) for i, each in enumerate(space.transmission)}
+    rate = 7.0 if nominal.mechanism.joints[0].is_revolute else 40.0  # a turn, or mm
+    mechanism = nominal.mechanism.with_ripples(rate)
+    robot = RobotFile.of(mechanism, nominal.parameters | terms, name="g", limits=nominal.limits)
+    poses = sample_workspace(nominal, 4, seed=2)
+    joints = robot.kinematics.inverse(poses).values_or_raise()
+    slopes = robot.kinematics.joint_jacobian(joints, poses)
+    for joint in range(joints.shape[1]):
+        step = 1e-6 * np.eye(joints.shape[1])[joint]
+        ends = [robot.kinematics.forward(joints + s * step, poses).values for s in (1.0, -1.0)]
+        np.testing.assert_allclose(slopes[:, :, joint], (ends[0] - ends[1]) / 2e-6, atol=1e-4)
+
+
+def test_words_and_mappings_stand_for_members_and_options():
+    robot = find_robot("delta")
+    joints = np.radians([[10.0, 20.0, 30.0], [30.0, 10.0, 20.0]])
+    shots = Shots.of(joints, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], robot, pairs=[0, 0])
+    with pytest.raises(OptionsInvalid, match="model 'complete' is not known → take paper, stand"):
+        identify(shots, robot, model="complete")
+    with pytest.raises(OptionsInvalid, match="placement 'edge' is not known"):
+        plan(robot, (2400.0, -300.0, -600.0), placement="edge")
+    with pytest.raises(ValueError, match=r"tracker_mm have shape \(2,\)"):
+        plan(robot, (2400.0, -300.0))
+
+
+def test_shots_are_a_table_of_pandas_with_the_columns_of_files():
+    robot = find_robot("delta")
+    joints = np.radians([[10.0, 20.0, 30.0], [30.0, 10.0, 20.0]])
+    shots = Shots.of(joints, np.eye(3)[:2], robot, sets="validation", pairs=[0, 0])
+    table = shots.to_frame(robot)
+    assert table["set"].tolist() == ["validation", "validation"]
+    np.testing.assert_allclose(table[["q0_deg", "q1_deg", "q2_deg"]], np.degrees(joints))
+    np.testing.assert_array_equal(table[["x_mm", "y_mm", "z_mm"]], np.eye(3)[:2])
+
+
+@pytest.fixture
+def offered(tmp_path, monkeypatch):
+    """A robot file of another package's mechanism, offered by an entry point of this name."""
+    (tmp_path / "own_mechanism.py").write_text(PACKAGE)
+    info = tmp_path / "own_mechanism-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own-mechanism\nVersion: 1.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    shipped = campaigns.api.robots.find_robot("delta").document.text
+
+    def robot_file(attribute):
+        (info / "entry_points.txt").write_text(
+            f"[pkmcal.mechanisms]\nown-delta = own_mechanism:{attribute}\n"
+        )
+        file = tmp_path / "own.yaml"
+        file.write_text(shipped.replace("mechanism: delta", "mechanism: own-delta"))
+        return file
+
+    return robot_file
+
+
+def test_another_packages_mechanism_is_taken_in_robot_files(offered):
+    robot = find_robot(offered("OWN"))
+    assert robot.mechanism.name == "own-delta"
+    assert repr(robot) == "<RobotFile: delta, nominal own-delta>"
+
+
+def test_a_package_that_offers_no_mechanism_is_refused(offered):
+    with pytest.raises(TypeError, match="own_mechanism:OTHER is 'no mechanism', must be a Closed"):
+        find_robot(offered("OTHER"))
