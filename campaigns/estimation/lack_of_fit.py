@@ -35,6 +35,8 @@ Drives = tuple[Array, Array, float, float]
 """Whitened ∂point/∂joints (N, 3, n), joints (N, n), and the shortest and longest period."""
 POWER = 0.8
 """Share of campaigns that find an effect of the size at which it may hide."""
+FEWEST_PERIODS = 2.0
+"""Over the travel: fewer may as well be an eccentric encoder, a ratio or the geometry."""
 STEPS_A_TURN = 2.0
 """Frequencies looked at, from one that makes a turn more over the travel to the next."""
 
@@ -139,9 +141,10 @@ def best_period(shots: FittedShots, drives: Drives) -> Group:
     by_joints, joints, shortest, longest = drives
     travel = max(float(np.ptp(joints)), shortest)
     step = 1.0 / (STEPS_A_TURN * travel)
-    frequencies = np.arange(1.0 / longest, 1.0 / shortest, step)
+    lowest = max(1.0 / longest, FEWEST_PERIODS / travel)
+    frequencies = np.arange(lowest, max(1.0 / shortest, lowest + step), step)
     best = frequencies[int(np.argmax(_gains(shots, by_joints, joints, frequencies)))]
-    near = best + step * np.linspace(-1.0, 1.0, 9)
+    near = np.maximum(best + step * np.linspace(-1.0, 1.0, 9), lowest)
     best = near[int(np.argmax(_gains(shots, by_joints, joints, near)))]
     columns = harmonic(by_joints, 2.0 * np.pi * best * joints)
     arms = np.repeat(np.arange(joints.shape[1]), 2)

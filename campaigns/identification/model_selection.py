@@ -48,6 +48,9 @@ class _Candidate:
     problem: str = ""
     course: Course | None = None
     """Of warmth, by which it lets the robot grow."""
+    robot: Kinematics | None = None
+    """Nominal robot with the ripples' rate, where that was searched, and how it was fitted then."""
+    options: IdentificationOptions | None = None
 
     @property
     def parameters(self) -> int:
@@ -180,9 +183,18 @@ def select_model(
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
         best = min(worthy, key=_price, default=standard)
-        for each in _with_terms(best, terms or ParameterSelection(()), nominal, shots, options):
+        terms = terms or ParameterSelection(())
+        for each in _with_terms(best, terms, nominal, shots, options):
             larger.append(each)
             best = best if _objection(each, best) else each
+        wider = [*_with_more_parts(best, models, terms, nominal, shots, options)]
+        worthy = [each for each in wider if not _objection(each, best)]
+        larger += wider
+        if worthy:
+            best = min(worthy, key=_price)
+            for each in _with_terms(best, terms, nominal, shots, options):
+                larger.append(each)
+                best = best if _objection(each, best) else each
     else:
         best = next(each for each in larger if each.name == asked)
     if best.found is None:
@@ -203,8 +215,11 @@ def _with_terms(
 
     Forward selection: what is objected to is not tried again, what is not is the next best.
     """
-    space, allowed = nominal.mechanism.parameters, {*terms.free}
-    if _grows(best):
+    space, allowed = nominal.mechanism.parameters, {*terms.free} - {*best.known.free}
+    nominal, options = best.robot or nominal, best.options or options
+    if best.course is not None:
+        shots = replace(shots, warmth=best.course.values)
+    elif _grows(best):
         for warmed in _with_warmth(best, terms, nominal, shots, options):
             yield warmed
             best = best if _objection(warmed, best) else warmed
@@ -223,11 +238,35 @@ def _with_terms(
             p = float(numbers["p"])
             how = replace(options or IdentificationOptions(), ripple_p=p)
         candidate = _candidate(f"{best.name}+{cause}", robot, shots, known, how)
-        candidate = replace(candidate, course=best.course)
+        candidate = replace(candidate, course=best.course, robot=robot, options=how)
         yield candidate
         allowed -= names
         if not _objection(candidate, best):
             best, nominal, options = candidate, robot, how
+
+
+def _with_more_parts(
+    best: _Candidate,
+    models: dict[str, ParameterSelection],
+    terms: ParameterSelection,
+    nominal: Kinematics,
+    shots: Shots,
+    options: IdentificationOptions | None,
+) -> Iterator[_Candidate]:
+    """Candidates of more geometry with the best one's terms, beside which that shows after all.
+
+    Errors of gears that no model held before hide what parts do, from unseen pairs too.
+    """
+    _, plus, added = best.name.partition("+")
+    own = [name for name in best.known.free if name in terms.free]
+    robot, how, course = best.robot or nominal, best.options or options, best.course
+    if course is not None:
+        shots = replace(shots, warmth=course.values)
+    for name, model in models.items() if own else ():
+        known = _widened(model, terms, own, nominal.mechanism.parameters)
+        if {*best.known.free} < {*known.free}:
+            candidate = _candidate(f"{name}{plus}{added}", robot, shots, known, how)
+            yield replace(candidate, course=course, robot=robot, options=how)
 
 
 def _grows(best: _Candidate) -> bool:
@@ -406,5 +445,6 @@ def _unseen_mm(candidate: _Candidate) -> Array:
 
 def _compared(each: _Candidate, standard: _Candidate, best: _Candidate) -> ComparedModel:
     kept = each is best
-    outcome = "kept" if kept else _objection(each, standard) or "another model is better"
+    beside = _price(each) < _price(best) and _objection(each, best)
+    outcome = "kept" if kept else _objection(each, standard) or beside or "another model is better"
     return ComparedModel(each.name, each.parameters, each.bic, each.unseen_rms_mm, kept, outcome)

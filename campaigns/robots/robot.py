@@ -192,8 +192,8 @@ def compensated(
         tree.pop(key, None)  # the nominal's are of other lengths
         if told not in ({}, None):
             tree[key] = told
-    if own.rate and own.rate != nominal.robot.mechanism.rate:
-        tree[own.space.rate.name] = own.rate
+    if (rate := own.space.rate.name) in own and own.rate != nominal.robot.mechanism.rate:
+        tree[rate] = own.rate
     tree["uncertainty"] = known or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = own.digest()

@@ -149,6 +149,16 @@ def test_a_period_is_found_and_its_search_counts():
     assert tuple(lacks_of_fit(still, (), drives)) == ()
 
 
+def test_less_than_two_periods_over_the_travel_are_not_taken_for_a_ripple():
+    joints, by_joints, jacobian, noise = drawn(3)
+    slow = np.einsum("nki,ni->nk", by_joints, 4.0 * np.sin(5.0 * joints))
+    shots = FittedShots.of(noise - slow, jacobian)
+    drives = by_joints, joints, SHORTEST_RAD, LONGEST_RAD
+    assert best_period(shots, drives).period <= np.ptp(joints) / 2.0
+    first = next(lacks_of_fit(shots, groups_of(joints, by_joints), drives))
+    assert first.name != "ripple"
+
+
 def test_a_gears_ripple_is_found_by_its_number_of_times_in_a_turn():
     joints, by_joints, jacobian, noise = drawn(2)
     ripple = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(30.0 * joints))

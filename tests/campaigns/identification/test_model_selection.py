@@ -223,6 +223,14 @@ def test_a_robot_that_warms_up_grows_by_what_it_does_and_is_stated_as_it_ends():
     assert choice.unseen_mm.after.rms < 0.02
 
 
+@pytest.mark.slow
+def test_tilted_axes_that_backlash_hides_are_found_beside_it():
+    choice = of_auto(shots(TILTED, 3.0 * BACKLASH_RAD, seed=2))
+    assert kept(choice) == "axes+backlash"
+    assert "standard+backlash" in outcomes(choice), "chosen first, by unseen pairs that scatter"
+    assert choice.verdict == "pass"
+
+
 def chosen(data, names=tuple(MODELS)):
     return select_model(NOMINAL, data, {name: MODELS[name] for name in names})
 
