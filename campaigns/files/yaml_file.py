@@ -4,6 +4,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args
@@ -26,6 +27,8 @@ BROKEN_RULE = "broken_rule"
 UNBROKEN_LINE = 4096
 """Columns; long texts stay on their line."""
 INDENT = 2
+DOCUMENTS_KEPT = 16
+"""A command asks for the same few files again and again."""
 
 WORDS: Mapping[str, str] = {
     "missing": "is missing",
@@ -182,7 +185,9 @@ class YamlDocument:
 
     def editable_tree(self) -> CommentedMap:
         """Return a tree of one's own, comments and all; a deep copy of a tree loses some."""
-        return parse_document(self.text, self.name).tree
+        tree = _loaded(self.text, self.name)
+        assert isinstance(tree, CommentedMap), "as it was when it was read"
+        return tree
 
 
 def read_document(path: Path, *, if_missing: str) -> YamlDocument:
@@ -190,8 +195,9 @@ def read_document(path: Path, *, if_missing: str) -> YamlDocument:
     return parse_document(read_text(path, ConfigInvalid, if_missing=if_missing), str(path))
 
 
+@lru_cache(maxsize=DOCUMENTS_KEPT)
 def parse_document(text: str, name: str) -> YamlDocument:
-    """Read a YAML text that must be a mapping."""
+    """Read a YAML text that must be a mapping; the same text is parsed once."""
     tree = _loaded(text, name)
     if tree is None:
         raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.resources import files
 from io import StringIO
 from pathlib import Path
@@ -21,6 +22,7 @@ SCHEMA = "pkmcal/cell/1"
 VALUE_SHOWN = 40
 SUFFIX = ".yaml"
 FOLDED_AT = 80
+SCENARIOS_KEPT = 16
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -41,6 +43,7 @@ def load_scenario(name_or_path: str) -> Scenario:
     return parse_scenario(_source(name_or_path), name)
 
 
+@lru_cache(maxsize=SCENARIOS_KEPT)
 def parse_scenario(text: str, name: str) -> Scenario:
     """A scenario from its YAML; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
     try:

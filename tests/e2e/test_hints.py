@@ -25,6 +25,7 @@ SMALL = {
     "validation.rotation_steps": 3,
     "validation.line_points": 3,
 }
+QUICK = SMALL | {"plan.shots": 20, "plan.validation_pairs": 3}
 FASTER = {"speed_up": 3000}
 MOVING = {"run", "validate", "load"}
 """Commands that ask before they move the robot or write into its controller."""
@@ -68,11 +69,11 @@ class Person:
         change(self.folder / "campaign.yaml", {k: v for k, v in limits.items() if v is not None})
 
 
-def begins(pkmcal, folder, robot, scenario, *, full):
+def begins(pkmcal, folder, robot, scenario, plan, *, full):
     """A campaign whose controller computes plate tilt, or does not, as far as its export."""
     person = Person(pkmcal, folder)
     made = person.types("new", folder, "--robot", robot, "--scenario", scenario)
-    change(folder / "campaign.yaml", SMALL)
+    change(folder / "campaign.yaml", plan)
     change(folder / "cell.yaml", FASTER)
     if full:
         cell = folder / "cell.yaml"
@@ -129,9 +130,9 @@ def verdicts(person, told):
     return terminal[1], told.out
 
 
-def arrives(pkmcal, robot, scenario, way, tmp_path, record_property):
+def arrives(pkmcal, robot, scenario, way, tmp_path, record_property, plan=SMALL):
     person, made = begins(
-        pkmcal, tmp_path / "robot", robot, scenario, full=way in {"full", "imported"}
+        pkmcal, tmp_path / "robot", robot, scenario, plan, full=way in {"full", "imported"}
     )
     if way == "targets":
         made = by_targets(person, made)
@@ -156,7 +157,7 @@ def arrives(pkmcal, robot, scenario, way, tmp_path, record_property):
     ],
 )
 def test_who_follows_the_hints_arrives(pkmcal, robot, scenario, way, tmp_path, record_property):
-    arrives(pkmcal, robot, scenario, way, tmp_path, record_property)
+    arrives(pkmcal, robot, scenario, way, tmp_path, record_property, QUICK)
 
 
 @pytest.mark.long

@@ -21,6 +21,7 @@ CLOSE = 1e-9
 LEVER_MM = 100.0
 DECADES = (1e-3, 1e-4)
 """Of steps: 0.001 is 0.001 rad or 0.1 mm."""
+DIRECTIONS = 6
 CONDITION = {"par4": 120, "delta": 89, "h4": 120, "i4r": 105, "linear-delta": 363, "i4l": 742}
 """Of the reference models, for 200 shots of their own."""
 FEWEST_SHOTS = {"par4": 13, "delta": 7, "h4": 10, "i4r": 11, "linear-delta": 5, "i4l": 8}
@@ -302,19 +303,25 @@ class TestJacobian:
         + [(BY_NAME[name], "perturbed") for name in ("par4", "linear-delta")],
     )
     def test_of_the_pose_by_every_parameter_is_exact(self, member, kind):
-        """What differences are off by falls with the square of their step, to rounding."""
+        """What differences are off by falls with the square of their step, to rounding.
+
+        All parameters are changed at once, each by a share of its own in each of a few directions.
+        """
         robot = member.robots[kind]
         poses = member.reachable_poses(robot, 1, seed=23, limits=member.well_inside)
         joints = robot.inverse(poses).values_or_raise()
-        by_length = steps(member, 1.0)
-        unit = np.where(np.arange(poses.shape[1]) < 3, 1.0, LEVER_MM)[:, None] * by_length
+        shares = np.random.default_rng(24).standard_normal((len(robot.p), DIRECTIONS))
+        ways = steps(member, 1.0)[:, None] * shares / np.linalg.norm(shares, axis=0)
+        unit = np.where(np.arange(poses.shape[1]) < 3, 1.0, LEVER_MM)[:, None]
 
-        def moved(vector):
-            return member.robot_of(vector).forward(joints, poses).values_or_raise()
+        def moved(along):
+            there = member.robot_of(robot.p + ways @ along)
+            return there.forward(joints, poses).values_or_raise()
 
-        exact = robot.jacobian(joints, poses) * unit
+        exact = robot.jacobian(joints, poses) @ ways * unit
+        nowhere = np.zeros(DIRECTIONS)
         differences = (
-            central_differences(moved, robot.p, step * by_length) * unit for step in DECADES
+            central_differences(moved, nowhere, nowhere + step) * unit for step in DECADES
         )
         errors = [np.abs(each - exact).max() / np.abs(exact).max() for each in differences]
         assert errors[1] < 1e-7
