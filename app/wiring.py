@@ -335,7 +335,7 @@ def _named(
 def raw_readers(campaign: Campaign) -> RawReaders:
     """Readers of the raw answers that a campaign's journal keeps."""
     layout = _layout(campaign)
-    return RawReaders(
+    return (
         lambda driver, raw: controller_driver(driver).joints(raw, layout),
         lambda driver, raw: tracker_driver(driver).measured(raw),
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,23 +20,17 @@ NAME = "name"
 COMMANDED_DECIMALS = 6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetPoses:
-    """Wanted poses of a file."""
-
-    names: tuple[str, ...]
-    """Empty where the file gives none."""
-    places: tuple[str, ...]
-    """File and line of each."""
-    wanted: Array
-    """(N, t)"""
+TargetPoses: TypeAlias = tuple[tuple[str, ...], tuple[str, ...], Array]
+"""Wanted poses of a file: names, empty where it gives none, file and line of each, and (N, t)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedPoses:
     """Targets with what to command for them."""
 
-    targets: TargetPoses
+    names: tuple[str, ...]
+    wanted: Array
+    """(N, t)"""
     commanded: Array
     """(N, t)"""
     std_mm: Array
@@ -44,7 +39,7 @@ class CorrectedPoses:
     @property
     def correction_mm(self) -> Array:
         """Size of each correction of a position, (N,)."""
-        return correction_mm(self.targets.wanted, self.commanded)
+        return correction_mm(self.wanted, self.commanded)
 
 
 def read_poses(path: Path, mechanism: ClosedChain) -> TargetPoses:
@@ -59,7 +54,7 @@ def parse_poses(text: str, name: str, mechanism: ClosedChain) -> TargetPoses:
     rows = list(parse_csv(text, name, form))
     if not rows:
         raise TargetsInvalid(f"{name}: holds no poses", remedy="give a row for each pose")
-    return TargetPoses(
+    return (
         tuple(row.text(NAME) for row in rows),
         tuple(row.where for row in rows),
         np.array([axis_values(row, mechanism.task) for row in rows]),
@@ -71,18 +66,19 @@ def correct_poses(targets: TargetPoses, correction: TargetCorrection) -> Correct
 
     Raises `TargetsInvalid` for the first that cannot be taken.
     """
-    fault = correction.first_fault(targets.wanted)
+    names, places, wanted = targets
+    fault = correction.first_fault(wanted)
     if fault is not None:
         row, reason = fault
-        name = targets.names[row]
+        name = names[row]
         raise TargetsInvalid(
-            f"{targets.places[row]}: {f'{name}: ' if name else ''}{reason}",
+            f"{places[row]}: {f'{name}: ' if name else ''}{reason}",
             remedy="change the pose, or widen the calibrated workspace with --margin and "
             "--turn-margin",
         )
-    sides = correction.approach(targets.wanted)
-    commanded = correction.commanded(targets.wanted, sides).values_or_raise()
-    return CorrectedPoses(targets, commanded, correction.std_mm(targets.wanted))
+    sides = correction.approach(wanted)
+    commanded = correction.commanded(wanted, sides).values_or_raise()
+    return CorrectedPoses(names, wanted, commanded, correction.std_mm(wanted))
 
 
 def corrected_columns(task: tuple[Axis, ...]) -> tuple[str, ...]:
@@ -95,12 +91,11 @@ def corrected_columns(task: tuple[Axis, ...]) -> tuple[str, ...]:
 
 def corrected_text(found: CorrectedPoses, task: tuple[Axis, ...]) -> str:
     """Text of the file: wanted, commanded, the correction's size, and σ of the position."""
-    targets = found.targets
     turns = [column for column, axis in enumerate(task) if axis.is_revolute]
-    turned = np.degrees(found.commanded - targets.wanted)[:, turns]
+    turned = np.degrees(found.commanded - found.wanted)[:, turns]
     rows = zip(
-        targets.names,
-        targets.wanted.tolist(),
+        found.names,
+        found.wanted.tolist(),
         found.commanded.tolist(),
         np.column_stack([found.correction_mm, turned, found.std_mm]).tolist(),
         strict=True,

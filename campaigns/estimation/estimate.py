@@ -69,19 +69,6 @@ class Estimate:
     """Known only where the measurements alone tell all parameters."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solved:
-    """A fit with the problem as it was at last, whose priors weigh against the scatter found."""
-
-    problem: LeastSquaresProblem
-    robust: RobustFit
-    noise: information.ChiSquareTest
-
-    @property
-    def x(self) -> Array:
-        return self.problem.x(self.robust.fit.x)
-
-
 def estimate(
     problem: LeastSquaresProblem,
     parameters: int,
@@ -107,24 +94,25 @@ def estimate(
         begin, spent = (None, 0) if near is None else (near.x[: len(at)], near.fit.evaluations)
         agreed = reject_outliers(held, begin, spent) if exclude else Inliers(kept, ())
         first = fit_inliers(held, loss, agreed, begin, spent)
-        solved = _solved(held, loss, first, kept=agreed.kept, known_variance=known_variance)
-        at, kept = solved.x, agreed.kept
-        found = observability(project_out_nuisance(_jacobian(solved.problem, at, kept), parameters))
+        kept = agreed.kept
+        last, robust, noise = _solved(held, loss, first, kept=kept, known_variance=known_variance)
+        at = last.x(robust.fit.x)
+        found = observability(project_out_nuisance(_jacobian(last, at, kept), parameters))
         if found.rank >= seen.rank:
             break
     observed = found if found.rank == seen.rank else seen
-    by_data = _by_data_alone(solved.problem, at, kept, observed, parameters)
+    by_data = _by_data_alone(last, at, kept, observed, parameters)
     with_conflicts = len(problem.priors) > 0 and by_data.rank == parameters
     return Estimate(
         at,
-        _covariance(solved, kept),
+        _covariance(last, at, noise, kept),
         _identifiable(seen),
         observed,
         by_data,
-        solved.noise,
+        noise,
         kept,
         agreed.outliers,
-        solved.robust.fit,
+        robust.fit,
         tuple(_prior_conflicts(problem, at, kept)) if with_conflicts else (),
     )
 
@@ -175,8 +163,11 @@ def _subspace(problem: LeastSquaresProblem, seen: Observability) -> Identifiable
 
 def _solved(
     problem: LeastSquaresProblem, loss: Loss, first: RobustFit, *, kept: Mask, known_variance: bool
-) -> _Solved:
-    """Fit whose priors count against the scatter that the measurements turn out to have."""
+) -> tuple[LeastSquaresProblem, RobustFit, information.ChiSquareTest]:
+    """Fit whose priors count against the scatter that the measurements turn out to have.
+
+    With the problem as it is by that scatter, and the test of it.
+    """
     tested = _tested(problem, first, kept)
     robust, scatter = first, _scatter(problem, first, loss, kept)
     scale_of = partial(
@@ -193,7 +184,7 @@ def _solved(
         robust = solve_robust(problem, loss, kept)
         scatter = _scatter(problem, robust, loss, kept)
     tested = information.chi_square_test(tested.chi2, tested.dof, scale_of(scatter))
-    return _Solved(problem, robust, tested)
+    return problem, robust, tested
 
 
 def _tested(
@@ -239,13 +230,14 @@ def _reduced_jacobian(problem: LeastSquaresProblem, robust: RobustFit, kept: Mas
     return np.asarray(rows / np.linalg.norm(rows, axis=0))
 
 
-def _covariance(solved: _Solved, kept: Mask) -> Array | None:
+def _covariance(
+    problem: LeastSquaresProblem, x: Array, noise: information.ChiSquareTest, kept: Mask
+) -> Array | None:
     """(P, P), of the measurements at their allowed scatter and the priors as they are."""
-    sigma0, problem = solved.noise.sigma0, solved.problem
-    if sigma0 is None:
+    if (sigma0 := noise.sigma0) is None:
         return None
-    rows = _jacobian(replace(problem, sigma0=max(sigma0, ROUNDING)), solved.x, kept)
-    directions = np.eye(len(solved.x)) if problem.subspace is None else problem.subspace.directions
+    rows = _jacobian(replace(problem, sigma0=max(sigma0, ROUNDING)), x, kept)
+    directions = np.eye(len(x)) if problem.subspace is None else problem.subspace.directions
     try:
         moving = information.covariance(rows @ directions)
     except np.linalg.LinAlgError:  # more was lost on the way than where it began

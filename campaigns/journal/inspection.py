@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import TypeAlias
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
@@ -22,6 +23,14 @@ SAME = 1e-12
 PLACES = 1e-15
 """rad, mm or mm²: the same about zero."""
 
+RawReaders: TypeAlias = tuple[
+    Callable[[str, str], tuple[float, ...]], Callable[[str, str], tuple[Vector3, Matrix3 | None]]
+]
+"""Readers of raw answers by the name of the driver, which raise `DriverError`.
+
+Of joints, rad or mm; of a point, mm, with its covariance, mm², None from a tracker without one.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Problem:
@@ -29,16 +38,6 @@ class Problem:
 
     problem: str
     record: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RawReaders:
-    """Readers of raw answers by the name of the driver; both raise `DriverError`."""
-
-    joints: Callable[[str, str], tuple[float, ...]]
-    """Joint values in rad or mm."""
-    measurement: Callable[[str, str], tuple[Vector3, Matrix3 | None]]
-    """Point in mm; covariance in mm², None from a tracker that states none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,8 +146,8 @@ def _said_otherwise(
 ) -> Iterator[str]:
     """Where a measurement is not what the raw answers beside it say."""
     try:
-        joints = readers.joints(controller, measured.raw_robot)
-        point_mm, covariance = readers.measurement(tracker, measured.raw_tracker)
+        joints = readers[0](controller, measured.raw_robot)
+        point_mm, covariance = readers[1](tracker, measured.raw_tracker)
     except DriverError as error:
         yield f"a raw answer cannot be read: {error.problem}"
         return

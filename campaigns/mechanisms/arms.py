@@ -138,7 +138,7 @@ class RotaryArms(Arms):
     joint = "revolute"
     shows_turn = True
     azimuth_is_outward = True
-    words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
+    words = ("its elbow's circle", "out of its arm's plane", "elbow")
 
     arm_mm: Array
     """l_i, (n,)."""

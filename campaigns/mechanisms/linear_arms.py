@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import LEFT, LEVEL_LEFT, LEVEL_RIGHT, RIGHT, TWO_ENDS, Arms
-from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Limits
+from campaigns.mechanisms.mechanism import MM_PER_RAD, Limits
 from campaigns.mechanisms.parameters import FOREARM, ROD, ParameterField, Repair
 from campaigns.mechanisms.transmission import OF_CARRIAGES
 
@@ -80,7 +80,7 @@ class LinearArms(Arms):
     shows_turn = False
     leaning = ("elevation_deg",)
     azimuth_is_outward = False
-    words = ArmWords("its carriage's rail", "away from its rail", "carriage")
+    words = ("its carriage's rail", "away from its rail", "carriage")
 
     rails: Array
     """e_i and its derivatives by azimuth, elevation and tilt, (4, n, 3)."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntFlag
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,15 +141,8 @@ class Violation(IntFlag):
     ABOVE_ELBOWS = 32
 
 
-@dataclass(frozen=True, slots=True)
-class ArmWords:
-    """Parts of an arm in words, where a pose cannot be taken."""
-
-    path: str
-    """Where its joint moves the forearm's upper end."""
-    swing: str
-    """How a forearm's swing is counted."""
-    upper_end: str
+ArmWords: TypeAlias = tuple[str, str, str]
+"""In words: where a joint moves its forearm's upper end, how swing is counted, that end's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +179,7 @@ class Feasibility:
         limits = limits or self.limits
         violated = Violation(int(self.violations[row]))
         if Violation.OUT_OF_REACH in violated:
-            return [f"out of reach: a forearm cannot span from {self.words.path} to the plate"]
+            return [f"out of reach: a forearm cannot span from {self.words[0]} to the plate"]
         found = [
             f"joint {place} at {axis.text(value, '.3f')} outside {axis.span(limits.joint)}"
             for place, (axis, value) in enumerate(
@@ -197,20 +190,18 @@ class Feasibility:
         if Violation.TASK_LIMIT in violated:
             found += self._beyond_task_limits(row, limits)
         found += [
-            f"forearm {place} swings {np.degrees(swing):.2f}° {self.words.swing}, limit "
+            f"forearm {place} swings {np.degrees(swing):.2f}° {self.words[1]}, limit "
             f"{np.degrees(limits.forearm_swing_rad):g}°"
             for place, swing in enumerate(self.swing_rad[row])
             if abs(swing) > limits.forearm_swing_rad
         ]
         if Violation.ABOVE_ELBOWS in violated:
-            found.append(
-                f"another assembly: the platform would be above its {self.words.upper_end}s"
-            )
+            found.append(f"another assembly: the platform would be above its {self.words[2]}s")
         if Violation.SINGULAR in violated:
             found.append(
                 f"too near a singularity: margin {self.singular_value[row]:.3f} "
                 f"(limit {limits.singularity_margin:g}), "
-                f"{self.words.upper_end} {self.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
+                f"{self.words[2]} {self.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
             )
         return found
 
