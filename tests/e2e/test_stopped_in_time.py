@@ -11,8 +11,8 @@ import time
 import psutil
 import pytest
 from command_line import change, ended, started
+from relay import Relay
 
-from benchmarks.shared.relay import Relay
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell

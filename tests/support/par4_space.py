@@ -22,7 +22,6 @@ FREE_IF_EXTENDED = SPACE.free_if_extended
 IS_ANGLE = SPACE.is_angle
 FILE_UNIT = SPACE.file_unit
 ARMS = SPACE.arms
-ARM_FIELDS = tuple(field.name for field in SPACE.arm_fields)
 indices = SPACE.places
 PLATE = NAMES.index("plate_mm")
 OFFSETS = SPACE.offsets
