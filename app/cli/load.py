@@ -20,7 +20,7 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load import Change
 from campaigns.errors import Interrupted, OptionsInvalid
 from campaigns.files.table import Column, words
-from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
+from campaigns.workflow.loading import LoadResult, LoadTerms, load, roll_back
 from drivers.values import Identity
 
 SURE = "Write these parameters into controller {serial}? The robot must stand still."
@@ -110,16 +110,17 @@ def command(
         done = roll_back(campaign, connected_robot(campaign, terminal.prompt()), terms)
     elif verify and not dry:
         display = terminal.watching("load", plain=campaign.is_by_hand)
-        setup = VerificationSetup(
+        watched = replace(
+            terms,
+            uninterrupted=_watched(wish, display),
             pairs=verify,
             prepare=partial(prepare, campaign),
             observer=display,
             stop_requested=wish,
             goes_on=partial(_goes_on, wish, display, terminal),
         )
-        watched = replace(terms, uninterrupted=_watched(wish, display))
         cell = connected_cell(campaign, wish, terminal.alarm, terminal.prompt(display, wish))
-        done = load(campaign, cell, file, watched, setup)
+        done = load(campaign, cell, file, watched)
     else:
         done = load(campaign, connected_robot(campaign, terminal.prompt()), file, terms)
     _tell(terminal, campaign, done)

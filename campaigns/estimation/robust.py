@@ -7,6 +7,7 @@ in it: they are neither weighed down nor left out.
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -64,13 +65,8 @@ class RobustFit:
     """Standard deviation of the whitened residuals by the median of the blocks."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outlier:
-    """A block that the others contradict: its size and the largest believable one, in σ."""
-
-    block: int
-    size: float
-    limit: float
+Outlier: TypeAlias = tuple[int, float, float]
+"""A block that the others contradict, its size and the largest believable one, in σ."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +181,7 @@ def reject_outliers(
         if settled := np.array_equal(sizes <= limit, kept):
             break
         kept = sizes <= limit
-    outliers = (Outlier(row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
+    outliers = ((row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
     return Inliers(kept, tuple(outliers), fit if settled else None)
 
 
@@ -215,7 +211,7 @@ def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:
         likelihood = _log_marginal_likelihood(chi2, freedom - count, count, problem.blocks)
         if likelihood > likeliest:
             sizes, limit = _studentized_residuals(problem, fit, kept)
-            outliers = tuple(Outlier(row, float(sizes[row]), limit) for row in wrong)
+            outliers = tuple((row, float(sizes[row]), limit) for row in wrong)
             best, likeliest = Inliers(kept, outliers, fit), likelihood
     return best
 

@@ -367,17 +367,11 @@ def _rate_told(found: result.RippleRate | None) -> Iterator[diagnostics.Doubt]:
 def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[result.Excluded]:
     """With the size of their misfits to what the others say."""
     misfits = np.linalg.norm(fitted.misfits_mm(found.x), axis=1)
-    for outlier in found.outliers:
-        size_mm = float(misfits[outlier.block])
-        reason = (
-            f"{size_mm:.3f} mm off what the others say: {outlier.size:.1f} σ, "
-            f"limit {outlier.limit:.1f} σ"
-        )
+    for block, size, limit in found.outliers:
+        size_mm = float(misfits[block])
+        reason = f"{size_mm:.3f} mm off what the others say: {size:.1f} σ, limit {limit:.1f} σ"
         yield replace(
-            fitted.excluded_for(outlier.block, reason),
-            size_mm=size_mm,
-            size_sigma=outlier.size,
-            limit_sigma=outlier.limit,
+            fitted.excluded_for(block, reason), size_mm=size_mm, size_sigma=size, limit_sigma=limit
         )
 
 

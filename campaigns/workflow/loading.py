@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
-
-from pydantic import JsonValue
 
 from campaigns import errors
 from campaigns.campaign import Campaign
@@ -57,6 +55,14 @@ class LoadTerms:
     """Whether objections are overruled, which the journal keeps."""
     dry: bool = False
     """Whether nothing is written, neither into the controller nor into the journal."""
+    pairs: int = 0
+    """Pairs to be measured before and after writing, for which the connection is to a cell."""
+    prepare: Callable[[Cell], None] = lambda _: None
+    """Brings the devices into the state that measuring needs; the robot may move."""
+    observer: RunObserver = SILENT
+    stop_requested: Callable[[], bool] = lambda: False
+    goes_on: Callable[[], bool] = lambda: False
+    """Asked when the operator has stopped it, and the robot stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +74,6 @@ class Verification:
     after_mm: float
     series: tuple[int, int]
     """Of the journal, before and after."""
-
-    def document(self) -> dict[str, JsonValue]:
-        """As the journal and `load --json` have it."""
-        return {
-            "pairs": self.pairs,
-            "before_mm": self.before_mm,
-            "after_mm": self.after_mm,
-            "series": list(self.series),
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,44 +92,27 @@ class LoadResult:
     verification: Verification | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class VerificationSetup:
-    """How pairs are measured before and after writing.
-
-    `prepare` brings the devices into the state that measuring needs; the robot may move. `goes_on`
-    is asked when the operator has stopped it, and the robot stands.
-    """
-
-    pairs: int
-    prepare: Callable[[Cell], None]
-    observer: RunObserver = SILENT
-    stop_requested: Callable[[], bool] = lambda: False
-    goes_on: Callable[[], bool] = lambda: False
-
-
 def load(
     campaign: Campaign,
     connection: AbstractContextManager[RobotController | Cell],
     source: Path | None = None,
     terms: LoadTerms | None = None,
-    verification: VerificationSetup | None = None,
 ) -> LoadResult:
     """Load a robot file, the exported one by default.
 
     `connection` is made once the file is known to be one for this campaign. Raises `ConfigInvalid`
     for a file that should not be loaded, and for parameters that no controller knows.
 
-    With a `verification`, for which the connection is to a cell, validation pairs of the plan are
-    measured before and after. Raises `VerdictBad` when their mean error became larger; then, and
-    after whatever else kept them from being measured, the old parameters are back.
+    With `pairs` in the terms, so many validation pairs are measured before and after. Raises
+    `VerdictBad` when their mean error became larger; then, and after whatever else kept them from
+    being measured, the old parameters are back.
     """
     terms = terms or LoadTerms()
     wanted = _wanted(campaign, source, terms)
     with campaign.journal() as journal, connection as devices:
         cell = devices if isinstance(devices, Cell) else None
         controller = devices.robot if isinstance(devices, Cell) else devices
-        verified_by = (cell, verification) if cell and verification else None
-        return _Loading(campaign, journal, controller, terms, verified_by).load(*wanted)
+        return _Loading(campaign, journal, controller, terms, cell).load(*wanted)
 
 
 def roll_back(
@@ -194,7 +174,8 @@ class _Loading:
     journal: Journal
     controller: RobotController
     terms: LoadTerms
-    verified_by: tuple[Cell, VerificationSetup] | None = None
+    cell: Cell | None = None
+    """Of a controller whose tracker is connected too."""
 
     def load(
         self, source: Path, robot: RobotFile, objections: tuple[errors.ConfigInvalid, ...]
@@ -275,7 +256,7 @@ class _Loading:
         wanted, controller = robot.parameters, self.controller.identity()
         if not differing(held, wanted):
             return LoadResult(source, "already", state=self._state(held))
-        pairs = self.verified_by[1].pairs if self.verified_by else 0
+        pairs = self.terms.pairs if self.cell else 0
         shots = validation.verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
         self.terms.approve(controller, changes(held, robot))
         if self.terms.dry:
@@ -298,7 +279,7 @@ class _Loading:
             ).begin(self.journal)
             self._write(begun)
             found = None if before is None else self._verified(begun, shots, *before)
-            begun.end(self.journal, None if found is None else found.document())
+            begun.end(self.journal, None if found is None else asdict(found))
         return LoadResult(source, "loaded", kept, forced, self._state(wanted), found)
 
     def _state(self, held: Mapping[str, float]) -> ControllerState:
@@ -371,19 +352,19 @@ class _Loading:
         shots: tuple[PlannedShot, ...],
     ) -> tuple[int, float]:
         """Series of the pairs as the controller commands them now, and their mean error, mm."""
-        assert self.verified_by is not None, "pairs are measured where they were asked for"
-        cell, setup = self.verified_by
+        cell, terms = self.cell, self.terms
+        assert cell is not None, "pairs are measured where they were asked for"
         work = validation.verification_work(self.campaign, stage, active, shots)
         before = self.journal.latest_series(stage)
         while True:
             anew = self.journal.latest_series(stage) == before
             try:
-                setup.prepare(cell)
+                terms.prepare(cell)
                 series = measure_series(
-                    cell, self.journal, work, setup.observer, setup.stop_requested, anew=anew
+                    cell, self.journal, work, terms.observer, terms.stop_requested, anew=anew
                 )
             except (errors.Interrupted, Cancelled):
-                if not setup.goes_on():
+                if not terms.goes_on():
                     raise
                 cell.robot.reconnect()
                 cell.tracker.reconnect()

@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pytest
@@ -20,7 +20,7 @@ from campaigns.journal.records import Finding
 from campaigns.measuring.work import Cell
 from campaigns.robots.robot import compensated, find_robot, read_robot
 from campaigns.workflow.files import export
-from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
+from campaigns.workflow.loading import LoadResult, LoadTerms, load, roll_back
 from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused, RobotStateUnknown
 
@@ -371,8 +371,7 @@ def cell() -> CellOf:
 def verified(
     campaign: Campaign, cell: CellOf, pairs: int = 3, source: Path | None = None, **terms: object
 ) -> LoadResult:
-    setup = VerificationSetup(pairs=pairs, prepare=lambda _: None)
-    return load(campaign, nullcontext(cell.cell), source, LoadTerms(**terms), setup)
+    return load(campaign, nullcontext(cell.cell), source, LoadTerms(pairs=pairs, **terms))
 
 
 def test_pairs_that_become_better_are_kept_with_the_load(campaign: Campaign, cell: CellOf) -> None:
@@ -381,7 +380,8 @@ def test_pairs_that_become_better_are_kept_with_the_load(campaign: Campaign, cel
     assert found.verification.after_mm < 0.1 < found.verification.before_mm
     assert cell.robot.geometry == new_set(campaign)
     kind, body = findings(campaign)[-1]
-    assert (kind, body["verification"]) == ("load", found.verification.document())
+    told = {**asdict(found.verification), "series": [*found.verification.series]}
+    assert (kind, body["verification"]) == ("load", told)
     assert cell.tracker.measured == 2 * 2 * 3
     with campaign.journal_reader() as journal:
         stages = [series.started.stage for series in journal.series()]
@@ -498,8 +498,8 @@ def test_operators_stop_says_that_the_old_parameters_are_in(
 ) -> None:
     wish = StopWish(cell.cell.clock)
     cell.robot.during_move[move] = wish.ask
-    setup = VerificationSetup(pairs=3, prepare=lambda _: None, stop_requested=wish)
+    terms = LoadTerms(pairs=3, stop_requested=wish)
     with pytest.raises(errors.Interrupted, match="the controller holds the old parameters"):
-        load(campaign, nullcontext(cell.cell), None, LoadTerms(), setup)
+        load(campaign, nullcontext(cell.cell), None, terms)
     assert cell.robot.geometry == OLD
     assert [kind for kind, _ in findings(campaign)] == kinds

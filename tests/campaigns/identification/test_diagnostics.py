@@ -134,7 +134,7 @@ class TestBareDistances:
     @pytest.mark.parametrize("wrong", [[], [4], [7, 21]])
     def test_wrong_ones_among_few_are_named_and_no_others(self, wrong):
         found = reject_outliers(self.problem_with(wrong))
-        assert sorted(each.block for each in found.outliers) == wrong
+        assert sorted(block for block, *_ in found.outliers) == wrong
         assert np.flatnonzero(~found.kept).tolist() == wrong
 
 
