@@ -11,7 +11,7 @@ import pytest
 from linuxcnc_bench import compiled_kinematics
 from linuxcnc_campaign import tell
 
-from campaigns.controllers.linuxcnc_export import drawing_flat, parameter_pins, pin_of, ripples_flat
+from campaigns.controllers.linuxcnc_export import drawing_flat, parameter_pins, pin_of
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile, find_robot
 
@@ -122,7 +122,7 @@ class Module:
         values = dict.fromkeys(pins, 0.0) | dict(robot.parameters)
         self.arms, self.turns = len(robot.mechanism.joints), len(robot.mechanism.task) > 3
         self.set_pins({pins[name]: value for name, value in values.items()})
-        drawing = drawing_flat(robot.mechanism) | ripples_flat(robot.mechanism)
+        drawing = drawing_flat(robot.mechanism)
         self.set_pins({pin_of(n): value for n, value in drawing.items()})
 
     def set_pins(self, values):
