@@ -13,7 +13,7 @@ from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.keys import keys_heard
 from app.progress import RunDisplay
 from app.retrying import Retries
-from app.run_text import DeviceIdentities, briefing
+from app.run_text import DeviceIdentities, briefing, serials
 from app.wiring import connected_cell, prepare, require_devices
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
@@ -136,7 +136,7 @@ def _latest_series(campaign: Campaign) -> int:
 
 def identities(cell: Cell) -> DeviceIdentities:
     """Ask both devices of a connected cell who they are."""
-    return DeviceIdentities(cell.robot.identity(), cell.tracker.identity())
+    return cell.robot.identity(), cell.tracker.identity()
 
 
 class Clearance:
@@ -166,7 +166,7 @@ class Clearance:
             terminal.note(self._briefing(found))
         if found != self._told:
             raise WrongDevice(
-                f"{found} answer now, before the question it was {self._told}",
+                f"{serials(found)} answer now, before the question it was {serials(self._told)}",
                 remedy="check the addresses, then start again",
             )
 
@@ -182,8 +182,8 @@ def _ready_cell(
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
     with connected_cell(campaign, wish, terminal.alarm, prompt) as cell:
         found = identities(cell)
-        terminal.detail(f"controller: {found.controller}")
-        terminal.detail(f"tracker: {found.tracker}")
+        for device, identity in zip(("controller", "tracker"), found, strict=True):
+            terminal.detail(f"{device}: {identity}")
         clearance.check(found, terminal)
         prepare(campaign, cell)
         yield cell

@@ -1,6 +1,7 @@
 """Result of a run, for people and as a document."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from typing import TypeAlias
 
 from app.console import BAD, GOOD, WARNING, Terminal
 from app.progress import interval
@@ -12,22 +13,19 @@ from campaigns.measuring.work import Work
 from campaigns.workflow.running import RunPreview
 from drivers.values import Identity
 
+DeviceIdentities: TypeAlias = tuple[Identity, Identity]
+"""Controller and tracker that answer at the addresses of a cell."""
 
-@dataclass(frozen=True, slots=True)
-class DeviceIdentities:
-    """Who answers at both addresses of a cell."""
 
-    controller: Identity
-    tracker: Identity
-
-    def __str__(self) -> str:
-        return f"controller {self.controller.serial}, tracker {self.tracker.serial}"
+def serials(devices: DeviceIdentities) -> str:
+    """Serial numbers of both devices, in words."""
+    return "controller {}, tracker {}".format(*(each.serial for each in devices))
 
 
 def briefing(campaign: Campaign, work: Work, preview: RunPreview, devices: DeviceIdentities) -> str:
     """What a run says before anything moves: `138 shots, about 6 min, 30 % speed, controller …`."""
     speed = campaign.config.controller.speed_percent
-    return f"{preview_line(preview, work)}, {speed:g} % speed, {devices}"
+    return f"{preview_line(preview, work)}, {speed:g} % speed, {serials(devices)}"
 
 
 def show_run(terminal: Terminal, ran: RunResult) -> None:

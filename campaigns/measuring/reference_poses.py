@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -29,12 +30,8 @@ LIKELY = 10.0
 """Difference of score up to which a cause is named beside the best."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReferencePose:
-    """Pose to be measured again, and what was measured there first."""
-
-    step: Step
-    then: Outcome
+ReferencePose: TypeAlias = tuple[Step, Outcome]
+"""Pose to be measured again, and what was measured there first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,11 +76,11 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
     The first drift shot is the first of them, or else the first shot.
     """
     was = {outcome.shot: outcome for outcome in kept}
-    taken = [ReferencePose(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
-    taken.sort(key=lambda each: each.step.planned.purpose is not ShotSet.DRIFT)
+    taken = [(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
+    taken.sort(key=lambda each: each[0].planned.purpose is not ShotSet.DRIFT)
     if len(taken) < FEWEST:
         return tuple(taken[:1])
-    points = np.array([each.then.point_in_tracker_mm for each in taken])
+    points = np.array([then.point_in_tracker_mm for _, then in taken])
     chosen = [0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))]
     along = points[chosen[1]] - points[0]
     length_mm = float(np.linalg.norm(along))

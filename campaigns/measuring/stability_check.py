@@ -35,8 +35,9 @@ class StabilityCheck:
 
     def _of_one(self, reference: ReferencePose) -> str:
         """How far one pose has moved since it was measured, in words; empty within the limit."""
-        outcome = self.shot_taker.retry(partial(self.shot_taker.measure, reference.step))
-        moved_mm = dist(reference.then.point_in_tracker_mm, outcome.point_in_tracker_mm)
+        step, then = reference
+        outcome = self.shot_taker.retry(partial(self.shot_taker.measure, step))
+        moved_mm = dist(then.point_in_tracker_mm, outcome.point_in_tracker_mm)
         limit_mm = self.session.work.gate.drift_mm
         text = drift_text(f"{AFTER_RESTART} the pose is", moved_mm, limit_mm)
         self._write(f"shot {outcome.shot}: {text}")
@@ -58,7 +59,7 @@ class StabilityCheck:
     def _change(self, when: str, references: Sequence[ReferencePose]) -> str:
         now, then = (
             [self._measured_again(each) for each in references],
-            [r.then for r in references],
+            [then for _, then in references],
         )
         work, kept = self.session.work, self.session.gate.accepted
         noise = work.reference_noise(kept)
@@ -72,9 +73,10 @@ class StabilityCheck:
 
         One beyond the gate of distances is a wrong target: raises `GateRefused`.
         """
-        first_mm = reference.then.point_in_tracker_mm
+        step, then = reference
+        first_mm = then.point_in_tracker_mm
         try:
-            outcome = self.shot_taker.retry(partial(self.shot_taker.measure, reference.step))
+            outcome = self.shot_taker.retry(partial(self.shot_taker.measure, step))
         except GateRefused as error:
             lost = error.__cause__
             if not isinstance(lost, ShotRefused):

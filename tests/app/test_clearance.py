@@ -8,18 +8,18 @@ from command_line import Keyboard
 from app.console import Terminal
 from app.exits import NotConfirmed
 from app.measuring import Clearance
-from app.run_text import DeviceIdentities
+from app.run_text import serials
 from drivers.errors import WrongDevice
 from drivers.values import Identity
 
 ROBOT = Identity("Acme", "Par4", "R-1", "1.0", "robotline 1")
 TRACKER = Identity("Leica", "AT403", "T-7", "2.3", "emScon")
-FOUND = DeviceIdentities(ROBOT, TRACKER)
-OTHER = DeviceIdentities(ROBOT, Identity("Leica", "AT403", "T-8", "2.3", "emScon"))
+FOUND = (ROBOT, TRACKER)
+OTHER = (ROBOT, Identity("Leica", "AT403", "T-8", "2.3", "emScon"))
 
 
 def briefing(devices):
-    return f"12 shots, {devices}"
+    return f"12 shots, {serials(devices)}"
 
 
 class Devices:
@@ -27,7 +27,7 @@ class Devices:
 
     def __init__(self, found):
         self.robot = self.tracker = self
-        self._answers = [found.controller, found.tracker]
+        self._answers = [*found]
 
     def identity(self):
         return self._answers.pop(0)

@@ -47,16 +47,16 @@ def outcomes(
 
 def compared(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NOISE):
     poses = reference_poses(STEPS, then)
-    first = [pose.then for pose in poses]
-    again = [now[pose.step.planned.shot] for pose in poses]
+    first = [first for _, first in poses]
+    again = [now[step.planned.shot] for step, _ in poses]
     return rigid_body_test(NOMINAL, then, first, again, noise)
 
 
 def test_poses_are_spread_if_there_are_enough_off_a_line() -> None:
     poses = reference_poses(STEPS, outcomes(np.random.default_rng(1)))
-    assert poses[0].step.planned.shot == 0
-    assert len({pose.step.planned.shot for pose in poses}) == 4
-    places = np.array([pose.then.point_in_tracker_mm for pose in poses[:3]])
+    assert poses[0][0].planned.shot == 0
+    assert len({step.planned.shot for step, _ in poses}) == 4
+    places = np.array([first.point_in_tracker_mm for _, first in poses[:3]])
     assert np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] > 100.0
     then = outcomes(np.random.default_rng(1))
     assert len(reference_poses(STEPS, then[:2])) == 1
