@@ -20,7 +20,7 @@ WINSORISED_AT = 10.0
 class TrackerUncertainty:
     """Standard uncertainties (1 σ), along the beam and across it: a constant and a part per length.
 
-    The defaults are an AT500's ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m) by ISO 10360-10, each
+    The defaults are a common tracker's limits, ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m), each
     over √3.
     """
 

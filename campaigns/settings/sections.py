@@ -253,11 +253,11 @@ class TrackerConfig(FileModel):
     )
     uncertainty: TrackerLimitsConfig = Field(
         default=TrackerLimitsConfig(),
-        description="the limits (MPE) of its data sheet, by default an AT500's; for plans",
+        description="the limits (MPE) of its data sheet, by default a common tracker's; for plans",
     )
     common: TrackerCommonConfig = Field(
         default=TrackerCommonConfig(),
-        description="limits of what all shots have in common, by default an AT500's in a shop",
+        description="limits of what all shots have in common, by default a common tracker's",
     )
 
     @model_validator(mode="after")
@@ -353,7 +353,10 @@ class GateConfig(FileModel):
         default=1.0, description="the largest distance of a drift shot from the first one, mm"
     )
     attempts: int = Field(
-        default=3, ge=1, le=20, description="the number of attempts at a shot before the run stops"
+        default=3,
+        ge=1,
+        le=20,
+        description="the number of attempts at a shot before it is set aside",
     )
 
 
