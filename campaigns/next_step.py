@@ -43,7 +43,7 @@ TAKEN = {
     diagnostics.COMMON_SCALE: "check the reflector's and the air's constants; if it is the robot",
 }
 """What to do before a doubt is accepted."""
-FREED = {"azimuths": "arm*.azimuth_deg", "reflector": "reflector_constant_mm"}
+FREED = {"reflector": "reflector_constant_mm"}
 """Parameters that are in no model, by the cause of a lack of fit."""
 SELECTION = {"--estimator", "--model", "--free", "--fix"}
 """Options that say what is to be found, which stay for further shots."""

@@ -52,7 +52,7 @@ LACKS = {
         " %",
     ),
     "backlash": ("backlash", f"{BY_AUTO}; or renew the gear", ""),
-    "azimuths": ("azimuths off nominal", "--free 'arm*.azimuth_deg', or --model auto", ""),
+    "azimuths": ("azimuths off nominal", "--model auto fits those that can be told", ""),
     "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them", ""),
     "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}", " mm"),
     "sag": ("the plate sags by its reach", f"stiffen the robot; {BY_LIMITS}", " mm"),
