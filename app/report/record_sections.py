@@ -6,11 +6,13 @@ import segno
 from markupsafe import Markup
 
 from app.report.rendering import moment
+from campaigns.evaluation.diagnostics import NESTS, Doubt
 from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
-from campaigns.identification.result import Excluded
+from campaigns.identification.nests import FEWEST, Nest
+from campaigns.identification.result import Excluded, IdentificationResult
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
 from campaigns.shots.import_export import imported_files
@@ -49,6 +51,41 @@ def beam_losses(evidence: Evidence) -> int:
     """Number of shots lost with the beam."""
     records = [each.record for each in evidence.journal.incidents] if evidence.journal else []
     return sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
+
+
+MOVED = {
+    "stand": ("the tracker's stand", "taken out of all shots, evenly in time"),
+    "loose": ("nests, and not as one body", "nothing was taken out: fasten the loose one"),
+    "robot": ("the robot, at its drift pose", "nothing was taken out: it is not the tracker"),
+}
+"""What nests tell of, and what followed, by the kind of their doubt."""
+MOTIONS: tuple[Column[Doubt], ...] = (
+    words("what moved", lambda doubt: MOVED[str(doubt.numbers["kind"])][0]),
+    Column("by", lambda doubt: float(doubt.numbers["moved_mm"]), "mm"),
+    Column("σ", lambda doubt: float(doubt.numbers["std_mm"]), "mm", 4),
+    words("between shots", lambda doubt: _between(doubt)),
+    words("what followed", lambda doubt: MOVED[str(doubt.numbers["kind"])][1]),
+)
+NEST_PLACES: tuple[Column[tuple[str, Nest]], ...] = (
+    words("nest", lambda row: row[0]),
+    Column("x", lambda row: row[1].x_mm, "mm"),
+    Column("y", lambda row: row[1].y_mm, "mm"),
+    Column("z", lambda row: row[1].z_mm, "mm"),
+    Column("σ", lambda row: row[1].std_mm, "mm", 4),
+)
+
+
+FEWEST_NESTS = FEWEST
+"""From which on they tell of motion."""
+
+
+def motions(found: IdentificationResult) -> list[Doubt]:
+    """Motions of stand, nests or robot that nests tell of."""
+    return [doubt for doubt in found.doubts if doubt.name == NESTS]
+
+
+def _between(doubt: Doubt) -> str:
+    return f"{doubt.numbers['after_shot']:.0f} and {doubt.numbers['before_shot']:.0f}"
 
 
 EXCLUDED: tuple[Column[Excluded], ...] = (

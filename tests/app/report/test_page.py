@@ -12,14 +12,15 @@ import pytest
 from paper_campaign import CONTROLLER, NOMINAL, PaperCampaign, new_campaign
 
 from app.cli.report import report
-from app.report import model_sections
+from app.report import model_sections, record_sections
 from app.report.advice_sections import BROUGHT
 from app.report.page import Page, page_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
-from campaigns.evaluation.diagnostics import Doubt
+from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.files.table import texts
+from campaigns.identification.nests import Nest
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
 from campaigns.journal.records import Event, Finding, Intent, PairVoided, Rejected, SeriesStarted
 from campaigns.mechanisms.par4 import PAR4
@@ -439,6 +440,34 @@ def test_every_doubt_stands_with_its_name_sentence_and_numbers(whole: PaperCampa
         assert row in text
     assert "The identification states no doubt." not in text
     assert "The identification states no doubt." in words_on(identified(whole, doubts=()))
+
+
+def test_what_nests_tell_stands_with_its_deviation(whole: PaperCampaign) -> None:
+    places = {"A": Nest(900.0, 800.1, -900.0, 0.0123), "B<i>": Nest(1.0, 2.0, 3.0, None)}
+    doubts = (
+        nests_told("stand", 0.314, 0.0074, (163, 177)),
+        nests_told("robot", 0.5, 0.1, (0, 84)),
+    )
+    found = identified(whole, nests=places, doubts=doubts)
+    rows = rows_in(found, "tracker")
+    assert rows[-4:] == [
+        [
+            "the tracker's stand",
+            "0.314",
+            "0.0074",
+            "163 and 177",
+            record_sections.MOVED["stand"][1],
+        ],
+        ["the robot, at its drift pose", "0.500", "0.1000", "0 and 84", rows[-3][-1]],
+        ["A", "900.000", "800.100", "−900.000", "0.0123"],
+        ["B<i>", "1.000", "2.000", "3.000", "–"],
+    ]
+    assert "no motion of stand or robot" not in words_on(found, "tracker")
+    told = "Nests tell of no motion of stand or robot beyond chance."
+    assert told not in words_on(identified(whole, nests=places, doubts=()), "tracker")
+    three = {**places, "C": places["A"]}
+    assert told in words_on(identified(whole, nests=three, doubts=()), "tracker")
+    assert "Nests" not in words_on(page(whole), "tracker")
 
 
 def test_the_robots_scatter_and_the_hold_out_test_stand_in_words(whole: PaperCampaign) -> None:
