@@ -1,0 +1,140 @@
+"""What the live page costs a run: time a shot with a page open, and with the watcher halted.
+
+python -m benchmarks.watch [--json]
+
+One run on devices that take 0.2 s for a shot, some ten times as fast as a robot and a tracker, with
+a real journal. Beside it `pkmcal watch` and a reader of its news, processes of their own. Every
+few shots the watcher is halted, and let go again: ratios are of neighbouring stretches of one run,
+of their medians from one measurement to the next. Limit: 1.05. The engine's own part of that time
+is told beside it.
+"""
+
+import http.client
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from benchmarks.engine import TRACKER_FROM_BASE_MM, HandClock, InstantRobot, InstantTracker, work_of
+from benchmarks.shared.programs import PKMCAL, pkmcal
+from benchmarks.shared.prototype import NOMINAL
+from benchmarks.shared.yardstick import Figure, Report, main
+from campaigns.campaign import now_utc, open_campaign
+from campaigns.journal.journal import open_journal
+from campaigns.measuring.run_state import SILENT
+from campaigns.measuring.session import measure_series
+from campaigns.measuring.work import Cell
+from campaigns.planning.plans import joints_of
+from drivers.ports import LaserTracker, RobotController
+from drivers.values import Measurement
+
+LIMIT = 1.05
+STRETCH = 8
+"""Shots between two changes."""
+FIRST = 1
+"""Shots of a stretch that are left out: it is changed in the middle of them."""
+PACE_S = 0.2
+
+
+@dataclass
+class WatchedTracker(InstantTracker):
+    """Takes its time over a measurement, and halts the watcher or lets it go."""
+
+    watcher: int = 0
+
+    def measure(self) -> Measurement:
+        if self.asked % STRETCH == 0:
+            halted = (self.asked // STRETCH) % 2 == 0
+            os.kill(self.watcher, signal.SIGSTOP if halted else signal.SIGCONT)
+        measured = super().measure()
+        time.sleep(PACE_S)
+        self.answered = (time.perf_counter(), time.process_time())
+        return measured
+
+
+def measure() -> Report:
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "campaign"
+        pkmcal("new", str(folder))
+        pkmcal("plan", str(folder))
+        watch = subprocess.Popen([PKMCAL, "watch", str(folder), "--json"], stdout=subprocess.PIPE)
+        assert watch.stdout is not None
+        url = json.loads(watch.stdout.readline())["url"]
+        page = subprocess.Popen([sys.executable, __file__, url], stdout=subprocess.PIPE)
+        try:
+            tracker = run(folder, watch.pid)
+            spent_s = _processor_s(watch.pid)
+        finally:
+            watch.send_signal(signal.SIGCONT)
+            watch.terminate()
+            watch.communicate()
+            news = page.communicate()[0]
+    own_s, shots = np.array(tracker.wall_s), len(tracker.wall_s)
+    whole, own = _ratios(own_s + PACE_S), _ratios(own_s)
+    ratio, own_ms = float(np.median(whole)), 1e3 * float(np.median(own_s))
+    return Report(
+        [
+            Figure("time a shot, watched by not", ratio, "", highest=LIMIT),
+            Figure("lowest", float(whole.min())),
+            Figure("highest", float(whole.max())),
+            Figure("the engine's own part, likewise", float(np.median(own))),
+            Figure("the engine's own part, median", own_ms, "ms a shot"),
+            Figure("watcher's processor time", 1e3 * spent_s / shots, "ms a shot"),
+            Figure("news on the page", int(news)),
+            Figure("shots", shots),
+        ]
+    )
+
+
+def run(folder: Path, watcher: int) -> WatchedTracker:
+    """Measure the campaign's plan beside a watcher, given by its process's id."""
+    shots = open_campaign(folder).read_plan()
+    points = NOMINAL.forward(joints_of(shots)).values_or_raise()[:, :3] + TRACKER_FROM_BASE_MM
+    tracker, clock = WatchedTracker(points, watcher=watcher), HandClock()
+    robot = cast(RobotController, InstantRobot(shots[0].joints))
+    cell = Cell(robot, cast(LaserTracker, tracker), clock, clock)
+    with open_journal(folder / "campaign.db", now_utc=now_utc, create=True) as journal:
+        measure_series(cell, journal, work_of(shots), SILENT, lambda: False)
+    return tracker
+
+
+def _ratios(times_s: np.ndarray) -> np.ndarray:
+    """Medians of watched stretches by those of the stretches before and after."""
+    whole = times_s[: len(times_s) // STRETCH * STRETCH].reshape(-1, STRETCH)
+    medians = np.median(whole[:, FIRST:], axis=1)
+    return np.array(
+        [
+            medians[n] / np.mean([medians[n - 1], *medians[n + 1 : n + 2]])
+            for n in range(1, len(medians), 2)
+        ]
+    )
+
+
+def _processor_s(pid: int) -> float:
+    """Processor time that a living process has taken, by Linux."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def read_news(url: str) -> int:
+    """Number of states that came until the server ended."""
+    with closing(http.client.HTTPConnection(urlsplit(url).netloc, timeout=60.0)) as link:
+        link.request("GET", "/events")
+        return sum(line.startswith(b"data: ") for line in link.getresponse())
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] and sys.argv[1].startswith("http"):
+        print(read_news(sys.argv[1]))
+        raise SystemExit
+    raise SystemExit(main(__doc__, measure))
