@@ -15,7 +15,9 @@ import typer
 from pydantic_core import to_jsonable_python
 from rich import box
 from rich.console import Console
+from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from app.exits import NotConfirmed
 from app.progress import RunDisplay
@@ -204,17 +206,18 @@ class Terminal:
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:
         """Shows on a terminal, from a second on, what the block is at; gives what changes it."""
-        status = self._talk.status(text)
-        late = Timer(SILENT_S, status.start)
+        # it draws when it is told something: no thread of its own takes time from the work
+        live = Live(Text(text), console=self._talk, transient=True, auto_refresh=False)
+        late = Timer(SILENT_S, live.start, (True,))
         if self._talk.is_terminal:
             late.start()
         try:
-            yield status.update
+            yield lambda news: live.update(Text(news), refresh=live.is_started)
         finally:
             late.cancel()
             if late.ident is not None:
                 late.join()
-            status.stop()
+            live.stop()
 
     def watching(self, title: str, *, plain: bool = False) -> RunDisplay:
         """Shows a run while the block runs; `plain` by lines."""

@@ -2,9 +2,11 @@
 
 import io
 import json
+import threading
 
 import pytest
 from command_line import Keyboard
+from rich.console import Console
 
 from app.console import Terminal
 from app.exits import NotConfirmed
@@ -40,6 +42,28 @@ def test_a_document_never_holds_what_is_no_json():
 def test_a_long_line_is_not_broken(capsys):
     Terminal(as_json=False).say("word " * 100)
     assert capsys.readouterr().out.count("\n") == 1
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_what_a_long_work_is_at_is_shown_on_a_terminal_and_nowhere_else(monkeypatch, is_terminal):
+    monkeypatch.setattr("app.console.SILENT_S", 0.0)
+    shown, screen = threading.Event(), io.StringIO()
+    monkeypatch.setattr(
+        screen, "write", lambda text: (shown.set() if "2 of 3" in text else None, 0)[1]
+    )
+    terminal = Terminal(as_json=False)
+    terminal._talk = Console(file=screen, force_terminal=is_terminal, width=80)
+    with terminal.telling("reading") as now_at:
+        now_at("figure 2 of 3")
+        assert shown.wait(2.0 if is_terminal else 0.01) is is_terminal
+
+
+def test_a_short_work_is_told_nothing_of(monkeypatch):
+    screen, terminal = io.StringIO(), Terminal(as_json=False)
+    terminal._talk = Console(file=screen, force_terminal=True, width=80)
+    with terminal.telling("reading"):
+        pass
+    assert "reading" not in screen.getvalue()
 
 
 def test_details_are_for_those_who_asked(capsys):
