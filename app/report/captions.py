@@ -84,7 +84,7 @@ def places_in_words(positions: PositionErrors) -> str:
         "near the edge" if share > EDGE else "near the middle" if share < MIDDLE else "half-way out"
     )
     away = np.linalg.norm(poses[:, :3] - poses[:, :3].mean(axis=0), axis=1)
-    columns = {"radius": away, **dict(zip((*AXES, "θ"), poses.T, strict=False))}
+    columns = {"radius": away, **dict(zip((*AXES, "angle"), poses.T, strict=False))}
     trends = {name: rank_trend(column, size) for name, column in columns.items()}
     return (
         f"The largest is {number(size[row])} mm at shot {positions.numbers[row]}, {near} of the "
@@ -116,14 +116,16 @@ def lines_in_words(before: Stage, after: Stage) -> str:
 
 
 def rotation_in_words(before: RotationTest | None, after: RotationTest | None) -> str:
-    """Rotation: how far the point goes, where most, and whether it follows θ."""
+    """Rotation: how far the point goes, where most, and whether it follows the angle."""
     parts = []
     for name, test in (("before", before), ("after", after)):
         if test is not None:
             angles = test.turn_rad
             trends = {axis: rank_trend(angles, test.away_mm[:, n]) for n, axis in enumerate(AXES)}
             most = _widest(test.away_mm)
-            follows = _trends(trends, "it follows θ in {}", "it follows θ in no direction")
+            follows = _trends(
+                trends, "it follows the angle in {}", "it follows the angle in no direction"
+            )
             parts.append(
                 f"{name}, the point moves by {number(test.moved.value_mm)} mm, most in {most}; "
                 f"{follows}"

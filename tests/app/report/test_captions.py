@@ -38,7 +38,7 @@ def test_the_largest_error_has_its_shot_its_place_and_what_it_follows() -> None:
     errors[30] *= 3.0 / np.linalg.norm(errors[30])
     told = captions.places_in_words(positions(errors))
     assert told.startswith("The largest is 3.000 mm at shot 131, ")
-    assert "no trend with radius or x or y or z or θ (p = " in told
+    assert "no trend with radius or x or y or z or angle (p = " in told
     grown = NOISE / np.linalg.norm(NOISE, axis=1)[:, None] * (400.0 + POSES[:, :1]) / 1000.0
     told = captions.places_in_words(positions(grown))
     assert f"at shot {NUMBERS[POSES[:, 0].argmax()]}, near the edge of the workspace" in told
@@ -90,9 +90,10 @@ def test_lines_rotation_and_visits_say_in_which_direction() -> None:
     )
     turned = captions.rotation_in_words(None, RotationTest(along[:, 0] / 500.0, away, LENGTH))
     assert turned == (
-        "After, the point moves by 0.300 mm, most in z; it follows θ in z (+1.00, p < 0.001)."
+        "After, the point moves by 0.300 mm, most in z; "
+        "it follows the angle in z (+1.00, p < 0.001)."
     )
-    visits = RepeatabilityTest(np.zeros(3), NOISE * [1.0, 1.0, 3.0], LENGTH, in_base=True)
+    visits = RepeatabilityTest(np.zeros(3), NOISE * 2.0, LENGTH, 1e-6 * np.eye(3), in_base=True)
     told = captions.visits_in_words(None, visits)
     assert told.startswith("80 visits after, σ in mm: x 0.0")
     assert "times as far as the median" in told
