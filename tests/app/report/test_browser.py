@@ -31,7 +31,7 @@ OUTSIDE = """[...document.querySelectorAll('body *')].filter(e => {
 DRAWN = """Object.fromEntries([...document.querySelectorAll('figure')].map(f => [f.id, [
     f.querySelector('svg').getBoundingClientRect().width,
     f.querySelectorAll('svg text').length,
-    f.querySelectorAll('svg :is(polyline, polygon, circle, rect)').length]]))"""
+    f.querySelectorAll('svg :is(path, polyline, polygon, circle, rect)').length]]))"""
 
 
 @pytest.fixture(scope="module")
