@@ -21,6 +21,7 @@ from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.controllers.programs import current_program
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
+from campaigns.evaluation.calibration_check import RecordedCheck, read_check
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
     IdentificationVerdict,
@@ -121,6 +122,7 @@ class Evidence:
     after: tuple[MeasuredSeries, ...] = ()
     identification: RecordedIdentification | None = None
     loaded: Load | None = None
+    checked: RecordedCheck | None = None
     plan: tuple[PlannedShot, ...] | None = None
     parameter_file: RobotFile | None = None
     sets: KnownSets | None = None
@@ -144,6 +146,17 @@ class Evidence:
         started = every[-1].series.started
         state, targets = self.state(started.robot_file_digest), started.stage == "after by targets"
         return state and replace(state, targets=targets, declared=started.declared)
+
+    @property
+    def unanswered(self) -> RecordedCheck | None:
+        """Latest check, where it is not good and neither a repair nor new shots followed it."""
+        check, found = self.checked, self.identification
+        if check is None or found is None or check.decision == "pass":
+            return None
+        repaired = found.pedigree is not None and check.series in found.pedigree.series
+        series = self.journal.series if self.journal else ()
+        new = any(each.number > check.series and each.to_identify for each in series)
+        return None if repaired or new else check
 
     @property
     def simulated(self) -> str:
@@ -312,6 +325,7 @@ def gather(campaign: Campaign) -> Evidence:
             after=_measured(campaign, _chosen(all_series, STAGES["after"])),
             identification=identification,
             loaded=loaded,
+            checked=_latest(entries, "check", read_check, unreadable),
             plan=plan,
             parameter_file=parameters,
             sets=KnownSets.of(

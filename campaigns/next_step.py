@@ -18,6 +18,7 @@ from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.summary import Spread
 from campaigns.evidence import Evaluation, Evidence
+from campaigns.identification.checking import StoredCalibration
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.views import Series
 from campaigns.mechanisms.parameters import Parameters
@@ -36,7 +37,12 @@ FEW = {
     diagnostics.EXTRAPOLATION,
 }
 """Names of doubts that more shots settle."""
-AGAIN = {diagnostics.KNOWN_LENGTH, identification.MANY_LEFT_OUT, identification.LOST}
+AGAIN = {
+    diagnostics.KNOWN_LENGTH,
+    identification.MANY_LEFT_OUT,
+    identification.LOST,
+    identification.REPAIR,
+}
 """Names of doubts that only another measurement settles."""
 TAKEN = {
     diagnostics.LARGE_CHANGE: "look at units, joints and robot.yaml; if the robot is built so",
@@ -49,6 +55,7 @@ SELECTION = {"--estimator", "--model", "--free", "--fix"}
 """Options that say what is to be found, which stay for further shots."""
 MEND = "mend what the diagnostics name"
 Held = Literal["", "identified", "form"]
+Answer = Literal["", "repair", "firm", "again", "anew"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
 
 
@@ -116,6 +123,9 @@ class CampaignState:
     """Next step after an identification that did not pass."""
     ways: tuple[WayOn, ...] = ()
     """All ways on from one that is not decided."""
+    check: Answer = ""
+    """What answers a check of it that is not good: its repair, a firm stand, a check of what was
+    identified meanwhile, or a new campaign."""
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
@@ -143,7 +153,7 @@ def next_step(state: CampaignState) -> NextStep | None:
         return NextStep(("run", here, *anew, *state.words))
     if state.verdict is None:
         return NextStep(("identify", here, *state.words))
-    return state.way_on or _to_calibrate(state) or _to_show(state)
+    return state.way_on or _to_answer_a_check(state) or _to_calibrate(state) or _to_show(state)
 
 
 def _to_measure(state: CampaignState) -> NextStep:
@@ -165,6 +175,23 @@ def _to_measure(state: CampaignState) -> NextStep:
     return NextStep(("run", here, *state.words))
 
 
+def _to_answer_a_check(state: CampaignState) -> NextStep | None:
+    check = ("check", state.folder)
+    steps = {
+        "repair": NextStep((*check, "--repair")),
+        "firm": NextStep(check, "make the tracker's stand firm"),
+        "again": NextStep(check),
+        "anew": _measured_anew(state),
+    }
+    return steps.get(state.check)
+
+
+def _measured_anew(state: CampaignState) -> NextStep:
+    here, imported = state.folder, state.measured == "import"
+    anew = ("import", here, "FILE") if imported else ("run", here, "--anew")
+    return NextStep(anew, "look for what changed since the shots, and measure again")
+
+
 def _to_calibrate(state: CampaignState) -> NextStep | None:
     """Steps until the robot was measured with what was identified; None: it was."""
     here, imported = state.folder, state.measured == "import"
@@ -175,8 +202,7 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
     if state.holds and (by_targets or state.after == "worse"):
         return NextStep(("load", here, "--rollback"))
     if state.after == "worse":
-        anew = ("import", here, "FILE") if imported else ("run", here, "--anew")
-        return NextStep(anew, "look for what changed since the shots, and measure again")
+        return _measured_anew(state)
     if by_targets and not imported:
         return NextStep((*after, "--by", "targets"))
     if state.after or state.holds:
@@ -341,8 +367,7 @@ def state_of(
     campaign, found = evidence.campaign, evidence.identification
     every = evidence.journal.series if evidence.journal else ()
     bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
-    counted = [each for each in every if each.shots and not each.of_known_lengths]
-    runs = [each for each in counted if each.started.stage == "run" or _is_import(each)]
+    runs = [each for each in every if each.to_identify]
     state = CampaignState(
         folder=str(campaign.folder),
         words=_words(evidence),
@@ -356,7 +381,7 @@ def state_of(
     )
     if not runs:
         return state
-    latest, imported = runs[-1], campaign.is_offline or _is_import(runs[-1])
+    latest, imported = runs[-1], campaign.is_offline or runs[-1].started.stage == "import"
     left = "" if imported else _left(evidence, latest)
     state = replace(state, measured="import" if imported else "run", left=left)
     last = max(shot.number for shot in (*latest.shots, *bars))
@@ -368,7 +393,8 @@ def state_of(
     if last > found.journal_records:
         return state
     if found.verdict == "pass":
-        return _calibrated(evaluation, found, replace(state, verdict="pass"), held)
+        passed = replace(state, verdict="pass", check=_to_answer(evidence, found))
+        return _calibrated(evaluation, found, passed, held)
     shots = evidence.run.shots if evidence.run else None
     purposes = [shot.intent.purpose for shot in latest.shots]
     unusable = Unusable(
@@ -382,6 +408,19 @@ def state_of(
     )
     ways = tuple(unusable.ways_on())
     return replace(state, verdict=found.verdict, way_on=unusable.way_on(), ways=ways)
+
+
+def _to_answer(evidence: Evidence, found: RecordedIdentification) -> Answer:
+    """What answers a check that is not good."""
+    check = evidence.unanswered
+    if check is None:
+        return ""
+    stored = StoredCalibration(evidence.campaign.robot.kinematics, found)
+    if check.of != stored.kinematics.parameters.digest():
+        return "again"
+    if check.decision == "not decided":
+        return "firm"
+    return "repair" if stored.can_repair(check) else "anew"
 
 
 def _words(evidence: Evidence) -> tuple[str, ...]:
@@ -402,11 +441,6 @@ def _shot_seconds(series: Series) -> float | None:
     )
     gaps = [(after - before).total_seconds() for before, after in pairwise(at)]
     return median(gaps) if gaps else None
-
-
-def _is_import(series: Series) -> bool:
-    """Whether it is one that did not break off."""
-    return series.started.stage == "import" and series.finished
 
 
 def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:

@@ -107,14 +107,4 @@ def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck)
     style = {"pass": GOOD, "fail": BAD}.get(found.decision, OPEN)
     told = style == GOOD and found.base is not None and found.base.decision != "pass"
     terminal.say(found.says, OPEN if told else style)
-    following: dict[str, object] = {"next": None, "before_next": None}
-    words = ["pkmcal", "check", str(campaign.folder)]
-    if found.decision == "pass":
-        following = tell_next(terminal, campaign)
-    elif found.of_robot or found.decision == "not decided":
-        following["next"] = shlex.join([*words, *(["--repair"] if found.of_robot else [])])
-    else:
-        following["next"] = shlex.join(["pkmcal", "run", str(campaign.folder), "--anew"])
-    if found.decision != "pass":
-        terminal.note(f"next: {following['next']}")
-    terminal.document(asdict(found) | following)
+    terminal.document(asdict(found) | tell_next(terminal, campaign))

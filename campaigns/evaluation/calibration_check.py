@@ -4,12 +4,14 @@ Each part is tried alone beside a free frame; Schwarz's (1978) criterion names t
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
+from campaigns.errors import FindingUnreadable
 from campaigns.estimation.change_detection import Cause, CauseKind
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import SIGNIFICANCE, column_effect
@@ -108,6 +110,27 @@ class CalibrationCheck:
         """Parts of the robot that may have changed; () where it is the set-up, or nothing fits."""
         every = (*self.changed, *self.as_likely)
         return every if all(each.kind not in OF_THE_SETUP for each in every) else ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedCheck(CalibrationCheck):
+    """Check with what it rests on, as the journal holds it."""
+
+    series: int
+    of: str
+    """Digest of the set that was checked."""
+    at_utc: str
+
+
+def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
+    """Check of a journal's finding; raises `FindingUnreadable`."""
+    try:
+        return TypeAdapter(RecordedCheck).validate_python(body)
+    except ValidationError as error:
+        raise FindingUnreadable(
+            f"the journal's check: {error.errors(include_url=False)[0]['msg'].lower()}",
+            remedy="check again: another version of the software wrote it",
+        ) from error
 
 
 def judge_check(

@@ -12,7 +12,7 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.mechanisms.parameters import ParameterSpace
 
-NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE = (
+NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE, REPAIR = (
     "nothing-unseen",
     "too-few-shots",
     "untold-parameters",
@@ -20,6 +20,7 @@ NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE = (
     "many-outliers",
     "unseen-not-taken",
     "unseen-worse",
+    "repair",
 )
 """Names of what stands against a result beside diagnostics."""
 Combination = tuple[str, ...]

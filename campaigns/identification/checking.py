@@ -19,6 +19,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.base_motion import BaseMotion, base_motion
 from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange, judge_check
+from campaigns.evaluation.identification import REPAIR
 from campaigns.identification.change import part_causes
 from campaigns.identification.fit import covariance_of, linearized
 from campaigns.identification.nests import nest_places
@@ -88,6 +89,11 @@ class StoredCalibration:
             if own
             else VarianceComponents()
         )
+
+    def can_repair(self, judged: CalibrationCheck) -> bool:
+        """Whether each part that a check names has a parameter among those that are known."""
+        moved = [{*moved_by(each, self.kinematics)} for each in judged.of_robot]
+        return bool(moved) and all({*self.known.names} & each for each in moved)
 
     def observations(
         self, shots: Shots, instrument: TrackerUncertainty, at: Mapping[str, float]
@@ -330,7 +336,7 @@ def repaired(
         message=found.fit.message,
         verdict="fail" if reasons else "pass",
         reasons=tuple(reasons) or last.reasons,
-        obstacles=("repair",) if reasons else (),
+        obstacles=(REPAIR,) if reasons else (),
         nests={},  # in a base frame that is no longer this one
         nest_covariance_mm2=None,
         pedigree=Pedigree(

@@ -55,6 +55,13 @@ class Series:
         """Whether nothing but known lengths and nests was measured."""
         return bool(self.shots) and all(each.intent.purpose in FIXED for each in self.shots)
 
+    @property
+    def to_identify(self) -> bool:
+        """Whether a robot can be identified from it: of an import, if it did not break off."""
+        imported = self.started.stage == "import" and self.finished
+        of_run = imported or self.started.stage == "run"
+        return of_run and bool(self.shots) and not self.of_known_lengths
+
 
 def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
     """Return all series, in the order of their beginning."""

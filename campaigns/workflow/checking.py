@@ -11,11 +11,10 @@ from campaigns.controllers.export import latest_identification, require_usable
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid, VerdictBad
 from campaigns.evaluation.base_motion import FEWEST
-from campaigns.evaluation.calibration_check import CalibrationCheck
+from campaigns.evaluation.calibration_check import CalibrationCheck, read_check
 from campaigns.identification.checking import (
     StoredCalibration,
     check_calibration,
-    moved_by,
     repaired,
     repaired_estimate,
 )
@@ -79,7 +78,7 @@ def record_check(campaign: Campaign, journal: Journal, series: int) -> Calibrati
     stored = _stored(campaign, journal)
     judged = check_calibration(stored, _shots(campaign, journal, series), campaign.instrument)
     of = {"series": series, "of": stored.kinematics.parameters.digest(), "at_utc": now_utc()}
-    body = {**TypeAdapter(CalibrationCheck).dump_python(judged, mode="json"), **of}
+    body = TypeAdapter(CalibrationCheck).dump_python(judged, mode="json") | of
     journal.append(Finding("check", body), series=series)
     return judged
 
@@ -117,22 +116,18 @@ def _to_repair(
     checks = [
         each.record.body for each in journal.records_of(Finding) if each.record.kind == "check"
     ]
-    body = checks[-1] if checks else {}
-    if body.get("of") != stored.kinematics.parameters.digest():
+    judged = read_check(checks[-1]) if checks else None
+    if judged is None or judged.of != stored.kinematics.parameters.digest():
         raise OptionsInvalid(
             "--repair: these parameters were not checked yet",
             remedy=f"`pkmcal check {campaign.folder}` first",
         )
-    judged = TypeAdapter(CalibrationCheck).validate_python(body)
-    known = {*stored.known.names}
-    if not judged.of_robot or not all(
-        known & {*moved_by(e, stored.kinematics)} for e in judged.of_robot
-    ):
+    if not stored.can_repair(judged):
         raise OptionsInvalid(
             f"--repair: the latest check names no part to find anew ({judged.says})",
             remedy="measure a campaign again if the robot changed, with `pkmcal run --anew`",
         )
-    return TypeAdapter(int).validate_python(body["series"]), judged
+    return judged.series, judged
 
 
 def _shots(campaign: Campaign, journal: JournalReader, *series: int) -> Shots:

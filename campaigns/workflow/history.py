@@ -4,17 +4,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, ShotsMissing
 from campaigns.estimation.information import SIGNIFICANCE, WorkspaceSample, chance_of_change
 from campaigns.evaluation.base_motion import BaseMotion, base_motion
-from campaigns.evaluation.calibration_check import CalibrationCheck
+from campaigns.evaluation.calibration_check import RecordedCheck, read_check
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.trend import Epoch, NextCheck, ParameterTrend, next_check, trends
 from campaigns.evidence import evaluate
@@ -137,18 +135,19 @@ def _read(campaign: Campaign) -> tuple[tuple[Epoch, ...], RecordedIdentification
     Of each series the latest identification counts; a check that was repaired is in the repair.
     """
     sets: dict[tuple[int, ...], RecordedIdentification] = {}
-    checks: dict[int, tuple[dict[str, Any], CalibrationCheck]] = {}
+    checks: dict[int, RecordedCheck] = {}
     flats: dict[str, dict[str, float]] = {}
     with campaign.journal_reader() as journal:
         series = {each.number: each for each in journal.series()}
         for entry in journal.records_of(Finding):
-            body: dict[str, Any] = dict(entry.record.body)
+            body = entry.record.body
             if entry.record.kind == "identification":
                 found = read_identification(body)
                 sets[found.pedigree.series if found.pedigree else (found.series,)] = found
                 flats[_digest(campaign, found)] = found.flat()
             elif entry.record.kind == "check":
-                checks[body["series"]] = body, TypeAdapter(CalibrationCheck).validate_python(body)
+                check = read_check(body)
+                checks[check.series] = check
     if not sets:
         raise ShotsMissing(
             f"{campaign.folder}: nothing has been identified yet",
@@ -164,9 +163,9 @@ def _read(campaign: Campaign) -> tuple[tuple[Epoch, ...], RecordedIdentification
         epochs.append(replace(own, after=after if origin == _digest(campaign, found) else None))
     epochs[0] = replace(epochs[0], before=before)
     repaired = {number for numbers in sets for number in numbers[:-1]}
-    for number, (body, check) in checks.items():
-        stored = {} if number in repaired else flats.get(body["of"], {})
-        epochs.append(_of_check(campaign, body, check, stored, series.get(number)))
+    for number, check in checks.items():
+        stored = {} if number in repaired else flats.get(check.of, {})
+        epochs.append(_of_check(campaign, check, stored, series.get(number)))
     return tuple(epochs), max(sets.values(), key=lambda each: datetime.fromisoformat(each.at_utc))
 
 
@@ -200,11 +199,7 @@ def _of_set(campaign: Campaign, found: RecordedIdentification, series: Series | 
 
 
 def _of_check(
-    campaign: Campaign,
-    body: dict[str, Any],
-    check: CalibrationCheck,
-    stored: dict[str, float],
-    series: Series | None,
+    campaign: Campaign, check: RecordedCheck, stored: dict[str, float], series: Series | None
 ) -> Epoch:
     """Epoch of a check: each part had it alone changed where it is good, else the one it names."""
     named = check.changed if len(check.changed) == 1 and not check.as_likely else ()
@@ -213,7 +208,7 @@ def _of_check(
     return Epoch(
         folder=str(campaign.folder),
         kind="check",
-        measured_utc=_measured_utc(series, body["at_utc"]),
+        measured_utc=_measured_utc(series, check.at_utc),
         decision=check.decision,
         says=check.says,
         values={each.name: stored[each.name] + each.size for each in own},

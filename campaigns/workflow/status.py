@@ -79,7 +79,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         decision=verdict.decision if verdict else None,
         answer=verdict.answer if verdict else "",
         open=tuple(_open(evidence, series)),
-        doubtful=tuple(_doubtful(evaluation)),
+        doubtful=tuple(doubtful(evaluation)),
         next=next_step(state),
         ways=state.ways if state.verdict == "not decided" else (),
     )
@@ -127,11 +127,13 @@ def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str
     yield from evidence.unreadable
 
 
-def _doubtful(evaluation: Evaluation) -> Iterator[str]:
-    """Doubts of the identification that count, and checks that do not hold."""
-    found = evaluation.evidence.identification
+def doubtful(evaluation: Evaluation) -> Iterator[str]:
+    """Doubts of the identification that count, a bad check, and checks that do not hold."""
+    found, check = evaluation.evidence.identification, evaluation.evidence.unanswered
     if found is None:
         return
+    if check is not None:
+        yield f"check, series {check.series}: {check.says}"
     yield from (doubt.says for doubt in found.doubts if doubt.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)
     yield from (f"does not hold: {each.statement} ({each.detail})" for each in broken)

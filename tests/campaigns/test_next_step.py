@@ -2,18 +2,23 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import pytest
 from paper_campaign import PaperCampaign
 
 from campaigns.campaign import open_campaign
+from campaigns.estimation.change_detection import CauseKind
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
+from campaigns.evaluation.calibration_check import PartChange, RecordedCheck
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter, Spread
-from campaigns.evidence import Evaluation, gather
-from campaigns.identification.result import RecordedIdentification
-from campaigns.next_step import FEW, CampaignState, NextStep, Unusable, next_step, state_of
+from campaigns.evidence import Evaluation, Evidence, gather
+from campaigns.identification.result import Pedigree, RecordedIdentification
+from campaigns.mechanisms.parameters import Parameters
+from campaigns.next_step import FEW, Answer, CampaignState, NextStep, Unusable, next_step, state_of
+from campaigns.workflow.status import doubtful
 
 SESSIONS = {number: 1 + number // 60 for number in range(120)}
 REACHED = Spread(mean_abs=0.02, rms=0.03, max_abs=0.06)
@@ -45,7 +50,8 @@ OPTIONS = (
     (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
 )
 """All that a next step may ask an identification for: each changes it once."""
-DEVICES = {"devices", "run", "validate", "load"}
+DEVICES = {"devices", "run", "validate", "load", "check"}
+ANSWERS: tuple[Answer, ...] = ("", "repair", "firm", "anew")
 OFFLINE = ("plan", "program", "before", "import", "identify", "export", "program", "after")
 FIXED_A = "identify DIR --fix a"
 
@@ -55,7 +61,7 @@ def is_another_campaign(state: CampaignState, step: NextStep) -> bool:
     match step.command:
         case ("import", _, "FILE"):
             return bool(state.measured)
-        case ("run" | "report", *_):
+        case ("run" | "report" | "check", *_):
             return bool(step.first)
     return False
 
@@ -106,6 +112,8 @@ def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
     state, words = place.state, step.command
     if words[0] == "identify":
         yield from identifications(place, step)
+    elif words[0] == "check":
+        yield from checks(place, repairs="--repair" in words)
     elif "after" in words:  # validated, or imported as such
         for after in ("worse", "fail", "not decided", "no limits", "pass"):
             weak = state.holds == "form" and after in {"fail", "not decided"}
@@ -117,6 +125,18 @@ def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
         yield replace(
             place, state=done, shots=shots, asked=() if words[0] == "run" else place.asked
         )
+
+
+def checks(place: Place, *, repairs: bool) -> Iterator[Place]:
+    """All that a check may say, or a repair: of another set, which may contradict its shots."""
+    if not repairs:
+        yield from (replace(place, state=replace(place.state, check=each)) for each in ANSWERS)
+        return
+    anew = replace(place.state, check="", file="other", holds="", after="", weak=False)
+    yield replace(place, state=anew)
+    way_on = unusable(place, identified(place, "fail", identification.REPAIR)).way_on()
+    failed = replace(anew, verdict="fail", way_on=way_on, check="repair")  # of the old set still
+    yield replace(place, state=failed)
 
 
 def changed(words: tuple[str, ...]) -> dict[str, object]:
@@ -216,6 +236,11 @@ def test_no_advice_leads_back_and_all_end() -> None:
     assert walk(offline) > len(OFFLINE)
     for held in ("identified", "form", ""):
         walk(Place(replace(simulated, measured="import", holds=held), shots=60, asked=prior))
+    calibrated = replace(simulated, measured="run", verdict="pass", file="identified")
+    for held, answer in product(("identified", "form", ""), (*ANSWERS, "again")):
+        for after in ("worse", "fail", "pass", ""):
+            now = replace(calibrated, holds=held, check=answer, after=after, reported=bool(after))
+            walk(Place(now))
     assert len(done) > 300
 
 
@@ -227,6 +252,13 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({"left": "run", "words": ("--fix", "a*")}, "run DIR --fix 'a*'"),
         ({"words": ("--estimator", "distances")}, "identify DIR --estimator distances"),
         ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
+        ({"verdict": "pass", "check": "repair", "after": "pass"}, "check DIR --repair"),
+        ({"verdict": "pass", "check": "firm"}, "make the tracker's stand firm, then: check DIR"),
+        ({"verdict": "pass", "check": "again"}, "check DIR"),
+        (
+            {"verdict": "pass", "check": "anew"},
+            "look for what changed since the shots, and measure again, then: run DIR --anew",
+        ),
         ({"verdict": "pass", "file": "identified", "form": "needed"}, "export DIR --format plain"),
         (
             {"verdict": "pass", "file": "identified", "form": "exported"},
@@ -304,6 +336,56 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         assert step is not None
         words = step.command
         assert " ".join((words[0], *words[2:])) == said, taken
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "answer"),
+    [
+        ("joint", "arm2.joint_offset_deg", "repair"),
+        ("mount", "arm0.x_mm", "anew"),  # which places the frame
+        ("frame", "", "firm"),
+    ],
+)
+def test_a_bad_check_is_doubtful_until_a_repair_or_new_shots_answer_it(
+    whole: PaperCampaign, kind: CauseKind, name: str, answer: Answer
+) -> None:
+    evidence = gather(open_campaign(whole.folder))
+    assert evidence.identification is not None
+    assert evidence.journal is not None
+    check = bad_check(evidence, kind, name)
+    assert told(evidence, check) == answer
+    assert told(evidence, replace(check, decision="pass")) == ""
+    assert told(evidence, replace(check, of="of other parameters")) == "again"
+    repair = Pedigree(
+        repairs=check.of, changed=("",), series=(check.series, 99), shots=14,
+        chi2=1.0, dof=1, p=0.5, position_std_before_mm=None,
+    )  # fmt: skip
+    repaired = replace(evidence.identification, pedigree=repair)
+    assert told(replace(evidence, identification=repaired), check) == ""
+    (run,) = (each for each in evidence.journal.series if each.to_identify)
+    later = replace(evidence.journal, series=(*evidence.journal.series, replace(run, number=99)))
+    assert replace(evidence, journal=later, checked=check).unanswered is None
+
+
+def bad_check(evidence: Evidence, kind: CauseKind, name: str) -> RecordedCheck:
+    """A check of the latest set that names one part."""
+    assert evidence.identification is not None
+    mechanism = evidence.campaign.robot.mechanism
+    digest = Parameters.of(mechanism.parameters, evidence.identification.flat()).digest()
+    part = PartChange(kind, name, "a part", 0.1, 0.01, "mm", 0.0, 9.0, True)
+    return RecordedCheck(
+        decision="not decided" if kind == "frame" else "fail", says="not good", changed=(part,),
+        shots=8, chi2=99.0, dof=18, p=0.0, misfit_mm=0.1, expected_mm=0.01,
+        series=50, of=digest, at_utc="",
+    )  # fmt: skip
+
+
+def told(evidence: Evidence, check: RecordedCheck) -> Answer:
+    """What is said to answer a check, by state and by status alike."""
+    evaluation = Evaluation(replace(evidence, checked=check))
+    answer = state_of(evaluation).check
+    assert any(check.says in each for each in doubtful(evaluation)) is bool(answer)
+    return answer
 
 
 def test_each_way_on_from_what_is_not_decided_says_what_it_costs() -> None:

@@ -24,9 +24,12 @@ def test_a_calibration_is_checked_and_an_encoder_that_slipped_is_repaired(pkmcal
     assert part["name"] == name
     assert part["size"] == pytest.approx(0.05, abs=2.0 * part["expanded_uncertainty"])
     assert bad.document["next"] == f"pkmcal check {exported} --repair"
+    assert pkmcal("status", exported, "--json").document["next"] == bad.document["next"]
+    assert bad.document["says"] in pkmcal("status", exported).out
     repaired = pkmcal("check", exported, "--repair", "--yes", "--json")
     assert repaired.code == 0, repaired.err
     assert repaired.document["pedigree"]["changed"] == ["arm 2's encoder"]
+    assert bad.document["says"] not in pkmcal("status", exported).out
     assert repaired.document["next"] == f"pkmcal export {exported} --overwrite"
     assert pkmcal("export", exported, "--overwrite").code == 0
     assert "pedigree" in (exported / "robot-compensated.yaml").read_text(encoding="utf-8")
