@@ -16,6 +16,7 @@ import scipy
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
+from campaigns.evaluation.diagnostics import CHANGE
 from campaigns.identification.identify import identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
@@ -25,7 +26,7 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.mechanisms.transmission import GAIN, TERMS
 from campaigns.shots.shots import Shots
-from campaigns.shots.warmth import FINER, Course, courses, finer
+from campaigns.shots.warmth import FINER, Course, by_temperature, courses, finer
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 VERY_STRONG = 10.0
@@ -219,7 +220,7 @@ def _with_terms(
     nominal, options = best.robot or nominal, best.options or options
     if best.course is not None:
         shots = replace(shots, warmth=best.course.values)
-    elif _grows(best):
+    elif _grows(best, shots):
         for warmed in _with_warmth(best, terms, nominal, shots, options):
             yield warmed
             best = best if _objection(warmed, best) else warmed
@@ -269,10 +270,14 @@ def _with_more_parts(
             yield replace(candidate, course=course, robot=robot, options=how)
 
 
-def _grows(best: _Candidate) -> bool:
-    """Whether the shots show a drift that growth with warmth may be."""
+def _grows(best: _Candidate, shots: Shots) -> bool:
+    """Whether the shots show a change that growth with warmth may be.
+
+    A drift; or, where temperatures of the parts are known, a step, as from one day to the next.
+    """
     doubts = best.found.doubts if best.found else ()
-    return any(each.numbers.get("kind") == "drift" for each in doubts)
+    kinds = {each.numbers.get("kind") for each in doubts if each.name == CHANGE}
+    return "drift" in kinds or (bool(kinds) and by_temperature(shots))
 
 
 def _with_warmth(

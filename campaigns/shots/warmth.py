@@ -67,7 +67,7 @@ def courses(shots: Shots, reference_degC: float) -> tuple[Course, ...]:
     passed = part_passed(shots)
     degC, drift = shots.part_temperature_degC, _moved(shots, passed)
     known = np.isfinite(degC)
-    if known.sum() > 1 and np.ptp(degC[known]) >= LEAST_DEGC:
+    if by_temperature(shots):
         order = np.flatnonzero(known)[np.argsort(passed[known], kind="stable")]
         whole = np.interp(passed, passed[order], degC[order])
         above = whole - reference_degC
@@ -84,6 +84,12 @@ def finer(shots: Shots, course: Course, factor: float) -> tuple[Course, ...]:
     passed = part_passed(shots)
     near = (course.time_constant * factor, course.time_constant / factor)
     return tuple(Course("time", drifted(passed, each) - 1.0, each) for each in near)
+
+
+def by_temperature(shots: Shots) -> bool:
+    """Whether parts' temperatures were measured, and changed by what shows growth."""
+    known = shots.part_temperature_degC[np.isfinite(shots.part_temperature_degC)]
+    return len(known) > 1 and bool(np.ptp(known) >= LEAST_DEGC)
 
 
 def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:

@@ -1,5 +1,6 @@
 """Arms that grow while they are measured: named, and taken up where the shots say so."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,24 +11,30 @@ from identified_cases import NOISE_MM, SPACE, TRACKER_FROM_BASE, TRUTH, simulate
 from app.report.model_sections import warmth_in_words
 from campaigns.estimation.estimators import Model
 from campaigns.identification.identify import identify
-from campaigns.identification.model_selection import candidate_models, select_model
+from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shots import Shots
 
-ARMS = SPACE.places(SPACE.arm_lengths)
 
-
-def warming(growth_ppm: float, *, degC: bool = False, evenly: bool = False) -> Shots:
-    """Shots of a robot whose arms grow by so much to the last one."""
+def warming(
+    growth_ppm: float,
+    *,
+    degC: bool = False,
+    evenly: bool = False,
+    at_once: bool = False,
+    parts: Sequence[str] = SPACE.arm_lengths,
+) -> Shots:
+    """Shots of a robot whose arms grow by so much to the last one, or from one day to the next."""
     rng, shots = np.random.default_rng(4), simulated(60, 20, 4)
     count = len(shots)
     shots = replace(shots.rows(rng.permutation(count)), numbers=tuple(range(count)))
     passed = np.linspace(0.0, 1.0, count)
     passed = passed if evenly else np.expm1(-3.0 * passed) / np.expm1(-3.0)
+    passed = np.round(np.linspace(0.0, 1.0, count)) if at_once else passed
     longer = TRUTH.p.copy()
-    longer[ARMS] *= 1.001
+    longer[SPACE.places(parts)] *= 1.001
     cold, grown = (
         robot.forward(shots.joints).values_or_raise()[:, :3]
         for robot in (TRUTH, Kinematics(TRUTH.mechanism, longer))
@@ -41,7 +48,8 @@ def warming(growth_ppm: float, *, degC: bool = False, evenly: bool = False) -> S
 
 
 def identified(shots: Shots) -> IdentificationResult:
-    return select_model(NOMINAL, shots, candidate_models(SPACE, Model.RODS))
+    terms = terms_to_add(SPACE, Model.AUTO)
+    return select_model(NOMINAL, shots, candidate_models(SPACE, Model.RODS), terms=terms)
 
 
 @pytest.mark.slow
@@ -61,6 +69,14 @@ def test_growth_is_taken_up_and_told_with_its_uncertainty(degC: bool) -> None:
     per, state = ("/°C", "at 20 °C") if degC else (" over the run", "at its end")
     assert f"ppm{per} (k = 2)" in says
     assert says.endswith(state)
+
+
+@pytest.mark.slow
+def test_growth_from_one_day_to_the_next_is_taken_up_where_temperatures_tell_it() -> None:
+    forearms = SPACE.of_field("forearm_mm")  # which looks like a step of the tracker's stand
+    found = identified(warming(200.0, degC=True, at_once=True, parts=forearms))
+    assert found.warmth["source"] == "temperature"
+    assert found.verdict == "pass"
 
 
 def test_a_robot_that_stays_as_it_is_has_no_warmth() -> None:
