@@ -45,11 +45,12 @@ def command(
 ) -> None:
     """Tell by a few shots whether the robot is still calibrated.
 
-    The shots are those that, beside what the last identification knows, tell encoders, arms and
-    forearms apart. The tracker may stand anywhere, as long as it stays there meanwhile. Where they
-    do not agree with the stored parameters, the part that changed is named, with its size and U
-    (k = 2): an encoder, an arm, a forearm, a mount, warmth, or the tracker's stand. Nests that the
-    campaign knows are measured behind them, and tell whether the base moved since.
+    The shots are those by which, beside what the last identification knows, encoders, arms and the
+    tracker's stand are least often taken for another part. The tracker may stand anywhere, as long
+    as it stays there meanwhile. Where they do not agree with the stored parameters, the part that
+    changed is named, with its size and U (k = 2): an encoder, an arm, a forearm, a mount, warmth,
+    or the tracker's stand. Nests that the campaign knows are measured behind them, and tell whether
+    the base moved since.
 
     --repair takes six more shots and finds the named part anew, everything else being known as the
     last identification left it. The new set is exported, loaded and rolled back like any other.

@@ -5,7 +5,7 @@ it would do to each candidate follows from one product of that thin matrix with 
 touching the P x P covariance again for any of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -200,6 +200,21 @@ def choose_beside(candidates: Candidates, criterion: Criterion, known: Array, co
         now = updater.evaluate(np.asarray(np.linalg.inv(information)))
         members.append(_best(criterion, now, members))
     return np.array(members, dtype=np.intp)
+
+
+def exchange_in_turn(value: Callable[[Index], Array], chosen: Index, count: int) -> Index:
+    """Members (N,) exchanged once, one after the other, for the best of `count` candidates.
+
+    `value` is of many choices (B, N) at once, (B,), and shall be small: for what depends on the
+    order of shots, or on more than their covariance.
+    """
+    members = chosen.copy()
+    for place in range(len(members)):
+        tried = np.repeat(members[None], count, axis=0)
+        tried[:, place] = np.arange(count)
+        free = np.delete(np.arange(count), np.delete(members, place))
+        members[place] = free[np.argmin(value(tried[free]))]
+    return members
 
 
 def exchange(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:

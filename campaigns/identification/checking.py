@@ -204,7 +204,8 @@ def _judged(
     beside = np.eye(misfit.size) - flat_frame @ np.linalg.pinv(flat_frame)
     rms_mm = np.sqrt(np.mean((beside @ misfit.ravel()) ** 2))
     expected_mm = np.sqrt(np.trace(beside @ expected) / misfit.size)
-    causes = _causes(stored.kinematics, about.by_joints, by_parameters, frame)
+    causes = [*causes_in_robot(stored.kinematics, about.by_joints, by_parameters)]
+    causes += causes_in_setup(frame)
     whitened = [replace(each, columns=white(each.columns)) for each in causes]
     judged = judge_check(fit, whitened, space, float(rms_mm), float(expected_mm))
     if judged.as_likely or (judged.decision != "pass" and not judged.of_robot):
@@ -218,26 +219,32 @@ def _judged(
     return judged, (points, x, own)
 
 
-def _causes(
-    kinematics: Kinematics,
-    by_joints: Array,
-    by_parameters: Callable[[tuple[str, ...]], Array],
-    frame: Array,
+def causes_in_robot(
+    kinematics: Kinematics, by_joints: Array, by_parameters: Callable[[tuple[str, ...]], Array]
 ) -> Iterator[Cause]:
-    """Causes that a check looks for, with their columns (N, 3, k) of its shots."""
-    space, values, count = kinematics.mechanism.parameters, kinematics.parameters, len(frame)
+    """Causes in the robot that a check looks for, with their columns (N, 3, k) of shots."""
+    space, values = kinematics.mechanism.parameters, kinematics.parameters
     yield from part_causes(space, by_joints, by_parameters)
     for name, names in grown(space).items():
         by_share = by_parameters(names) @ np.array([values[each] for each in names])
         yield Cause("growth", name, by_share[:, :, None])
+
+
+def causes_in_setup(frame: Array) -> Iterator[Cause]:
+    """Causes beside the robot, with their columns (…, N, 3, k) of shots in the order of time.
+
+    By ∂point/∂frame (…, N, 3, 6): the stand from a shot on, and each shot alone.
+    """
+    count = frame.shape[-3]
     places = np.arange(count)[:, None, None]
     for shot in range(1, count):
         name = f"the tracker's stand before shot {shot + 1} of the check"
-        yield Cause("frame", name, frame[:, :, 3:] * (places >= shot))
+        yield Cause("frame", name, frame[..., 3:] * (places >= shot))
         if FEWEST_TURNED <= shot <= count - FEWEST_TURNED:
             yield Cause("frame", name, frame * (places >= shot))
     for shot in range(1, count - 1):  # of the first and the last it is the stand, or the shot
-        yield Cause("shot", f"shot {shot + 1} of the check alone", np.eye(3) * (places == shot))
+        alone = np.broadcast_to(np.eye(3) * (places == shot), frame[..., :3].shape)
+        yield Cause("shot", f"shot {shot + 1} of the check alone", alone)
 
 
 def grown(space: ParameterSpace) -> dict[str, tuple[str, ...]]:

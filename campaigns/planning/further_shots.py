@@ -1,12 +1,14 @@
 """Further shots: the few that tell most beside what is known of a robot already."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index
 from campaigns.design import pose_sampling
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import CriterionName, make_criterion
-from campaigns.design.exchange import choose_beside
+from campaigns.design.exchange import choose_beside, exchange_in_turn
 from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.planning.plan_file import PlannedShot
@@ -16,6 +18,7 @@ from campaigns.shots.shot_sets import ShotSet
 
 CANDIDATES = 600
 WORKSPACE_SAMPLE = 200
+ExchangedBy = Callable[[Array, Array, Array], Callable[[Index], Array]]
 FRAME_STD = np.array([0.1] * 3 + [100.0] * 3)
 """Of the tracker's frame before the first shot, rad and mm: nothing is known of it."""
 
@@ -28,10 +31,12 @@ def further_shots(
     criterion: CriterionName,
     count: int,
     rng: np.random.Generator,
+    exchanged_by: ExchangedBy | None = None,
 ) -> tuple[PlannedShot, ...]:
     """So many shots with a frame of their own beside a known covariance (F, F), mm and rad.
 
-    By the region's kinematics. Raises `PlanInvalid` where too little can be measured.
+    By the region's kinematics. `exchanged_by` gives of candidates' joints, poses and covariances
+    what exchanged shots shall make small. Raises `PlanInvalid` where too little can be measured.
     """
     half = CANDIDATES // 2
     try:
@@ -58,8 +63,10 @@ def further_shots(
     judged = information.marginalise_frame(jacobian(workspace))
     at = np.concatenate([judged, np.zeros((len(judged), 3, FRAME_COLUMNS))], axis=2)
     chosen = choose_beside(candidates, make_criterion(criterion, candidates, at), of_all, count)
-    joints = region.kinematics.inverse(poses[chosen]).values_or_raise()
+    joints = region.kinematics.inverse(poses).values_or_raise()
+    if exchanged_by is not None:
+        chosen = exchange_in_turn(exchanged_by(joints, poses, noise), chosen, len(poses))
     return tuple(
         PlannedShot(number, ShotSet.CHECK, None, pose_of(pose), tuple(own.tolist()))
-        for number, (pose, own) in enumerate(zip(poses[chosen], joints, strict=True))
+        for number, (pose, own) in enumerate(zip(poses[chosen], joints[chosen], strict=True))
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -12,6 +13,7 @@ from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid, VerdictBad
 from campaigns.evaluation.base_motion import FEWEST
 from campaigns.evaluation.calibration_check import CalibrationCheck, read_check
+from campaigns.identification.check_design import confusions
 from campaigns.identification.checking import (
     StoredCalibration,
     check_calibration,
@@ -45,6 +47,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
     with campaign.journal_reader() as journal:
         stored = _stored(campaign, journal)
         known, criterion = stored.with_expected_changes, CHECKED_BY
+        told_apart = None if options.repair else partial(confusions, stored)
         if options.repair:
             series, judged = _to_repair(campaign, journal, stored)
             shots = _shots(campaign, journal, series)
@@ -56,7 +59,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
     instrument = replace(campaign.instrument, robot_scatter_mm=stored.scatter.point_mm)
     count = options.shots or (REPAIR_SHOTS if options.repair else CHECK_SHOTS)
     rng = np.random.default_rng(campaign.config.plan.seed)
-    planned = further_shots(region, free, known, instrument, criterion, count, rng)
+    planned = further_shots(region, free, known, instrument, criterion, count, rng, told_apart)
     planned = (*planned, *_nests(campaign, stored, planned[-1])) if not options.repair else planned
     setup = EstimationSetup(stored.found.estimator, free, campaign.instrument)
     stage: Stage = "repair" if options.repair else "check"
