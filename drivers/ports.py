@@ -114,6 +114,13 @@ class LaserTracker(Protocol):
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction at about that distance."""
 
+    def change_face(self) -> bool:
+        """Turn over into the other face and lock again; False where it cannot, and nothing moved.
+
+        Raises `BeamBroken` where the reflector is not found again.
+        """
+        return False
+
     def reconnect(self) -> None:
         """Open anew after a fault of the wire and set the instrument's state as it was prepared."""
 

@@ -83,6 +83,18 @@ class NestPointer:
         except BeamBroken:
             self._tracker.find_reflector(hypot(*place_mm))
 
+    def in_other_face(self) -> Vector3 | None:
+        """Its reflector measured in the other face, and back; None: the tracker can't turn over.
+
+        Raises like a measurement.
+        """
+        if not self._tracker.change_face():
+            return None
+        try:
+            return self._tracker.measure().point_in_tracker_mm
+        finally:
+            self._tracker.change_face()
+
     def _use(self, reflector: str) -> None:
         if reflector != self._reflector:
             self._tracker.prepare(reflector, self._session.work.measuring_time_s)

@@ -27,6 +27,7 @@ from drivers.transport import Transport
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
+    FACE_2,
     SENSOR_NAMES,
     STATIONARY,
     Command,
@@ -250,6 +251,16 @@ class EmsconTracker(LaserTracker):
     def find_reflector(self, distance_mm: float) -> None:
         self._move(Command.FIND_REFLECTOR, bodies.ApproximateDistance(distance_mm))
 
+    @override
+    def change_face(self) -> bool:
+        try:
+            self._move(Command.CHANGE_FACE)
+        except BeamBroken:
+            raise
+        except DeviceRefused:  # it has one face, or cannot turn over by itself
+            return False
+        return True
+
     def _opened(self) -> EmsconClient:
         client = EmsconClient(
             self._open_transport(),
@@ -267,7 +278,11 @@ class EmsconTracker(LaserTracker):
         return _identity(client)
 
     def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.Settings:
-        return setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
+        settings = setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
+        face = client.ask_or_none(Command.GET_FACE, bodies.Code)
+        if face is not None and face.value == FACE_2:  # as somebody, or a cut-off run, left it
+            client.attempt(Command.CHANGE_FACE, within_s=self._deadlines.motion_s)
+        return settings
 
     def _is_connected_again(self, give_up_s: float) -> bool:
         """Whether the tracker is open again, or still holds our old connection."""

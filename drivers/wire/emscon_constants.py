@@ -51,6 +51,7 @@ class Command(IntEnum):
     GET_SYSTEM_SETTINGS = 48
     START_MEASUREMENT = 49
     STOP_MEASUREMENT = 52
+    CHANGE_FACE = 53
     GO_POSITION = 55
     FIND_REFLECTOR = 63
     GET_DIRECTION = 66
@@ -176,7 +177,7 @@ class TrackerLight(IntEnum):
     SIX_D_INVALID = 3
 
 
-FACE_1 = 1
+FACE_1, FACE_2 = 1, 2
 """Face in which the head looks, of two."""
 
 

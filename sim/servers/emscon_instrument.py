@@ -10,7 +10,6 @@ from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import NOTHING, EmsconRequest
 from drivers.wire.emscon_constants import (
     ADM_READY,
-    FACE_1,
     READ_AND_REFRACT,
     RIGHT_HANDED_RECTANGULAR,
     STATIONARY,
@@ -93,7 +92,7 @@ class EmsconInstrument:
             Command.GET_DIRECTION: lambda now_s: said.Direction(*tracker.direction(now_s)),
             Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
             Command.GET_TRACKER_INFO: self._tracker_info,
-            Command.GET_FACE: lambda _: said.Code(FACE_1),
+            Command.GET_FACE: lambda _: said.Code(tracker.face),
             Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: said.SoftwareVersion(tracker.firmware),
         }
 

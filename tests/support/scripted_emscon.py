@@ -53,6 +53,7 @@ class Instrument:
             Command.GET_TRACKER_STATUS: emscon_messages.Code(2),
             Command.GET_UNITS: emscon_messages.Units(0, 0, 0, 0, 0),
             Command.GET_COORDINATE_SYSTEM_TYPE: emscon_messages.Code(7),
+            Command.GET_FACE: emscon_messages.Code(1),
             Command.GET_MEASUREMENT_MODE: emscon_messages.Code(21),
             Command.GET_STATIONARY_MODE_PARAMS: emscon_messages.StationaryMode(100, 0),
             Command.GET_REFLECTOR: emscon_messages.Code(3),

@@ -18,6 +18,7 @@ from campaigns.planning.plans import with_nests
 from campaigns.settings.sections import KnownLengthConfig, NestConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers import values
+from drivers.errors import BeamBroken
 
 PLACES = {"A": (900.0, 300.0, -200.0), "B": (1900.0, 300.0, -200.0), "C": (900.0, -700.0, 400.0)}
 NESTS = tuple(NestConfig(name=name, place_mm=mm, occupied=True) for name, mm in PLACES.items())
@@ -170,3 +171,51 @@ def test_nest_teaches_the_gate_nothing(tmp_path: Path) -> None:
     nests = [shot for shot in told.shots() if shot.intent.purpose == ShotSet.NEST.value]
     assert nests
     assert all(shot.outcome.predicted_in_tracker_mm is None for shot in nests)
+
+
+class TrackerOfTwoFaces(TrackerOfNests):
+    """Turns over; in its other face it sees everything a little higher."""
+
+    is_over = False
+
+    def change_face(self) -> bool:
+        self.is_over = not self.is_over
+        return True
+
+    def seen_mm(self) -> values.Vector3:
+        x, y, z = super().seen_mm()
+        return x, y, z + 0.1 * self.is_over
+
+
+def test_nests_are_measured_in_both_faces_and_the_robot_in_the_first(tmp_path: Path) -> None:
+    cell = cell_of_nests()
+    cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
+    told = cell.run(tmp_path, work_at())
+    for shot in told.shots():
+        other_mm, point_mm = shot.outcome.other_face_mm, shot.outcome.point_in_tracker_mm
+        assert (other_mm is not None) is bool(shot.intent.nest)
+        if other_mm is not None:
+            assert np.subtract(other_mm, point_mm) == pytest.approx([0.0, 0.0, 0.1])
+    assert not cell.tracker.is_over
+    events = [each.record for each in told.records() if isinstance(each.record, Event)]
+    assert sum("in two faces are 0.100 mm apart" in event.text for event in events) == 6
+
+
+def test_beam_that_is_lost_in_the_other_face_leaves_the_tracker_in_the_first(
+    tmp_path: Path,
+) -> None:
+    cell = cell_of_nests()
+    cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
+    broken = []
+
+    def seen_mm(tracker=cell.tracker, seen=cell.tracker.seen_mm) -> values.Vector3:
+        if tracker.is_over and not broken:
+            broken.append(tracker.on)
+            raise BeamBroken("the beam is broken", remedy="find the reflector")
+        return seen()
+
+    cell.tracker.seen_mm = seen_mm
+    told = cell.run(tmp_path, work_at())
+    assert broken
+    assert len([shot for shot in told.shots() if shot.intent.nest]) == 6
+    assert not cell.tracker.is_over

@@ -199,6 +199,23 @@ class TestMotion:
             station.tracker.go_to((1.0, 2.0, 3.0))
         assert not isinstance(caught.value, errors.BeamBroken)
 
+    def test_other_face_is_taken_where_there_is_one(self, station):
+        assert station.tracker.change_face()
+        station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
+        assert not station.tracker.change_face()
+
+    def test_reflector_that_is_lost_by_turning_over_is_a_broken_beam(self, station):
+        station.instrument.lose_the_beam()
+        with pytest.raises(errors.BeamBroken, match="ChangeFace found no reflector"):
+            station.tracker.change_face()
+
+    def test_tracker_that_was_left_in_its_other_face_is_turned_back(self):
+        for face in (1, 2):
+            station = Station().connected()
+            station.instrument.state[Command.GET_FACE] = bodies.Code(face)
+            station.tracker.prepare("CCR-1.5in", 2.0)
+            assert (Command.CHANGE_FACE in station.instrument.commands()) is (face == 2)
+
 
 class TestUncertainty:
     def measured(self, **changes):
