@@ -1,4 +1,4 @@
-"""What pyproject.toml cannot say: wheel and sdist know of which commit they are."""
+"""What pyproject.toml cannot say: docs and examples of a wheel, and the commit that it is of."""
 
 from pathlib import Path
 from runpy import run_path
@@ -37,4 +37,14 @@ class SdistWithCommit(sdist):
         write_commit(base_dir)
 
 
-setup(cmdclass={"build_py": BuildWithCommit, "sdist": SdistWithCommit})
+def shared_files() -> list[tuple[str, list[str]]]:
+    """Pages and examples, by their folders in the environment's `share/pkmcal`."""
+    found = {"share/pkmcal": ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE"]}
+    for top in ("docs", "examples"):
+        for path in sorted(Path(top).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                found.setdefault(f"share/pkmcal/{path.parent.as_posix()}", []).append(str(path))
+    return list(found.items())
+
+
+setup(data_files=shared_files(), cmdclass={"build_py": BuildWithCommit, "sdist": SdistWithCommit})

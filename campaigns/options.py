@@ -153,6 +153,13 @@ class ProgramOptions:
         ),
     ] = None
 
+    def __post_init__(self) -> None:
+        if self.program is None and (words := typed_words(self)):
+            raise OptionsInvalid(
+                f"{words[0]} is for programs, but none is asked for",
+                remedy=f"add --program LANGUAGE, or leave {words[0]} out",
+            )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions(Selection):

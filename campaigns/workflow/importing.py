@@ -105,7 +105,7 @@ def declared_set(
         raise OptionsInvalid(
             f"--stage {stage}: nothing says what the controller held: neither `pkmcal export` nor "
             "`pkmcal correct` has written anything",
-            remedy="name the robot file with --with FILE",
+            remedy="write it with one of them, or name the robot file: `pkmcal import` --with FILE",
         )
     robot = read_parameter_file(path, campaign.folder, nominal)
     form = form_of(robot.provenance, str(path))

@@ -15,6 +15,7 @@ from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.controllers.program_targets import targets_of
 from campaigns.controllers.programs import LANGUAGES, current_program
+from campaigns.errors import OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.next_step import next_step, state_of
@@ -129,6 +130,13 @@ def test_program_after_calibration_is_of_what_was_written_for_the_controller(who
     wanted_joints = identified.inverse(np.array([pose_row(s.pose) for s in unseen])).values
     assert np.abs(own[: len(pairs)] - np.degrees(wanted_joints)).max() < 1e-5
     assert current_program(folder, "after", written.digest) == "gcode"
+
+
+def test_program_after_is_refused_before_an_export_and_its_options_without_a_program(campaign):
+    with pytest.raises(OptionsInvalid, match="nothing says what the controller held"):
+        write_programs(campaign, options("csv", stage="after"))
+    with pytest.raises(OptionsInvalid, match="--dwell is for programs"):
+        ProgramOptions(dwell_s=2.0)
 
 
 def test_program_of_an_older_plan_is_asked_for_again(campaign, tmp_path):
