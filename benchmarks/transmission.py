@@ -101,14 +101,14 @@ def measure(robots: int, clean: int) -> Report:
         columns = ("truth", "plain", "with its parameters", "said")
         table = [(label, *row) for label, row in rows.items()]
         tables.append(Table(f"{name}: unseen positions, µm", columns, table))
-        plain, clean, alarms = rows.pop("clean")
+        plain, widened, alarms = rows.pop("clean")
         least = min(said for _, _, said in rows.values())
         worst = max(fitted for _, fitted, _ in rows.values()) / plain
         figures += [
             Figure(f"{name}: said of the clean", alarms, highest=NEVER_SAID),
             Figure(f"{name}: said, least of the others", least, lowest=ALONE_SAID),
             Figure(f"{name}: worst with its parameters, over clean", worst, highest=OVER_CLEAN),
-            Figure(f"{name}: all parameters on the clean, over plain", clean / plain),
+            Figure(f"{name}: all parameters on the clean, over plain", widened / plain),
         ]
     held = [abs(sigmas) < NORMAL_95 for one in every for sigmas in one.sigmas]
     full, with_all = (statistics.median(one.seconds[at] for one in every) for at in (0, 1))
