@@ -10,6 +10,7 @@ from campaigns.estimation.change_detection import (
     SIGNIFICANCE,
     Cause,
     detect_change,
+    drifted,
     last_together,
     memory,
     without_memory,
@@ -53,9 +54,19 @@ def test_a_step_is_told_with_cause_place_and_size():
     assert found.p < SIGNIFICANCE
 
 
+def test_a_drift_that_slows_down_is_told_with_its_time_constant_and_size():
+    slowing = Cause("drift", "growth", CAUSES[1].columns, time_constants=(0.1, 0.5, np.inf))
+    course = drifted(np.linspace(0.0, 1.0, SHOTS), 0.5)
+    shifted = residual(2) - 5.0 * course[:, None] * CAUSES[1].columns[:, :, 0]
+    found = found_of(shifted, (*CAUSES, FRAME, slowing))
+    assert (found.kind, found.name, found.time_constant) == ("drift", "growth", 0.5)
+    assert found.size[0] == pytest.approx(5.0, abs=5.0 * found.std[0])
+
+
 def test_good_shots_show_no_change():
+    slowing = Cause("drift", "growth", CAUSES[1].columns, time_constants=(0.1, 0.5, np.inf))
     for seed in range(30):
-        assert found_of(residual(seed), (*CAUSES, FRAME)) is None
+        assert found_of(residual(seed), (*CAUSES, FRAME, slowing)) is None
 
 
 @pytest.mark.slow

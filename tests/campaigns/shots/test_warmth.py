@@ -9,7 +9,7 @@ from identified_cases import dataset
 from campaigns.errors import ShotsInvalid
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
-from campaigns.shots.warmth import TIME_CONSTANTS, courses, with_readings
+from campaigns.shots.warmth import FINER, TIME_CONSTANTS, courses, finer, with_readings
 
 COUNT = 21
 LINE = np.array([0.02, -0.01, 0.03])
@@ -71,6 +71,16 @@ def test_by_time_the_state_is_minus_1_at_the_start_and_0_at_the_end(known: bool)
     third = courses(shots, 20.0)[2]
     passed = np.linspace(0.0, 1.0, COUNT)
     np.testing.assert_allclose(third.passed, (1 - np.exp(-3 * passed)) / (1 - np.exp(-3)))
+
+
+def test_a_course_by_time_that_slows_down_has_finer_ones_beside_it() -> None:
+    shots = run(drift_every=1000)
+    by_time = courses(shots, 20.0)
+    shorter, longer = sorted(
+        each.time_constant or 0.0 for each in finer(shots, by_time[2], FINER[0])
+    )
+    assert TIME_CONSTANTS[1] < shorter < TIME_CONSTANTS[2] < longer < TIME_CONSTANTS[3]
+    assert finer(shots, by_time[-1], FINER[0]) == ()
 
 
 def test_readings_are_joined_by_time_and_own_temperatures_stay() -> None:
