@@ -4,10 +4,9 @@ import random
 import resource
 from pathlib import Path
 
+import odd_trials
 import pytest
-
-from benchmarks.shared import odd_trials
-from benchmarks.shared.odd_files import ODD_NAMES, drawn, no_files
+from odd_files import ODD_NAMES, drawn, no_files
 
 pytestmark = [
     pytest.mark.torture,

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+from odd_files import Oddity, of_csv, of_journal, of_json, of_yaml
+
 from app.exits import Exit
 from app.main import COMMANDS, run_command
-from benchmarks.shared.odd_files import Oddity, of_csv, of_journal, of_json, of_yaml
 
 MOST_SECONDS, MOST_MIB, MOST_CHARACTERS = 1.0, 200.0, 1000
 HANGS_AFTER_S = 60
