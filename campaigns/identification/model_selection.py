@@ -110,7 +110,9 @@ def terms_to_add(
 
 
 def _added(space: ParameterSpace, model: Model) -> set[str]:
-    return {*space.transmission, *space.thermal} if model is Model.AUTO else set()
+    if model is Model.AUTO:
+        return {*space.transmission, *space.thermal}
+    return {*space.thermal} if model is Model.EXTENDED else set()
 
 
 def _whole(
@@ -171,9 +173,9 @@ def select_model(
     """Identify by each of the models, the first being the standard one, and keep the best.
 
     `terms`: of the joints' transmission and of warmth, that may be added to it, a cause after the
-    other, as the shots show them and the same rules allow. The model that was `asked` for by name
-    is kept whatever speaks against it. Raises as `identify` does for the standard model, or for
-    that one.
+    other, as the shots show them and the same rules allow; None: those of warmth. The model that
+    was `asked` for by name is kept whatever speaks against it. Raises as `identify` does for the
+    standard model, or for that one.
     """
     (name, known), *others = models.items()
     found = identify(nominal, shots, known, options)
@@ -184,7 +186,7 @@ def select_model(
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
         best = min(worthy, key=_price, default=standard)
-        terms = terms or ParameterSelection(())
+        terms = terms or ParameterSelection(nominal.mechanism.parameters.thermal)
         for each in _with_terms(best, terms, nominal, shots, options):
             larger.append(each)
             best = best if _objection(each, best) else each
