@@ -16,7 +16,7 @@ from campaigns.journal.records import Outcome, Rejected
 
 BY_HAND = {"driver": "by-hand", "url": "by-hand"}
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-SILENT_S = 60.0
+SILENT_S, TICK_S = 60.0, 0.5
 STATION_MM = np.array([2500.0, 0.0, -500.0])
 TO_TRACKER = np.diag([-1.0, -1.0, 1.0])
 
@@ -60,6 +60,9 @@ class Operator:
             return self.point_of(self.joints_deg)
         return None
 
+    def waits(self):
+        """Do what nobody asks for, while nothing is said."""
+
     def runs(self, *arguments):
         """Sit at a command until it ends; gives its exit code."""
         mine, program = pty.openpty()
@@ -74,7 +77,13 @@ class Operator:
         os.close(program)
         heard = ""
         try:
-            while select.select([mine], [], [], SILENT_S)[0]:
+            silent_s = 0.0
+            while silent_s < SILENT_S:
+                if not select.select([mine], [], [], TICK_S)[0]:
+                    silent_s += TICK_S
+                    self.waits()
+                    continue
+                silent_s = 0.0
                 try:
                     piece = os.read(mine, 65536).decode(errors="replace")
                 except OSError:
@@ -152,13 +161,12 @@ class Software(Operator):
         super().__init__(campaign)
         self.file, self.rows = file, 0
 
-    def answer(self, asked):
-        if len(re.findall(r"\d measuring ", self.said)) > self.rows:
+    def waits(self):
+        if re.findall(r"\d/\d+ (\w+)", self.said)[-1:] == ["measuring"]:
             self.rows += 1
             row = self.point(self.joints_deg).replace(",", ".")
             with self.file.open("a") as file:
                 file.write(f"p{self.rows}; {row}\n")
-        return super().answer(asked)
 
 
 @pytest.mark.long
