@@ -62,13 +62,14 @@ def _joints(robot: RobotFile) -> Iterator[Joint]:
     """Joints of a robot, parents first."""
     model, centre = robot.kinematics.controlled, robot.workspace_centre
     readings = model.inverse(centre[None]).values_or_raise()[0]
+    turn = robot.mechanism.task[-1].name
     for name, parent, axis in zip(AXES, ("base", "x", "y"), np.eye(3), strict=True):
         along = tuple(axis.tolist())
         value = M_PER_MM * float(centre[AXES.index(name)])
         yield Joint(name, parent, "prismatic", axis=along, limits=FREE_M, value=value)
     if len(centre) > len(AXES):
         limits = robot.limits.task[-1] or FREE_RAD
-        yield Joint("theta", "z", "revolute", limits=limits, value=float(centre[-1]))
+        yield Joint(turn, "z", "revolute", limits=limits, value=float(centre[-1]))
     places = _on_platform(model)
     for arm, (still, turned, slid) in enumerate(places):
         parent = "z"
@@ -76,10 +77,10 @@ def _joints(robot: RobotFile) -> Iterator[Joint]:
             parent = f"bar{arm}"
             factor, x = M_PER_MM * slid, (1.0, 0.0, 0.0)
             value = factor * float(centre[-1])
-            mimics = ("theta", factor)
+            mimics = (turn, factor)
             yield Joint(parent, "z", "prismatic", axis=x, limits=FREE_M, mimics=mimics, value=value)
         elif turned:
-            parent = "theta"
+            parent = turn
         yield Joint(f"plate{arm}", parent, place_m=M_PER_MM * still)
     flat = model.parameters
     for arm, reading in enumerate(readings.tolist()):

@@ -97,7 +97,7 @@ class ControllerReading:
         yield f"arms: ours {ours} are its joints {its}, counted from 1, {signs}"
         if self.turn is not None:
             sign = "" if self.turn[0] > 0.0 else "−"
-            yield f"turn: its turn is {sign}θ {math.degrees(self.turn[1]):+.2f}°"
+            yield f"turn: its turn is {sign}ours {math.degrees(self.turn[1]):+.2f}°"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,7 +219,7 @@ def _reading(
     centre_ours, centre_its = ours[:, :3].mean(axis=0), its.mean(axis=0)
     rotation, _ = best_rotation(its - centre_its, ours[:, :3] - centre_ours)
     off = ours[:, :3] - centre_ours - (its - centre_its) @ rotation.T
-    turn = _turn(ours[:, 3], shown.poses[:, 3]) if ours.shape[1] > len(AXES) else None
+    turn = _turn(ours[:, -1], shown.poses[:, -1]) if ours.shape[1] > len(AXES) else None
     return ControllerReading(
         order=order,
         sign=sign,

@@ -86,16 +86,20 @@ INNOCENT = (
 EXAMPLE = "an example in a text for people"
 LETTER = "the letter of a platform's turn, drawn only where poses have one or a test of it was made"
 POSE = "a pose has a turn where the platform turns, and says None elsewhere"
+QUATERNION = "a quaternion's parts, as RAPID counts them"
 ALLOWED = (
     ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
     ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
     ("app/cli/import_shots.py", "The header for a robot of four arms is", EXAMPLE),
     ("app/cli/import_shots.py", "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm", EXAMPLE),
     ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
+    ("app/cli/import_shots.py", "x,y,z,theta,q0,q1", EXAMPLE),
     ("app/report/figures/tests.py", "while θ turns", LETTER),
     ("app/report/figures/tests.py", '("θ, °"', LETTER),
     ("app/report/figures/workspace.py", '"θ, °"', LETTER),
     ("app/report/sections.jinja", "while only θ should change", LETTER),
+    ("campaigns/controllers/program_targets.py", 'in ("q1", "q2", "q3", "q4")', QUATERNION),
+    ("campaigns/controllers/program_targets.py", '"z", "q1", "q2", "q3", "q4")', QUATERNION),
     ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
     ("drivers/ports.py", "`plate_mm`", EXAMPLE),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
