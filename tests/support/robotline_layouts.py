@@ -2,6 +2,7 @@
 
 from drivers.values import Coordinate
 from drivers.wire import robotline as messages
+from drivers.wire.numbered_lines import Refused
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
 
@@ -47,7 +48,7 @@ def outcome_of(case):
     fields = _tuples(case["fields"])
     match case["outcome"]:
         case "Refused":
-            return messages.Refused(**fields)
+            return Refused(**fields)
         case "ArmGeometry" | "PlateGeometry":
             return _part_of(fields)
         case "Status":

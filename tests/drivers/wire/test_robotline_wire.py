@@ -100,7 +100,7 @@ def test_checksum_is_the_one_that_is_specified(data):
 
 @given(numbers)
 def test_number_reads_as_the_same_double(value):
-    word = wire.number_word(value)
+    word = lines.number_word(value)
     assert "." in word
     assert repr(wire.Words([word], PAR4_LAYOUT).number("it")) == repr(value)
 
