@@ -10,7 +10,7 @@ def test_it_says_what_to_mend_and_what_to_leave(pkmcal, whole):
     advice = json.loads(out)["advice"]
     assert code == 0
     (only,) = advice["instructions"]
-    assert only["says"].startswith("arm 2's home is 0.40")
+    assert only["says"].startswith(f"arm 2's home is {abs(only['size']):.3f}°")
     assert abs(only["size"] - ERRORS["arm2.joint_offset_deg"]) < only["expanded"]
     assert only["says"] in " ".join(err.split())
     assert max(map(len, err.splitlines())) <= 80
