@@ -7,7 +7,7 @@ from types import MappingProxyType
 from command_line import change
 from linuxcnc_bench import PATIENT
 
-from app import wiring
+from app import driver_settings
 from app.consent import consent_note
 from app.main import run_command
 from drivers.linuxcnc.settings import LinuxcncSettings
@@ -22,7 +22,7 @@ def patient_driver(monkeypatch, tmp_path):
     """Have the product's driver wait for a busy machine; consents are kept in the test's folder."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     patient = partial(LinuxcncSettings, deadlines=PATIENT)
-    monkeypatch.setattr(wiring, "LinuxcncSettings", patient)
+    monkeypatch.setattr(driver_settings, "LinuxcncSettings", patient)
 
 
 def made_campaign(folder, linuxcnc, robot, settings, cell=MappingProxyType({})):

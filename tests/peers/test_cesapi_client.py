@@ -151,7 +151,14 @@ TOLD = {
     *("SystemStatus", "TrackerInfo", "TrackerStatus"),
 }
 MEASURING = {
-    *("FindReflector", "GoAndMeasure", "GoPosition", "Initialize", "StartMeasurement"),
+    *(
+        "ChangeFace",
+        "FindReflector",
+        "GoAndMeasure",
+        "GoPosition",
+        "Initialize",
+        "StartMeasurement",
+    ),
     *(f"Set{name}" for name in SET_AND_TOLD),
     *(f"Get{name}" for name in SET_AND_TOLD | TOLD),
 }
