@@ -38,7 +38,9 @@ class Campaign:
     def validated_mm(self, stage):
         """Mean error without sign of unseen distances of the robot that LinuxCNC moves by poses."""
         distances = ("--only", "distances", "--yes")
-        return self("validate", "--stage", stage, *distances)["distances_mm"]["mean_abs"]
+        return self("validate", "--stage", stage, *distances, codes=(0, 1))["distances_mm"][
+            "mean_abs"
+        ]
 
     def loaded_all_the_same(self, found):
         """Load what was identified although its verdict does not let it pass."""
