@@ -6,6 +6,7 @@ import pty
 import re
 import select
 import signal
+import termios
 import time
 from collections import Counter
 
@@ -150,15 +151,33 @@ class Screen:
             if select.select([self._end], [], [], left)[0]:
                 self._written += os.read(self._end, 65536).decode(errors="replace")
 
+    def resize(self, lines, columns):
+        """As a window's edge that is drawn; whoever is in the foreground gets the signal."""
+        termios.tcsetwinsize(self._end, (lines, columns))
+        self._written = ""
+
+    @property
+    def widths(self):
+        """Lengths of the lines of the last whole picture."""
+        *_, picture, _ = self._written.split("\x1b[H")
+        return [len(line) for line in ESCAPES.sub("", picture).splitlines()]
+
     def type(self, text):
         self._written = ""
         os.write(self._end, text.encode())
 
 
 @contextlib.contextmanager
-def on_a_screen(*arguments, typed=b"", in_foreground=False):
-    """A program on a terminal of its own, and the operator's end of it."""
+def on_a_screen(*arguments, typed=b"", in_foreground=False, size=None):
+    """A program on a terminal of its own, and the operator's end of it.
+
+    `size` are lines and columns that the terminal says itself.
+    """
     operator_end, program_end = pty.openpty()
+    said = {"COLUMNS": "100", "LINES": "30"}
+    if size:
+        termios.tcsetwinsize(operator_end, size)
+        said = {}
     os.write(operator_end, typed)
     # in the foreground its keys are heard; else its group is its own, for nobody could continue it
     group = {"preexec_fn": lambda: os.login_tty(0)} if in_foreground else {"process_group": 0}
@@ -166,7 +185,7 @@ def on_a_screen(*arguments, typed=b"", in_foreground=False):
         *arguments,
         stdin=program_end,
         stderr=program_end,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
+        env={**os.environ, "TERM": "xterm", **said},
         **group,
     )
     os.close(program_end)
@@ -237,6 +256,26 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         "shots",
         "parked",
     ]
+
+
+@pytest.mark.long
+def test_a_screen_that_is_resized_is_drawn_anew_and_s_skips_a_shot(planned):
+    change(planned / "cell.yaml", WATCHED)
+    wide, narrow = (24, 80), (20, 50)
+    with on_a_screen("run", planned, "--yes", in_foreground=True, size=wide) as (screen, _):
+        screen.read_until("residual")
+        for _ in range(20):  # a shot that is being measured already is not skipped any more
+            screen.type("s")
+            screen.read_for(0.05)
+        screen.read_for(0.9)
+        assert 50 < max(screen.widths) <= 80
+        screen.resize(*narrow)
+        screen.read_for(1.5)
+        assert 20 < max(screen.widths) <= 50
+        assert len(screen.widths) <= 20
+    with read_journal(planned / "campaign.db") as journal:
+        notes = [e.record.text for e in journal.records_of(Event)]
+    assert any("skipped: by the operator" in text for text in notes)
 
 
 @pytest.mark.long
