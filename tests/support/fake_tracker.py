@@ -74,6 +74,9 @@ class FakeTracker:
     def initialise(self, now_s):
         return self._begin(now_s, self._be_initialised)
 
+    def change_face(self, now_s):
+        return self._begin(now_s, self._turn_over)
+
     def go_to(self, point_mm, now_s):
         self.went_to_mm = point_mm
         return self._begin(now_s, self._look)
@@ -112,6 +115,9 @@ class FakeTracker:
     def _be_initialised(self):
         self.is_initialised = True
         self._happened.append("initialised")
+
+    def _turn_over(self):
+        self.face = 3 - self.face
 
     def _look(self):
         self.is_locked = self.finds
