@@ -13,6 +13,7 @@ from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.keys import keys_heard
 from app.progress import RunDisplay
 from app.retrying import Retries
+from app.run_screen import STOP_KEY
 from app.run_text import DeviceIdentities, briefing, serials
 from app.wiring import connected_cell, prepare, require_devices
 from campaigns.campaign import Campaign
@@ -95,7 +96,6 @@ def measure(
 
 
 WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
-STOP_KEY = "q"
 
 
 @contextmanager
@@ -103,6 +103,7 @@ def _keys(display: RunDisplay, stop: StopRequest, wishes: Wishes) -> Iterator[No
     """Keys as wishes of the operator while the screen names them; q stops at once, as Ctrl-C."""
 
     def pressed(key: str) -> None:
+        display.answer(key)
         if key == STOP_KEY:
             stop.ask(signal.SIGINT)
         elif key in WISH_OF_KEY:

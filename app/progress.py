@@ -13,7 +13,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from app.run_screen import run_screen
+from app.run_screen import answer_to, run_screen
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress, RunObserver
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
@@ -141,6 +141,7 @@ class RunDisplay(RunObserver):
         self._progress: Progress | None = None
         self._residuals_mm: deque[float] = deque(maxlen=USUAL_RESIDUALS)
         self._events: list[str] = []
+        self._answer = ""
         self._began_s = self._told_s = now_s()
         self._told = 0
         self._turn = threading.Lock()
@@ -198,8 +199,18 @@ class RunDisplay(RunObserver):
         """What is drawn now."""
         now, size = self._clock(), (self._console.width, self._console.height)
         return run_screen(
-            self._what, self._progress, tuple(self._residuals_mm), self._events, now, size
+            self._what,
+            self._progress,
+            tuple(self._residuals_mm),
+            self._events,
+            now,
+            size,
+            self._answer,
         )
+
+    def answer(self, key: str) -> None:
+        """Say what comes of a key, until an event says what did."""
+        self._answer = answer_to(key, self._progress.state if self._progress else None)
 
     def say(self, text: str, style: str = "dim") -> None:
         """Print a line that stays."""
@@ -220,6 +231,7 @@ class RunDisplay(RunObserver):
 
     def event(self, text: str) -> None:
         """Something happened that the operator should read."""
+        self._answer = ""
         if self._live is not None and self._live.is_started:
             self._events.append(text)
         else:
@@ -262,7 +274,7 @@ class RunDisplay(RunObserver):
         if self._live is None or not self._live.is_started:
             return
         minute = self._clock().minute
-        shown = (self._progress, len(self._events), self._console.size, minute)
+        shown = (self._progress, len(self._events), self._console.size, minute, self._answer)
         if shown != self._shown:
             self._shown = shown
             self._live.refresh()

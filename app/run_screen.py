@@ -13,6 +13,19 @@ from drivers.texts import printable
 GOOD, BAD, OPEN, QUIET = "bold green", "bold red", "bold yellow", "dim"
 KEYS = "p pause · s skip this shot · r the last again · k park · q stop"
 GO_ON = "p goes on · q stop"
+STOP_KEY = "q"
+ANSWERS = {
+    "p": "p: it pauses after this pair",
+    "s": "s: this shot is skipped, unless it is measured already",
+    "r": "r: the last shot, of a pair the pair, is measured again after this pair",
+    "k": "k: it parks after this pair",
+    STOP_KEY: "q: it stops",
+}
+ANSWERS_IN_PAUSE = {
+    "p": "p: it goes on",
+    "s": "s: no shot is being taken",
+    STOP_KEY: ANSWERS[STOP_KEY],
+}
 LONGEST_BAR = 60
 SKIP_AFTER_S = 10.0
 """Search for a reflector after which it is said how to leave the shot out."""
@@ -39,8 +52,12 @@ def run_screen(
     events: Sequence[str],
     now: datetime,
     size: tuple[int, int],
+    answer: str = "",
 ) -> Group:
-    """Screen of so many columns and rows: state, what is left, whether it is good, events."""
+    """Screen of so many columns and rows: state, what is left, whether it is good, events.
+
+    `answer` is to the key that was pressed last.
+    """
     if progress is None:
         return Group(Text(f"{title}: connecting", OPEN))
     state, style = state_of(progress)
@@ -57,7 +74,15 @@ def run_screen(
     keys = Text(GO_ON if progress.state is EngineState.PAUSED else KEYS, "reverse")
     left = max(height - len(lines) - 6, 0)
     news = [Text(printable(text), "yellow") for text in events[-left:]] if left else []
-    return Group(lines[0], bar, *lines[1:], Text(), keys, Text(), *news)
+    return Group(lines[0], bar, *lines[1:], Text(), keys, Text(answer, OPEN), *news)
+
+
+def answer_to(key: str, state: EngineState | None) -> str:
+    """What comes of a key, said at once; what did come of it is an event."""
+    paused = state is EngineState.PAUSED
+    if paused and key in ANSWERS:
+        return ANSWERS_IN_PAUSE.get(key, f"{key}: when it goes on")
+    return ANSWERS.get(key, f"{printable(key)}: no such key")
 
 
 def state_of(progress: Progress) -> tuple[str, str]:

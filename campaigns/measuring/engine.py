@@ -142,8 +142,10 @@ class Engine:
         while left:
             first = self._measured(left[0])
             left = self.wanted(self._heeded((*first, *left[1:])))
-        for group in self.wanted(self._deferred):
-            self._measure_once_more(group)
+        left = self.wanted(self._deferred)
+        while left:
+            self._measure_once_more(left[0])
+            left = self._heeded(left[1:])
         self._update_by_a_fit()
         if groups_left and (references := self._references or self._chosen_at_end()):
             change = self._stability.at_end(references)
@@ -183,15 +185,24 @@ class Engine:
     def _heeded(self, left: tuple[Group, ...]) -> tuple[Group, ...]:
         """Heed the operator's wishes between two groups; gives what is to be measured now."""
         wishes = self._session.wishes
-        if wishes.take(Wish.AGAIN) and self._gate.accepted:
-            last = self._gate.accepted[-1].shot
-            group = next((g for g in self._plan if last in shots_of(g)), None)
-            left = left if group is None else (self._void_by_wish(group), *left)
-        if wishes.take(Wish.PARK):
-            self._park()
-        elif wishes.take(Wish.PAUSE):
-            self._pause("paused by the operator")
-        return left
+        while True:
+            if wishes.take(Wish.AGAIN):
+                left = (*self._void_last(), *left)
+            if wishes.take(Wish.PARK):
+                self._park()
+            elif wishes.take(Wish.PAUSE):
+                self._pause("paused by the operator")
+            else:
+                return left
+
+    def _void_last(self) -> tuple[Group, ...]:
+        """The group of the last shot that counts, voided as the operator wishes; none is told."""
+        last = self._gate.accepted[-1].shot if self._gate.accepted else None
+        group = next((g for g in self._plan if last in shots_of(g)), None)
+        if group is not None:
+            return (self._void_by_wish(group),)
+        self._log.announce(Event("operator note", "no shot counts that can be measured again"))
+        return ()
 
     def _void_by_wish(self, group: Group) -> Group:
         counted = {outcome.shot for outcome in self._gate.accepted}
@@ -255,7 +266,10 @@ class Engine:
         if step is None or suspect.shot in self._compared:  # or its row was taken out since
             return None
         self._compared.add(suspect.shot)
-        again = self._shot_taker.retry(partial(self._shot_taker.look, step))
+        try:
+            again = self._shot_taker.retry(partial(self._shot_taker.look, step))
+        except Skipped:
+            return None
         away_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
         reason = f"only compared with the one before, {away_mm:.3f} mm away"
         self._shot_taker.compare_only(again, reason)

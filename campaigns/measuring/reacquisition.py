@@ -87,6 +87,7 @@ class Reacquisition:
         since_s, look_back = self._clock.now_s(), self._look_back_deadline()
         here = self._tracker.direction()
         advice, may_find_alone = self._advice(joints)
+        suspect = self._point_that_stays(joints)
         alarms = iter(TOLD_AFTER_S if may_find_alone else (0.0, *TOLD_AFTER_S))
         told_at_s = next(alarms)
         while (failure := self._failure_to_find(joints, here)) is not None:
@@ -98,7 +99,8 @@ class Reacquisition:
             lasted_s = self._clock.now_s() - since_s
             self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
             if look_back.has_passed():
-                self._require_moved(joints)
+                if suspect is not None:
+                    self._require_moved(*suspect)
                 if not seen_here and self._gate.accepted:
                     return False
             if lasted_s >= told_at_s:
@@ -111,33 +113,36 @@ class Reacquisition:
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
         return True
 
-    def _require_moved(self, joints: tuple[float, ...]) -> None:
-        """Raise `GateRefused` where the reflector has stayed while the encoders moved.
+    def _point_that_stays(self, joints: tuple[float, ...]) -> tuple[Vector3, str] | None:
+        """Point at which the reflector may have stayed while the encoders moved, and what if so.
 
         A point counts that is on the robot's way, or was measured at poses enough: one elsewhere
         may be another reflector's.
         """
         one_point, expected_mm = self.poses_of_one_point(), self._gate.expected_point_mm(joints)
         if not one_point or expected_mm is None:
-            return
+            return None
         point_mm, far_mm = one_point[0].point_in_tracker_mm, self._session.work.gate.distance_mm
         on_the_way = self._is_on_the_way(point_mm, far_mm)
         if dist(expected_mm, point_mm) <= far_mm or not (
             on_the_way or len(one_point) >= POSES_OF_ONE_POINT
         ):
-            return
+            return None
+        return point_mm, (
+            f"the reflector is where it was in shot {one_point[0].shot}, although by the "
+            f"encoders it has moved by {dist(expected_mm, point_mm):.0f} mm since: {NOT_MOVING}"
+            + ("" if on_the_way else f", or {ELSEWHERE}")
+        )
+
+    def _require_moved(self, point_mm: Vector3, problem: str) -> None:
+        """Raise `GateRefused` where the reflector has stayed at a point."""
         try:
             self._tracker.go_to(point_mm)
             again_mm = self._tracker.measure().point_in_tracker_mm
         except BeamBroken:
             return
         if dist(again_mm, point_mm) <= STANDING_MM:
-            raise GateRefused(
-                f"the reflector is where it was in shot {one_point[0].shot}, although by the "
-                f"encoders it has moved by {dist(expected_mm, point_mm):.0f} mm since: {NOT_MOVING}"
-                + ("" if on_the_way else f", or {ELSEWHERE}"),
-                remedy=LOOK_AT_THE_DRIVES,
-            )
+            raise GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
 
     def _is_on_the_way(self, point_mm: Vector3, far_mm: float) -> bool:
         """Whether a point is near one that the robot has passed between the latest measurements."""
@@ -177,8 +182,11 @@ class Reacquisition:
         self._mover.return_to(latest.joints, f"back to {name}", self._run_state.enter)
         self._run_state.enter(EngineState.SUSPENDED)
         began_s = self._clock.now_s()
-        self.wait(latest.joints, seen_here=True)
+        found = self.wait(latest.joints, seen_here=True)
         self._run_state.rest()
+        if found is None:  # the wish is about the shot that is tried again after this
+            self._session.wishes.ask(Wish.SKIP)
+            return False
         return self._clock.now_s() - began_s < self._session.work.look_back_s
 
     def look_back(self, standing_mm: Vector3 | None = None) -> bool:

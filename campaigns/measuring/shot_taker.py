@@ -22,6 +22,7 @@ BROKEN = "beam broken"
 IMPOSSIBLE = "no measurement"
 """Beginning of the reason of a shot whose result cannot be."""
 SKIPPED = "skipped by the operator"
+NOT_SKIPPED = "nothing is skipped: "
 FORGIVEN_BREAKS = 10
 """Breaks of the beam, one after another at one shot, that count no attempt.
 
@@ -67,6 +68,8 @@ class ShotTaker:
         self._session = session
         self._reacquisition = reacquisition
         self.nests = nests
+        self._tried: int | None = None
+        """Shot that was begun, and that neither counts nor was compared yet."""
 
     def retry(self, attempt: Callable[[], Result], allowed: int | None = None) -> Result:
         """Try until there is data; raises `GateRefused`, whose cause is the last `ShotFailed`.
@@ -125,13 +128,13 @@ class ShotTaker:
     def compare_only(self, outcome: Outcome, reason: str) -> None:
         """Write an outcome that was only compared: it does not count."""
         self._session.log.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
-        self._session.run_state.enter(EngineState.IDLE)
+        self._end(outcome, "compared")
 
     def accept(self, outcome: Outcome) -> None:
         """Write an outcome: the shot counts, and teaches what to expect of the next one."""
         self._session.log.write(outcome)
         self._session.gate.accept(outcome)
-        self._session.run_state.enter(EngineState.IDLE)
+        self._end(outcome)
 
     def accept_nest(self, nest: str, outcome: Outcome) -> None:
         """Write a nest's outcome, which counts; raises `GateRefused` for another reflector."""
@@ -142,7 +145,7 @@ class ShotTaker:
             log.write(Rejected(outcome.shot, outcome.attempt, error.problem, outcome))
             raise
         log.write(outcome)
-        self._session.run_state.enter(EngineState.IDLE)
+        self._end(outcome)
         text = f"nest {nest} is {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"
         if outcome.other_face_mm is not None:
             apart_mm = dist(outcome.point_in_tracker_mm, outcome.other_face_mm)
@@ -155,9 +158,9 @@ class ShotTaker:
         session, clock = self._session, self._session.cell.clock
         if not step.planned.nest:
             self.nests.leave()
+        self._begin(step.planned.shot)
         session.run_state.begin(step)
         intent = session.log.begin(step)
-        session.wishes.take(Wish.SKIP)  # it was about another shot
         arrival = self._arrived(step, intent)
         if session.wishes.take(Wish.SKIP):
             session.log.write(Rejected(intent.shot, intent.attempt, SKIPPED))
@@ -196,6 +199,24 @@ class ShotTaker:
         if not nest:
             self._reacquisition.remember(outcome)
         return outcome, session.mover.has_moved(arrival.state)
+
+    def _begin(self, shot: int) -> None:
+        """A shot is tried; raises `Skipped` where the wish came between its attempts."""
+        was_tried, self._tried = self._tried == shot, shot
+        if self._session.wishes.take(Wish.SKIP):
+            if was_tried:
+                raise Skipped(SKIPPED)
+            text = f"{NOT_SKIPPED}no shot was being taken"
+            self._session.log.announce(Event("operator note", text))
+
+    def _end(self, outcome: Outcome, how: str = "measured") -> None:
+        """A shot is done; a wish to skip it came too late for that."""
+        self._tried = None
+        self._session.run_state.enter(EngineState.IDLE)
+        if self._session.wishes.take(Wish.SKIP):
+            counts = "; r voids it, and measures it again" if how == "measured" else ""
+            text = f"{NOT_SKIPPED}shot {outcome.shot} was {how} already{counts}"
+            self._session.log.announce(Event("operator note", text))
 
     def _arrived(self, step: Step, intent: Intent) -> Arrival:
         session = self._session

@@ -1,14 +1,15 @@
 """Stability check: poses measured again after a restart and at the end; what has moved."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from math import dist
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, Outcome
-from campaigns.measuring.reference_poses import ReferencePose, rigid_body_test
-from campaigns.measuring.shot_taker import ShotRefused, ShotTaker
+from campaigns.measuring.reference_poses import FEWEST, ReferencePose, rigid_body_test
+from campaigns.measuring.shot_taker import SKIPPED, ShotRefused, ShotTaker, Skipped
 from campaigns.measuring.work import Session
 
 ANEW = (
@@ -30,7 +31,10 @@ class StabilityCheck:
     def after_restart(self, references: Sequence[ReferencePose]) -> str:
         """What has changed since these were measured, in words; empty when nothing has."""
         if len(references) == 1:
-            return self._of_one(references[0])
+            try:
+                return self._of_one(references[0])
+            except Skipped:
+                return self._not_compared(AFTER_RESTART)
         return self._change(AFTER_RESTART, references)
 
     def _of_one(self, reference: ReferencePose) -> str:
@@ -57,16 +61,24 @@ class StabilityCheck:
             return text
 
     def _change(self, when: str, references: Sequence[ReferencePose]) -> str:
-        now, then = (
-            [self._measured_again(each) for each in references],
-            [then for _, then in references],
-        )
+        now, then = list[Outcome](), list[Outcome]()
+        for each in references:
+            with suppress(Skipped):
+                now.append(self._measured_again(each))
+                then.append(each[1])
+        if len(now) < FEWEST:
+            return self._not_compared(when)
         work, kept = self.session.work, self.session.gate.accepted
         noise = work.reference_noise(kept)
         compared = rigid_body_test(work.robot.kinematics, kept, then, now, noise)
         text = f"{when} {compared.text}"
         self._write(text)
         return text if compared.change else ""
+
+    def _not_compared(self, when: str) -> str:
+        text = f"{when} it is not known whether anything has moved: {SKIPPED}"
+        self.session.log.announce(Event("operator note", text))
+        return ""
 
     def _measured_again(self, reference: ReferencePose) -> Outcome:
         """Outcome of a reference pose, even one that the gate refuses each time for its place.

@@ -273,6 +273,28 @@ def test_an_event_is_never_cut():
     assert stream.getvalue() == text
 
 
+@pytest.mark.parametrize(
+    ("key", "state", "answer"),
+    [
+        ("s", EngineState.MEASURING, "s: this shot is skipped, unless it is measured already"),
+        ("p", EngineState.MOVING, "p: it pauses after this pair"),
+        ("p", EngineState.PAUSED, "p: it goes on"),
+        ("k", EngineState.PAUSED, "k: when it goes on"),
+        ("x", EngineState.MOVING, "x: no such key"),
+    ],
+)
+def test_a_key_is_answered_until_it_is_told_what_came_of_it(key, state, answer):
+    display, _, _ = display_on(is_terminal=True)
+    display.progress(replace(AT_WORK, state=state))
+    told = []
+    for act in (lambda: display.answer(key), lambda: display.event("it was heeded")):
+        act()
+        stream = io.StringIO()
+        Console(file=stream, width=80, color_system=None).print(display.screen())
+        told.append(answer in [line.rstrip() for line in stream.getvalue().splitlines()])
+    assert told == [True, False]
+
+
 def test_what_happened_behind_the_screen_is_told_when_it_is_left():
     display, stream, _ = display_on(is_terminal=True)
     with display:

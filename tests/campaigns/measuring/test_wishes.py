@@ -12,7 +12,8 @@ from campaigns.errors import Interrupted
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.wishes import Wish
-from drivers.errors import EmergencyStop
+from drivers.errors import BeamBroken, EmergencyStop, NoReflector, NotAMeasurement
+from drivers.values import Measurement
 
 PAUSED_S = 30.0
 
@@ -114,6 +115,82 @@ def test_a_wish_to_skip_is_about_no_later_shot(tmp_path: Path) -> None:
     journal = cell.run(tmp_path, work(TWO_PAIRS))
     assert skips(journal) == []
     assert len(journal.shots()) == len(TWO_PAIRS)
+    assert notes(journal) == [
+        "nothing is skipped: shot 1 was measured already; r voids it, and measures it again"
+    ]
+    assert notes(journal)[0] in cell.observer.events
+
+
+def test_a_wish_to_skip_while_nothing_is_taken_is_answered(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure[2] = lambda: (
+        cell.wishes.ask(Wish.PAUSE),
+        asking_later(cell, Wish.SKIP, Wish.PAUSE),
+    )
+    journal = cell.run(tmp_path, work(TWO_PAIRS))
+    assert notes(journal)[2:] == ["nothing is skipped: no shot was being taken"]
+    assert len(journal.shots()) == len(TWO_PAIRS)
+
+
+def test_a_shot_that_is_about_to_be_tried_again_is_skipped(tmp_path: Path) -> None:
+    cell = FakeCell()
+    measure = cell.tracker.measure
+
+    def measured() -> Measurement:
+        if cell.tracker.measured == 3:
+            cell.tracker.measured += 1
+            cell.wishes.ask(Wish.SKIP)
+            raise NotAMeasurement("no result", remedy="measure again")
+        return measure()
+
+    cell.tracker.measure = measured
+    journal = cell.run(tmp_path, work(FOUR_PAIRS))
+    assert [event.shots for event in skips(journal)] == [(3, 4)]
+    assert [len(journal.records_of(kind)) for kind in (Rejected, PairVoided)] == [1, 0]
+
+
+def test_a_wish_to_skip_while_it_is_looked_back_is_about_the_shot_that_was_not_seen(
+    tmp_path: Path,
+) -> None:
+    cell, blind = FakeCell(), [True]
+    measure = cell.tracker.measure
+
+    def measured() -> Measurement:
+        if blind[0] and cell.tracker.measured == 3:
+            raise NoReflector("no reflector", remedy="look for it")
+        cell.tracker.beam_broken = False
+        return measure()
+
+    def search(*_where: object) -> None:
+        cell.tracker._wait(1.0)
+        if any(text.startswith("looking for") for text in cell.observer.events):
+            blind[0] = False
+            cell.wishes.ask(Wish.SKIP)
+        raise BeamBroken("no reflector found", remedy="look for it")
+
+    cell.tracker.measure, cell.tracker.go_to, cell.tracker.find_reflector = measured, search, search
+    journal = cell.run(tmp_path, work(FOUR_PAIRS))
+    assert [event.shots for event in skips(journal)] == [(3, 4)]
+    assert len(journal.shots()) == len(FOUR_PAIRS) - 2
+
+
+def test_a_comparison_that_is_skipped_is_told_and_the_run_ends_in_order(tmp_path: Path) -> None:
+    cell = FakeCell()
+    for move in range(len(FOUR_PAIRS) + 2, 40):
+        cell.robot.during_move[move] = lambda: cell.wishes.ask(Wish.SKIP)
+    cell.run(tmp_path, work(FOUR_PAIRS, compared_at_end=True))
+    assert cell.observer.told[-1].state is EngineState.FINISHED
+    assert cell.observer.events == [
+        "at the end it is not known whether anything has moved: skipped by the operator"
+    ]
+
+
+def test_nothing_to_measure_again_is_told(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.wishes.ask(Wish.AGAIN)
+    cell.robot.during_move[1] = lambda: cell.wishes.ask(Wish.SKIP)
+    journal = cell.run(tmp_path, work(TWO_PAIRS))
+    assert notes(journal) == ["no shot counts that can be measured again"]
 
 
 def test_it_is_parked_at_the_drift_pose_or_where_campaign_yaml_says_and_goes_on(
