@@ -1,6 +1,7 @@
 """pkmcal import: shots measured with other software."""
 
 import shlex
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +23,7 @@ from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, read_joined_shots
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import in_unit, read_shots
+from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
 
 
@@ -124,37 +125,59 @@ def command(
     if stage is None and with_ is not None:
         raise typer.BadParameter("--with goes with --stage")
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
-    mechanism = campaign.robot.mechanism
-    notes: tuple[str, ...] = ()
-    if form is Form.SHOTS:
-        if joints or columns:
-            raise typer.BadParameter("--joints and --columns go with --format ascii")
-        rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[unit or "mm"]))
-    else:
-        if joints is None:
-            raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
-        words = columns.split(",") if columns else None
-        rows, notes = read_joined_shots(
-            file, joints, mechanism, join=join, unit=unit, columns=words, default=default
-        )
-    for note in notes:
-        terminal.note(note)
-    files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
+    if form is Form.SHOTS and (joints or columns):
+        raise typer.BadParameter("--joints and --columns go with --format ascii")
+    if form is Form.ASCII and joints is None:
+        raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
+    words = columns.split(",") if columns else None
+    with terminal.telling(f"reading {file}") as now_at:
+        rows, notes = _read(campaign, file, joints, join, unit, words, default)
+        for note in notes:
+            terminal.note(note)
+        files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
+        now_at("comparing the shots with the robot and the journal")
+
+        def advance(done: int) -> None:
+            now_at(f"taking in shots: {done} of {len(rows)}")
+
+        name, tell = str(file), terminal.note
+        if stage is None:
+            series = import_shots(
+                campaign, rows, name, files, tell=tell, advance=advance, anyway=anyway
+            )
+        else:
+            held = declared_set(campaign, stage, with_)
+            done = import_validation(
+                campaign, rows, stage, held, name, files, tell=tell, advance=advance, anyway=anyway
+            )
     if stage is not None:
-        held = declared_set(campaign, stage, with_)
-        done = import_validation(
-            campaign, rows, stage, held, str(file), files, tell=terminal.note, anyway=anyway
-        )
         terminal.say(f"taken in: {len(rows)} shots as '{stage}'")
         show_validation(terminal, done, campaign)
         return
-    series = import_shots(campaign, rows, str(file), files, tell=terminal.note, anyway=anyway)
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
     if evaluate(campaign).before is None:
         again = shlex.join(["pkmcal", "import", str(campaign.folder), "FILE", "--stage", "before"])
         terminal.note(f"pairs measured with the controller's own parameters: {again} takes them in")
     taken = {"series": series, "shots": len(rows)}
     terminal.document(taken | tell_next(terminal, campaign))
+
+
+def _read(
+    campaign: Campaign,
+    file: Path,
+    joints: Path | None,
+    join: Join,
+    unit: LengthUnit | None,
+    columns: Sequence[str] | None,
+    default: ShotSet,
+) -> tuple[tuple[ShotRow, ...], tuple[str, ...]]:
+    """Rows of a shots.csv, or of points with a file of their joints, and what is to be told."""
+    mechanism = campaign.robot.mechanism
+    if joints is None:
+        return tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[unit or "mm"])), ()
+    return read_joined_shots(
+        file, joints, mechanism, join=join, unit=unit, columns=columns, default=default
+    )
 
 
 def _check_frame(terminal: Terminal, campaign: Campaign, file: Path) -> None:

@@ -205,10 +205,17 @@ def _pragma(connection: sqlite3.Connection, name: str) -> int:
 
 
 def _in_one_commit(connection: sqlite3.Connection, statements: tuple[str, ...]) -> None:
-    connection.execute("BEGIN IMMEDIATE")
-    with connection:  # commits, or rolls back on any error
+    with in_one_commit(connection):
         for statement in statements:
             connection.execute(statement)
+
+
+@contextmanager
+def in_one_commit(connection: sqlite3.Connection) -> Iterator[None]:
+    """Commit what is written inside at its end; on any error nothing of it."""
+    connection.execute("BEGIN IMMEDIATE")
+    with connection:  # commits, or rolls back
+        yield
 
 
 def missing_rules(connection: sqlite3.Connection) -> list[str]:

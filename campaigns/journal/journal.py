@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
 from types import TracebackType
@@ -144,7 +145,7 @@ class Journal(JournalReader):
     def __init__(self, connection: Connection, path: Path, now_utc: Callable[[], str]) -> None:
         super().__init__(connection, path)
         self._now_utc = now_utc
-        self._failed = False
+        self._failed = self._is_open = False
         self._file = OwnFile(path)
 
     def start_series(self, started: kinds.SeriesStarted) -> int:
@@ -164,11 +165,35 @@ class Journal(JournalReader):
                 remedy="see the first error; start the command again, it resumes",
             )
         try:
-            self._append(record, series)
+            if self._is_open:
+                self._insert(record, series, self._text(record))
+            else:
+                self._append(record, series)
         except JournalFailed:
             self._failed = True
             raise
         return self._end.number
+
+    @contextmanager
+    def in_one_commit(self) -> Iterator[None]:
+        """Make what is appended inside durable at its end, all of it, or nothing on any error.
+
+        Raises `JournalFailed`.
+        """
+        self._check_file()
+        before, self._is_open = self._end, True
+        explained = database.sqlite_errors_explained(self._path, "the records cannot be written")
+        try:
+            with explained, database.in_one_commit(self._connection):
+                yield
+        except BaseException as error:
+            self._end, self._file = before, OwnFile(self._path)  # pages may be in the log already
+            del self._known[before.number :]
+            self._failed |= isinstance(error, JournalFailed)
+            raise
+        finally:
+            self._is_open = False
+        self._settle()
 
     def prove(self) -> None:
         """Close the file and open it anew: all that was written has to be in it, and whole.
@@ -191,6 +216,10 @@ class Journal(JournalReader):
         text = self._text(record)
         self._check_file()
         self._insert(record, series, text)
+        self._settle()
+
+    def _settle(self) -> None:
+        """Take note of what was written just now."""
         try:
             self._file.settle(self._end.digest)
             if self._file.wants_checkpoint:

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -30,8 +30,7 @@ FILES = "imported_files"
 NOTE = re.compile(
     rf"{IMPORTED}(?:, air (?P<air>[-+.e\d]+) °C)?(?:, measured (?P<time>.*))?", re.DOTALL
 )
-
-
+TOLD_EVERY = 250
 DIGITS = 9
 """Decimals of rad and mm that files keep of joints and points."""
 
@@ -88,10 +87,12 @@ def append_import(
     declared: str = "",
     order: Index | None = None,
     model: str = "",
+    advance: Callable[[int], None] = lambda _: None,
 ) -> int:
-    """Write rows as a finished series; gives its number.
+    """Write rows as a finished series, in one commit; gives its number.
 
-    Shots are numbered as the rows, and written in the `order` (N,) in which they were measured.
+    Shots are numbered as the rows, and written in the `order` (N,) in which they were measured;
+    `advance` hears now and then how many are written.
 
     The names and digests of the files go into the series' settings. The commanded pose is not
     known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
@@ -105,20 +106,21 @@ def append_import(
     started = records.SeriesStarted(
         stage, digest, known, VERSION, robot_digest, None, None, None, declared, model
     )
-    series = journal.start_series(started)
-    journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
     command: records.Command = "joints" if stage == "import" else "pose"
-    for number in (np.arange(len(rows)) if order is None else order).tolist():
-        row, target = rows[number], pose_of(poses[number])
-        journal.append(
-            records.Intent(
-                number, 1, row.purpose.value, target, row.joints, command, row.pair, nest=row.nest
-            ),
-            series=series,
-        )
-        journal.append(_outcome(number, row), series=series)
-    journal.append(records.SeriesFinished(), series=series)
-    journal.append(records.SessionStopped("finished", "imported"), series=series)
+    with journal.in_one_commit():
+        series = journal.start_series(started)
+        journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
+        numbers = (np.arange(len(rows)) if order is None else order).tolist()
+        for done, number in enumerate(numbers):
+            if done % TOLD_EVERY == 0:
+                advance(done)
+            row, target = rows[number], pose_of(poses[number])
+            set_, pair, nest = row.purpose.value, row.pair, row.nest
+            intent = records.Intent(number, 1, set_, target, row.joints, command, pair, nest=nest)
+            journal.append(intent, series=series)
+            journal.append(_outcome(number, row), series=series)
+        journal.append(records.SeriesFinished(), series=series)
+        journal.append(records.SessionStopped("finished", "imported"), series=series)
     journal.prove()
     return series
 

@@ -43,13 +43,14 @@ def import_shots(
     files: Sequence[ImportedFile] = (),
     *,
     tell: Callable[[str], None] = lambda _: None,
+    advance: Callable[[int], None] = lambda _: None,
     anyway: bool = False,
 ) -> int:
     """Write shots of files into the journal as a series to identify from; gives its number.
 
-    `tell` hears in which order they are taken. Raises `ShotsInvalid`, naming file and cause, for
-    shots that cannot be this robot's, and for copies, unless it is `anyway` another import that
-    this one takes the place of.
+    `tell` hears in which order they are taken, `advance` how many are. Raises `ShotsInvalid`,
+    naming file and cause, for shots that cannot be this robot's, and for copies, unless it is
+    `anyway` another import that this one takes the place of.
     """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
     _check(campaign, rows, name, {"import"} if anyway else set())
@@ -64,6 +65,7 @@ def import_shots(
             files,
             order=order,
             model=_planned_model(campaign).value,
+            advance=advance,
         )
 
 
@@ -121,6 +123,7 @@ def import_validation(
     files: Sequence[ImportedFile] = (),
     *,
     tell: Callable[[str], None] = lambda _: None,
+    advance: Callable[[int], None] = lambda _: None,
     anyway: bool = False,
 ) -> Validated:
     """Write shots into the journal as a validation, and judge it as one that was measured.
@@ -166,6 +169,7 @@ def import_validation(
             stage="after by targets" if by_targets else stage,
             declared=held.file,
             order=order,
+            advance=advance,
         )
         return record_validation(campaign, journal, series, stage, held.by)
 

@@ -52,6 +52,41 @@ def test_each_record_is_there_for_another_connection_before_append_returns(
             assert reader.records()[-1].record == record
 
 
+LONG = 40_000
+"""Characters of a record, a hundred of which do not fit into what SQLite keeps in memory."""
+
+
+def test_records_of_one_commit_come_at_once(journal: Journal, run: int, path: Path) -> None:
+    events = [Event("operator note", str(number) + LONG * "x") for number in range(100)]
+    with read_journal(path) as reader:
+        with journal.in_one_commit():
+            appended(journal, run, *events)
+            assert reader.last_number() == 1
+        assert [entry.record for entry in reader.records()[1:]] == events
+    appended(journal, run, SESSION, intent(1))
+    journal.prove()
+    assert journal.last_number() == 103
+
+
+def test_of_a_commit_that_fails_nothing_is_left_and_the_journal_goes_on(
+    journal: Journal, run: int, path: Path
+) -> None:
+    def fail() -> None:
+        with journal.in_one_commit():
+            for number in range(100):
+                journal.append(Event("operator note", str(number) + LONG * "x"), series=run)
+            assert journal.last_number() == 101
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    with read_journal(path) as reader:
+        assert reader.last_number() == journal.last_number() == 1
+    appended(journal, run, SESSION, intent(1), outcome(1))
+    journal.prove()
+    assert [shot.outcome for shot in journal.shots(run)] == [outcome(1)]
+
+
 def test_every_commit_waits_for_the_disk(journal: Journal) -> None:
     full = 2
     assert journal._connection.execute("PRAGMA synchronous").fetchone() == (full,)

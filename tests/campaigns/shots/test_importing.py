@@ -11,6 +11,7 @@ from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.shots import import_export
 from campaigns.shots.import_export import (
     ImportedFile,
     append_import,
@@ -98,6 +99,22 @@ def test_joints_that_the_nominal_robot_cannot_take_are_refused_before_anything_i
         assert journal.last_number() == 0
 
 
+def test_of_an_import_that_breaks_off_nothing_is_taken_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(done: int) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(import_export, "TOLD_EVERY", 3)
+    with plain_journal(tmp_path) as journal:
+        with pytest.raises(KeyboardInterrupt):
+            append_import(journal, rows(), NOMINAL, ROBOT.digest(), {}, advance=stopped)
+        assert journal.last_number() == 0
+        again = append_import(journal, rows(), NOMINAL, ROBOT.digest(), {})
+        assert (again, len(journal.shots(again))) == (1, len(rows()))
+
+
 def test_same_shots_have_the_same_digest_and_others_another(tmp_path: Path) -> None:
     with plain_journal(tmp_path) as journal:
         for shots in (rows(), rows(), rows()[:6]):
@@ -143,7 +160,7 @@ def test_the_order_of_time_is_read_or_it_is_said_why_not(times: list[str], order
 
 
 def test_copies_of_pairs_are_found_in_the_file_and_in_the_journal(tmp_path: Path) -> None:
-    """Hold-out pairs too; what is visited again and again may be the same to the last digit."""
+    """Unseen pairs too; what is visited again and again may be the same to the last digit."""
     once = rows()
     refuse_copies(once, (), "f.csv")
     unseen = [replace(row, purpose=ShotSet.VALIDATION) for row in once[:2]]
