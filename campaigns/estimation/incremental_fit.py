@@ -18,10 +18,26 @@ PRIOR_ANGLE_RAD = np.radians(3.0)
 MEASURING_STD_MM = 0.05
 SPREAD_FOR_A_FRAME_MM = 50.0
 """Least root mean square extent of the points across their main direction: less fixes no frame."""
+STEP_GROWTH = 0.02
+"""Share by which the shots have grown when a step over all of them is worth making anew."""
+ONE_BY_ONE = 50
+"""First shots of many, from whose answer a few steps over all of them do."""
+STEPS_OVER_MANY = 2
+
+
+def next_size(shots: int, growth: float = STEP_GROWTH) -> int:
+    """Number of shots at which what takes all of them is due again; a few: after each.
+
+    So its share of each shot's cost does not grow with their number.
+    """
+    return shots + max(1, int(growth * shots))
 
 
 class IncrementalGaussNewton:
-    """Parameters and the tracker's frame from the shots so far, by one Gauss-Newton step a shot."""
+    """Parameters and the tracker's frame from the shots so far, by Gauss-Newton steps.
+
+    One after each shot; of many shots, one whenever they have grown by a share.
+    """
 
     def __init__(self, nominal: Kinematics, free: tuple[str, ...]) -> None:
         space = nominal.mechanism.parameters
@@ -34,6 +50,9 @@ class IncrementalGaussNewton:
         self._joints: list[Array] = []
         self._points: list[Array] = []
         self._poses: Array | None = None
+        self._near_newer: list[Array] = []
+        """Poses (t,) near those of shots since the last step: what was predicted, or the last."""
+        self._due = SHOTS_FOR_A_FRAME
         self._foreseen: tuple[Array, Array] | None = None
         self._known: tuple[Array, Transform, Array] | None = None
         """Parameters (F,), frame, and a root of the covariance of both, (F + 6, F + 6)."""
@@ -95,8 +114,21 @@ class IncrementalGaussNewton:
         """Update with an accepted shot."""
         self._joints.append(joints)
         self._points.append(point_mm)
-        if self.shots >= SHOTS_FOR_A_FRAME:
+        if self._poses is not None:
+            self._near_newer.append(self._near_one(joints))
+        if self.shots >= self._due:
             self._update()
+
+    def restart(self, joints: Array, points_mm: Array) -> None:
+        """Forget all, and take accepted shots at once: joints (N, n), points (N, 3)."""
+        self._joints, self._points, self._poses, self._near_newer = [], [], None, []
+        self._known, self._linearized, self._due = None, None, SHOTS_FOR_A_FRAME
+        for each, point_mm in zip(joints[:ONE_BY_ONE], points_mm, strict=False):
+            self.add(each, point_mm)
+        if len(joints) > ONE_BY_ONE:
+            self._joints, self._points, self._poses = list(joints), list(points_mm), None
+            for _ in range(STEPS_OVER_MANY):
+                self._update()
 
     def _parameters(self) -> Array:
         return self._nominal_values if self._known is None else self._known[0]
@@ -106,10 +138,7 @@ class IncrementalGaussNewton:
 
     def _near(self) -> Array | None:
         """Poses near those of the shots: where they were last; of newer ones what was predicted."""
-        if self._poses is None:
-            return None
-        newer = [self._near_one(joints) for joints in self._joints[len(self._poses) :]]
-        return np.vstack([self._poses, *newer])
+        return None if self._poses is None else np.vstack([self._poses, *self._near_newer])
 
     def _near_one(self, joints: Array) -> Array:
         assert self._poses is not None, "there is a fit"
@@ -119,9 +148,10 @@ class IncrementalGaussNewton:
 
     def _update(self) -> None:
         """One Gauss-Newton step from the last answer, once the points fix a frame."""
+        self._due = next_size(self.shots)
         model, points = self._model(self._joints, self._near()), np.array(self._points)
         try:
-            self._poses = model.poses(self._parameters())
+            self._poses, self._near_newer = model.poses(self._parameters()), []
         except NoSolution:
             return
         positions = self._poses[:, :3]

@@ -7,6 +7,7 @@ from functools import partial
 from math import dist, inf
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
+from campaigns.estimation.incremental_fit import next_size
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
@@ -18,7 +19,12 @@ from campaigns.measuring.recovery import (
     Recovery,
     recovery,
 )
-from campaigns.measuring.reference_poses import ReferencePose, pose_settling, reference_poses
+from campaigns.measuring.reference_poses import (
+    ReferenceNoise,
+    ReferencePose,
+    pose_settling,
+    reference_poses,
+)
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shot_taker import (
@@ -43,6 +49,8 @@ LOOK_S = 0.1
 """How often a pause looks at faults and wishes."""
 MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
+NOISE_GROWTH = 0.25
+"""Share by which the shots have grown when the scatter of poses is worth estimating anew."""
 MOST_DEFERRED = 0.2
 """Share of a plan's groups that cannot be measured and still let the run go on."""
 
@@ -82,12 +90,16 @@ class Engine:
         self._looked_back: Counter[int] = Counter()
         self._known: ParameterUncertainty | None = None
         self._at_rest: tuple[int, ...] | None = None
+        self._noise: ReferenceNoise | None = None
+        self._noise_due = self._update_due = self._fit_due = 0
         self._update_at_once()
 
     def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
         """The groups that shall still be measured; the others are named in the journal."""
         goal = self._session.work.goal
-        if may_stop(goal, self._known, left):
+        count = len(self._gate.accepted)
+        if count >= self._fit_due and may_stop(goal, self._known, left):
+            self._fit_due = next_size(count)
             self._update_by_a_fit()
         end = early_stop(goal, self._known, left)
         if end is None:
@@ -341,7 +353,10 @@ class Engine:
             return
         drift_mm = self._drift_mm(outcome) if step.planned.purpose is ShotSet.DRIFT else None
         self._shot_taker.accept(outcome)
-        if step.planned.purpose is ShotSet.IDENTIFICATION:
+        if (
+            step.planned.purpose is ShotSet.IDENTIFICATION
+            and len(self._gate.accepted) >= self._update_due
+        ):
             self._update_at_once()
         seconds = wall_clock.now_s() - started_s
         self._run_state.accept(seconds, outcome.residual_mm, drift_mm)
@@ -357,8 +372,12 @@ class Engine:
         work, kept = self._session.work, self._gate.accepted
         drift = {s.planned.shot for s in work.steps if s.planned.purpose is ShotSet.DRIFT}
         visits = [outcome for outcome in kept if outcome.shot in drift]
-        noise = work.reference_noise(kept)
-        if len(visits) < FEWEST_VISITS or noise.freedom == inf:
+        if len(visits) < FEWEST_VISITS:
+            return
+        if (noise := self._noise) is None or len(kept) >= self._noise_due:
+            noise = self._noise = work.reference_noise(kept)
+            self._noise_due = next_size(len(kept), NOISE_GROWTH)
+        if noise.freedom == inf:
             return  # nor is it known by how much it scatters
         rest, text = pose_settling(work.robot.kinematics, kept, visits, noise)
         if self._at_rest is None or rest[:1] != self._at_rest[:1]:
@@ -419,6 +438,7 @@ class Engine:
     def _update_at_once(self) -> None:
         """By the running fit of the shots that count."""
         monitor, gate = self._monitors.uncertainty, self._gate
+        self._update_due = next_size(len(gate.accepted))
         self._update(monitor.after(gate.accepted, gate.linearized(monitor.setup.free)))
 
     def _update_by_a_fit(self) -> None:

@@ -73,15 +73,20 @@ class InnovationGate:
     def accept(self, outcome: Outcome) -> None:
         """Let an accepted shot teach the next prediction."""
         self._accepted[outcome.shot] = outcome
-        self._teach(outcome)
+        self._running.add(np.array(outcome.joints), np.array(outcome.point_in_tracker_mm))
+
+    def restart(self, outcomes: Iterable[Outcome]) -> None:
+        """Forget all, and accept these shots at once."""
+        self._accepted = {outcome.shot: outcome for outcome in outcomes}
+        self._running.restart(
+            np.array([each.joints for each in self.accepted]),
+            np.array([each.point_in_tracker_mm for each in self.accepted]),
+        )
 
     def reset(self, shots: Iterable[int]) -> None:
         """Take out shots that were accepted and do not count any more."""
-        for shot in shots:
-            self._accepted.pop(shot, None)  # a nest's was never among them
-        self._running = self._new_fit()
-        for outcome in self._accepted.values():
-            self._teach(outcome)
+        voided = {*shots}
+        self.restart([each for each in self.accepted if each.shot not in voided])
 
     def without(self, shot: int) -> "InnovationGate":
         """Return a gate that knows all accepted shots but one."""
@@ -158,9 +163,6 @@ class InnovationGate:
             if is_same_pose(outcome.joints, joints)
         )
         return next(same, None)
-
-    def _teach(self, outcome: Outcome) -> None:
-        self._running.add(np.array(outcome.joints), np.array(outcome.point_in_tracker_mm))
 
     def _fault_of_distances(self, joints: Array, point: Array) -> tuple[str, float]:
         """While robot and frame are not known yet: distances to the shots before; over limit."""

@@ -24,6 +24,8 @@ FEWEST = 3
 MOST = 4
 SPREAD_MM = 50.0
 """Least distance of a third pose from the line through the first two."""
+SHOTS_FOR_AXES = 200
+"""Accepted shots that say how the tracker's axes lie, spread over all."""
 SIGNIFICANCE = 1e-4
 """Chance of poses that nothing has moved to look moved."""
 LIKELY = 10.0
@@ -199,7 +201,8 @@ def _may_be_chance(left: float, rest: int, freedom: float) -> bool:
 
 
 def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Array:
-    """Rotation (3, 3) by the best fit of nominal positions to points."""
+    """Rotation (3, 3) by the best fit of nominal positions to points, of as many as it takes."""
+    outcomes = outcomes[:: 1 + len(outcomes) // SHOTS_FOR_AXES]
     modelled = nominal.forward(np.array([each.joints for each in outcomes]))
     points = np.array([each.point_in_tracker_mm for each in outcomes])
     found = modelled.found

@@ -1,6 +1,7 @@
 """Run state: what a run tells about itself while it runs."""
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -9,6 +10,8 @@ import numpy as np
 from campaigns.planning.steps import Step
 
 SHOTS_FOR_AN_ESTIMATE = 3
+LATEST_SHOTS = 200
+"""Shots by whose pace the end is estimated."""
 
 
 class EngineState(Enum):
@@ -85,11 +88,11 @@ SILENT = RunObserver()
 """For runs that nobody watches."""
 
 
-def time_left_s(shot_seconds: Sequence[float], shots_left: int) -> tuple[float, float] | None:
+def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float, float] | None:
     """An interval for the rest, from the shots so far: the mean ± two standard deviations."""
     if len(shot_seconds) < SHOTS_FOR_AN_ESTIMATE:
         return None
-    seconds = np.array(shot_seconds)
+    seconds = np.fromiter(shot_seconds, np.float64)
     mean = float(seconds.mean())
     spread = (
         2.0 * float(seconds.std(ddof=1)) * (1.0 / shots_left + 1.0 / len(seconds)) ** 0.5
@@ -127,7 +130,7 @@ class RunState:
     ) -> None:
         self._observer = observer
         self._progress = Progress(done, total, EngineState.IDLE, goal_mm=goal_mm)
-        self._seconds: list[float] = []
+        self._seconds: deque[float] = deque(maxlen=LATEST_SHOTS)
 
     def begin(self, step: Step) -> None:
         """A shot's attempt begins."""

@@ -80,8 +80,10 @@ def early_stop(
 
     None when all of these groups are wanted.
     """
+    if goal is None or known is None or not is_met(goal, known):
+        return None
     superfluous = [group for group in left if _only_identifies(group)]
-    if goal is None or known is None or not superfluous or not is_met(goal, known):
+    if not superfluous:
         return None
     shots = sorted(step.planned.shot for group in superfluous for step in group)
     text = (
@@ -106,7 +108,7 @@ def predicted_stop(
         raise PlanInvalid(
             f"goal {goal}: the whole plan "
             + (
-                "has too few shots to identify from, or they cannot determine all parameters"
+                "has too few shots to identify from, or they cannot tell all parameters apart"
                 if whole is None
                 else f"will give {whole.length_std_mm:.3g} mm"
             ),

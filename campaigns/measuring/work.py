@@ -123,9 +123,7 @@ class Work:
         wanted = {*space.free_by_default, *self.setup.free}
         free = tuple(name for name in space.geometry if name in wanted)
         gate = InnovationGate(self.gate, lambda: IncrementalGaussNewton(kinematics, free))
-        for shot in shots:
-            if not shot.intent.nest:
-                gate.accept(shot.outcome)
+        gate.restart(shot.outcome for shot in shots if not shot.intent.nest)
         return gate
 
 

@@ -14,7 +14,7 @@ from par4_cases import (
 )
 from par4_space import FREE_BY_DEFAULT
 
-from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.incremental_fit import IncrementalGaussNewton, next_size
 
 JOINTS = reachable_joints(TABLE1, 60, seed=81)
 EXACT_MM = measured_points(TABLE1, JOINTS)
@@ -113,3 +113,34 @@ def test_asking_for_a_prediction_first_changes_no_answer():
     ours, theirs = (running.predict(JOINTS[30]) for running in (asked, not_asked))
     assert ours[0] == pytest.approx(theirs[0], abs=1e-6)
     assert ours[1] == pytest.approx(theirs[1], rel=1e-6)
+
+
+def test_shots_taken_at_once_tell_what_they_tell_one_by_one():
+    joints = np.vstack([JOINTS, reachable_joints(TABLE1, 60, seed=82)])
+    points_mm = measured_points(TABLE1, joints, TRACKER_STD_MM, seed=2)
+    asked = reachable_joints(TABLE1, 3, seed=83)
+    one_by_one = after(120, joints, points_mm)
+    at_once = after(7)
+    at_once.restart(joints, points_mm)
+    for row in asked:
+        ours, theirs = at_once.predict(row), one_by_one.predict(row)
+        assert ours[0] == pytest.approx(theirs[0], abs=0.01)
+        assert ours[1] == pytest.approx(theirs[1], rel=0.02)
+    few = after(9)
+    few.restart(JOINTS[:7], MEASURED_MM[:7])
+    assert (few.predict(JOINTS[9])[0] == known_after(7).predict(JOINTS[9])[0]).all()
+
+
+def test_steps_over_all_shots_become_rarer_so_that_their_cost_a_shot_does_not_grow():
+    running, due, sizes = after(0), 4, []
+    for shots in range(1, 10_001):
+        if shots == due:
+            sizes.append(shots)
+            due = next_size(shots)
+    assert sizes[:97] == [*range(4, 101)]
+    assert sum(sizes) / 10_000 < 60.0
+    steps = []
+    running._update = lambda: (steps.append(running.shots), type(running)._update(running))
+    for row in range(160):
+        running.add(JOINTS[row % 60], MEASURED_MM[row % 60])
+    assert steps == [size for size in sizes if size <= 160]

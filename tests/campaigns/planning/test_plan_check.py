@@ -132,7 +132,7 @@ def test_nests_are_those_of_campaign_yaml_and_all_of_them() -> None:
 
 def test_way_that_is_not_safe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """No two good poses of this robot lack a way round: so the way round is taken away."""
-    monkeypatch.setattr(RobotModel, "safe_path", lambda *_: None)
+    monkeypatch.setattr(RobotModel, "safe_paths", lambda _, stops: [None] * (len(stops) - 1))
     text = problem(FOUR_PAIRS)
     assert text.startswith("no safe way from shot 0 to shot 1: blocked, and no way round")
 

@@ -183,7 +183,7 @@ def test_centre_out_of_reach_and_nothing_to_validate_are_refused() -> None:
 
 
 def test_unsafe_way_between_poses_is_refused_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(RobotModel, "safe_path", lambda *_: None)
+    monkeypatch.setattr(RobotModel, "safe_paths", lambda _, stops: [None] * (len(stops) - 1))
     with pytest.raises(PlanInvalid, match="no safe way from validation shot 0 to validation shot"):
         steps()
 
