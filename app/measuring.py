@@ -210,7 +210,7 @@ def _wants_to_go_on(wish: StopRequest, terminal: Terminal) -> bool:
 def _interrupted(title: str, again: str) -> Interrupted:
     return Interrupted(
         f"{title}: stopped by the operator; everything measured is kept",
-        remedy=f"`{again}` takes up where it was",
+        remedy=f"`{again}` resumes it",
     )
 
 

@@ -19,7 +19,7 @@ Folder = Annotated[
     Path,
     typer.Argument(
         metavar="DIR",
-        help="The campaign's folder; this one unless told.",
+        help="The campaign's folder; default: the current one.",
         default_factory=Path,
         show_default=False,
     ),

@@ -29,7 +29,7 @@ def show_forecast(terminal: Terminal, planned: PlannedCampaign) -> None:
     predicted = planned.forecast.predicted
     units = zip(predicted.std().items(), predicted.units, strict=True)
     rows = [(name, _with_unit(value, unit)) for (name, value), unit in units]
-    title = f"What the plan will tell, by {planned.estimator}"
+    title = f"Predicted uncertainty, by {planned.estimator}"
     terminal.table(title, ("parameter", "predicted σ"), rows)
     for line in told_lines(planned.forecast):
         terminal.say(line)
@@ -37,7 +37,7 @@ def show_forecast(terminal: Terminal, planned: PlannedCampaign) -> None:
         terminal.say(line, WARNING)
     if planned.curve:
         columns = ("", "worst length", "worst angle", "position, mean")
-        terminal.table("What other numbers of shots would tell", columns, _curve_rows(planned))
+        terminal.table("Predicted uncertainty by number of shots", columns, _curve_rows(planned))
         terminal.say(paying_line(planned.curve))
 
 
@@ -60,21 +60,21 @@ def told_lines(forecast: Forecast) -> Iterator[str]:
     uneven = [f"{n}" for n, each in enumerate(forecast.from_below) if not low <= each <= high]
     if uneven:
         joints = ", ".join(uneven)
-        yield f"outside {low:.0%} to {high:.0%}, backlash is told less well: of joints {joints}"
+        yield f"outside {low:.0%} to {high:.0%}, backlash is determined less well: joints {joints}"
     if forecast.ratio_std_ppm > BARELY_PPM:
         size = (
             f"to ±{forecast.ratio_std_ppm:.0f} ppm"
             if forecast.ratio_std_ppm < math.inf
             else "not at all"
         )
-        yield f"an encoder's ratio, were it to be found too, is barely told: {size} (joints' span)"
+        yield f"an encoder's ratio, if freed, is barely determined: {size} (joints' span)"
 
 
 def warnings(forecast: Forecast) -> Iterator[str]:
     """What speaks against measuring by this plan."""
     if not forecast.predicted.full_rank:
         count = len(forecast.predicted.names)
-        yield f"too few shots to tell all {count} parameters: plan more, or --fix some"
+        yield f"too few shots to determine all {count} parameters: plan more, or --fix some"
     for joint, share in enumerate(forecast.from_below):
         if max(share, 1.0 - share) > ONE_SIDED:
             side = "smaller" if share > ONE_SIDED else "larger"

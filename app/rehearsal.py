@@ -95,6 +95,6 @@ def _distance_line(found: ValidationResult) -> str:
     if distances is None:
         return "no distances measured"
     return (
-        f"distances of unseen pairs off by {distances.mean.value_mm:.3f} mm on average, "
+        f"distances of hold-out pairs off by {distances.mean.value_mm:.3f} mm on average, "
         f"{distances.largest.value_mm:.3f} mm at most"
     )

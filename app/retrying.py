@@ -65,9 +65,7 @@ class Retries:
         until_s = self._clock.now_s() + seconds
         while (left_s := until_s - self._clock.now_s()) > 0.0:
             if stop_requested():
-                raise Interrupted(
-                    "stopped by the operator", remedy="the same command takes up where it was"
-                )
+                raise Interrupted("stopped by the operator", remedy="the same command resumes it")
             self._clock.sleep_s(min(left_s, LOOK_S))
 
     def _progress(self) -> tuple[int, int, int]:

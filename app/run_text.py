@@ -97,7 +97,7 @@ def _count(ran: RunResult) -> str:
 
 def _reached(ran: RunResult) -> str:
     if ran.known is None:
-        return "the shots to identify from are too few, or cannot tell all parameters apart"
+        return "the shots to identify from are too few, or cannot determine all parameters"
     std_mm, shots = ran.known.length_std_mm, ran.known.shots
     return f"the worst length is known to ±{std_mm:.3g} mm by {shots} shots"
 

@@ -12,7 +12,7 @@ from typing import cast
 from app.consent import require_consent
 from app.driver_settings import controller_settings, tracker_settings
 from campaigns.campaign import SIMULATED, Campaign
-from campaigns.errors import ConfigInvalid, WriteFailed
+from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.work import Cell as Devices
@@ -264,7 +264,9 @@ def _embedded(
     """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
     path = campaign.path(CELL_MEMORY)
     require_same_mechanism(campaign, scenario)
-    cell = Cell(scenario, memory=_remembered(path), joints=followed)
+    memory = _remembered(path)
+    before = _records(campaign) if memory is None else 0
+    cell = Cell(scenario, memory=memory, joints=followed, attempts_before=before)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
     with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:
@@ -275,6 +277,15 @@ def _embedded(
                 _remember(path, embedded)
             raise
         _remember(path, embedded)
+
+
+def _records(campaign: Campaign) -> int:
+    """Number of records of the journal: no place was measured more often."""
+    try:
+        with campaign.journal_reader() as journal:
+            return journal.end().number
+    except (ShotsMissing, JournalFailed):  # whoever needs the journal says what is wrong with it
+        return 0
 
 
 def _remember(path: Path, embedded: EmbeddedCell) -> None:

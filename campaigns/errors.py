@@ -12,7 +12,7 @@ class ConfigInvalid(CampaignError):
 
 
 class PlanInvalid(CampaignError):
-    """plan.csv cannot be used as written: correct the line that is named, or plan anew."""
+    """plan.csv cannot be used as written: correct the line that is named, or make a new plan."""
 
 
 class OptionsInvalid(CampaignError):

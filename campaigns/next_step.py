@@ -342,11 +342,11 @@ class Unusable:
         return self._by_limits(unseen.after)
 
     def _by_limits(self, reached: Spread) -> NextStep:
-        """Identification again once the limits are such as unseen pairs keep."""
+        """Identification again once the limits are such as hold-out pairs keep."""
         if diagnostics.limits_met(reached, self.limits_mm):
             return self._identify()
         figures = f"mean {reached.mean_abs:.3f}, largest {reached.max_abs:.3f} mm"
-        limits = f"acceptance.distance_mean_mm and distance_max_mm (unseen pairs: {figures})"
+        limits = f"acceptance.distance_mean_mm and distance_max_mm (hold-out pairs: {figures})"
         if self.limits_mm:
             return self._identify(first=f"{MEND}, or widen {limits} in campaign.yaml")
         return self._identify(first=f"set the limits that must be met in campaign.yaml: {limits}")

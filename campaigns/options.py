@@ -45,7 +45,7 @@ class PlanOptions(Selection):
     shots: Annotated[
         int | None,
         Option(
-            "Shots to identify from, two a pair, others on top; with --until the most allowed.",
+            "Identification shots, two per pair, all others on top; with --until the maximum.",
             metavar="N",
             least=2,
         ),
@@ -54,13 +54,13 @@ class PlanOptions(Selection):
         Placement | None,
         Option(
             "boundary: near the limits of the workspace, as in the paper. optimal: those of "
-            "thousands of candidates that tell most together."
+            "thousands of candidates that together carry most information."
         ),
     ] = None
     until: Annotated[
         str | None,
         Option(
-            "Optimal, and as few shots as bring every length to this σ, such as σ=0.02.",
+            "Optimal, with as few shots as bring every length to this σ: σ=0.02 (mm).",
             metavar="GOAL",
         ),
     ] = None
@@ -68,18 +68,20 @@ class PlanOptions(Selection):
     criterion: Annotated[
         CriterionName | None,
         Option(
-            "Optimal for what. I: positions all over the workspace, the default. D: all "
+            "What to optimise. I: positions all over the workspace, the default. D: all "
             "parameters together. A: each of them, on average. E: what is known worst."
         ),
     ] = None
     candidates: Annotated[
         int | None,
-        Option("Optimal, of so many poses; 4000 unless told.", metavar="N", least=100, most=20_000),
+        Option(
+            "Optimal: number of candidate poses; default 4000.", metavar="N", least=100, most=20_000
+        ),
     ] = None
     estimator: Annotated[
         Estimator,
         Option(
-            "By what identify will use the shots. points: all their coordinates. distances: "
+            "How identify will use the shots. points: all their coordinates. distances: "
             "those of pairs, as in the paper."
         ),
     ] = Estimator.POINTS
@@ -89,7 +91,7 @@ class PlanOptions(Selection):
     scatter_mm: Annotated[
         float,
         Option(
-            "The robot's own scatter (1 σ) where it is known, as `identify` has told it.",
+            "The robot's own scatter (1 σ) where it is known, as `identify` stated it.",
             metavar="MM",
             name="--scatter",
         ),
@@ -136,15 +138,15 @@ class ProgramOptions:
         ),
     ] = None
     stage: Annotated[
-        ProgramStage | None, Option("Of --program: one stage alone.", default="run and before")
+        ProgramStage | None, Option("With --program: this stage alone.", default="run and before")
     ] = None
-    targets: Annotated[Targets, Option("Of --program, in run: what the controller is sent to.")] = (
+    targets: Annotated[Targets, Option("With --program, stage run: command poses or joints.")] = (
         "poses"
     )
     dwell_s: Annotated[
         float | None,
         Option(
-            "Of --program: time at each shot.",
+            "With --program: dwell time at each shot.",
             metavar="S",
             least=0.1,
             most=600.0,
@@ -168,12 +170,12 @@ class RunOptions(Selection):
     until: Annotated[
         str | None,
         Option(
-            "End early, once every length is known to this standard deviation: σ=0.02 (mm). "
+            "End early, once every length is known to this standard uncertainty: σ=0.02 (mm). "
             "Validation and drift shots are taken all the same.",
             metavar="GOAL",
         ),
     ] = None
-    estimator: Annotated[Estimator, Option("What will identify, and so says what is known.")] = (
+    estimator: Annotated[Estimator, Option("The estimator that `identify` will use.")] = (
         Estimator.POINTS
     )
     model: ModelChoice = None
@@ -182,7 +184,10 @@ class RunOptions(Selection):
     skip: Skip = ()
     retry: Retry = None
     anyway: Annotated[
-        bool, Option("Go on although poses have moved since the last session; it is recorded.")
+        bool,
+        Option(
+            "Continue although poses have moved since the last session; the journal records it."
+        ),
     ] = False
 
     def run_words(self) -> list[str]:
@@ -198,13 +203,13 @@ class ValidationOptions:
     only: Annotated[
         tuple[ValidationTest, ...],
         Option(
-            f"Only this test; repeatable: {', '.join(SET_OF)}. The last takes 150 shots, and is "
-            "made only where it is asked for.",
+            f"Only this test; repeatable: {', '.join(SET_OF)}. The last takes 150 shots and "
+            "runs only if named.",
             metavar="TEST",
         ),
     ] = ()
     anyway: Annotated[
-        bool, Option("Measure though it is the wrong stage, or 'before' is measured.")
+        bool, Option("Measure although it is the wrong stage, or 'before' is already measured.")
     ] = False
     by: Annotated[
         CalibrationRoute,
@@ -242,7 +247,10 @@ class CheckOptions:
         Option("Shots to take.", metavar="N", least=6, most=10, default="8; 6 more with --repair"),
     ] = None
     repair: Annotated[
-        bool, Option("Find what the latest check named anew, all else being known as it was.")
+        bool,
+        Option(
+            "Identify the part named by the latest check again; everything else stays as it was."
+        ),
     ] = False
     retry: Retry = None
 

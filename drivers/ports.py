@@ -114,10 +114,10 @@ class LaserTracker(Protocol):
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction at about that distance."""
 
-    def change_face(self) -> bool:
-        """Turn over into the other face and lock again; False where it cannot, and nothing moved.
+    def use_face(self, face: int) -> bool:  # noqa: ARG002 - of one that has no other
+        """Be in face 1 or 2, locked; False where it cannot turn over: it is then in face 1.
 
-        Raises `BeamBroken` where the reflector is not found again.
+        Raises `BeamBroken` where the reflector is not found after turning over.
         """
         return False
 

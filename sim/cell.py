@@ -52,6 +52,8 @@ class CellMemory(BaseModel):
     displaced_mm: Point
     arrivals: dict[str, int]
     shots: dict[str, int]
+    attempts_before: int = 0
+    """From which arrivals and shots are counted, so that another cell's are not drawn again."""
     fault_counts: dict[str, int]
     tracker_initialised: bool
     tracker_warm: bool
@@ -95,8 +97,9 @@ def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -
 class Cell:
     """A scenario come alive. `memory` continues an earlier cell; `seed` overrides the scenario's.
 
-    Raises `ScenarioInvalid` when no such robot can be put together, `SimError` when the memory
-    is damaged or another cell's.
+    A new cell counts its attempts at each target from `attempts_before` on: it is the same robot,
+    and its noise is not that of the cell before it. Raises `ScenarioInvalid` when no such robot can
+    be put together, `SimError` when the memory is damaged or another cell's.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class Cell:
         seed: int | None = None,
         memory: Mapping[str, object] | None = None,
         joints: JointSource | None = None,
+        attempts_before: int = 0,
     ) -> None:
         """Cell; with `joints` its robot is where a real controller's are."""
         self.scenario = scenario
@@ -122,7 +126,9 @@ class Cell:
         rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
         behaviour = factory.behaviour(section, self.seed)
         self._state = state = (
-            _first_state(scenario, self.seed, rods, truth, behaviour.transmission)
+            _first_state(scenario, self.seed, rods, truth, behaviour.transmission).model_copy(
+                update={"attempts_before": attempts_before}
+            )
             if past is None
             else past
         )
@@ -136,7 +142,7 @@ class Cell:
             _standing(state, rods, section.thermal.growth(state.worked_s)),
             seed=self.seed,
             worked=self._worked,
-            arrivals=Attempts(state.arrivals),
+            arrivals=Attempts(state.arrivals, state.attempts_before),
         )
         self.controller = self._controller(state.geometry, joints)
         self._scene = Scene(self.controller, self.robot)
@@ -229,7 +235,7 @@ class Cell:
             seed=self.seed,
             faults=self.faults,
             worked=self._worked,
-            attempts=Attempts(state.shots),
+            attempts=Attempts(state.shots, state.attempts_before),
             taken=state.taken,
         )
 

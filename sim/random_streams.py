@@ -31,15 +31,16 @@ def target_key(joints: Sequence[float]) -> tuple[int, ...]:
 
 
 class Attempts:
-    """Counts of how often something was done at each target."""
+    """Counts of how often something was done at each target, all from `before` on."""
 
-    def __init__(self, counts: Mapping[str, int]) -> None:
+    def __init__(self, counts: Mapping[str, int], before: int = 0) -> None:
         self._counts = dict(counts)
+        self._before = before
 
     def next(self, key: tuple[int, ...]) -> int:
-        """The number of this attempt at that target, from 1."""
+        """The number of this attempt at that target: at the first one `before` + 1."""
         name = ",".join(map(str, key))
-        self._counts[name] = self._counts.get(name, 0) + 1
+        self._counts[name] = self._counts.get(name, self._before) + 1
         return self._counts[name]
 
     def memory(self) -> dict[str, int]:

@@ -24,7 +24,7 @@ def command(
 
     Takes the latest run or import. The fit sees the shots of the set "identification" and is
     judged by the pairs of the set "validation", which it never sees. The first motor's place, which
-    holds the frame, and the azimuths stay nominal unless told otherwise. A PATTERN is a parameter's
+    holds the frame, and the azimuths stay nominal by default. A PATTERN is a parameter's
     name or a shell's pattern; a whole name outranks it.
 
     Exit code 1: it was computed, but must not be used; the reasons are given.

@@ -31,11 +31,11 @@ def shot_group(shots: ShotErrors) -> PairGroup:
 
 
 def pair_groups(found: Evaluation) -> tuple[PairGroup, ...]:
-    """Fitted and unseen pairs by the models, and the pairs that the controller was told."""
+    """Fitted and hold-out pairs by the models, and the pairs that the controller was told."""
     errors, stages = found.errors, (found.before, found.after)
     modelled = (
         ("fitted pairs", "o", errors.fitted if errors else None),
-        ("unseen pairs", "D", errors.unseen if errors else None),
+        ("hold-out pairs", "D", errors.unseen if errors else None),
     )
     groups = [
         PairGroup(name, marker, pairs.before_mm, pairs.after_mm, pairs.pairs)

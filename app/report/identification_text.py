@@ -62,7 +62,7 @@ def _remaining(found: IdentificationResult) -> str:
 def _errors(found: IdentificationResult) -> Iterator[tuple[str, BeforeAfter]]:
     distances = found.estimator is Estimator.DISTANCES
     fitted = "distances of fitted pairs" if distances else "positions of fitted shots"
-    both = {fitted: found.residuals_mm, "distances of unseen pairs": found.unseen_mm}
+    both = {fitted: found.residuals_mm, "distances of hold-out pairs": found.unseen_mm}
     return ((name, errors) for name, errors in both.items() if errors is not None)
 
 

@@ -28,10 +28,10 @@ def plot_plan(
 
 
 def plot_residuals(path: Path, found: IdentificationResult) -> None:
-    """Draw what was fitted and the unseen pairs, before and after; raises `WriteFailed`."""
+    """Draw what was fitted and the hold-out pairs, before and after; raises `WriteFailed`."""
     distances = found.estimator is Estimator.DISTANCES
     fitted = "fitted pairs" if distances else "fitted shots, length of the error"
-    tables = ((fitted, "o", found.fitted), ("unseen pairs, error of distance", "D", found.unseen))
+    tables = ((fitted, "o", found.fitted), ("hold-out pairs, error of distance", "D", found.unseen))
     groups = [
         error_group(name, marker, table.before, table.after)
         for name, marker, table in tables

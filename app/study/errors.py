@@ -65,7 +65,7 @@ class Compared:
         return self.extremes(lambda p: p.variance_over_bound)[1]
 
     def unseen(self, which: str, quantile: str) -> float | None:
-        """Quantile over campaigns of the mean or max error of unseen distances; None without."""
+        """Quantile over campaigns of the mean or max error of hold-out distances; None without."""
         found = {"mean": self.summary.unseen_mean_mm, "max": self.summary.unseen_max_mm}[which]
         return None if found is None else found[QUANTILES.index(quantile)]
 
@@ -196,7 +196,7 @@ class Errors:
             terminal.rows("Errors of the parameters", HONESTY, self.compared)
         terminal.note(EXPLAINED)
         if unseen := [one for one in self.compared if one.unseen("mean", "median") is not None]:
-            terminal.rows("Errors of unseen distances (mm)", UNSEEN, unseen)
+            terminal.rows("Errors of hold-out distances (mm)", UNSEEN, unseen)
         for one in self.compared:
             style = WARNING if one.summary.too_sure else ""
             terminal.say(f"{one.label}: {honesty(one.summary)}", style)

@@ -90,7 +90,7 @@ def _standard_normal(axes: Axes) -> None:
 
 
 def _unseen(axes: Axes, one: Compared, look: Look) -> None:
-    """In which share of campaigns the mean error of unseen distances stays below."""
+    """In which share of campaigns the mean error of hold-out distances stays below."""
     found = [estimate.unseen_mean_mm for estimate in estimates(one.studied.rows)]
     means = [mean for mean in found if mean is not None]
     if not means:
@@ -101,13 +101,13 @@ def _unseen(axes: Axes, one: Compared, look: Look) -> None:
 
 
 def _label_unseen(axes: Axes) -> None:
-    axes.set_title("what is left on unseen distances")
+    axes.set_title("what is left on hold-out distances")
     axes.set(xlabel="mean error of a campaign, mm", ylabel="campaigns below, %", ylim=(0.0, 100.0))
     axes.locator_params(axis="x", nbins=5)
     if axes.lines:
         axes.set_xlim(left=0.0)
     else:
-        axes.text(0.5, 0.5, "no unseen pairs", transform=axes.transAxes, ha="center", color=QUIET)
+        axes.text(0.5, 0.5, "no hold-out pairs", transform=axes.transAxes, ha="center", color=QUIET)
 
 
 def _ratios(axes: Axes, compared: Sequence[Compared], looks: Sequence[Look]) -> None:

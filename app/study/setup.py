@@ -191,7 +191,7 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
     """All of them, by perturbation, scenario, plan and method; their tables lie in `folder`.
 
     Raises `PlanInvalid`, `ScenarioInvalid` and `OptionsInvalid`, the latter also for a plan without
-    the unseen pairs by which a verdict is formed.
+    the hold-out pairs by which a verdict is formed.
     """
     plans = dict.fromkeys(asked.plan or [campaign.plan_path])
     names: Iterable[str | None] = dict.fromkeys(asked.scenario) or [None]
@@ -240,7 +240,7 @@ def _judging(
     if not len(setup.shots.whole_pairs(ShotSet.VALIDATION).rows):
         raise OptionsInvalid(
             f"{campaign.plan_path}: no validation pairs, without which nothing passes",
-            remedy="plan with some, as `pkmcal plan` does unless told otherwise",
+            remedy="plan with some, as `pkmcal plan` does by default",
         )
     workspace = campaign.workspace_sample()
     if workspace is None:
@@ -292,7 +292,7 @@ def study_setup(
 ) -> study.StudySetup:
     """What all campaigns of a combination share.
 
-    The unseen pairs are those of the campaign's own plan, so that plans are judged by the same.
+    The hold-out pairs are those of the campaign's own plan, so that plans are judged by the same.
     Raises `ConfigInvalid` for a robot that cannot be simulated, `PlanInvalid`, and `OptionsInvalid`
     for shots that cannot give the free parameters.
     """
@@ -397,7 +397,7 @@ def _check_assembled(plan: Path, nominal: Kinematics, shots: Sequence[PlannedSho
         if not is_found:
             raise PlanInvalid(
                 f"{plan}: shot {shot.shot}: the nominal robot cannot be assembled at its joints",
-                remedy="correct the shot, or plan anew with `pkmcal plan`",
+                remedy="correct the shot, or make a new plan with `pkmcal plan`",
             )
 
 
@@ -409,12 +409,12 @@ def _check_enough(setup: study.StudySetup, plan: Path) -> None:
         pairs = len(setup.shots.whole_pairs(ShotSet.IDENTIFICATION).rows)
         raise OptionsInvalid(
             f"{plan}: {shots} shots in {pairs} pairs are too few for {sought}",
-            remedy="plan more shots, or hold parameters with --fix",
+            remedy="plan more shots, or fix parameters with --fix",
         )
     if together := study.indistinguishable(setup):
         raise OptionsInvalid(
             f"{plan}: {sought} cannot be told apart: {', '.join(together[0])} move together",
-            remedy=f"hold one of them, as with --fix {together[0][0]}, or plan other shots",
+            remedy=f"fix one of them, as with --fix {together[0][0]}, or plan other shots",
         )
     held = setup.nominal.mechanism.parameters.datum
     if shifted := [name for name in setup.free if name in held]:

@@ -16,7 +16,7 @@ EXPLAINED = (
     "wrong: passed with a parameter more than 4 σ off, or positions worse than twice what is "
     "stated; named: the cause, of a step its arm and place too (± 5 shots), %; alarms: a change, a "
     "scale or a wrong shot named that is none; 95 %: share of intervals that hold the truth; left: "
-    "real error of unseen positions, rms, in half of the campaigns; kept: models, %"
+    "real error of hold-out positions, rms, in half of the campaigns; kept: models, %"
 )
 
 

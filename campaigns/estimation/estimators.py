@@ -33,9 +33,9 @@ class Model(StrEnum):
     FULL = "full"
     """Unequal rods and tilted axes too, which tilt the plate."""
     AUTO = "auto"
-    """The smallest that neither unseen pairs nor BIC reject, of these; and what gears add."""
+    """The smallest that neither hold-out pairs nor BIC reject, of these; and what gears add."""
     EXTENDED = "extended"
-    """Where the motors' axes point and what their gears lose too, if unseen pairs speak for it."""
+    """Where the motors' axes point and what their gears lose too, if hold-out pairs support it."""
 
 
 MAY_HAVE_GEARS = frozenset({Model.FULL, Model.AUTO})

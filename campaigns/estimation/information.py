@@ -305,7 +305,7 @@ class Uncertainty:
     dof: int | None = None
     """Degrees of freedom by which the variance is known; None: it counts as known."""
     hold_out_ratio: float = 1.0
-    """Factor of the standard uncertainty of positions: 1 while chance explains unseen pairs."""
+    """Factor of the standard uncertainty of positions: 1 while chance explains hold-out pairs."""
     source: Source = "fitted"
     units: tuple[str, ...] = ()
     """Of each name, mm or deg; empty in results of older software."""

@@ -93,7 +93,7 @@ def _length(vector: Array, covariance: Array) -> tuple[float, float]:
 
 def _answer(moved: ChiSquareTest, rigid: ChiSquareTest, size: str) -> tuple[Decision, str]:
     if rigid.beyond:
-        return "not decided", "nests did not stay as one body: they tell nothing of the base"
+        return "not decided", "nests did not stay as one body: they say nothing about the base"
     if moved.beyond:
         return "fail", f"the base moved {size} against the nests"
     return "pass", f"the base stayed: by the nests it moved {size}"

@@ -356,10 +356,10 @@ def scale_doubt(scale: TrackerScale, worst: str) -> Doubt:
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:
-    """Doubt of unseen pairs that are farther off than their σ say."""
+    """Doubt of hold-out pairs that are farther off than their σ say."""
     says = (
-        f"{pairs} unseen pairs are {ratio:.2g} times as far off as their σ say (p = {p:.1g}): the "
-        "model lacks something; σ of positions are multiplied by it"
+        f"{pairs} hold-out pairs are {ratio:.2g} times as far off as their σ say (p = {p:.1g}): "
+        "the model lacks something; σ of positions are multiplied by it"
     )
     numbers: dict[str, float | str] = {"ratio": ratio, "p": p, "pairs": float(pairs)}
     return _unless_limits_are_met(HOLD_OUT, says, numbers, met=limits_met)

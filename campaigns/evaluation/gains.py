@@ -67,7 +67,7 @@ def worse_than_before(found: Iterable[Gain]) -> Iterator[str]:
 
 
 def gained_in_words(found: tuple[Gain, ...], unseen: BeforeAfter | None) -> str:
-    """Gain of calibration: in distances as commanded, or else of unseen pairs by the model.
+    """Gain of calibration: in distances as commanded, or else of hold-out pairs by the model.
 
     Empty where neither was compared.
     """
@@ -78,7 +78,7 @@ def gained_in_words(found: tuple[Gain, ...], unseen: BeforeAfter | None) -> str:
         return ""
     before, after = unseen.before, unseen.after
     return (
-        "By the model, not yet by the commanded robot: distances of unseen pairs, mean error "
+        "By the model, not yet by the commanded robot: distances of hold-out pairs, mean error "
         f"{before.mean_abs:.3f} → {after.mean_abs:.3f} mm, largest "
         f"{before.max_abs:.3f} → {after.max_abs:.3f} mm."
     )

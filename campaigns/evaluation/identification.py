@@ -31,8 +31,8 @@ NOTHING_SHOWN = (
     "keeps some of the shots for it"
 )
 NO_SIGMA = (
-    "nothing tells how sure the parameters are: measure more than there are parameters, or leave "
-    "--weights equal out"
+    "the uncertainty of the parameters is unknown: measure more than there are parameters, or "
+    "leave --weights equal out"
 )
 PLAY = "play in the gears"
 MANY_OUTLIERS = 0.1
@@ -60,7 +60,7 @@ class IdentificationEvidence:
     unseen: BeforeAfter | None
     doubts: tuple[Doubt, ...]
     lost: tuple[str, ...]
-    """Unseen pairs that the identified robot cannot take, in words."""
+    """Hold-out pairs that the identified robot cannot take, in words."""
     region: str | None = None
     """Part of the workspace that it is valid for, in words."""
 
@@ -85,7 +85,7 @@ def identification_verdict(
         return "not decided", tuple(each.says for each in open_ones), names
     before, after = evidence.unseen.before, evidence.unseen.after
     gain = (
-        f"unseen pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
+        f"hold-out pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
         f"max {before.max_abs:.3f} → {after.max_abs:.3f} mm"
     )
     left = evidence.residuals
@@ -108,7 +108,7 @@ def noise_in_words(
     test = f"χ² {noise.chi2:.0f} with {noise.dof} degrees of freedom"
     scatter = _scatter_in_words(noise, noise.birge_ratio)
     if noise.sigma0 is None:
-        return f"{scatter} ({test}); too little is left of them to tell any σ"
+        return f"{scatter} ({test}); too few are left to state any σ"
     if estimator is Estimator.DISTANCES and by_scatter:
         also = " and from what it states" if noise.consistent else ""
         return f"{scatter} ({test}); σ come from the scatter{also}"
@@ -132,10 +132,10 @@ def noise_in_words(
 
 
 def combination_in_words(names: Combination) -> str:
-    """Words on parameters that nothing tells."""
+    """Words on parameters that no shot determines."""
     if len(names) == 1:
-        return f"nothing tells {names[0]}: held at nominal"
-    return f"{', '.join(names)} move together here: held at nominal along that combination"
+        return f"no shot determines {names[0]}: fixed at nominal"
+    return f"{', '.join(names)} move together here: fixed at nominal along that combination"
 
 
 def _by(sigma0: float, ratio: float) -> str:
@@ -162,8 +162,8 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[tuple[str, st
     if barely_known:
         name = max(barely_known, key=parts.__getitem__)
         worst = f"±{barely_known[name]:.3g} {space[name].unit}"
-        more = "measure at more different poses, or hold it with --fix"
-        yield UNTOLD, f"the data hardly tell {name}, {worst}: {more}"
+        more = "measure at more different poses, or fix it with --fix"
+        yield UNTOLD, f"the data barely determine {name}, {worst}: {more}"
     yield from (
         (each.name, each.says)
         for each in evidence.doubts
@@ -178,7 +178,7 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[tuple[str, st
     errors = evidence.unseen
     if errors is not None and not errors.after.rms <= errors.before.rms:
         worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
-        yield WORSE, f"unseen pairs got worse: {worse}"
+        yield WORSE, f"hold-out pairs got worse: {worse}"
 
 
 def scatter_in_words(components: VarianceComponents, unit: str, scale: float) -> str:

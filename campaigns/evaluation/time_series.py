@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.information import SIGNIFICANCE
@@ -77,7 +77,9 @@ def settling(
     for first in range(len(points_mm) - FEWEST_VISITS + 1):
         last, weight = points_mm[first:], inverse[first:]
         away = last - np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, last))
-        settled = chdtrc(3 * (len(last) - 1), np.einsum("ni,nij,nj->", away, weight, away))
+        settled = scipy.special.chdtrc(
+            3 * (len(last) - 1), np.einsum("ni,nij,nj->", away, weight, away)
+        )
         if settled >= SIGNIFICANCE:
             most_mm, since = np.linalg.norm(away, axis=1).max(), tuple(numbers[first:])
             says = f"the robot has settled since shot {since[0]}: the drift pose then stays within"

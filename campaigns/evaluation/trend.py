@@ -34,7 +34,7 @@ EpochKind = Literal["campaign", "repair", "check"]
 class Epoch:
     """Time at which parameters were measured: values and 1 σ by name, mm and deg, or none.
 
-    Mean errors of distances are of the robot as commanded, or of unseen pairs by the model.
+    Mean errors of distances are of the robot as commanded, or of hold-out pairs by the model.
     """
 
     folder: str

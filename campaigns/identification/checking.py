@@ -275,7 +275,7 @@ def repaired_estimate(
         found = estimate(posed, len(names), exclude=False, known_variance=True)
     except (NoSolution, np.linalg.LinAlgError) as error:
         raise _not_assembled() from error
-    assert found.covariance is not None, "the prior alone tells all"
+    assert found.covariance is not None, "the prior alone determines everything"
     units, count = space.units(names), len(names)
     sigma0 = found.noise.sigma0 or 1.0
     known = Uncertainty.of(names, units, found.covariance[:count, :count], sigma0=sigma0)

@@ -61,7 +61,7 @@ def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
 
 
 def _tested(inputs: Inputs, near: Array, pairs: Index, fit: Fit) -> HoldOut | None:
-    """Test of unseen pairs (M, 2) against the covariance of parameters and shots."""
+    """Test of hold-out pairs (M, 2) against the covariance of parameters and shots."""
     found, shots, parameters = fit.found, inputs.shots, len(inputs.selection.free)
     if found.covariance is None or found.noise.sigma0 is None:
         return None

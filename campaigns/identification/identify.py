@@ -139,7 +139,7 @@ def _result(
             contradicted=tuple(_contradicted(found, free, space)),
             doubts=doubts,
             unseen=None if unseen is None else unseen.summary(),
-            lost=tuple(f"unseen {each.what}: {each.reason}" for each in held_out.lost),
+            lost=tuple(f"hold-out {each.what}: {each.reason}" for each in held_out.lost),
             region=None if region is None else region.says,
         )
     )
@@ -208,7 +208,7 @@ def _kept_rows(fit: Fit) -> Index:
 
 
 def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.ModelledTable:
-    """Shots that were fitted and kept, and those of the unseen pairs, by both models."""
+    """Shots that were fitted and kept, and those of the hold-out pairs, by both models."""
     counted = {fit.observations.shots.numbers[row] for row in _kept_rows(fit).tolist()}
     own = np.isin(inputs.shots.numbers, sorted(counted))
     rows = np.union1d(np.flatnonzero(own), held_out.rows.ravel())

@@ -1,4 +1,4 @@
-"""Model selection: whether the shots call for more parameters, by unseen pairs and BIC.
+"""Model selection: whether the shots call for more parameters, by hold-out pairs and BIC.
 
 A larger model always fits better; it is kept only where Schwarz's (1978) criterion says that its
 gain is more than its parameters would make of chance, and pairs that it never saw do not say that
@@ -36,7 +36,7 @@ MOST_TERMS = 8
 FEWEST_PAIRS = 3
 """By which chance can be told; with fewer the mean counts."""
 WORSE_BEYOND = 0.95
-"""Chance that unseen pairs of equal models stay below."""
+"""Chance that hold-out pairs of equal models stay below."""
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -258,7 +258,7 @@ def _with_more_parts(
 ) -> Iterator[_Candidate]:
     """Candidates of more geometry with the best one's terms, beside which that shows after all.
 
-    Errors of gears that no model held before hide what parts do, from unseen pairs too.
+    Errors of gears that no model held before hide what parts do, from hold-out pairs too.
     """
     _, plus, added = best.name.partition("+")
     own = [name for name in best.known.free if name in terms.free]
@@ -417,19 +417,19 @@ def _objection(candidate: _Candidate, standard: _Candidate) -> str:
     if found.unobservable:
         return f"the data cannot tell apart: {', '.join(found.unobservable[0])}"
     if candidate.unseen_rms_mm is None or standard.unseen_rms_mm is None:
-        return "no unseen pairs speak for it"
+        return "no hold-out pairs to support it"
     is_better = candidate.unseen_rms_mm < standard.unseen_rms_mm
     if not is_better and _price(candidate) > _price(standard) - VERY_STRONG:
-        return "unseen pairs are no better for it"
+        return "hold-out pairs are no better with it"
     if _is_worse(candidate, standard):
-        return "unseen pairs are worse for it, beyond chance"
+        return "hold-out pairs are worse with it, beyond chance"
     if _price(candidate) >= _price(standard):
         return "its gain is not worth its parameters (BIC)"
     return ""
 
 
 def _is_worse(candidate: _Candidate, standard: _Candidate) -> bool:
-    """Whether unseen pairs are worse for a model, pair by pair and beyond chance (Student's)."""
+    """Whether hold-out pairs are worse for a model, pair by pair and beyond chance (Student's)."""
     squares = [_unseen_mm(each) ** 2 for each in (candidate, standard)]
     more = squares[0] - squares[1]
     count, mean = len(more), float(more.mean())
@@ -444,7 +444,7 @@ def _is_worse(candidate: _Candidate, standard: _Candidate) -> bool:
 
 
 def _unseen_mm(candidate: _Candidate) -> Array:
-    """Errors of unseen pairs, (M,)."""
+    """Errors of hold-out pairs, (M,)."""
     assert candidate.found is not None, "compared with it"
     assert candidate.found.unseen is not None, "likewise"
     return candidate.found.unseen.after[:, 0]

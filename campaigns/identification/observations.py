@@ -222,7 +222,7 @@ def distance_observations(
     if len(rows) < wanted:
         raise ShotsMissing(
             f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(known.free)} parameters",
-            remedy=f"measure at least {wanted} pairs, better 60; or hold parameters",
+            remedy=f"measure at least {wanted} pairs, better 60; or fix some parameters",
         )
     shots, ends = data.rows(rows.ravel()), np.arange(rows.size).reshape(rows.shape)
     model = inputs.model_of(shots, inputs.at_nominal.values[rows.ravel()])
@@ -328,7 +328,7 @@ def _check_coordinates(shots: int, inputs: Inputs, excluded: tuple[Excluded, ...
     raise ShotsMissing(
         f"{shots} shots{_left_out(excluded)} are too few for {len(known.free)} parameters and the "
         "tracker's frame",
-        remedy=f"measure at least {least} shots, better 60; or hold parameters",
+        remedy=f"measure at least {least} shots, better 60; or fix some parameters",
     )
 
 

@@ -20,10 +20,10 @@ MOST_HELD_OUT = 0.5
 RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 
 _MODEL = Option(
-    "paper, standard: lengths, places and joint offsets. rods: unequal rods too, which tilt the "
-    "plate. full: tilted axes too, which do so as well. auto: the smallest that unseen pairs and "
-    "BIC don't reject, and what gears and encoders are shown to add: play, eccentricity, ripple, "
-    "ratio. extended: as auto, of where axes point and what gears lose.",
+    "paper, standard: lengths, places and joint offsets. rods: also unequal rods, which tilt the "
+    "plate. full: also tilted axes, which tilt it too. auto: the smallest of these that hold-out "
+    "pairs and BIC do not reject, and significant errors of gears and encoders: backlash, "
+    "eccentricity, ripple, ratio. extended: as auto, with axis directions and backlash.",
     default="the plan's",
 )
 ModelChoice = Annotated[Model | None, _MODEL]
@@ -33,14 +33,14 @@ ModelToFind = Annotated[Model | None, replace(_MODEL, default="auto, or the plan
 Freed = Annotated[
     tuple[str, ...],
     Option(
-        "Find these too, such as 'arm*.azimuth_deg', or identify's reflector_constant_mm; "
+        "Identify these too, such as 'arm*.azimuth_deg', or identify's reflector_constant_mm; "
         "repeatable.",
         metavar="PATTERN",
     ),
 ]
 Fixed = Annotated[
     tuple[str, ...],
-    Option("Hold these at their nominal values, 'arm1.*'; repeatable.", metavar="PATTERN"),
+    Option("Keep these at their nominal values, 'arm1.*'; repeatable.", metavar="PATTERN"),
 ]
 
 
@@ -93,49 +93,57 @@ class IdentificationOptions(Selection):
     prior: Annotated[
         tuple[str, ...],
         Option(
-            "Known to lie about nominal with σ (mm, deg, ppm), 'arm*.arm_mm=0.05'; repeatable.",
+            "Prior about nominal with this σ (mm, deg, ppm), 'arm*.arm_mm=0.05'; repeatable.",
             metavar="PATTERN=σ",
         ),
     ] = ()
     loss: Annotated[
         LossShape,
-        Option("How the price of a misfit grows: with its square, or less where it is big."),
+        Option(
+            "Loss function: linear is least squares, the others give large residuals less weight."
+        ),
     ] = LossShape.LINEAR
     loss_scale: Annotated[
-        float, Option("Where soft-l1 and cauchy bend, in σ.", metavar="N", least=0.1, most=1000.0)
+        float, Option("Scale of soft-l1 and cauchy, in σ.", metavar="N", least=0.1, most=1000.0)
     ] = TUNING_CONSTANT
     outliers: Annotated[
-        Outliers, Option("What becomes of shots that all others contradict; each is named.")
+        Outliers,
+        Option("What to do with outliers, shots that contradict all others; each is named."),
     ] = Outliers.EXCLUDE
     weights: Annotated[
-        Weights, Option("Of distances: as stated of both ends, or all equal, as in the paper.")
+        Weights,
+        Option(
+            "Weights of distances: from the stated σ of both ends, or all equal, as in the paper."
+        ),
     ] = Weights.STATED
     shots: Annotated[
         tuple[int | None, int | None],
         Option(
-            "Identify from these alone, by number: 0-60, -60 or 61-; after a change.",
+            "Use only these shots, by number: 0-60, -60 or 61-; after a change.",
             metavar="A-B",
             read=range_of,
         ),
     ] = (None, None)
     """First and last number of the shots to identify from; None: no limit."""
     sessions: Annotated[
-        bool, Option("Fit a frame of its own for each session: the tracker was moved between.")
+        bool, Option("Fit one frame per session: the tracker was moved between sessions.")
     ] = False
     hold_out: Annotated[
         float,
         Option(
-            "Keep so many of the pairs unseen, 20%: for data without any.",
+            "Keep this share of the pairs out of the fit, 20%: for data without a validation set.",
             metavar="SHARE",
             read=share_of,
             typed="0%",
         ),
     ] = 0.0
     """Share of the identification pairs that are kept unseen, as if they were for validation."""
-    accept_large_change: Annotated[bool, Option("Take a change beyond robot.yaml's tolerance.")] = (
+    accept_large_change: Annotated[
+        bool, Option("Accept a change beyond robot.yaml's tolerance.")
+    ] = False
+    accept_scale: Annotated[bool, Option("Accept that all lengths changed by the same share.")] = (
         False
     )
-    accept_scale: Annotated[bool, Option("Take it that all lengths changed by one share.")] = False
 
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker stated nothing."""
@@ -160,7 +168,7 @@ class IdentificationOptions(Selection):
         if self.frees_reflector_constant and self.estimator is not Estimator.POINTS:
             raise OptionsInvalid(
                 f"--free {REFLECTOR_CONSTANT} belongs to --estimator points",
-                remedy="distances alone don't tell it: leave one of the two out",
+                remedy="distances alone cannot determine it: leave one of the two out",
             )
 
     @property

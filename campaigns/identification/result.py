@@ -93,7 +93,7 @@ class Excluded:
 
 @dataclass(frozen=True, slots=True)
 class ComparedModel:
-    """One of several models: its price, what it knows of unseen pairs, and what became of it."""
+    """One of several models: its price, what it knows of hold-out pairs, and what became of it."""
 
     name: str
     parameters: int
@@ -328,7 +328,7 @@ class IdentificationResult:
     """What the solution took."""
 
     def __repr__(self) -> str:
-        unseen = f", unseen {self.unseen_mm.after.rms:.4f} mm rms" if self.unseen_mm else ""
+        unseen = f", hold-out {self.unseen_mm.after.rms:.4f} mm rms" if self.unseen_mm else ""
         found = f"{len(self.free)} of {len(self.parameters)} parameters by {self.estimator.value}"
         return f"<IdentificationResult: {self.verdict}, {found}{unseen}>"
 
@@ -343,7 +343,7 @@ class IdentificationResult:
 
         figure = Figure(figsize=(8.0, 3.5), layout="constrained")
         axes = figure.add_subplot(yscale="log", ylabel="error, mm")
-        for kind, table, marker in (("fitted", self.fitted, "o"), ("unseen", self.unseen, "x")):
+        for kind, table, marker in (("fitted", self.fitted, "o"), ("hold-out", self.unseen, "x")):
             if table is not None:
                 for state, errors in (("before", table.before), ("after", table.after)):
                     sizes, label = np.linalg.norm(errors, axis=1), f"{kind} {table.of}, {state}"
@@ -435,7 +435,7 @@ class RecordedIdentification(IdentificationResult):
     journal_records: int
     at_utc: str
     pedigree: Pedigree | None = None
-    """Of a repaired set, whose residuals and unseen pairs stay those of its campaign."""
+    """Of a repaired set, whose residuals and hold-out pairs stay those of its campaign."""
 
     @classmethod
     def of(cls, found: IdentificationResult, **provenance: Any) -> "RecordedIdentification":

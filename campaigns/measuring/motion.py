@@ -113,9 +113,7 @@ class Mover:
     def check_stop(self) -> None:
         """Raise `Interrupted` when the operator has asked to stop."""
         if self._stop_requested():
-            raise Interrupted(
-                "stopped by the operator", remedy="the same command takes up where it was"
-            )
+            raise Interrupted("stopped by the operator", remedy="the same command resumes it")
 
     def _state(self) -> RobotState:
         """The robot's state; raises `EmergencyStop` or `MotionFault`."""

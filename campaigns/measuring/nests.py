@@ -88,12 +88,12 @@ class NestPointer:
 
         Raises like a measurement.
         """
-        if not self._tracker.change_face():
-            return None
         try:
+            if not self._tracker.use_face(2):
+                return None
             return self._tracker.measure().point_in_tracker_mm
         finally:
-            self._tracker.change_face()
+            self._tracker.use_face(1)
 
     def _use(self, reflector: str) -> None:
         if reflector != self._reflector:

@@ -14,7 +14,7 @@ from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Vector3
 
-REMEDY = "bring back what it began with, or begin anew with --anew"
+REMEDY = "bring back what it began with, or start a new series with --anew"
 
 
 @dataclass(frozen=True, slots=True)

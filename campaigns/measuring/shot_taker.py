@@ -273,5 +273,5 @@ def _refused(failures: list[ShotFailed]) -> GateRefused:
     return GateRefused(
         f"{attempts} failed, the last one: {failures[-1]}",
         remedy="look at the reflector, the beam and the robot there; then run again, it resumes. "
-        "If an earlier shot took the wrong reflector: begin anew with --anew",
+        "If an earlier shot took the wrong reflector: start a new series with --anew",
     )

@@ -13,7 +13,7 @@ from campaigns.measuring.shot_taker import SKIPPED, ShotRefused, ShotTaker, Skip
 from campaigns.measuring.work import Session
 
 ANEW = (
-    "what had been measured does not go with what would come: mend it, then begin anew with "
+    "shots before and after it have no common frame: mend it, then begin anew with "
     "--anew; or `pkmcal run` goes on all the same with --anyway"
 )
 

@@ -112,7 +112,7 @@ class StationMonitor:
                 "tracker place",
                 f"from there {len(unseen)} of {len(self._planned)} shots of the plan cannot be "
                 f"seen, their reflector being turned away: {in_ranges(unseen)}; move the tracker, "
-                "or correct tracker.place_mm and plan anew",
+                "or correct tracker.place_mm and make a new plan",
             )
 
 

@@ -108,7 +108,7 @@ def predicted_stop(
         raise PlanInvalid(
             f"goal {goal}: the whole plan "
             + (
-                "has too few shots to identify from, or they cannot tell all parameters apart"
+                "has too few shots to identify from, or they cannot determine all parameters"
                 if whole is None
                 else f"will give {whole.length_std_mm:.3g} mm"
             ),

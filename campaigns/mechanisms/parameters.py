@@ -92,7 +92,7 @@ class Role(Enum):
     """What a parameter is to a fit, to files and to controllers."""
 
     FREE = "told by shots with a free frame"
-    HELD = "nominal unless told otherwise"
+    HELD = "nominal by default"
     LEANING = "held unless imperfect parts are looked for: which way they lean"
     EXTENSION = "of imperfect parts, nominally 0: not every controller has it"
     TRANSMISSION = "of a joint's gear and encoder, nominally 0: not every controller has it"

@@ -166,7 +166,7 @@ def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
         raise PlanInvalid(
             f"{shots} shots cannot tell {len(request.free)} parameters apart by "
             f"{request.estimator}, {fewest} or more are needed",
-            remedy="ask for more shots, or hold parameters with --fix",
+            remedy="ask for more shots, or fix parameters with --fix",
         )
 
 

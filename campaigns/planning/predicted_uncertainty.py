@@ -148,4 +148,4 @@ def require_identifiable(sample: WorkspaceSample) -> None:
 
 def not_identifiable(error: Unobservable) -> PlanInvalid:
     """Error for the operator: the parameters are not identifiable from the plan's shots."""
-    return PlanInvalid(str(error), remedy="hold one of them at its nominal value, with --fix")
+    return PlanInvalid(str(error), remedy="keep one of them at its nominal value, with --fix")

@@ -124,7 +124,7 @@ def validation_steps(
     notes = tuple(note for _, own in made for note in own)
     if not steps:
         why = "; ".join(notes) or "no test was named, or the plan holds no validation pairs"
-        raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or plan anew")
+        raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or make a new plan")
     numbered = tuple(
         replace(step, planned=replace(step.planned, shot=number))
         for number, step in enumerate(steps)
@@ -186,7 +186,7 @@ def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
         stops += [(f"the approach to {name}", np.array(q)) for q in step.approach]
         stops.append((name, np.array(step.planned.joints)))
     _, _, faults = check_paths(stops, robot)
-    refuse(faults, remedy="correct `validation` in campaign.yaml, or plan anew")
+    refuse(faults, remedy="correct `validation` in campaign.yaml, or make a new plan")
 
 
 def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[Planned]:

@@ -64,7 +64,7 @@ class StudySummary:
     parameters: tuple[ParameterSummary, ...]
     chance: Chance
     unseen_mean_mm: tuple[float, ...] | None
-    """Quantiles 0.5 and 0.95 over campaigns; None without unseen pairs."""
+    """Quantiles 0.5 and 0.95 over campaigns; None without hold-out pairs."""
     unseen_max_mm: tuple[float, ...] | None
 
     def __repr__(self) -> str:

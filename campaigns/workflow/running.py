@@ -33,7 +33,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     if goal is not None and not campaign.robot.parameters.space.of_unit("mm", free):
         raise OptionsInvalid(
             f"--until {goal} is a goal for lengths, but none of them is free",
-            remedy="leave --until out, or hold fewer parameters with --fix",
+            remedy="leave --until out, or fix fewer parameters with --fix",
         )
     robot = campaign.robot
     setup = EstimationSetup(options.estimator, free, campaign.instrument)

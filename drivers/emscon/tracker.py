@@ -27,6 +27,7 @@ from drivers.transport import Transport
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
+    FACE_1,
     FACE_2,
     SENSOR_NAMES,
     STATIONARY,
@@ -252,12 +253,19 @@ class EmsconTracker(LaserTracker):
         self._move(Command.FIND_REFLECTOR, bodies.ApproximateDistance(distance_mm))
 
     @override
-    def change_face(self) -> bool:
+    def use_face(self, face: int) -> bool:
+        present = self._session.connection.ask_or_none(Command.GET_FACE, bodies.Code)
+        if present is None or present.value not in {FACE_1, FACE_2}:
+            return False  # nobody could tell whether it is back again
+        if present.value == face:
+            return True
         try:
             self._move(Command.CHANGE_FACE)
         except BeamBroken:
             raise
         except DeviceRefused:  # it has one face, or cannot turn over by itself
+            if face == FACE_1:
+                raise  # nothing is measured on in the other face
             return False
         return True
 

@@ -19,12 +19,17 @@ from drivers.plausible import require, require_point
 from drivers.values import PRESSURE, TEMPERATURE, Vector3, Weather, vector
 from drivers.wire.framing import ascii_bytes
 from drivers.wire.geocom import GeocomReply, decode_reply, parse_whole, parse_words
-from drivers.wire.geocom_constants import INCLINATION_AUTO, LockStatus, Program, Result, Rpc
+from drivers.wire.geocom_constants import FACE_2, INCLINATION_AUTO, LockStatus, Program, Result, Rpc
 
 NARROWEST_RAD, WIDEST_RAD = 0.02, 0.5
 """Bounds of a search window: the field where a prism is seen without searching, half a room."""
 MM_PER_M = 1e3
-NORMAL_POSITIONING, TO_TARGET, UNUSED = 0, 1, 0
+NORMAL_POSITIONING, UNUSED = 0, 0
+ANYWHERE, TO_TARGET = 0, 1
+"""Whether a motion ends where it was sent, or on the prism that is seen there."""
+CANNOT_TURN_OVER = frozenset(
+    {Result.COM_UNKNOWN_PROCEDURE, Result.NOT_IMPLEMENTED, Result.NOT_AVAILABLE}
+)
 
 
 def is_locked(client: GeocomClient) -> bool:
@@ -88,6 +93,38 @@ def search(client: GeocomClient, distance_mm: float, radius_mm: float) -> None:
         Rpc.AUT_SEARCH, window_rad, window_rad, UNUSED, within_s=client.deadlines.motion_s
     )
     _follow(client, "searching", code)
+
+
+def use_face(client: GeocomClient, face: int) -> bool:
+    """Be in a face (0, 1), following the prism; False where it cannot turn over into the second.
+
+    Raises `BeamBroken` where the prism is not found after turning over.
+    """
+    present = _face(client)
+    if present is None:
+        return False  # nobody could tell whether it is back again
+    if present == face:
+        return True
+    code = _turn_over(client, TO_TARGET)
+    if code in CANNOT_TURN_OVER and face == FACE_2:
+        return False
+    _follow(client, "turning over", code)
+    return True
+
+
+def leave_second_face(client: GeocomClient) -> None:
+    """Turn back an instrument that somebody, or a run that was cut off, left in its second face."""
+    if _face(client) == FACE_2 and (code := _turn_over(client, ANYWHERE)):
+        raise refused(client.name, "turning over", code)
+
+
+def _face(client: GeocomClient) -> int | None:
+    return client.ask_or_none(Rpc.TMC_GET_FACE, whole)
+
+
+def _turn_over(client: GeocomClient, onto: int) -> int:
+    how = NORMAL_POSITIONING, onto, UNUSED
+    return client.attempt(Rpc.AUT_CHANGE_FACE, *how, within_s=client.deadlines.motion_s)
 
 
 def _follow(client: GeocomClient, doing: str, code: int) -> None:

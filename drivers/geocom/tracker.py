@@ -1,7 +1,7 @@
 """A Leica total station that speaks GeoCOM (docs/geocom.md), used as a tracker: units and meaning.
 
 Its frame: X east, Y north, Z up, from where its axes cross. It follows the prism by target
-recognition in lock mode, and measures in one face.
+recognition in lock mode.
 """
 
 from collections.abc import Callable
@@ -134,6 +134,11 @@ class GeocomTracker(LaserTracker):
         client, *_ = self._session.prepared()
         measuring.search(client, distance_mm, SEARCH_RADIUS_MM)
 
+    @override
+    def use_face(self, face: int) -> bool:
+        client, *_ = self._session.prepared()
+        return measuring.use_face(client, face - 1)
+
     def _opened(self) -> GeocomClient:
         """Questions are numbered on over connections: an old answer is then never a new one."""
         before = self._session.latest
@@ -153,6 +158,7 @@ class GeocomTracker(LaserTracker):
     def _set_up(self, client: GeocomClient, reflector: str) -> tuple[setup.Settings, Accuracy]:
         """Settings that were agreed on, and what points are then worth."""
         settings = setup.set_up(client, reflector)
+        measuring.leave_second_face(client)
         measuring.lock_if_in_view(client)
         return settings, self._accuracy_of(client)
 

@@ -31,6 +31,8 @@ from drivers.wire.numbered_lines import LAST_SEQUENCE, sequence_from
 
 NONE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
+UNKNOWN_VERB = "VERB"
+"""Refusal by a server from before a verb was added."""
 MOST_REFLECTORS = 100
 BEAM = "clear the line of sight, and let the instrument see the reflector"
 REFUSALS: Refusals = {
@@ -176,7 +178,17 @@ class PointlineTracker(LaserTracker):
     def find_reflector(self, distance_mm: float) -> None:
         self._aim(wire.Find(distance_mm))
 
-    def _aim(self, command: wire.GoTo | wire.Find) -> None:
+    @override
+    def use_face(self, face: int) -> bool:
+        try:
+            self._aim(wire.UseFace(face))
+        except DeviceRefused as refused:
+            if refused.code not in {NONE, UNKNOWN_VERB}:
+                raise
+            return False
+        return True
+
+    def _aim(self, command: wire.GoTo | wire.Find | wire.UseFace) -> None:
         self._session.prepared()
         self._ask(command, wire.CommandDone, self._deadlines.motion_s)
 

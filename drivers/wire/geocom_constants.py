@@ -40,6 +40,7 @@ class Rpc(IntEnum):
     MOT_READ_LOCK_STATUS = 6021
     AUT_LOCK_IN = 9013
     AUT_MAKE_POSITIONING = 9027
+    AUT_CHANGE_FACE = 9028
     AUT_SEARCH = 9029
     AUT_FINE_ADJUST = 9037
     BAP_SET_PRISM_TYPE = 17008
@@ -147,6 +148,8 @@ class Capability(IntEnum):
     TARGET_RECOGNITION = 0x8
 
 
+FACE_1, FACE_2 = 0, 1
+"""Faces as TMC_GetFace tells them."""
 EDM_SINGLE_STANDARD = 2
 """Mode of the distance meter, of several the one that we use."""
 

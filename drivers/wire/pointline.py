@@ -91,6 +91,14 @@ class Find(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
+class UseFace(PointlineMessage):
+    """Turns into face 1 or 2, unless it is there, and locks again; not every server knows it."""
+
+    FIELDS = "w"
+    face: int
+
+
+@dataclass(frozen=True, slots=True)
 class InstrumentGreeting(PointlineMessage):
     """Identity of the instrument in its greeting."""
 
@@ -158,7 +166,7 @@ class CommandDone(PointlineMessage):
     """Done, and nothing more to say."""
 
 
-Command = Hello | ReadReflector | Prepare | GoTo | Find | Order
+Command = Hello | ReadReflector | Prepare | GoTo | Find | UseFace | Order
 Answer = (
     InstrumentGreeting
     | InstrumentStatus
@@ -178,6 +186,7 @@ MESSAGES: Mapping[str, tuple[type[LineMessage] | Order, type[Answer]]] = {
     "DIRECTION": (Order.DIRECTION, BeamDirection),
     "GOTO": (GoTo, CommandDone),
     "FIND": (Find, CommandDone),
+    "FACE": (UseFace, CommandDone),
 }
 """Command and answer of each verb."""
 GRAMMAR: LineGrammar[Command, Answer] = LineGrammar(MESSAGES, LINE_BYTES)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from sim.geometry import Array, Kind
 
@@ -53,7 +53,11 @@ def _reading(
 
     reach = FARTHEST * kind.scale
     falling, rising = (
-        float(brentq(beyond, joint - reach, joint + reach, args=(side,), xtol=CLOSE * kind.scale))
+        float(
+            scipy.optimize.brentq(
+                beyond, joint - reach, joint + reach, args=(side,), xtol=CLOSE * kind.scale
+            )
+        )
         for side in (-1.0, 1.0)
     )
     if now <= falling - STANDS * kind.scale:

@@ -47,7 +47,6 @@ FOUND = (
     | StatusBit.TRACKER_COMPENSATION
     | StatusBit.ADM_FOUND
     | StatusBit.ADM_COMPENSATION
-    | StatusBit.IN_FACE_1
 )
 
 
@@ -186,7 +185,7 @@ class EmsconInstrument:
         )
 
     def _status_info(self, now_s: float) -> said.MeasurementStatusInfo:
-        bits = FOUND
+        bits = FOUND | (StatusBit.IN_FACE_1 if self._tracker.face == 1 else 0)
         if self._tracker.beam_locked(now_s):
             bits |= StatusBit.REFLECTOR_FOUND
         if self._tracker.initialised(now_s):
@@ -207,7 +206,7 @@ class EmsconInstrument:
             longest_distance=0.0,
             shortest_distance=0.0,
             highest_data_rate=0,
-            faces=1,
+            faces=self._tracker.faces,
             horizontal_range=0.0,
             vertical_range=0.0,
             accuracy_model=0,

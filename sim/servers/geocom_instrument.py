@@ -136,11 +136,11 @@ class GeocomInstrument:
             Rpc.CSV_GET_SW_VERSION: VERSION,
             Rpc.CSV_GET_DEVICE_CONFIG: (DEVICE_CLASS, int(EQUIPMENT)),
             Rpc.CSV_GET_INT_TEMP: (25.0,),
-            Rpc.TMC_GET_FACE: (0,),
             Rpc.TMC_IF_DATA_AZE_CORR_ERROR: (0,),
             Rpc.TMC_IF_DATA_INC_CORR_ERROR: (0,),
         }
         reading |= {rpc: _always(values) for rpc, values in fixed.items()}
+        reading[Rpc.TMC_GET_FACE] = told(lambda _n: (self._tracker.face - 1,))
         return reading | replacing | self._prism_handlers()
 
     def _prism_handlers(self) -> dict[Rpc, Handler]:

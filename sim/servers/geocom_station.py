@@ -34,6 +34,7 @@ NO_COORDINATES: Values = (0.0, 0.0, 0.0, 0) * 2
 """East, north, height and time in whole milliseconds, twice: sent also where there are none."""
 DEFAULT_DISTANCE = 2
 """The mode of BAP_MeasDistanceAngle that measures."""
+SECOND_FACE = 2
 FIELD_RAD = 0.02
 """Field in which target recognition sees a prism without searching."""
 
@@ -60,15 +61,21 @@ class Head:
         return LockStatus.LOCKED if self._follows else LockStatus.NONE
 
     def direction_rad(self, now_s: float) -> tuple[float, float]:
-        """Hz within a turn, and V."""
+        """Hz within a turn, and V: in the second face from the other side, beyond half a turn."""
         azimuth_rad, v_rad = self._tracker.direction(now_s)
-        return (0.5 * math.pi - azimuth_rad + self.orientation_rad) % math.tau, v_rad
+        hz_rad = 0.5 * math.pi - azimuth_rad + self.orientation_rad
+        if self._tracker.face == SECOND_FACE:
+            hz_rad, v_rad = hz_rad + math.pi, math.tau - v_rad
+        return hz_rad % math.tau, v_rad
 
     def turn(
         self, hz_rad: float, v_rad: float, now_s: float, *, to_target: bool
     ) -> GeocomOutcome | Later:
         """Turn there, and if asked for, onto the prism in view."""
         if max(abs(hz_rad), abs(v_rad)) > math.tau:
+            return WRONG
+        face = SECOND_FACE if v_rad % math.tau > math.pi else 1
+        if face > self._tracker.faces:
             return WRONG
         if to_target and not self.recognition:
             return GeocomOutcome(Result.AUT_NOT_ENABLED)
@@ -77,6 +84,23 @@ class Head:
         there_mm = self._point_mm(hz_rad - self.orientation_rad, v_rad, now_s)
         self._let_go()
         due_s = now_s + max(turns_rad) / SLEW_RAD_PER_S + (AIM_S if to_target else 0.0)
+
+        def finish(end_s: float) -> GeocomOutcome:
+            self._tracker.face = face
+            return self._arrive(there_mm, end_s, to_target=to_target)
+
+        return Later(due_s, finish)
+
+    def turn_over(self, now_s: float, *, to_target: bool) -> GeocomOutcome | Later:
+        """Turn into the other face, to where it looks now, and if asked for, onto the prism."""
+        if to_target and not self.recognition:
+            return GeocomOutcome(Result.AUT_NOT_ENABLED)
+        there_mm = self._tracker.beam.point_in_tracker_mm(now_s)
+        turn_s = self._tracker.change_face(now_s)
+        if turn_s is None:
+            return GeocomOutcome(Result.NOT_IMPLEMENTED)
+        self._let_go()
+        due_s = now_s + turn_s + (AIM_S if to_target else 0.0)
         return Later(due_s, lambda end_s: self._arrive(there_mm, end_s, to_target=to_target))
 
     def search(self, window_rad: float, now_s: float, *, takes_s: float) -> GeocomOutcome | Later:
@@ -181,6 +205,7 @@ class GeocomStation:
             Rpc.MOT_READ_LOCK_STATUS: told(lambda now_s: (int(self.head.lock_status(now_s)),)),
             Rpc.TMC_SET_ORIENTATION: self._orient,
             Rpc.AUT_MAKE_POSITIONING: self._turn,
+            Rpc.AUT_CHANGE_FACE: self._turn_over,
             Rpc.AUT_SEARCH: partial(self._look, SEARCH_S),
             Rpc.AUT_FINE_ADJUST: partial(self._look, AIM_S),
             Rpc.AUT_LOCK_IN: lambda _w, now_s: self.head.lock_in(now_s),
@@ -275,6 +300,10 @@ class GeocomStation:
         return self.head.turn(
             parse_number(hz), parse_number(v), now_s, to_target=bool(parse_whole(to_target))
         )
+
+    def _turn_over(self, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
+        _precise, to_target, _unused = map(parse_whole, parse_words(words, 3))
+        return self.head.turn_over(now_s, to_target=bool(to_target))
 
     def _look(self, takes_s: float, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
         return self.head.search(_window_rad(words), now_s, takes_s=takes_s)

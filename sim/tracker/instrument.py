@@ -64,7 +64,7 @@ class SimulatedTracker:
         self.serial = section.serial
         self.reflectors = section.reflectors
         self.selected = selected
-        self.face = 1
+        self.face, self.faces = 1, section.faces
         self.search_radius_mm = 50.0
         self.search_timeout_s = 10.0
         self.beam = beam
@@ -178,7 +178,7 @@ class SimulatedTracker:
         def finish(_end_s: float) -> None:
             self.face = 3 - self.face
 
-        return None if self._section.faces == 1 else self._begin(TURN_OVER_S, finish, now_s)
+        return None if self.faces == 1 else self._begin(TURN_OVER_S, finish, now_s)
 
     def begin_measurement(self, measuring_time_s: float, now_s: float) -> float | None:
         """Start measuring and say when it ends; nothing when the beam is on no reflector."""

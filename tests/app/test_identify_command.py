@@ -135,7 +135,7 @@ def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):
 def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(pkmcal, clean):
     code, out, _ = pkmcal("identify", clean.folder, "--free", "arm0.x_mm")
     assert code == 1
-    assert "move together here: held at nominal along that combination" in out
+    assert "move together here: fixed at nominal along that combination" in out
     code, out, _ = pkmcal(
         "identify", clean.folder, "--free", "arm0.x_mm", "--prior", "arm0.x_mm=0.1"
     )

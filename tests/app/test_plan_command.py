@@ -271,8 +271,8 @@ def test_a_joint_that_comes_from_one_side_is_warned_of():
 def test_uneven_approaches_and_ratios_that_are_barely_told_are_said():
     odd = replace(NOTHING_ODD, from_below=(0.34, 0.5, 0.35, 0.7), ratio_std_ppm=140.0)
     *_, uneven, ratio = told_lines(odd)
-    assert uneven == "outside 35% to 65%, backlash is told less well: of joints 0, 3"
-    assert "barely told: to ±140 ppm" in ratio
+    assert uneven == "outside 35% to 65%, backlash is determined less well: joints 0, 3"
+    assert "barely determined: to ±140 ppm" in ratio
     assert len(list(told_lines(NOTHING_ODD))) == len(list(told_lines(odd))) - 2
     assert "not at all" in list(told_lines(replace(odd, ratio_std_ppm=math.inf)))[-1]
 

@@ -8,6 +8,7 @@ import pytest
 from app.main import run_command
 from app.wiring import connected_cell
 from campaigns.campaign import open_campaign
+from campaigns.journal.records import Event
 from drivers.errors import NotAMeasurement
 from drivers.values import Pose
 
@@ -32,6 +33,28 @@ def test_simulated_tracker_of_a_campaign_is_judged_by_the_cells_time(tmp_path):
         with pytest.raises(NotAMeasurement, match="after its measurement was started"):
             cell.tracker.measure()
         assert cell.tracker.measure()
+
+
+def test_noise_of_a_cell_whose_memory_was_deleted_follows_the_journal(tmp_path):
+    folder = tmp_path / "cell"
+    assert run_command(["new", str(folder)]) == 0
+    campaign = open_campaign(folder)
+
+    def point_of_a_new_cell():
+        with connected_cell(campaign) as cell:
+            cell.tracker.prepare("CCR-1.5in", 0.01)
+            point_mm = cell.tracker.measure().point_in_tracker_mm
+        (folder / "cell-memory.json").unlink()
+        return point_mm
+
+    first = point_of_a_new_cell()
+    assert point_of_a_new_cell() == first
+    with campaign.opened_journal() as journal:
+        journal.append(Event("operator note", "measured"))
+    later = point_of_a_new_cell()
+    assert later != first
+    assert later == pytest.approx(first, abs=0.2)
+    assert point_of_a_new_cell() == later
 
 
 def test_simulated_tracker_sees_its_robot_where_a_real_controllers_joints_are(tmp_path):

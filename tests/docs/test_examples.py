@@ -25,11 +25,11 @@ def test_a_robot_is_identified_from_a_table_of_shots(example, tmp_path):
     off = [(found.parameters[n].value - true.parameters[n]) / found.std()[n] for n in found.free]
     assert np.abs(off).max() < 4.0
     assert "<Shots: 80 (20 validation, 60 identification) of 4 joints>" in said
-    assert "<IdentificationResult: pass, 22 of 29 parameters by points, unseen 0.01" in said
+    assert "<IdentificationResult: pass, 22 of 29 parameters by points, hold-out 0.01" in said
     table = found._repr_html_()
     assert table.count("<tr>") == 1 + len(found.free)
     assert "<td>plate_mm</td><td>100.0000</td>" in table
-    assert "unseen pairs, after" in (tmp_path / "identify.svg").read_text()
+    assert "hold-out pairs, after" in (tmp_path / "identify.svg").read_text()
 
 
 def test_an_estimator_of_ones_own_gets_residuals_with_their_jacobian(example):

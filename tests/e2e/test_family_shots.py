@@ -125,7 +125,7 @@ def passed_once(tmp_path_factory):
 
 @pytest.fixture
 def passed(passed_once, tmp_path):
-    """A Delta's campaign on exact shots whose identification unseen pairs prove."""
+    """A Delta's campaign on exact shots whose identification hold-out pairs prove."""
     return shutil.copytree(passed_once, tmp_path / "delta")
 
 

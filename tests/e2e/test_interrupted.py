@@ -96,7 +96,7 @@ def test_a_campaign_belongs_to_one_process_until_ctrl_c_stops_the_robot_in_order
         time.sleep(0.0005)
     stopped = ended(at_work)
     assert stopped.code == 130
-    assert f"`pkmcal run {planned}` takes up where it was" in stopped.error_line
+    assert f"`pkmcal run {planned}` resumes it" in stopped.error_line
     with read_journal(planned / "campaign.db") as journal:
         assert [e.record.how for e in journal.records_of(SessionStopped)] == ["interrupted"]
         assert not sum(series.unstopped for series in journal.series())

@@ -154,5 +154,5 @@ def test_every_call_of_theirs_is_answered_or_refused_and_the_session_goes_on(mon
             assert geocom.com.nullprocess().error is GeoComCode.OK, name
             if error is not GeoComCode.COM_PROC_UNAVAIL:
                 answered.add(name)
-    assert {"do_measurement", "get_coordinate", "turn_to", "search", "fine_adjust"} < answered
-    assert len(answered) == 50
+    assert {"do_measurement", "get_coordinate", "turn_to", "search", "change_face"} < answered
+    assert len(answered) == 51

@@ -36,7 +36,7 @@ class Campaign:
         return json.loads(self._capsys.readouterr().out)
 
     def validated_mm(self, stage):
-        """Mean error without sign of unseen distances of the robot that LinuxCNC moves by poses."""
+        """Mean absolute error of hold-out distances of the robot that LinuxCNC moves by poses."""
         distances = ("--only", "distances", "--yes")
         return self("validate", "--stage", stage, *distances, codes=(0, 1))["distances_mm"][
             "mean_abs"
@@ -79,7 +79,7 @@ def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_
     with capsys.disabled():
         for name, each in unseen.items():
             means_mm = [each[when]["mean_abs"] for when in ("before", "after")]
-            tell(f"unseen pairs, {name}: mean error before and after {means_mm} mm")
+            tell(f"hold-out pairs, {name}: mean error before and after {means_mm} mm")
         tell(f"validated on LinuxCNC: {before_mm}, by the 22 {standard_mm}, full {full_mm} mm")
     loaded = read_robot(folder / "robot-compensated.yaml").robot
     assert len(loaded.parameters.extended_by) == 6

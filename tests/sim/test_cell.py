@@ -97,6 +97,20 @@ def test_a_restart_goes_on_as_if_nothing_had_happened():
     assert np.array_equal(unbroken, [*first, *second])
 
 
+def test_a_new_cell_after_another_is_the_same_robot_with_noise_of_its_own():
+    scenario, poses = load_scenario("realistic"), around(3, seed=9)
+    first, _ = visited(Cell(scenario), poses)
+    later = Cell(scenario, attempts_before=12)
+    others, now_s = visited(later, poses)
+    assert later.true_geometry == Cell(scenario).true_geometry
+    assert np.abs(np.subtract(first, others)).max() < 0.2
+    assert not set(np.ravel(first)) & set(np.ravel(others))
+    assert np.array_equal(others, visited(Cell(scenario, attempts_before=12), poses)[0])
+    resumed = Cell(scenario, memory=json.loads(json.dumps(later.memory())))
+    more, _ = visited(resumed, poses, now_s)
+    assert np.array_equal(more, visited(later, poses, now_s)[0])
+
+
 def test_the_record_of_truth_says_of_which_reflector_each_shot_was_and_outlives_a_restart():
     scenario = load_scenario("hostile")
     cell = Cell(scenario)

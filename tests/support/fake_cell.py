@@ -175,7 +175,7 @@ class FakeTracker:
         raw = f"measurement {self.measured}"
         return values.Measurement(self.seen_mm(), COVARIANCE_MM2, self.air, raw)
 
-    def change_face(self) -> bool:
+    def use_face(self, face: int) -> bool:
         return False
 
     def seen_mm(self) -> values.Vector3:

@@ -23,7 +23,7 @@ class FakeTracker:
         self.action_s = action_s
         self.reflectors = REFLECTORS
         self.selected = 3
-        self.face = 1
+        self.face, self.faces = 1, 2
         self.search_radius_mm = 50.0
         self.search_timeout_s = 10.0
         self.point_mm = (1000.0, -2000.0, 254.0)

@@ -84,7 +84,8 @@ class ScriptedController:
         answer = self.answer_to(verb, " ".join([verb, *words]))
         if answer is None:
             return []
-        return [(self.delays_s.get(verb, ANSWER_S), checked(f"<{head[1:]} {verb} {answer}"))]
+        said = answer if answer.startswith("? ") else f"{verb} {answer}"
+        return [(self.delays_s.get(verb, ANSWER_S), checked(f"<{head[1:]} {said}"))]
 
     def answer_to(self, verb, whole):
         key = whole if whole in self.answers else verb

@@ -38,6 +38,7 @@ class Instrument:
             Rpc.CSV_GET_DEVICE_CONFIG: (0, geocom.words_of(350, 0x0C)),
             Rpc.TMC_GET_STATION: (0, geocom.words_of(100.0, 200.0, 10.0, 1.5)),
             Rpc.TMC_GET_HEIGHT: (0, geocom.words_of(1.7)),
+            Rpc.TMC_GET_FACE: (0, geocom.words_of(0)),
             Rpc.TMC_GET_PRISM_CORR: (0, geocom.words_of(0.0344)),
             Rpc.TMC_GET_GEO_PPM: (0, geocom.words_of(1, 0.9996, 0.0, 12.0, 0.0)),
             Rpc.TMC_GET_ATM_CORR: (0, geocom.words_of(6.58e-7, 1013.25, 20.0, 13.9)),

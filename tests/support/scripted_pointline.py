@@ -18,6 +18,7 @@ ANSWERS = {
     "DIRECTION": "OK 2.0 0.0 0.0",
     "GOTO": "OK",
     "FIND": "OK",
+    "FACE": "OK",
 }
 
 

@@ -75,12 +75,12 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
             *lines,
         ),
         floor(
-            "20 unseen pairs: mean error",
+            "20 hold-out pairs: mean error",
             lambda rng: float(np.abs(_repeated_mm(rng, unseen)).mean()),
             printed(trials.PROTOTYPE, "mean, after"),
         ),
         floor(
-            "20 unseen pairs: largest error",
+            "20 hold-out pairs: largest error",
             lambda rng: float(np.abs(_repeated_mm(rng, unseen)).max()),
             printed(trials.PROTOTYPE, "max, after"),
         ),

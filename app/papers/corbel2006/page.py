@@ -131,7 +131,7 @@ def pair_groups(result: TrialResult) -> list[PairGroup]:
         PairGroup(name, marker, np.array(errors.before_mm), np.array(errors.after_mm))
         for name, marker, errors in (
             ("fitted pairs", "o", result.fitted),
-            ("unseen pairs", "D", result.unseen),
+            ("hold-out pairs", "D", result.unseen),
         )
     ]
 

@@ -207,11 +207,11 @@ def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
 
 
 def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
-    bad = ("the unseen pairs got worse",)
+    bad = ("the hold-out pairs got worse",)
     monkeypatch.setattr(
         "app.papers.corbel2006.trials.rehearse", lambda campaign, terminal, options: ({}, bad)
     )
-    with pytest.raises(AppError, match="the unseen pairs got worse"):
+    with pytest.raises(AppError, match="the hold-out pairs got worse"):
         trials.rehearsed(tmp_path, trials.Trial(trials.SIMULATION, 1))
 
 

@@ -64,10 +64,10 @@ def test_a_shot_that_stands_out_is_named() -> None:
 
 def test_pairs_are_told_by_rms_and_the_largest_with_its_number() -> None:
     fitted = PairGroup("fitted pairs", "o", np.array([3.0, -4.0]), np.array([0.3, -0.4]), (5, 6))
-    unseen = PairGroup("unseen pairs", "D", np.array([1.0]), np.array([-0.9]))
+    unseen = PairGroup("hold-out pairs", "D", np.array([1.0]), np.array([-0.9]))
     assert captions.pairs_in_words([fitted, unseen]) == (
-        "Rms after: fitted pairs 0.354 mm, unseen pairs 0.900 mm; "
-        "the largest is 0.900 mm at mark 1 (unseen pairs)."
+        "Rms after: fitted pairs 0.354 mm, hold-out pairs 0.900 mm; "
+        "the largest is 0.900 mm at mark 1 (hold-out pairs)."
     )
     assert "Rms after: fitted pairs 0.354 mm; the largest is 0.400 mm at pair 6" in (
         captions.pairs_in_words([fitted])

@@ -186,7 +186,7 @@ def test_what_was_fitted_and_what_was_not_is_drawn(
     plot_residuals(path, identify(NOMINAL.robot.kinematics, shots, selection, options))
     text = path.read_text()
     assert f">{fitted}</text>" in text
-    assert ">unseen pairs, error of distance</text>" in text
+    assert ">hold-out pairs, error of distance</text>" in text
 
 
 def test_the_histogram_in_letters_counts_every_error() -> None:

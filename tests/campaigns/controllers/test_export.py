@@ -61,7 +61,7 @@ def body(nominal: RobotDocument, **changes: object) -> dict[str, object]:
         "residuals_mm": {"before": SPREAD, "after": SPREAD},
         "unseen_mm": {"before": SPREAD, "after": SPREAD},
         "verdict": "pass",
-        "reasons": ["unseen pairs: better"],
+        "reasons": ["hold-out pairs: better"],
         "seconds": 0.1,
         "series": 1,
         "shots": 163,
@@ -154,8 +154,10 @@ def test_unknown_serial_is_stated_as_unknown(
 
 @pytest.mark.parametrize("verdict", ["fail", "not decided"])
 def test_result_that_did_not_pass_is_not_exported(nominal: RobotDocument, verdict: str) -> None:
-    found = finding(nominal, verdict=verdict, reasons=["unseen pairs got worse", "rank lost"])
-    with pytest.raises(errors.VerdictBad, match=f"'{verdict}': unseen pairs got worse; rank lost"):
+    found = finding(nominal, verdict=verdict, reasons=["hold-out pairs got worse", "rank lost"])
+    with pytest.raises(
+        errors.VerdictBad, match=f"'{verdict}': hold-out pairs got worse; rank lost"
+    ):
         compensated_robot("press 4", nominal, found)
 
 

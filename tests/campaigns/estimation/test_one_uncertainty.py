@@ -75,7 +75,7 @@ def good() -> Told:
 
 @pytest.fixture(scope="module")
 def doubtful() -> Told:
-    """Of shots whose unseen pairs are further off than their σ say."""
+    """Of shots whose hold-out pairs are further off than their σ say."""
     return told(BAD_MM)
 
 

@@ -62,7 +62,7 @@ def test_unseen_pairs_as_good_as_their_sigmas_are_believed():
 
 
 def bent(data):
-    """Points of the unseen pairs where no parameter would put them, by 0.1 mm."""
+    """Points of the hold-out pairs where no parameter would put them, by 0.1 mm."""
     unseen = np.array([purpose is ShotSet.VALIDATION for purpose in data.purposes])
     push = 0.1 * np.random.default_rng(2).standard_normal((len(data), 3)) * unseen[:, None]
     return replace(data, points_in_tracker_mm=data.points_in_tracker_mm + push)
@@ -143,7 +143,7 @@ def test_no_sigma_at_all_is_not_decided():
         noisy(simulated(22, 8, seed=2), 2), estimator=Estimator.DISTANCES, weights=Weights.EQUAL
     )
     assert found.verdict == "not decided"
-    assert "nothing tells how sure the parameters are" in found.reasons[0]
+    assert "the uncertainty of the parameters is unknown" in found.reasons[0]
 
 
 def test_a_slipped_encoder_is_no_pass_by_distances_of_equal_weight_either():

@@ -65,17 +65,17 @@ def test_unseen_pairs_decide_and_without_them_nothing_does() -> None:
     assert found.unseen_mm.before.max_abs > 1.0
     assert found.unseen_mm.after.rms < 3 * NOISE_MM
     assert found.excluded == ()
-    assert found.reasons[0].startswith("unseen pairs: mean")
+    assert found.reasons[0].startswith("hold-out pairs: mean")
 
 
 def test_fit_that_makes_unseen_pairs_worse_fails() -> None:
-    """The unseen pairs come from the nominal robot, the fitted ones from another."""
+    """The hold-out pairs come from the nominal robot, the fitted ones from another."""
     data = simulated(60, 20, seed=1)
     nominal = simulated(60, 20, seed=1, truth=NOMINAL)
     points = np.vstack([data.points_in_tracker_mm[:120], nominal.points_in_tracker_mm[120:]])
     found = by_distances(replace(data, points_in_tracker_mm=points))
     assert found.verdict == "fail"
-    assert any(each.startswith("unseen pairs got worse: rms 0.0000 → ") for each in found.reasons)
+    assert any(each.startswith("hold-out pairs got worse: rms 0.0000 → ") for each in found.reasons)
 
 
 def test_too_few_pairs_are_refused_and_just_enough_give_no_deviations() -> None:
@@ -133,7 +133,7 @@ def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
     reason = "the identified robot cannot be assembled at the joints of shot 121"
     assert [(left.pair, left.reason) for left in found.excluded] == [(60, reason)]
     assert found.verdict == "fail"
-    assert f"unseen pair 60: {reason}" in found.reasons
+    assert f"hold-out pair 60: {reason}" in found.reasons
     assert found.unseen_mm.after.rms < 1e-6
 
 

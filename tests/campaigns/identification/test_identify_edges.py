@@ -52,7 +52,7 @@ def test_what_shots_at_one_theta_hardly_tell_is_named_and_fails() -> None:
     found = identified(at_one_theta(0.1, spread_rad=0.03), Estimator.POINTS)
     assert deviations(found)["plate_mm"] > 5.0
     assert found.verdict == "fail"
-    assert any(reason.startswith("the data hardly tell ") for reason in found.reasons)
+    assert any(reason.startswith("the data barely determine ") for reason in found.reasons)
 
 
 def test_a_robust_loss_of_few_distances_stays_honest() -> None:

@@ -17,7 +17,7 @@ def test_what_moves_together_is_said_held_and_spoils_the_verdict(estimator) -> N
     assert [set(names) for names in found.unobservable] == [SHIFT_ALONG_X]
     assert (found.verdict, found.rank, found.condition) == ("fail", 22, None)
     assert found.reasons[0].startswith("the data cannot tell apart: ")
-    assert found.reasons[0].endswith("move together here: held at nominal along that combination")
+    assert found.reasons[0].endswith("move together here: fixed at nominal along that combination")
     assert {name for name in SHIFT_ALONG_X if deviations(found)[name] is None} == SHIFT_ALONG_X
     assert found.unseen_mm.after.rms < 0.05 * found.unseen_mm.before.rms
 

@@ -238,7 +238,7 @@ def test_a_robot_that_warms_up_grows_by_what_it_does_and_is_stated_as_it_ends():
 def test_tilted_axes_that_backlash_hides_are_found_beside_it():
     choice = of_auto(shots(TILTED, 3.0 * BACKLASH_RAD, seed=2))
     assert kept(choice) == "axes+backlash"
-    assert "standard+backlash" in outcomes(choice), "chosen first, by unseen pairs that scatter"
+    assert "standard+backlash" in outcomes(choice), "chosen first, by hold-out pairs that scatter"
     assert choice.verdict == "pass"
 
 
@@ -319,7 +319,7 @@ def test_unseen_pairs_that_are_no_better_outweigh_the_fitted_ones():
     points[held] = TRACKER_FROM_BASE.apply(told)
     choice = chosen(replace(data, points_in_tracker_mm=points), (STANDARD, "axes+backlash"))
     assert kept(choice) == STANDARD
-    outcome = "unseen pairs are worse for it, beyond chance"
+    outcome = "hold-out pairs are worse with it, beyond chance"
     assert outcomes(choice)["axes+backlash"] == outcome
     assert choice.models[-1].bic < choice.models[0].bic
 
@@ -327,7 +327,7 @@ def test_unseen_pairs_that_are_no_better_outweigh_the_fitted_ones():
 def test_without_unseen_pairs_nothing_speaks_for_a_larger_model():
     choice = chosen(shots(TILTED, BACKLASH_RAD, unseen=0), (STANDARD, "axes+backlash"))
     assert kept(choice) == STANDARD
-    assert outcomes(choice)["axes+backlash"] == "no unseen pairs speak for it"
+    assert outcomes(choice)["axes+backlash"] == "no hold-out pairs to support it"
 
 
 def test_shots_that_do_not_say_how_joints_came_tell_no_backlash():

@@ -178,8 +178,8 @@ class TrackerOfTwoFaces(TrackerOfNests):
 
     is_over = False
 
-    def change_face(self) -> bool:
-        self.is_over = not self.is_over
+    def use_face(self, face: int) -> bool:
+        self.is_over = face == 2
         return True
 
     def seen_mm(self) -> values.Vector3:
@@ -219,3 +219,27 @@ def test_beam_that_is_lost_in_the_other_face_leaves_the_tracker_in_the_first(
     assert broken
     assert len([shot for shot in told.shots() if shot.intent.nest]) == 6
     assert not cell.tracker.is_over
+
+
+def test_reflector_that_is_lost_by_turning_over_leaves_the_tracker_in_the_first_face(
+    tmp_path: Path,
+) -> None:
+    cell = cell_of_nests()
+    cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
+    broken = []
+
+    def use_face(face: int, use_face=cell.tracker.use_face) -> bool:
+        use_face(face)
+        if face == 2 and not broken:
+            broken.append(cell.tracker.on)
+            raise BeamBroken("the beam is broken", remedy="find the reflector")
+        return True
+
+    cell.tracker.use_face = use_face
+    told = cell.run(tmp_path, work_at())
+    assert broken
+    for shot in told.shots():
+        if shot.outcome.other_face_mm is not None:
+            off_mm = np.subtract(shot.outcome.other_face_mm, shot.outcome.point_in_tracker_mm)
+            assert off_mm == pytest.approx([0.0, 0.0, 0.1])
+    assert len([shot for shot in told.shots() if shot.intent.nest]) == 6

@@ -160,7 +160,7 @@ def test_the_order_of_time_is_read_or_it_is_said_why_not(times: list[str], order
 
 
 def test_copies_of_pairs_are_found_in_the_file_and_in_the_journal(tmp_path: Path) -> None:
-    """Unseen pairs too; what is visited again and again may be the same to the last digit."""
+    """Hold-out pairs too; what is visited again and again may be the same to the last digit."""
     once = rows()
     refuse_copies(once, (), "f.csv")
     unseen = [replace(row, purpose=ShotSet.VALIDATION) for row in once[:2]]

@@ -200,14 +200,25 @@ class TestMotion:
         assert not isinstance(caught.value, errors.BeamBroken)
 
     def test_other_face_is_taken_where_there_is_one(self, station):
-        assert station.tracker.change_face()
+        assert station.tracker.use_face(1)
+        assert Command.CHANGE_FACE not in station.instrument.commands()
+        assert station.tracker.use_face(2)
+        assert Command.CHANGE_FACE in station.instrument.commands()
         station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
-        assert not station.tracker.change_face()
+        assert not station.tracker.use_face(2)
+        station.instrument.refuses[Command.GET_FACE] = ResultStatus.NOT_IMPLEMENTED
+        assert not station.tracker.use_face(1)
+
+    def test_tracker_that_refuses_to_turn_back_measures_nothing_in_the_wrong_face(self, station):
+        station.instrument.state[Command.GET_FACE] = bodies.Code(2)
+        station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
+        with pytest.raises(errors.DeviceRefused, match="ChangeFace"):
+            station.tracker.use_face(1)
 
     def test_reflector_that_is_lost_by_turning_over_is_a_broken_beam(self, station):
         station.instrument.lose_the_beam()
         with pytest.raises(errors.BeamBroken, match="ChangeFace found no reflector"):
-            station.tracker.change_face()
+            station.tracker.use_face(2)
 
     def test_tracker_that_was_left_in_its_other_face_is_turned_back(self):
         for face in (1, 2):

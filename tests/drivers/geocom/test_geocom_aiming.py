@@ -57,3 +57,29 @@ def test_motors_that_fail_and_its_own_place_are_no_broken_beam(bench):
     bench.instrument.refuses(Rpc.AUT_MAKE_POSITIONING, Result.AUT_MOTOR_ERROR)
     with pytest.raises(DeviceNotReady, match="nothing blocks the telescope"):
         bench.tracker.go_to(POINT_MM)
+
+
+def test_other_face_is_taken_and_the_prism_followed_there(bench):
+    assert bench.tracker.use_face(1)
+    assert bench.instrument.calls() == [Rpc.TMC_GET_FACE]
+    assert bench.tracker.use_face(2)
+    assert bench.instrument.words_of_last(Rpc.AUT_CHANGE_FACE) == ("0", "1", "0")
+    assert bench.instrument.calls()[-3:] == [
+        Rpc.AUT_FINE_ADJUST,
+        Rpc.AUT_LOCK_IN,
+        Rpc.MOT_READ_LOCK_STATUS,
+    ]
+    bench.instrument.refuses(Rpc.AUT_CHANGE_FACE, Result.AUT_NO_TARGET)
+    with pytest.raises(BeamBroken, match="turning over failed"):
+        bench.tracker.use_face(2)
+
+
+@pytest.mark.parametrize("code", [Result.NOT_IMPLEMENTED, Result.COM_UNKNOWN_PROCEDURE])
+def test_instrument_that_cannot_turn_over_stays_in_its_first_face(bench, code):
+    bench.instrument.refuses(Rpc.AUT_CHANGE_FACE, code)
+    assert not bench.tracker.use_face(2)
+    bench.instrument.answers[Rpc.TMC_GET_FACE] = (0, ("1",))
+    with pytest.raises(DeviceRefused, match="turning over failed"):
+        bench.tracker.use_face(1)  # nothing is measured on in the wrong one
+    bench.instrument.refuses(Rpc.TMC_GET_FACE, code)
+    assert not bench.tracker.use_face(2)

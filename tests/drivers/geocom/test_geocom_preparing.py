@@ -73,6 +73,18 @@ def test_prism_that_is_not_in_view_yet_is_no_error():
         bench.tracker.measure()
 
 
+@pytest.mark.parametrize("face", [0, 1])
+def test_instrument_that_was_left_in_its_second_face_is_turned_back(face):
+    bench = Bench().connected()
+    bench.instrument.answers[Rpc.TMC_GET_FACE] = (0, words_of(face))
+    bench.tracker.prepare(CCR, 1.0)
+    assert (Rpc.AUT_CHANGE_FACE in bench.instrument.calls()) is (face == 1)
+    if face == 1:
+        bench.instrument.refuses(Rpc.AUT_CHANGE_FACE, Result.AUT_MOTOR_ERROR)
+        with pytest.raises(DeviceNotReady, match="turning over failed"):
+            bench.tracker.prepare(CCR, 1.0)
+
+
 def test_nothing_is_measured_before_it_is_prepared():
     bench = Bench().connected()
     for call in (bench.tracker.measure, lambda: bench.tracker.go_to(POINT_MM)):
