@@ -1,13 +1,15 @@
 """Connection to a device that speaks in numbered lines: questions, and refusals as errors."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from drivers import errors
+from drivers.byte_log import WireReading, meanings
 from drivers.link import Link, LinkClient
 from drivers.transport import Transport
 from drivers.wire import numbered_lines as lines
+from drivers.wire.framing import ascii_bytes
 
 CommandT = TypeVar("CommandT")
 AnswerKind = TypeVar("AnswerKind")
@@ -21,7 +23,6 @@ class Dialect(Generic[CommandT]):
     """A protocol as its client speaks it; `page` says where it is specified."""
 
     grammar: lines.LineGrammar[CommandT, Any]
-    replies: Callable[[], Callable[[bytes], Sequence[lines.LineReply[Any]]]]
     refusals: Refusals
     page: str
 
@@ -44,7 +45,7 @@ class LineClient(LinkClient[lines.LineReply[Any]], Generic[CommandT]):
     ) -> None:
         link = Link(
             transport,
-            dialect.replies(),
+            dialect.grammar.replies(),
             clock_s=clock_s,
             is_event=lambda reply: reply.sequence != self._asked,
             cancelled=cancelled,
@@ -139,3 +140,22 @@ def open_client(
         transport.close()
         raise
     return LineClient(transport, dialect, numbers, clock_s=clock_s, cancelled=cancelled)
+
+
+def line_reading(grammar: lines.LineGrammar[Any, Any]) -> WireReading:
+    """Reading of a connection's bytes, for the byte log."""
+    asked, told = grammar.line_framer(), grammar.line_framer()
+    return WireReading(
+        meanings(asked.feed, lambda line: grammar.decode_request(line).describe()),
+        meanings(told.feed, lambda line: grammar.decode_reply(line).describe()),
+    )
+
+
+def answer_said(
+    grammar: lines.LineGrammar[Any, Any], raw: str, kind: type[AnswerKind], what: str
+) -> AnswerKind:
+    """Answer of a line as records keep it; raises `WireError` for what is not `what`."""
+    told = grammar.decode_reply(ascii_bytes(raw)).outcome
+    if isinstance(told, kind):
+        return told
+    raise errors.WireError(f"no {what}: {raw!r:.80}")

@@ -73,7 +73,11 @@ class RobotController(Protocol):
 
 
 class LaserTracker(Protocol):
-    """A laser tracker. Points are Cartesian, right-handed, in the tracker's own frame."""
+    """A laser tracker. Points are Cartesian, right-handed, in the tracker's own frame.
+
+    What a driver leaves out is as of an instrument that its operator looks after and aims: ready,
+    without a wire, and nothing is known of its air, its reflectors, its direction.
+    """
 
     def connect(self) -> None:
         """Open the wire and see who answers; raises `LinkDown`, `WireError` or `WrongDevice`.
@@ -86,12 +90,21 @@ class LaserTracker(Protocol):
 
     def state(self) -> values.TrackerState:
         """Traffic light, warm-up, beam, reflector in use."""
+        return values.TrackerState(
+            readiness=values.Readiness.READY,
+            initialised=True,
+            laser_warm=True,
+            beam_locked=True,
+            reflector="",
+        )
 
     def weather(self) -> values.Weather | None:
         """Air temperature, pressure and humidity as the instrument uses them; None: not known."""
+        return None
 
     def reflectors(self) -> tuple[values.Reflector, ...]:
         """The reflectors that the instrument has definitions for."""
+        return ()
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
         """Bring the instrument into the state that measuring needs; repeatable after any fault.
@@ -107,12 +120,15 @@ class LaserTracker(Protocol):
 
     def direction(self) -> values.Vector3 | None:
         """Where the beam points, a unit vector in the tracker's frame; None: it doesn't tell."""
+        return None
 
-    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:  # noqa: ARG002 - as said above
         """Point there and lock onto the reflector found near; `BeamBroken` when there is none."""
+        return
 
-    def find_reflector(self, distance_mm: float) -> None:
+    def find_reflector(self, distance_mm: float) -> None:  # noqa: ARG002 - as said above
         """Search around the present direction at about that distance."""
+        return
 
     def use_face(self, face: int) -> bool:  # noqa: ARG002 - of one that has no other
         """Be in face 1 or 2, locked; False where it cannot turn over: it is then in face 1.
@@ -126,6 +142,7 @@ class LaserTracker(Protocol):
 
     def close(self) -> None:
         """Leave the instrument as it is and the wire free."""
+        return
 
 
 class SystemClock:

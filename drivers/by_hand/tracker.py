@@ -29,29 +29,9 @@ class TrackerByHand(LaserTracker):
 
     reconnect = connect
 
-    def close(self) -> None:
-        """Do nothing: there is no wire."""
-
     @override
     def identity(self) -> values.Identity:
         return identity("tracker", self._serial)
-
-    def state(self) -> values.TrackerState:
-        """Ready: its operator sees to it."""
-        return values.TrackerState(
-            readiness=values.Readiness.READY,
-            initialised=True,
-            laser_warm=True,
-            beam_locked=True,
-            reflector="",
-        )
-
-    def weather(self) -> None:
-        """Nothing is known of the air."""
-
-    def reflectors(self) -> tuple[values.Reflector, ...]:
-        """No definitions are known."""
-        return ()
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
         """Raise `AddressInvalid` where nobody can be asked; the rest is its operator's."""
@@ -65,15 +45,6 @@ class TrackerByHand(LaserTracker):
         prompt = require_somebody(self._prompt, "tracker")
         point_mm, raw = answered(prompt, QUESTION, self._read)
         return values.Measurement(point_mm, None, None, raw)
-
-    def direction(self) -> None:
-        """Nobody tells where it looks."""
-
-    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
-        """Do nothing: its operator aims."""
-
-    def find_reflector(self, distance_mm: float) -> None:
-        """Do nothing: its operator aims."""
 
     def _read(self, text: str) -> tuple[values.Vector3, str]:
         if text.strip() == NONE:

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import hypot
 from typing import TypeVar
 
 from typing_extensions import override
 
 from drivers import values
-from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.errors import (
     BeamBroken,
@@ -19,15 +19,21 @@ from drivers.errors import (
     NotAMeasurement,
     WrongDevice,
 )
-from drivers.line_client import Dialect, LineClient, Refusals, open_client
+from drivers.line_client import (
+    Dialect,
+    LineClient,
+    Refusals,
+    answer_said,
+    line_reading,
+    open_client,
+)
 from drivers.link import never
 from drivers.plausible import RESTART, require, require_point, require_weather
 from drivers.ports import Clock, LaserTracker
 from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.wire import pointline as wire
-from drivers.wire.framing import ascii_bytes
-from drivers.wire.numbered_lines import LAST_SEQUENCE, sequence_from
+from drivers.wire.numbered_lines import LAST_SEQUENCE, CommandDone, Hello, sequence_from
 
 NONE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
@@ -42,7 +48,7 @@ REFUSALS: Refusals = {
     "COLD": (DeviceNotReady, "wait until the instrument is warm, then try again"),
     "FAULT": (DeviceNotReady, "look at the instrument's own display, then try again"),
 }
-DIALECT: Dialect[wire.Command] = Dialect(wire.GRAMMAR, wire.replies, REFUSALS, "docs/pointline.md")
+DIALECT: Dialect[wire.Command] = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md")
 
 AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
@@ -190,7 +196,7 @@ class PointlineTracker(LaserTracker):
 
     def _aim(self, command: wire.GoTo | wire.Find | wire.UseFace) -> None:
         self._session.prepared()
-        self._ask(command, wire.CommandDone, self._deadlines.motion_s)
+        self._ask(command, CommandDone, self._deadlines.motion_s)
 
     def _if_it_has(self, command: wire.Command, kind: type[AnswerKind]) -> AnswerKind | None:
         try:
@@ -217,7 +223,7 @@ class PointlineTracker(LaserTracker):
         )
 
     def _greet(self, client: LineClient[wire.Command]) -> values.Identity:
-        hello = wire.Hello(wire.VERSION)
+        hello = Hello(wire.VERSION)
         told, _ = client.ask(hello, wire.InstrumentGreeting, self._deadlines.greeting_s)
         identity = values.Identity(
             told.vendor, told.model, told.serial, told.firmware, f"pointline {told.version}"
@@ -230,7 +236,7 @@ class PointlineTracker(LaserTracker):
         return identity
 
     def _set_up(self, client: LineClient[wire.Command], wanted: wire.Prepare) -> wire.Prepare:
-        client.ask(wanted, wire.CommandDone, self._deadlines.prepare_s)
+        client.ask(wanted, CommandDone, self._deadlines.prepare_s)
         return wanted
 
 
@@ -254,7 +260,7 @@ def _covariance_mm2(where: str, told: wire.PointMeasured) -> values.Matrix3 | No
 
 def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
     """Point, mm, and covariance, mm², of an answer as records keep it; raises `DriverError`."""
-    told = wire.point_said(ascii_bytes(raw))
+    told = answer_said(wire.GRAMMAR, raw, wire.PointMeasured, "measurement of an instrument")
     return told.point_mm, _covariance_mm2("the tracker", told)
 
 
@@ -267,12 +273,4 @@ def _made(given: Surroundings, _instrument_clock: Clock | None) -> PointlineTrac
     )
 
 
-def _reading() -> WireReading:
-    asked, told = wire.GRAMMAR.line_framer(), wire.GRAMMAR.line_framer()
-    return WireReading(
-        meanings(asked.feed, lambda line: wire.decode_request(line).describe()),
-        meanings(told.feed, lambda line: wire.decode_reply(line).describe()),
-    )
-
-
-DRIVER = TrackerDriver(_made, _reading, measurement_said)
+DRIVER = TrackerDriver(_made, partial(line_reading, wire.GRAMMAR), measurement_said)

@@ -2,13 +2,11 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import isfinite
 from typing import TypeVar
 
 from typing_extensions import override
 
-from drivers.byte_log import WireReading, meanings
 from drivers.declaration import ControllerDriver, RobotSurroundings
 from drivers.errors import (
     DeviceNotReady,
@@ -19,7 +17,14 @@ from drivers.errors import (
     WireError,
     WrongDevice,
 )
-from drivers.line_client import Dialect, LineClient, Refusals, open_client
+from drivers.line_client import (
+    Dialect,
+    LineClient,
+    Refusals,
+    answer_said,
+    line_reading,
+    open_client,
+)
 from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock, RobotController
@@ -28,8 +33,7 @@ from drivers.stopping import Alarm, StopProcedure, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
-from drivers.wire.framing import ascii_bytes
-from drivers.wire.numbered_lines import LAST_SEQUENCE, sequence_from
+from drivers.wire.numbered_lines import LAST_SEQUENCE, CommandDone, Hello, sequence_from
 
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
@@ -82,9 +86,7 @@ class LineRobot(RobotController):
     ) -> None:
         self._open_transport = open_transport
         self._layout = layout
-        self._dialect = Dialect(
-            wire.GRAMMAR, partial(wire.replies, layout), REFUSALS, "docs/robotline.md"
-        )
+        self._dialect = Dialect(wire.grammar(layout), REFUSALS, "docs/robotline.md")
         self._clock = clock
         self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
@@ -172,10 +174,10 @@ class LineRobot(RobotController):
         with self._stopping.undisturbed():
             try:
                 for part in self._layout.parts_of(geometry):
-                    self._ask(part, wire.CommandDone)
-                self._ask(wire.Order.COMMIT, wire.CommandDone, self._deadlines.commit_s)
+                    self._ask(part, CommandDone)
+                self._ask(wire.Order.COMMIT, CommandDone, self._deadlines.commit_s)
             except DeviceRefused:
-                self._ask(wire.Order.ABANDON, wire.CommandDone)
+                self._ask(wire.Order.ABANDON, CommandDone)
                 raise
 
     @override
@@ -221,7 +223,7 @@ class LineRobot(RobotController):
 
     def _greet(self, conversation: LineClient[wire.Command]) -> Identity:
         greeting, _ = conversation.ask(
-            wire.Hello(wire.VERSION), wire.ControllerGreeting, self._deadlines.answer_s
+            Hello(wire.VERSION), wire.ControllerGreeting, self._deadlines.answer_s
         )
         return _identity(greeting, len(self._layout.joints))
 
@@ -238,11 +240,11 @@ class LineRobot(RobotController):
 
     def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:
         if self._session.is_open:
-            self._ask(wire.Order.STOP, wire.CommandDone, answer_s)
+            self._ask(wire.Order.STOP, CommandDone, answer_s)
         else:
             blind = wire.RobotlineRequest(next(self._numbers), wire.Order.STOP)
             self._session.use(self._opened(blindly=blind))
-            self._session.connection.await_answer(blind, wire.CommandDone, answer_s)
+            self._session.connection.await_answer(blind, CommandDone, answer_s)
 
         def is_moving() -> bool:
             return self._ask(
@@ -283,9 +285,7 @@ def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> 
 
 def joints_said(raw: str, layout: wire.RobotLayout) -> tuple[float, ...]:
     """Joint values, rad or mm, of a state as records keep it; raises `WireError`."""
-    status = wire.decode_reply(ascii_bytes(raw), layout).outcome
-    if not isinstance(status, wire.ControllerStatus):
-        raise WireError(f"no state of a controller: {raw!r:.80}")
+    status = answer_said(wire.grammar(layout), raw, wire.ControllerStatus, "state of a controller")
     return inner_units(layout.joints, status.joints)
 
 
@@ -300,16 +300,4 @@ def _made(given: RobotSurroundings) -> LineRobot:
     )
 
 
-def _reading(layout: wire.RobotLayout) -> WireReading:
-    return WireReading(
-        meanings(
-            wire.GRAMMAR.line_framer().feed,
-            lambda line: wire.decode_request(line, layout).describe(),
-        ),
-        meanings(
-            wire.GRAMMAR.line_framer().feed, lambda line: wire.decode_reply(line, layout).describe()
-        ),
-    )
-
-
-DRIVER = ControllerDriver(_made, _reading, joints_said)
+DRIVER = ControllerDriver(_made, lambda layout: line_reading(wire.grammar(layout)), joints_said)

@@ -84,29 +84,9 @@ class WatchedTracker(LaserTracker):
 
     reconnect = connect
 
-    def close(self) -> None:
-        """Do nothing: the file is open only while it is read."""
-
     @override
     def identity(self) -> values.Identity:
         return values.Identity("operator", "tracker", self._settings.serial, "-", "watched file")
-
-    def state(self) -> values.TrackerState:
-        """Ready: its own software sees to it."""
-        return values.TrackerState(
-            readiness=values.Readiness.READY,
-            initialised=True,
-            laser_warm=True,
-            beam_locked=True,
-            reflector="",
-        )
-
-    def weather(self) -> None:
-        """Nothing is known of the air."""
-
-    def reflectors(self) -> tuple[values.Reflector, ...]:
-        """No definitions are known."""
-        return ()
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
         """Read what the file holds; raises `LinkDown` where it cannot be read."""
@@ -138,15 +118,6 @@ class WatchedTracker(LaserTracker):
                     "software writes to this file at once",
                 )
             self._clock.sleep_s(LOOK_S)
-
-    def direction(self) -> None:
-        """Nobody tells where it looks."""
-
-    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
-        """Do nothing: its own software aims."""
-
-    def find_reflector(self, distance_mm: float) -> None:
-        """Do nothing: its own software aims."""
 
     def _measured(self, rows: Sequence[str], text: str) -> values.Measurement:
         if len(rows) > 1:

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 from urllib.parse import quote, unquote
 
 from drivers.errors import WireError
-from drivers.wire.framing import LineFramer
+from drivers.wire.framing import LineFramer, messages
 
 LAST_SEQUENCE = 999_999_999
 UNREAD_VERB = "?"
@@ -158,6 +158,19 @@ class LineMessage:
         ]
 
 
+@dataclass(frozen=True, slots=True)
+class Hello(LineMessage):
+    """Greets, and says which version of the protocol the client speaks."""
+
+    FIELDS = "w"
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class CommandDone(LineMessage):
+    """Done, and nothing more to say."""
+
+
 class LineOrder(Enum):
     """Command of a verb alone."""
 
@@ -209,15 +222,20 @@ class BadRequest(WireError):
 
 
 class LineGrammar(Generic[CommandT, AnswerT]):
-    """A protocol's verbs, each with its command and what is answered, in lines of a length."""
+    """A protocol's verbs, each with its command and what is answered, in lines of a length.
+
+    `words_of` takes the words of a line as the protocol has them.
+    """
 
     def __init__(
         self,
-        messages: Mapping[str, tuple[type[LineMessage] | LineOrder, type[LineMessage]]],
+        verbs: Mapping[str, tuple[type[LineMessage] | LineOrder, type[LineMessage]]],
         line_bytes: int,
+        words_of: Callable[[Sequence[str]], LineWords],
     ) -> None:
-        self._messages = messages
-        self._verbs = {command: verb for verb, (command, _) in messages.items()}
+        self._messages = verbs
+        self._words_of = words_of
+        self._verbs = {command: verb for verb, (command, _) in verbs.items()}
         self._line_bytes = line_bytes
 
     def verb_of(self, command: CommandT) -> str:
@@ -244,9 +262,14 @@ class LineGrammar(Generic[CommandT, AnswerT]):
             return self._pack([*head, "NO", reply.outcome.code, *text.split()])
         return self._pack([*head, "OK", *cast("LineMessage", reply.outcome).words()])
 
-    def decode_request(
-        self, line: bytes, words_of: Callable[[Sequence[str]], LineWords]
-    ) -> LineRequest[CommandT]:
+    def replies(self) -> Callable[[bytes], list[LineReply[AnswerT]]]:
+        """Replies from bytes, in any pieces; empty lines are passed over.
+
+        Raises only `WireError`.
+        """
+        return messages(self.line_framer().feed, self.decode_reply)
+
+    def decode_request(self, line: bytes) -> LineRequest[CommandT]:
         """Question of a line without its line feed; raises `BadRequest`."""
         try:
             sequence, words = self._unpack(line, CLIENT_MARK)
@@ -257,7 +280,7 @@ class LineGrammar(Generic[CommandT, AnswerT]):
             problem = f"verb '{verb}' is not known"
             unread: LineReply[Any] = LineReply(sequence, UNREAD_VERB, Refused("VERB", problem))
             raise BadRequest(problem, unread)
-        kind, taken = self._messages[verb][0], words_of(words[1:])
+        kind, taken = self._messages[verb][0], self._words_of(words[1:])
         try:
             command = kind if isinstance(kind, LineOrder) else _read_all(taken, kind)
             taken.end()
@@ -266,14 +289,12 @@ class LineGrammar(Generic[CommandT, AnswerT]):
             raise BadRequest(error.problem, wrong) from error
         return LineRequest(sequence, cast("CommandT", command))
 
-    def decode_reply(
-        self, line: bytes, words_of: Callable[[Sequence[str]], LineWords]
-    ) -> LineReply[AnswerT]:
+    def decode_reply(self, line: bytes) -> LineReply[AnswerT]:
         """Answer of a line without its line feed; raises `WireError`."""
         sequence, words = self._unpack(line, DEVICE_MARK)
         match words:
             case [verb, "OK", *rest] if verb in self._messages:
-                taken = words_of(rest)
+                taken = self._words_of(rest)
                 answer = cast("AnswerT", _read_all(taken, self._messages[verb][1]))
                 taken.end()
                 return LineReply(sequence, verb, answer, line.decode("ascii"))

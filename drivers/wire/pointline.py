@@ -4,14 +4,14 @@ Millimetres, seconds, °C, hPa and % as on the wire, in the numbered lines of ro
 says which command each verb is, and what is answered; `FIELDS` of a message, which words it has.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from drivers.errors import WireError
 from drivers.values import Vector3
-from drivers.wire.framing import messages
 from drivers.wire.numbered_lines import (
+    CommandDone,
+    Hello,
     LineGrammar,
     LineMessage,
     LineOrder,
@@ -34,14 +34,6 @@ class PointlineMessage(LineMessage):
 
     __slots__ = ()
     WRITTEN: ClassVar = {**LineMessage.WRITTEN, **dict.fromkeys("pk", number_words)}
-
-
-@dataclass(frozen=True, slots=True)
-class Hello(PointlineMessage):
-    """Greets, and says which version of the protocol the client speaks."""
-
-    FIELDS = "w"
-    version: int
 
 
 class Order(LineOrder):
@@ -161,11 +153,6 @@ class BeamDirection(PointlineMessage):
     direction: Vector3
 
 
-@dataclass(frozen=True, slots=True)
-class CommandDone(PointlineMessage):
-    """Done, and nothing more to say."""
-
-
 Command = Hello | ReadReflector | Prepare | GoTo | Find | UseFace | Order
 Answer = (
     InstrumentGreeting
@@ -189,7 +176,6 @@ MESSAGES: Mapping[str, tuple[type[LineMessage] | Order, type[Answer]]] = {
     "FACE": (UseFace, CommandDone),
 }
 """Command and answer of each verb."""
-GRAMMAR: LineGrammar[Command, Answer] = LineGrammar(MESSAGES, LINE_BYTES)
 PointlineRequest = LineRequest[Command]
 PointlineReply = LineReply[Answer]
 
@@ -210,24 +196,4 @@ class Words(LineWords):
     READERS: ClassVar = {**LineWords.READERS, "p": place, "k": covariance}
 
 
-def decode_request(line: bytes) -> PointlineRequest:
-    """Question of a line without its line feed; raises `BadRequest`."""
-    return GRAMMAR.decode_request(line, Words)
-
-
-def decode_reply(line: bytes) -> PointlineReply:
-    """Answer of a line without its line feed; raises `WireError`."""
-    return GRAMMAR.decode_reply(line, Words)
-
-
-def replies() -> Callable[[bytes], list[PointlineReply]]:
-    """Replies from bytes, in any pieces; empty lines are passed over; raises only `WireError`."""
-    return messages(GRAMMAR.line_framer().feed, decode_reply)
-
-
-def point_said(line: bytes) -> PointMeasured:
-    """Answer of a measurement as records keep it; raises `WireError`."""
-    measured = decode_reply(line).outcome
-    if isinstance(measured, PointMeasured):
-        return measured
-    raise WireError(f"no measurement of an instrument: {line!r:.80}")
+GRAMMAR: LineGrammar[Command, Answer] = LineGrammar(MESSAGES, LINE_BYTES, Words)

@@ -5,15 +5,16 @@ answered; `FIELDS` of a message, which words it has. How many joints, coordinate
 there are is the robot's: its `RobotLayout` counts.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Self
 
 from drivers.errors import WireError
 from drivers.values import Coordinate
-from drivers.wire.framing import messages
 from drivers.wire.numbered_lines import (
+    CommandDone,
+    Hello,
     LineGrammar,
     LineMessage,
     LineOrder,
@@ -109,14 +110,6 @@ class RobotlineMessage(LineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class Hello(RobotlineMessage):
-    """Greets, and says which version of the protocol the client speaks."""
-
-    FIELDS = "w"
-    version: int
-
-
-@dataclass(frozen=True, slots=True)
 class MoveJoints(RobotlineMessage):
     """Starts a move to joint values."""
 
@@ -200,11 +193,6 @@ class MotionBegun(RobotlineMessage):
     expected_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class CommandDone(RobotlineMessage):
-    """Done, and nothing more to say."""
-
-
 Told = Hello | MoveJoints | MovePose | ReadPart | Part
 Command = Told | Order
 Answer = ControllerGreeting | ControllerStatus | MotionBegun | CommandDone | Part
@@ -220,24 +208,8 @@ MESSAGES: Mapping[str, tuple[type[Told] | Order, type[Answer]]] = {
     "ABANDON": (Order.ABANDON, CommandDone),
 }
 """Command and answer of each verb."""
-GRAMMAR: LineGrammar[Command, Answer] = LineGrammar(MESSAGES, LINE_BYTES)
 RobotlineRequest = LineRequest[Command]
 RobotlineReply = LineReply[Answer]
-
-
-def decode_request(line: bytes, robot: RobotLayout) -> RobotlineRequest:
-    """Question of a line without its line feed; raises `BadRequest`."""
-    return GRAMMAR.decode_request(line, lambda words: Words(words, robot))
-
-
-def decode_reply(line: bytes, robot: RobotLayout) -> RobotlineReply:
-    """Answer of a line without its line feed; raises `WireError`."""
-    return GRAMMAR.decode_reply(line, lambda words: Words(words, robot))
-
-
-def replies(robot: RobotLayout) -> Callable[[bytes], list[RobotlineReply]]:
-    """Replies from bytes, in any pieces; empty lines are passed over; raises only `WireError`."""
-    return messages(GRAMMAR.line_framer().feed, lambda line: decode_reply(line, robot))
 
 
 class Words(LineWords):
@@ -293,3 +265,8 @@ class Words(LineWords):
         "a": part_name,
         "v": values,
     }
+
+
+def grammar(robot: RobotLayout) -> LineGrammar[Command, Answer]:
+    """Grammar of a robot's lines."""
+    return LineGrammar(MESSAGES, LINE_BYTES, lambda words: Words(words, robot))

@@ -8,7 +8,7 @@ from typing_extensions import override
 
 from drivers.values import vector
 from drivers.wire import pointline as wire
-from drivers.wire.numbered_lines import BadRequest, Refused
+from drivers.wire.numbered_lines import BadRequest, CommandDone, Hello, Refused
 from sim.servers.peers import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
@@ -79,7 +79,7 @@ class PointlineSession(ServedSession):
 
     def _take(self, line: bytes) -> None:
         try:
-            request = wire.decode_request(line)
+            request = wire.GRAMMAR.decode_request(line)
         except BadRequest as bad:
             if bad.reply is not None:
                 self._say(bad.reply)
@@ -93,7 +93,7 @@ class PointlineSession(ServedSession):
     def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused | Later:
         tracker = self._tracker
         match command:
-            case wire.Hello(version):
+            case Hello(version):
                 if version != wire.VERSION:
                     return Refused("VERSION", f"version {wire.VERSION} is spoken here")
                 return wire.InstrumentGreeting(
@@ -154,13 +154,13 @@ class PointlineSession(ServedSession):
             takes_s = tracker.initialise(now_s)
         elif tracker.face != 1:  # as somebody, or a run that was cut off, left it
             takes_s = tracker.change_face(now_s) or 0.0
-        return Later(now_s + takes_s, lambda _: wire.CommandDone())
+        return Later(now_s + takes_s, lambda _: CommandDone())
 
     def _use_face(self, face: int, now_s: float) -> wire.Answer | Refused | Later:
         if face not in {1, 2}:
             return Refused("ARGUMENT", f"face {face}, there are 1 and 2")
         if face == self._tracker.face:
-            return wire.CommandDone() if self._tracker.beam_locked(now_s) else UNSEEN
+            return CommandDone() if self._tracker.beam_locked(now_s) else UNSEEN
         turn_s = self._tracker.change_face(now_s)
         if turn_s is None:
             return Refused("NONE", "it has one face")
@@ -182,7 +182,7 @@ class PointlineSession(ServedSession):
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
 
     def _seen_after(self, seconds: float, now_s: float) -> Later:
-        def finish(end_s: float) -> wire.CommandDone | Refused:
-            return wire.CommandDone() if self._tracker.beam_locked(end_s) else UNSEEN
+        def finish(end_s: float) -> CommandDone | Refused:
+            return CommandDone() if self._tracker.beam_locked(end_s) else UNSEEN
 
         return Later(now_s + seconds, finish)

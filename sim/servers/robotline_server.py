@@ -7,7 +7,7 @@ from typing_extensions import override
 
 from drivers.values import Coordinate
 from drivers.wire import robotline as wire
-from drivers.wire.numbered_lines import BadRequest, Refused
+from drivers.wire.numbered_lines import BadRequest, CommandDone, Hello, Refused
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 from sim.servers.peers import ServedSession
@@ -30,7 +30,8 @@ class RobotlineSession(ServedSession):
         self._controller = controller
         self._layout = layout_of(controller.kind, controller.extensions)
         self._send = send
-        self._lines = wire.GRAMMAR.line_framer()
+        self._grammar = wire.grammar(self._layout)
+        self._lines = self._grammar.line_framer()
         self._staged: dict[str, float] = {}
         self._has_moved = False
 
@@ -39,7 +40,7 @@ class RobotlineSession(ServedSession):
         """Obey every line that these bytes complete, and answer each."""
         for line in self._lines.feed(data):
             if line and (reply := self._reply(line, now_s)) is not None:
-                self._send(wire.GRAMMAR.encode_reply(reply))
+                self._send(self._grammar.encode_reply(reply))
 
     @override
     def closed(self, now_s: float) -> None:
@@ -50,11 +51,13 @@ class RobotlineSession(ServedSession):
 
     def _reply(self, line: bytes, now_s: float) -> wire.RobotlineReply | None:
         try:
-            request = wire.decode_request(line, self._layout)
+            request = self._grammar.decode_request(line)
         except BadRequest as bad:
             return bad.reply
         outcome = self._outcome(request.command, now_s)
-        return wire.RobotlineReply(request.sequence, wire.GRAMMAR.verb_of(request.command), outcome)
+        return wire.RobotlineReply(
+            request.sequence, self._grammar.verb_of(request.command), outcome
+        )
 
     def _outcome(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
         try:
@@ -64,7 +67,7 @@ class RobotlineSession(ServedSession):
 
     def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
         match command:
-            case wire.Hello(version):
+            case Hello(version):
                 return self._greet(version)
             case wire.Order.STATE:
                 return self._status(now_s)
@@ -72,7 +75,7 @@ class RobotlineSession(ServedSession):
                 return self._move(command, now_s)
             case wire.Order.STOP:
                 self._controller.stop(now_s)
-                return wire.CommandDone()
+                return CommandDone()
             case wire.ReadPart(name):
                 held = dict.fromkeys(self._layout.extensions, 0.0) | self._controller.geometry()
                 values = tuple(held[parameter] for parameter in self._layout.names_of(name))
@@ -106,11 +109,11 @@ class RobotlineSession(ServedSession):
         self._has_moved = True
         return wire.MotionBegun(expected_s)
 
-    def _replace_geometry(self, command: wire.Part | wire.Order, now_s: float) -> wire.CommandDone:
+    def _replace_geometry(self, command: wire.Part | wire.Order, now_s: float) -> CommandDone:
         if isinstance(command, wire.Part):
             self._staged |= self._layout.flat(command)
-            return wire.CommandDone()
+            return CommandDone()
         if command is wire.Order.COMMIT:
             self._controller.replace_geometry(self._staged, now_s)
         self._staged.clear()
-        return wire.CommandDone()
+        return CommandDone()

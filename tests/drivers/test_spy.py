@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotline_layouts import PAR4_LAYOUT
+from robotline_layouts import PAR4_LAYOUT, PAR4_LINES
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.byte_log import ByteLog, LoggedTransport, bytes_as_lines, logged, no_reading
@@ -177,9 +177,9 @@ class TestEmsconReading:
 class TestLineReadings:
     def test_robotline_is_read_in_both_directions(self):
         reading = READINGS["robotline"]()
-        question = robotline.GRAMMAR.encode_request(robotline.RobotlineRequest(8, Order.STATE))
+        question = PAR4_LINES.encode_request(robotline.RobotlineRequest(8, Order.STATE))
         status = ControllerStatus(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
-        answer = robotline.GRAMMAR.encode_reply(robotline.RobotlineReply(8, "STATE", status))
+        answer = PAR4_LINES.encode_reply(robotline.RobotlineReply(8, "STATE", status))
         assert reading.sent(question) == ["question 8: Order.STATE"]
         (said,) = reading.received(answer)
         assert said.startswith("answer 8 to STATE: ControllerStatus(moving=False")

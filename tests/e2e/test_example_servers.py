@@ -10,7 +10,7 @@ from threading import Lock
 
 import pytest
 from command_line import change
-from robotline_layouts import PAR4_LAYOUT
+from robotline_layouts import PAR4_LAYOUT, PAR4_LINES
 
 from drivers.wire import pointline, robotline
 from drivers.wire.numbered_lines import LineRequest
@@ -54,17 +54,17 @@ def test_controller_to_copy_answers_bad_lines_as_the_page_says(controller, case)
         assert answer is None
     else:
         assert answer.decode().startswith(case["answer"])
-        assert robotline.decode_reply(answer[:-1], PAR4_LAYOUT)
+        assert PAR4_LINES.decode_reply(answer[:-1])
 
 
 def asked(session, grammar, command):
-    line = grammar.GRAMMAR.encode_request(LineRequest(7, command))
+    line = grammar.encode_request(LineRequest(7, command))
     return session.answer(line[:-1])[:-1]
 
 
 @pytest.mark.parametrize("command", [*pointline.Order, pointline.Hello(1), pointline.Find(2500.0)])
 def test_instrument_to_copy_speaks_the_grammar(instrument, command):
-    told = pointline.decode_reply(asked(instrument, pointline, command))
+    told = pointline.GRAMMAR.decode_reply(asked(instrument, pointline.GRAMMAR, command))
     assert told.verb == pointline.GRAMMAR.verb_of(command)
 
 
@@ -74,7 +74,7 @@ def test_controller_to_copy_replaces_all_parameters_or_none_and_keeps_them(monke
     session = server.RobotlineSession(server.Controller(tmp_path / "kept"), Lock())
 
     def told(command):
-        return robotline.decode_reply(asked(session, robotline, command), PAR4_LAYOUT).outcome
+        return PAR4_LINES.decode_reply(asked(session, PAR4_LINES, command)).outcome
 
     parts = [told(robotline.ReadPart(name)) for name in PAR4_LAYOUT.parts]
     changed = [robotline.Part(p.name, tuple(1.5 + value for value in p.values)) for p in parts]
@@ -84,8 +84,8 @@ def test_controller_to_copy_replaces_all_parameters_or_none_and_keeps_them(monke
         told(part)
     assert told(robotline.Order.COMMIT) == robotline.CommandDone()
     again = server.RobotlineSession(server.Controller(tmp_path / "kept"), Lock())
-    line = asked(again, robotline, robotline.ReadPart("ARM 0"))
-    kept = robotline.decode_reply(line, PAR4_LAYOUT)
+    line = asked(again, PAR4_LINES, robotline.ReadPart("ARM 0"))
+    kept = PAR4_LINES.decode_reply(line)
     assert kept.outcome == changed[0]
 
 

@@ -16,6 +16,7 @@ THREE_CARRIAGES = messages.RobotLayout.of(
     ],
 )
 """Joints in mm, no turn, no parameter beside those of the arms."""
+PAR4_LINES = messages.grammar(PAR4_LAYOUT)
 
 
 NAMES = {"Greeting": "ControllerGreeting", "Motion": "MotionBegun", "Done": "CommandDone"}

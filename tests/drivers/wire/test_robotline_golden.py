@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT, command_of, outcome_of
+from robotline_layouts import PAR4_LINES, TILTING_LAYOUT, command_of, outcome_of
 
 from drivers.errors import WireError
 from drivers.wire import numbered_lines as lines
@@ -32,32 +32,32 @@ def test_checksum_of_golden_text(case):
 @pytest.mark.parametrize("case", GOLDEN["requests"], ids=line)
 def test_golden_request_is_written_and_read(case):
     request = wire.RobotlineRequest(case["sequence"], command_of(case))
-    assert wire.GRAMMAR.encode_request(request) == case["line"].encode() + b"\n"
-    assert wire.decode_request(case["line"].encode(), PAR4_LAYOUT) == request
+    assert PAR4_LINES.encode_request(request) == case["line"].encode() + b"\n"
+    assert PAR4_LINES.decode_request(case["line"].encode()) == request
 
 
 @pytest.mark.parametrize("case", GOLDEN["replies"], ids=line)
 def test_golden_reply_is_written_and_read(case):
     reply = wire.RobotlineReply(case["sequence"], case["verb"], outcome_of(case))
-    assert wire.GRAMMAR.encode_reply(reply) == case["line"].encode() + b"\n"
-    assert wire.decode_reply(case["line"].encode(), PAR4_LAYOUT) == reply
-    assert wire.decode_reply(case["line"].encode(), PAR4_LAYOUT).line == case["line"]
+    assert PAR4_LINES.encode_reply(reply) == case["line"].encode() + b"\n"
+    assert PAR4_LINES.decode_reply(case["line"].encode()) == reply
+    assert PAR4_LINES.decode_reply(case["line"].encode()).line == case["line"]
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=why)
 def test_bad_request_says_what_the_controller_must_answer(case):
     with pytest.raises(lines.BadRequest) as bad:
-        wire.decode_request(case["line"].encode(), PAR4_LAYOUT)
+        PAR4_LINES.decode_request(case["line"].encode())
     if case["answer"] is None:
         assert bad.value.reply is None
     else:
-        assert wire.GRAMMAR.encode_reply(bad.value.reply).decode().startswith(case["answer"])
+        assert PAR4_LINES.encode_reply(bad.value.reply).decode().startswith(case["answer"])
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_replies"], ids=why)
 def test_bad_reply_is_a_wire_error(case):
     with pytest.raises(WireError):
-        wire.decode_reply(case["line"].encode(), PAR4_LAYOUT)
+        PAR4_LINES.decode_reply(case["line"].encode())
 
 
 @pytest.mark.parametrize("case", GOLDEN["requests"] + GOLDEN["replies"], ids=line)
@@ -68,9 +68,10 @@ def test_specification_quotes_the_golden_line(case):
 def test_specification_is_right_in_its_lines_and_its_checksum():
     lines = re.findall(r"^[<>]\d+ .* \*[0-9A-F]{4}$", SPECIFICATION, flags=re.MULTILINE)
     assert len(lines) >= len(GOLDEN["requests"] + GOLDEN["replies"])
+    tilting = wire.grammar(TILTING_LAYOUT)
     for text in lines:
-        decode = wire.decode_request if text.startswith(">") else wire.decode_reply
-        assert decode(text.encode(), TILTING_LAYOUT)
+        decode = tilting.decode_request if text.startswith(">") else tilting.decode_reply
+        assert decode(text.encode())
     (code,) = re.findall(r"```python\n(.*?)```", SPECIFICATION, flags=re.DOTALL)
     names = {}
     exec(code, names)

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotline_layouts import PAR4_LAYOUT, THREE_CARRIAGES
+from robotline_layouts import PAR4_LAYOUT, PAR4_LINES, THREE_CARRIAGES
 
 from drivers.errors import WireError
 from drivers.wire import numbered_lines as lines
@@ -62,17 +62,17 @@ any_outcome = st.one_of(
 
 
 def request_of(data):
-    return wire.decode_request(data, PAR4_LAYOUT)
+    return PAR4_LINES.decode_request(data)
 
 
 def reply_of(data):
-    return wire.decode_reply(data, PAR4_LAYOUT)
+    return PAR4_LINES.decode_reply(data)
 
 
 @given(sequences, any_command)
 def test_request_reads_as_it_was_written(sequence, command):
     request = wire.RobotlineRequest(sequence, command)
-    written = wire.GRAMMAR.encode_request(request)
+    written = PAR4_LINES.encode_request(request)
     assert written.endswith(b"\n")
     assert len(written) <= wire.LINE_BYTES
     assert request_of(written[:-1]) == request
@@ -81,12 +81,12 @@ def test_request_reads_as_it_was_written(sequence, command):
 @given(sequences, any_outcome)
 def test_reply_reads_as_it_was_written(sequence, verb_and_outcome):
     reply = wire.RobotlineReply(sequence, *verb_and_outcome)
-    assert reply_of(wire.GRAMMAR.encode_reply(reply)[:-1]) == reply
+    assert reply_of(PAR4_LINES.encode_reply(reply)[:-1]) == reply
 
 
 @given(sequences, st.text(max_size=600))
 def test_any_text_of_a_refusal_fits_into_a_line(sequence, text):
-    written = wire.GRAMMAR.encode_reply(
+    written = PAR4_LINES.encode_reply(
         wire.RobotlineReply(sequence, "ABANDON", lines.Refused("GEOMETRY", text))
     )
     assert len(written) <= wire.LINE_BYTES
@@ -108,7 +108,7 @@ def test_number_reads_as_the_same_double(value):
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_number_that_is_not_finite_is_never_sent(value):
     with pytest.raises(WireError, match="not a finite number"):
-        wire.GRAMMAR.encode_request(
+        PAR4_LINES.encode_request(
             wire.RobotlineRequest(1, wire.MoveJoints((0.0, value, 0.0, 0.0), 10.0))
         )
 
@@ -120,7 +120,7 @@ def test_longest_lines_are_read_and_longer_ones_neither_read_nor_sent():
     with pytest.raises(WireError, match="more than 255 bytes"):
         reply_of(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
     with pytest.raises(WireError, match="limit is 255"):
-        wire.GRAMMAR.encode_reply(
+        PAR4_LINES.encode_reply(
             wire.RobotlineReply(
                 1, "STATE", wire.ControllerStatus(False, False, "x" * 300, (0.0,) * 4)
             )
@@ -144,26 +144,25 @@ def test_parameters_keep_their_names_through_the_parts():
 def test_another_robot_has_other_words():
     """Three joints, no turn, and no parameter beside those of its arms."""
     moved = wire.RobotlineRequest(1, wire.MoveJoints((1.0, 2.0, 3.0), 50.0))
-    assert wire.decode_request(wire.GRAMMAR.encode_request(moved)[:-1], THREE_CARRIAGES) == moved
+    carriages = wire.grammar(THREE_CARRIAGES)
+    assert carriages.decode_request(PAR4_LINES.encode_request(moved)[:-1]) == moved
     with pytest.raises(lines.BadRequest):
-        request_of(wire.GRAMMAR.encode_request(moved)[:-1])
+        request_of(PAR4_LINES.encode_request(moved)[:-1])
     assert list(THREE_CARRIAGES.parts) == ["ARM 0", "ARM 1", "ARM 2"]
     with pytest.raises(lines.BadRequest, match="'PLATE' is neither ARM"):
-        wire.decode_request(
-            wire.GRAMMAR.encode_request(wire.RobotlineRequest(1, wire.ReadPart("PLATE")))[:-1],
-            THREE_CARRIAGES,
+        carriages.decode_request(
+            PAR4_LINES.encode_request(wire.RobotlineRequest(1, wire.ReadPart("PLATE")))[:-1]
         )
     with pytest.raises(lines.BadRequest, match="not 0 to 2"):
-        wire.decode_request(
-            wire.GRAMMAR.encode_request(wire.RobotlineRequest(1, wire.ReadPart("ARM 3")))[:-1],
-            THREE_CARRIAGES,
+        carriages.decode_request(
+            PAR4_LINES.encode_request(wire.RobotlineRequest(1, wire.ReadPart("ARM 3")))[:-1]
         )
 
 
 @given(sequences, any_outcome, st.binary())
 def test_reply_is_read_whatever_trails_behind_its_line(sequence, verb_and_outcome, trailing):
     reply = wire.RobotlineReply(sequence, *verb_and_outcome)
-    first, *_ = wire.GRAMMAR.line_framer().feed(wire.GRAMMAR.encode_reply(reply) + trailing)
+    first, *_ = PAR4_LINES.line_framer().feed(PAR4_LINES.encode_reply(reply) + trailing)
     assert reply_of(first) == reply
 
 
@@ -178,4 +177,4 @@ def test_no_damage_of_two_bytes_goes_unseen(data):
 
 
 def test_empty_lines_are_passed_over():
-    assert wire.replies(PAR4_LAYOUT)(b"\n\r\n\n") == []
+    assert PAR4_LINES.replies()(b"\n\r\n\n") == []

@@ -81,6 +81,7 @@ GEOCOM_REQUESTS = tuple(
     )
 )
 LAYOUT = layout_of(PAR4)
+PAR4_LINES = robotline.grammar(LAYOUT)
 PART = robotline.Part(
     "ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"])))
 )
@@ -93,11 +94,11 @@ OUTCOMES: tuple[tuple[str, robotline.Answer | numbered_lines.Refused], ...] = (
     ("MOVEP", numbered_lines.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
 )
 ROBOTLINE_REPLIES = tuple(
-    robotline.GRAMMAR.encode_reply(robotline.RobotlineReply(7, verb, outcome))
+    PAR4_LINES.encode_reply(robotline.RobotlineReply(7, verb, outcome))
     for verb, outcome in OUTCOMES
 )
 ROBOTLINE_REQUESTS = tuple(
-    robotline.GRAMMAR.encode_request(robotline.RobotlineRequest(7, command))
+    PAR4_LINES.encode_request(robotline.RobotlineRequest(7, command))
     for command in (
         robotline.Hello(1),
         robotline.Order.STATE,
@@ -166,7 +167,7 @@ def _geocom_request():
 
 
 def _robotline_request():
-    lines = robotline.GRAMMAR.line_framer()
+    lines = PAR4_LINES.line_framer()
 
     def feed(data):
         return [_answerable(line) for line in lines.feed(data)]
@@ -177,10 +178,10 @@ def _robotline_request():
 def _answerable(line: bytes) -> robotline.RobotlineRequest:
     """The request; what a server answers to a bad one can be written and read."""
     try:
-        return robotline.decode_request(line, LAYOUT)
+        return PAR4_LINES.decode_request(line)
     except numbered_lines.BadRequest as bad:
         if bad.reply is not None:
-            robotline.decode_reply(robotline.GRAMMAR.encode_reply(bad.reply)[:-1], LAYOUT)
+            PAR4_LINES.decode_reply(PAR4_LINES.encode_reply(bad.reply)[:-1])
         raise
 
 
@@ -199,7 +200,7 @@ def _linuxcnc():
 
 def _pointline_request():
     lines = pointline.GRAMMAR.line_framer()
-    return lambda data: [pointline.decode_request(line) for line in lines.feed(data)]
+    return lambda data: [pointline.GRAMMAR.decode_request(line) for line in lines.feed(data)]
 
 
 def resealed_line(line: bytes) -> bytes:
@@ -225,11 +226,9 @@ WIRES: tuple[Wire, ...] = (
     Wire("emScon, client", emscon.from_client, FROM_CLIENT),
     Wire("GeoCOM, instrument", _geocom_reply, GEOCOM_REPLIES, resealed_geocom),
     Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
-    Wire(
-        "robotline, controller", lambda: robotline.replies(LAYOUT), ROBOTLINE_REPLIES, resealed_line
-    ),
+    Wire("robotline, controller", PAR4_LINES.replies, ROBOTLINE_REPLIES, resealed_line),
     Wire("robotline, client", _robotline_request, ROBOTLINE_REQUESTS, resealed_line),
-    Wire("pointline, instrument", pointline.replies, POINTLINE_REPLIES, resealed_line),
+    Wire("pointline, instrument", pointline.GRAMMAR.replies, POINTLINE_REPLIES, resealed_line),
     Wire("pointline, client", _pointline_request, POINTLINE_REQUESTS, resealed_line),
     Wire("linuxcncrsh", _linuxcnc, LINUXCNC),
 )

@@ -5,9 +5,10 @@ from contextlib import suppress
 from random import Random
 
 import pytest
+from robotline_layouts import PAR4_LINES
 
 from drivers.errors import WireError
-from drivers.wire import geocom, robotline
+from drivers.wire import geocom
 from drivers.wire import robotline as messages
 from drivers.wire.emscon import REQUESTS as BODIES
 from drivers.wire.emscon import EmsconRequest, encode
@@ -60,9 +61,7 @@ def robotline_request(draw, number):
         messages.Order.COMMIT,
         messages.ReadPart(PART),
     )
-    return robotline.GRAMMAR.encode_request(
-        robotline.RobotlineRequest(number, draw.choice(commands))
-    )
+    return PAR4_LINES.encode_request(messages.RobotlineRequest(number, draw.choice(commands)))
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ import pytest
 from fake_controller import GEOMETRY, FakeController
 from hypothesis import given
 from hypothesis import strategies as st
-from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT
+from robotline_layouts import PAR4_LAYOUT, PAR4_LINES, TILTING_LAYOUT
 
-from drivers.wire.robotline import decode_reply
+from drivers.wire.robotline import grammar
 from sim.geometry import PAR4
 from sim.robot.controller import Refusal
 from sim.servers.robotline_server import RobotlineSession
@@ -36,7 +36,7 @@ class Client:
         self.session.received(checked(f">5 {command}"), NOW_S)
         (answer,) = self.sent
         head = f"<5 {command.split()[0]} "
-        decode_reply(answer[:-1], self.layout)
+        grammar(self.layout).decode_reply(answer[:-1])
         body = answer.decode().rpartition(" *")[0]
         assert body.startswith(head)
         return body.removeprefix(head)
@@ -187,7 +187,7 @@ def test_question_is_answered_whatever_came_before(client, before):
 
 def test_every_question_of_one_delivery_is_answered_in_turn(client):
     client.session.received(checked(">8 STOP") + checked(">9 STATE")[:-1] + b"\r\n>10 ST", NOW_S)
-    assert [decode_reply(line[:-1], PAR4_LAYOUT).sequence for line in client.sent] == [8, 9]
+    assert [PAR4_LINES.decode_reply(line[:-1]).sequence for line in client.sent] == [8, 9]
 
 
 @given(
@@ -203,7 +203,7 @@ def test_garbage_never_raises_and_every_answer_is_sound(pieces):
     for piece in pieces:
         client.session.received(piece, NOW_S)
     for line in client.sent:
-        decode_reply(line[:-1], PAR4_LAYOUT)
+        PAR4_LINES.decode_reply(line[:-1])
 
 
 def test_extensions_are_unknown_words_to_a_plain_controller(client):
