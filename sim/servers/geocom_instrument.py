@@ -8,6 +8,7 @@ from typing import cast
 
 from drivers.wire.geocom import parse_number, parse_string, parse_whole, parse_words
 from drivers.wire.geocom_constants import USER_PRISM, Capability, Result, Rpc, TargetType
+from sim.servers.queueing import Later
 from sim.tracker.instrument import SimulatedTracker
 
 MODEL = "SIM-TS"
@@ -31,17 +32,11 @@ class GeocomOutcome:
 
     result: int = Result.OK
     values: Values = ()
+    communication: int = Result.OK
 
 
-@dataclass(frozen=True, slots=True)
-class Later:
-    """Action that takes time: when it ends, and what then comes of it."""
-
-    due_s: float
-    finish: Callable[[float], GeocomOutcome]
-
-
-Handler = Callable[[Sequence[str], float], GeocomOutcome | Later]
+Obeyed = GeocomOutcome | Later[GeocomOutcome]
+Handler = Callable[[Sequence[str], float], Obeyed]
 """Handler of a call's words, at a time; may raise `WireError` for the words."""
 
 DONE = GeocomOutcome()

@@ -17,10 +17,11 @@ from sim.servers.geocom_instrument import (
     GeocomInstrument,
     GeocomOutcome,
     Handler,
-    Later,
+    Obeyed,
     Values,
     told,
 )
+from sim.servers.queueing import Later
 from sim.tracker.beam import Aim
 from sim.tracker.instrument import SLEW_RAD_PER_S, SimulatedTracker
 from sim.tracker.optics import MM_PER_M
@@ -68,9 +69,7 @@ class Head:
             hz_rad, v_rad = hz_rad + math.pi, math.tau - v_rad
         return hz_rad % math.tau, v_rad
 
-    def turn(
-        self, hz_rad: float, v_rad: float, now_s: float, *, to_target: bool
-    ) -> GeocomOutcome | Later:
+    def turn(self, hz_rad: float, v_rad: float, now_s: float, *, to_target: bool) -> Obeyed:
         """Turn there, and if asked for, onto the prism in view."""
         if max(abs(hz_rad), abs(v_rad)) > math.tau:
             return WRONG
@@ -91,7 +90,7 @@ class Head:
 
         return Later(due_s, finish)
 
-    def turn_over(self, now_s: float, *, to_target: bool) -> GeocomOutcome | Later:
+    def turn_over(self, now_s: float, *, to_target: bool) -> Obeyed:
         """Turn into the other face, to where it looks now, and if asked for, onto the prism."""
         if to_target and not self.recognition:
             return GeocomOutcome(Result.AUT_NOT_ENABLED)
@@ -103,7 +102,7 @@ class Head:
         due_s = now_s + turn_s + (AIM_S if to_target else 0.0)
         return Later(due_s, lambda end_s: self._arrive(there_mm, end_s, to_target=to_target))
 
-    def search(self, window_rad: float, now_s: float, *, takes_s: float) -> GeocomOutcome | Later:
+    def search(self, window_rad: float, now_s: float, *, takes_s: float) -> Obeyed:
         """Aim at the prism within a window around the present direction."""
         if not self.recognition:
             return GeocomOutcome(Result.AUT_NOT_ENABLED)
@@ -113,7 +112,7 @@ class Head:
         due_s = now_s + (takes_s if found else self._tracker.search_timeout_s)
         return Later(due_s, lambda end_s: self._seek(here_mm, window_rad, end_s))
 
-    def lock_in(self, now_s: float) -> GeocomOutcome | Later:
+    def lock_in(self, now_s: float) -> Obeyed:
         """Follow the prism that it is aimed at."""
         if not self.lock_mode:
             return GeocomOutcome(Result.AUT_NOT_ENABLED)
@@ -166,7 +165,7 @@ class GeocomStation:
         """Point in the tracker's frame, None where it found nothing, and when."""
         self._handlers = self.instrument.handlers() | self._measuring() | self._aiming()
 
-    def obey(self, rpc: int, words: Sequence[str], now_s: float) -> GeocomOutcome | Later | None:
+    def obey(self, rpc: int, words: Sequence[str], now_s: float) -> Obeyed | None:
         """Do what a call wants; None: there is no such call. Raises `WireError` for its words."""
         handler = self._handlers.get(Rpc(rpc)) if rpc in set(Rpc) else None
         return None if handler is None else handler(words, now_s)
@@ -174,7 +173,6 @@ class GeocomStation:
     def advance(self, now_s: float) -> None:
         """Let happen what is due by now."""
         self.tracker.advance(now_s)
-        self.tracker.events()  # GeoCOM tells nothing unasked
         due_s = self._measures_until_s
         if due_s is not None and now_s >= due_s:
             self._measures_until_s = None
@@ -227,7 +225,7 @@ class GeocomStation:
 
     def _when_measured(
         self, deliver: Callable[[float], GeocomOutcome], words: Sequence[str], now_s: float
-    ) -> GeocomOutcome | Later:
+    ) -> Obeyed:
         """Wait for the distance meter, at most as long as the call says."""
         wait_ms, _inclination = map(parse_whole, parse_words(words, 2))
         due_s = self._measures_until_s
@@ -235,7 +233,7 @@ class GeocomStation:
             return deliver(now_s)
         return Later(min(due_s, now_s + wait_ms / MS_PER_S), deliver)
 
-    def _distance_and_angle(self, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
+    def _distance_and_angle(self, words: Sequence[str], now_s: float) -> Obeyed:
         (mode,) = map(parse_whole, parse_words(words, 1))
         if mode != DEFAULT_DISTANCE:
             return GeocomOutcome(Result.NOT_IMPLEMENTED, (0.0, 0.0, 0.0, 0))
@@ -295,17 +293,17 @@ class GeocomStation:
         self.head.orientation_rad += hz_rad - self.head.direction_rad(now_s)[0]
         return DONE
 
-    def _turn(self, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
+    def _turn(self, words: Sequence[str], now_s: float) -> Obeyed:
         hz, v, _precise, to_target, _unused = parse_words(words, 5)
         return self.head.turn(
             parse_number(hz), parse_number(v), now_s, to_target=bool(parse_whole(to_target))
         )
 
-    def _turn_over(self, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
+    def _turn_over(self, words: Sequence[str], now_s: float) -> Obeyed:
         _precise, to_target, _unused = map(parse_whole, parse_words(words, 3))
         return self.head.turn_over(now_s, to_target=bool(to_target))
 
-    def _look(self, takes_s: float, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
+    def _look(self, takes_s: float, words: Sequence[str], now_s: float) -> Obeyed:
         return self.head.search(_window_rad(words), now_s, takes_s=takes_s)
 
 

@@ -1,97 +1,46 @@
 """The simulated tracker's side of pointline (docs/pointline.md): one connection, no socket."""
 
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from typing_extensions import override
 
 from drivers.values import vector
 from drivers.wire import pointline as wire
 from drivers.wire.numbered_lines import BadRequest, CommandDone, Hello, Refused
-from sim.servers.peers import ServedSession
+from sim.servers.queueing import Later, QueueingSession
 from sim.tracker.instrument import SimulatedTracker
 
 MODEL = "SIM-PL"
-MOST_WAITING = 100
-"""Questions that are kept while one is worked on; what comes above is lost, as in a full buffer."""
+Outcome = wire.Answer | Refused
 UNSEEN = Refused("BEAM", "no reflector was found")
 
 
-@dataclass(frozen=True, slots=True)
-class Later:
-    """Work that takes time: when it ends, and what is then answered."""
-
-    due_s: float
-    finish: Callable[[float], wire.Answer | Refused]
-
-
-class PointlineSession(ServedSession):
+class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
     """Answers one client, one question after another; what was prepared is the tracker's."""
 
     def __init__(self, tracker: SimulatedTracker, send: Callable[[bytes], None]) -> None:
+        super().__init__(wire.GRAMMAR.line_framer(), tracker.advance, tracker.next_event_s)
         self._tracker = tracker
         self._send = send
-        self._lines = wire.GRAMMAR.line_framer()
-        self._waiting: deque[wire.PointlineRequest] = deque()
-        self._pending: tuple[wire.PointlineRequest, Later] | None = None
         self._measuring_time_s = 1.0
 
     @override
-    def received(self, data: bytes, now_s: float) -> None:
-        """Obey every line that these bytes complete; what takes time is answered by `advance`."""
-        for line in self._lines.feed(data):
-            if line:
-                self._take(line)
-                self.advance(now_s)
-
-    @override
-    def advance(self, now_s: float) -> None:
-        """Answer what is due, and go on with what waits behind it."""
-        self._tracker.advance(now_s)
-        self._tracker.events()  # pointline tells nothing unasked
-        while self._pending is not None or self._waiting:
-            if self._pending is None:
-                request = self._waiting.popleft()
-                outcome = self._obey(request.command, now_s)
-            else:
-                request, later = self._pending
-                if now_s < later.due_s:
-                    return
-                outcome, self._pending = later.finish(now_s), None
-            if isinstance(outcome, Later):
-                self._pending = request, outcome
-            else:
-                verb = wire.GRAMMAR.verb_of(request.command)
-                self._say(wire.PointlineReply(request.sequence, verb, outcome))
-
-    @override
-    def next_due_s(self) -> float | None:
-        """Time of the next thing that happens by itself."""
-        times = [self._tracker.next_event_s(), self._pending[1].due_s if self._pending else None]
-        return min((time_s for time_s in times if time_s is not None), default=None)
-
-    @override
-    def closed(self, now_s: float) -> None:
-        """Forget what was worked on; the beam stays where it is."""
-        self._pending = None
-        self._waiting.clear()
-
-    def _take(self, line: bytes) -> None:
+    def _read(self, line: bytes) -> wire.PointlineRequest | None:
         try:
-            request = wire.GRAMMAR.decode_request(line)
+            return wire.GRAMMAR.decode_request(line)
         except BadRequest as bad:
             if bad.reply is not None:
-                self._say(bad.reply)
-        else:
-            if len(self._waiting) < MOST_WAITING:
-                self._waiting.append(request)
+                self._send(wire.GRAMMAR.encode_reply(bad.reply))
+            return None
 
-    def _say(self, reply: wire.PointlineReply) -> None:
-        self._send(wire.GRAMMAR.encode_reply(reply))
+    @override
+    def _answer(self, request: wire.PointlineRequest, outcome: Outcome) -> None:
+        verb = wire.GRAMMAR.verb_of(request.command)
+        self._send(wire.GRAMMAR.encode_reply(wire.PointlineReply(request.sequence, verb, outcome)))
 
-    def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused | Later:
-        tracker = self._tracker
+    @override
+    def _obey(self, request: wire.PointlineRequest, now_s: float) -> Outcome | Later[Outcome]:
+        tracker, command = self._tracker, request.command
         match command:
             case Hello(version):
                 if version != wire.VERSION:
@@ -102,7 +51,7 @@ class PointlineSession(ServedSession):
             case wire.Order.MEASURE:
                 return self._measure(now_s)
             case wire.Order():
-                return self._read(command, now_s)
+                return self._told(command, now_s)
             case wire.ReadReflector(index):
                 return self._definition(index)
             case wire.Prepare(name, seconds):
@@ -114,7 +63,7 @@ class PointlineSession(ServedSession):
             case wire.UseFace(face):
                 return self._use_face(face, now_s)
 
-    def _read(self, what: wire.Order, now_s: float) -> wire.Answer:
+    def _told(self, what: wire.Order, now_s: float) -> wire.Answer:
         tracker = self._tracker
         if what is wire.Order.AIR:
             return wire.Air(*tracker.weather(now_s))
@@ -140,7 +89,7 @@ class PointlineSession(ServedSession):
         each = known[index]
         return wire.ReflectorDefinition(len(known), each.name, each.surface_offset_mm)
 
-    def _prepare(self, name: str, seconds: float, now_s: float) -> wire.Answer | Refused | Later:
+    def _prepare(self, name: str, seconds: float, now_s: float) -> Outcome | Later[Outcome]:
         tracker = self._tracker
         found = next((each for each in tracker.reflectors if each.name == name), None)
         if found is None:
@@ -156,7 +105,7 @@ class PointlineSession(ServedSession):
             takes_s = tracker.change_face(now_s) or 0.0
         return Later(now_s + takes_s, lambda _: CommandDone())
 
-    def _use_face(self, face: int, now_s: float) -> wire.Answer | Refused | Later:
+    def _use_face(self, face: int, now_s: float) -> Outcome | Later[Outcome]:
         if face not in {1, 2}:
             return Refused("ARGUMENT", f"face {face}, there are 1 and 2")
         if face == self._tracker.face:
@@ -166,7 +115,7 @@ class PointlineSession(ServedSession):
             return Refused("NONE", "it has one face")
         return self._seen_after(turn_s, now_s)
 
-    def _measure(self, now_s: float) -> Refused | Later:
+    def _measure(self, now_s: float) -> Refused | Later[Outcome]:
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
         if due_s is None:
             return Refused("NOBEAM", "the beam is on no reflector")
@@ -181,7 +130,7 @@ class PointlineSession(ServedSession):
         terms = xx, xy, xz, yy, yz, zz
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
 
-    def _seen_after(self, seconds: float, now_s: float) -> Later:
+    def _seen_after(self, seconds: float, now_s: float) -> Later[Outcome]:
         def finish(end_s: float) -> CommandDone | Refused:
             return CommandDone() if self._tracker.beam_locked(end_s) else UNSEEN
 

@@ -1,6 +1,7 @@
 """The simulated laser tracker: initialises, warms up, follows its beam, measures with noise."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ from sim.tracker.section import S_PER_H, TrackerSection
 SLEW_RAD_PER_S = math.radians(90.0)
 FOREVER_S = 1e9
 TURN_OVER_S = 4.0
+EVENTS_KEPT = 100
+"""Of a tracker whose protocol tells nothing unasked."""
 PPM = 1e-6
 
 
@@ -79,7 +82,7 @@ class SimulatedTracker:
         self._action: tuple[float, Callable[[float], None]] | None = None
         """Action that takes time: when it ends, and what happens then."""
         self._measuring_s: float | None = None
-        self._events: list[str] = []
+        self._events: deque[str] = deque(maxlen=EVENTS_KEPT)
 
     def initialised(self, now_s: float) -> bool:
         """Whether it has been initialised."""
@@ -123,7 +126,8 @@ class SimulatedTracker:
 
         "initialised", "warmed_up", "beam_lost", "beam_found".
         """
-        taken, self._events = self._events, []
+        taken = list(self._events)
+        self._events.clear()
         return taken
 
     def next_event_s(self) -> float | None:
