@@ -86,10 +86,13 @@ def pytest_runtest_makereport(
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Whole programs and drawn pages are slow; larger numbers take their time."""
+    files = {item.path for item in items}
+    of_programs = {path for path in files if not set(WHOLE_PROGRAMS).isdisjoint(path.parents)}
+    has_all_its_time = config.getoption("--times") > 1
     for item in items:
-        if config.getoption("--times") > 1:
+        if has_all_its_time:
             item.add_marker(pytest.mark.timeout(0), append=False)
-        if any(folder in item.path.parents for folder in WHOLE_PROGRAMS):
+        if item.path in of_programs:
             item.add_marker(pytest.mark.slow)
 
 

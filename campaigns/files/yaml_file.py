@@ -27,8 +27,8 @@ BROKEN_RULE = "broken_rule"
 UNBROKEN_LINE = 4096
 """Columns; long texts stay on their line."""
 INDENT = 2
-DOCUMENTS_KEPT = 16
-"""A command asks for the same few files again and again."""
+DOCUMENTS_KEPT = 64
+"""A command asks for the same few files again and again; so do the campaigns of a study."""
 
 WORDS: Mapping[str, str] = {
     "missing": "is missing",
@@ -195,10 +195,12 @@ def read_document(path: Path, *, if_missing: str) -> YamlDocument:
     return parse_document(read_text(path, ConfigInvalid, if_missing=if_missing), str(path))
 
 
-@lru_cache(maxsize=DOCUMENTS_KEPT)
 def parse_document(text: str, name: str) -> YamlDocument:
-    """Read a YAML text that must be a mapping; the same text is parsed once."""
-    tree = _loaded(text, name)
+    """Read a YAML text that must be a mapping; the same text is parsed once, whatever its name."""
+    try:
+        tree = _tree_of(text)
+    except FileRefused:
+        tree = _loaded(text, name)  # refused again, by its name
     if tree is None:
         raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")
     if not isinstance(tree, CommentedMap):
@@ -230,6 +232,11 @@ def checked_settings(settings: Mapping[str, object], name: str, model: type[Mode
         return model.model_validate_json(json.dumps(settings))
     except ValidationError as error:
         raise explained(error, model, name) from error
+
+
+@lru_cache(maxsize=DOCUMENTS_KEPT)
+def _tree_of(text: str) -> object:
+    return loaded_yaml(_yaml(), text, "")
 
 
 def _loaded(text: str, name: str) -> object:

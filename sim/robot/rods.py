@@ -17,7 +17,9 @@ def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
     """The rotation about one axis and its derivative."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    turn, rate = np.eye(3), np.zeros((3, 3))
+    both = np.zeros((2, 3, 3))
+    turn, rate = both
+    turn[axis, axis] = 1.0
     turn[first, first] = turn[second, second] = cosine
     turn[first, second], turn[second, first] = -sine, sine
     rate[first, first] = rate[second, second] = -sine

@@ -43,9 +43,20 @@ def load_scenario(name_or_path: str) -> Scenario:
     return parse_scenario(_source(name_or_path), name)
 
 
-@lru_cache(maxsize=SCENARIOS_KEPT)
 def parse_scenario(text: str, name: str) -> Scenario:
     """A scenario from its YAML; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
+    try:
+        return _scenario_of(text)
+    except ScenarioInvalid:
+        return _parsed(text, name)  # refused again, by its name
+
+
+@lru_cache(maxsize=SCENARIOS_KEPT)
+def _scenario_of(text: str) -> Scenario:
+    return _parsed(text, "")
+
+
+def _parsed(text: str, name: str) -> Scenario:
     try:
         tree = bounded_files.loaded_yaml(
             bounded_files.bounded(YAML(typ="safe", pure=True)), text, name

@@ -116,8 +116,9 @@ def _beam_axes(point_in_tracker_mm: Array) -> Array:
 
 def angle_between_rad(first: Array, second: Array) -> float:
     """The angle between two directions, exact for small ones too."""
-    across = float(np.linalg.norm(np.cross(first, second)))
-    return math.atan2(across, float(first @ second))
+    (ux, uy, uz), (vx, vy, vz) = first.tolist(), second.tolist()
+    across = math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
+    return math.atan2(across, ux * vx + uy * vy + uz * vz)
 
 
 def direction_of(point_in_tracker_mm: Array) -> tuple[float, float]:

@@ -24,6 +24,7 @@ from campaigns.workflow.importing import import_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
 WRONG = (7, 50, 99)
+STANDARD = ("--model", "standard")
 ERRORS = {"arm0.arm_mm": 1.0, "arm1.x_mm": -0.8, "arm2.joint_offset_deg": 0.4, "plate_mm": 0.5}
 
 
@@ -82,7 +83,7 @@ def unseen(document):
     [("points", "shot", list(WRONG)), ("distances", "pair", [3, 25, 49])],
 )
 def test_moved_shots_are_named_and_cost_nothing(pkmcal, clean, spoilt, estimator, key, named):
-    words = ("--estimator", estimator, "--json")
+    words = ("--estimator", estimator, *STANDARD, "--json")
     good = json.loads(pkmcal("identify", clean.folder, *words)[1])
     code, out, err = pkmcal("identify", spoilt.folder, *words)
     found = json.loads(out)
@@ -109,7 +110,7 @@ def test_points_are_the_default_and_covariances_count(pkmcal, clean):
 def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(pkmcal, clean):
     for words in ((), ("--free", "arm*.axis_tilt_deg")):
         tilted, folder = bool(words), clean.folder
-        code, found, _ = pkmcal("identify", folder, *words)
+        code, found, _ = pkmcal("identify", folder, *STANDARD, *words)
         assert code == 0
         _, _, written = pkmcal("export", folder, "--overwrite")
         for text in (found, written):
@@ -133,12 +134,11 @@ def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):
 
 
 def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(pkmcal, clean):
-    code, out, _ = pkmcal("identify", clean.folder, "--free", "arm0.x_mm")
+    freed = (clean.folder, *STANDARD, "--free", "arm0.x_mm")
+    code, out, _ = pkmcal("identify", *freed)
     assert code == 1
     assert "move together here: fixed at nominal along that combination" in out
-    code, out, _ = pkmcal(
-        "identify", clean.folder, "--free", "arm0.x_mm", "--prior", "arm0.x_mm=0.1"
-    )
+    code, out, _ = pkmcal("identify", *freed, "--prior", "arm0.x_mm=0.1")
     assert code == 0
     assert "known by the priors alone: arm0.x_mm, arm1.x_mm, arm2.x_mm, arm3.x_mm" in out
 
@@ -146,7 +146,7 @@ def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(pkmca
 @pytest.mark.slow
 def test_a_picture_is_drawn_of_what_was_fitted(pkmcal, clean, tmp_path):
     path = tmp_path / "errors.svg"
-    code, out, _ = pkmcal("identify", clean.folder, "--plot", path)
+    code, out, _ = pkmcal("identify", clean.folder, *STANDARD, "--plot", path)
     assert code == 0
     assert f"drawn: {path}" in out
     assert "fitted" in path.read_text(encoding="utf-8")

@@ -1,6 +1,7 @@
 """Campaigns on a small, fast simulated cell, at the stages at which tests take them up."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,9 @@ from command_line import CommandLine, change
 from filelock import FileLock
 
 from app.main import run_command
+from drivers.emscon.client import EmsconDeadlines
+from drivers.emscon.tracker import EmsconTracker
+from drivers.robotline.robot import LineRobot, RobotlineDeadlines
 
 SMALL = {
     "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
@@ -19,12 +23,24 @@ SMALL = {
 }
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 FAST = {"speed_up": 1000}
+IMPATIENT_ROBOT = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=1.0)
+IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 
 
 @pytest.fixture
 def pkmcal(capsys):
     """Runs a command and tells how it ended."""
     return CommandLine(capsys)
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Drivers that give up soon; `undo` makes them patient again."""
+    robot = partial(LineRobot, deadlines=IMPATIENT_ROBOT)
+    monkeypatch.setattr("drivers.robotline.robot.LineRobot", robot)
+    tracker = partial(EmsconTracker, deadlines=IMPATIENT_TRACKER)
+    monkeypatch.setattr("drivers.emscon.tracker.EmsconTracker", tracker)
+    return monkeypatch
 
 
 @pytest.fixture(scope="session")
@@ -104,7 +120,7 @@ def measured(measured_once, tmp_path):
 def exported_once(made_once, measured_once):
     def make(folder):
         shutil.copytree(measured_once, folder)
-        ran(folder, "identify", "export")
+        ran(folder, "identify --model standard", "export")
 
     return made_once("exported", make)
 

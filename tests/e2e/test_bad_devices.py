@@ -7,7 +7,6 @@ import contextlib
 import math
 import socket
 import threading
-from functools import partial
 from itertools import product
 
 import pytest
@@ -16,13 +15,8 @@ from command_line import change
 from campaigns.campaign import open_campaign
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Intent, SessionStopped
-from drivers.emscon.client import EmsconDeadlines
-from drivers.emscon.tracker import EmsconTracker
-from drivers.robotline.robot import LineRobot, RobotlineDeadlines
 from drivers.wire.robotline import ControllerStatus
 
-IMPATIENT_ROBOT = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
-IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""
 DEVICES = ("controller", "tracker")
@@ -35,16 +29,6 @@ WIRE_FAULTS = [
     pytest.param(*fault, marks=[] if fault == BRIEF else pytest.mark.long)
     for fault in product(DEVICES, KINDS)
 ]
-
-
-@pytest.fixture
-def impatient(monkeypatch):
-    """Drivers that give up soon; `undo` makes them patient again."""
-    robot = partial(LineRobot, deadlines=IMPATIENT_ROBOT)
-    monkeypatch.setattr("drivers.robotline.robot.LineRobot", robot)
-    tracker = partial(EmsconTracker, deadlines=IMPATIENT_TRACKER)
-    monkeypatch.setattr("drivers.emscon.tracker.EmsconTracker", tracker)
-    return monkeypatch
 
 
 @contextlib.contextmanager
@@ -212,5 +196,3 @@ def test_a_run_whose_robot_failed_is_gone_on_with_and_not_mixed_with_another_pla
         assert "another plan" in refused.error_line
     (tiny / "plan-older-2.csv").replace(tiny / "plan.csv")
     no_shot_is_lost(pkmcal, tiny)
-    again = pkmcal("run", tiny, "--yes", "--anew", "--json").document
-    assert (again["series"], again["shots"]) == (2, 10)

@@ -50,7 +50,7 @@ def assert_is_validation(document):
 
 
 def assert_is_identification(document):
-    assert set(document) - NEXT == IDENTIFICATION_KEYS
+    assert set(document) - NEXT - {"ways"} == IDENTIFICATION_KEYS
     assert document["schema"] == "pkmcal/identification/1"
     assert tuple(document["parameters"]) == NAMES
     for entry in document["parameters"].values():
@@ -84,7 +84,6 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     page = Path(document["report"]).read_text(encoding="utf-8")
     assert '<p class="decision">Pass</p>' in page
     assert "Simulated cell: no real robot was measured." in page
-    assert pkmcal("report", planned).code == 0
 
 
 @pytest.mark.long
@@ -160,10 +159,8 @@ def test_a_run_told_to_begin_anew_measures_all_again_and_says_where_the_tracker_
 
 
 def test_identify_says_it_as_people_and_as_programs_want_it(pkmcal, measured):
-    document = pkmcal("identify", measured, "--json").document
-    assert_is_identification(document)
-    assert document["verdict"] == "pass"
-    ended = pkmcal("identify", measured, "--fix", "plate_mm", "--json")
+    ended = pkmcal("identify", measured, "--model", "standard", "--fix", "plate_mm", "--json")
+    assert_is_identification(ended.document)
     plate = ended.document["parameters"]["plate_mm"]
     assert (plate["delta"], plate["free"], plate["std"]) == (0.0, False, None)
     ended = pkmcal("identify", measured)

@@ -76,7 +76,7 @@ def assert_resumes(pkmcal, folder):
             r for r in told[taken_up:] if isinstance(r, Outcome) or is_event(r, "drift check")
         )
         assert is_event(next(firsts), "drift check"), "before anything else"
-    assert pkmcal("identify", folder).code == 0
+    assert pkmcal("identify", folder, "--model", "standard").code == 0
 
 
 def is_event(record, kind):
@@ -212,6 +212,7 @@ def screen_and_run(planned):
         yield screen, process
 
 
+@pytest.mark.long
 def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
     screen, process = screen_and_run
     for part in ("of 59 shots", "residual", "drift", "q stop", "measuring shot"):
@@ -245,11 +246,17 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         screen.read_until("parked by the operator")
         screen.type("q")
         screen.read_until("Go on where it was? [y/N]")
+        screen.type("y\n")
+        screen.read_until("residual")
+        screen.type("q")
+        screen.read_until("Go on where it was? [y/N]")
         screen.type("n\n")
         screen.read_until("takes up where it was")
         assert process.wait(PATIENCE_S) == 130
     with read_journal(planned / "campaign.db") as journal:
         notes = [e.record.text for e in journal.records_of(Event) if "operator" in e.record.text]
+        endings = [e.record.how for e in journal.records_of(SessionStopped)]
+    assert endings == ["interrupted", "interrupted"], "told to go on once"
     assert [text.split(" measured")[0].split()[0] for text in notes] == [
         "paused",
         "the",

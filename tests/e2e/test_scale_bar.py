@@ -30,7 +30,7 @@ def test_a_bar_between_nests_names_a_scale_of_100_ppm(pkmcal, tmp_path):
     with read_journal(folder / "campaign.db") as journal:
         nests = [shot.intent.nest for shot in journal.shots(1) if shot.intent.nest]
     assert nests == ["bar-1", "bar-2", "A"] * 3
-    found = pkmcal("identify", folder, "--json").document
+    found = pkmcal("identify", folder, "--model", "standard", "--json").document
     scale = found["known_lengths"]["scale"]
     assert scale["share"] * 1e6 == pytest.approx(SCALE_PPM, abs=4e6 * scale["std"])
     assert "known-length" in {doubt["name"] for doubt in found["doubts"]}

@@ -5,7 +5,6 @@ import json
 import signal
 import threading
 import time
-from functools import partial
 
 import pytest
 from command_line import change, ended, started
@@ -13,7 +12,6 @@ from command_line import change, ended, started
 from campaigns.errors import JournalFailed
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome, SessionStopped
-from drivers.robotline.robot import LineRobot, RobotlineDeadlines
 
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 PACE = {"settle.time_s": 0.001, "controller.speed_percent": 100.0}
@@ -79,12 +77,11 @@ def test_a_campaign_on_a_serial_line(served, pkmcal, tmp_path):
 
 
 @pytest.mark.long
-def test_a_cell_that_dies_at_work_leaves_an_unknown_robot(served, pkmcal, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("impatient")
+def test_a_cell_that_dies_at_work_leaves_an_unknown_robot(served, pkmcal, tmp_path):
     process, addresses = served
     folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
     assert pkmcal("plan", folder).code == 0
-    soon = RobotlineDeadlines(answer_s=0.2, stop_answer_s=0.1, standstill_s=0.3)
-    monkeypatch.setattr("drivers.robotline.robot.LineRobot", partial(LineRobot, deadlines=soon))
 
     def kill_at_work():
         give_up_s = time.monotonic() + 10.0

@@ -4,8 +4,10 @@ Single tries, on machines that may be busy. With `--times N` so many of each sit
 at random moments, and 99 of 100 have to be on the wire within 0.1 s.
 """
 
+import os
 import random
 import signal
+import threading
 import time
 
 import psutil
@@ -157,13 +159,7 @@ def test_ctrl_z_is_on_the_wire_at_once_and_suspends_only_after_the_stop(stage):
     assert ended(stage.process, PATIENCE_S).code == 130
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGTERM, pytest.param(signal.SIGTSTP, marks=pytest.mark.long)]
-)
-def test_a_stop_that_nobody_confirms_says_first_what_to_do(stage, number):
-    stage.with_frozen_controller(random.Random(1))
-    stage.stopped_by(number)
-    unknown = ended(stage.process, PATIENCE_S)
+def assert_says_first_what_to_do(unknown):
     assert unknown.code == 3
     assert unknown.error_line.startswith("PRESS THE EMERGENCY STOP: robot state unknown: ")
     lines = unknown.err.splitlines()
@@ -171,3 +167,27 @@ def test_a_stop_that_nobody_confirms_says_first_what_to_do(stage, number):
     assert alarm in unknown.err.partition("\nPRESS THE EMERGENCY STOP\n")[0], "while it is tried"
     before = lines[: lines.index("PRESS THE EMERGENCY STOP")]
     assert not [line for line in before if line.startswith("run: ")], "nothing of how it ended"
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_stop_that_nobody_confirms_says_first_what_to_do(wires, planned, pkmcal):
+    controller, _ = wires
+
+    def stop_it():
+        controller.await_heard_s(b" MOVEJ ", within_s=PATIENCE_S)
+        controller.frozen = True
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    stopper = threading.Thread(target=stop_it)
+    stopper.start()
+    unknown = pkmcal("run", planned, "--yes")
+    stopper.join()
+    assert_says_first_what_to_do(unknown)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP])
+def test_a_process_whose_stop_nobody_confirms_says_first_what_to_do(stage, number):
+    stage.with_frozen_controller(random.Random(1))
+    stage.stopped_by(number)
+    assert_says_first_what_to_do(ended(stage.process, PATIENCE_S))

@@ -29,7 +29,7 @@ def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned
     taken = shots_by_set(planned)
     assert (taken[ShotSet.VALIDATION], taken[ShotSet.DRIFT]) == (8, 3)
     assert "goal σ=0.09 met by" in ended.err
-    found = pkmcal("identify", planned, "--json").document
+    found = pkmcal("identify", planned, "--model", "standard", "--json").document
     assert found["verdict"] == "pass"
     lengths = [p["std"] for n, p in found["parameters"].items() if n.endswith("_mm") and p["std"]]
     assert max(lengths) <= 0.09

@@ -7,6 +7,7 @@ from contextlib import closing
 from datetime import UTC, datetime
 from urllib.parse import urlsplit
 
+import pytest
 from command_line import change, ended, started
 
 WITHIN_S = 1.0
@@ -20,6 +21,7 @@ def told(stream):
     raise AssertionError("the stream has ended")
 
 
+@pytest.mark.long
 def test_the_page_follows_a_run_and_stays_when_the_run_is_killed(planned):
     change(planned / "cell.yaml", {"speed_up": 20})
     watch = started("watch", planned, "--json")

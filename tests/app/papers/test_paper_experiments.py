@@ -75,6 +75,7 @@ def test_seed_gives_what_was_measured_beside_the_truth(tmp_path):
     trial = Trial(SIMULATION, 3)
     campaign = made(tmp_path / "small", trial)
     change(campaign.path("campaign.yaml"), SMALL)
+    change(campaign.path("cell.yaml"), {"speed_up": 1000})
     campaign = open_campaign(campaign.folder)
     document, against = rehearse(campaign, Terminal(as_json=True), AS_THE_PAPER)
     assert document["identification"]["estimator"] == "distances"
