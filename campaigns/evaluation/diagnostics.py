@@ -94,6 +94,16 @@ class Doubt:
         """Whether the verdict has to heed it."""
         return self.decision is not None and not self.accepted
 
+    @property
+    def of_model(self) -> bool:
+        """Whether parameters may not be dimensions: the robot changed, or is more than its model.
+
+        What is wrong with tracker, points or files, or was taken out, is none of it.
+        """
+        if self.name == NESTS:
+            return self.numbers.get("kind") == "robot"
+        return self.name not in {CAREFUL, LARGE_CHANGE, REFLECTOR, SWAPPED, RATE}
+
 
 def parameter_doubts(
     nominal: Parameters,

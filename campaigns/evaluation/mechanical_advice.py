@@ -16,7 +16,7 @@ from campaigns.estimation.datum import datum_influence
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.evaluation.decision import COVERAGE, Decision
-from campaigns.evaluation.diagnostics import CAREFUL, LARGE_CHANGE, REFLECTOR, Doubt
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import FOREARM, JOINT_OFFSETS, ROD, Repair
 from campaigns.mechanisms.transmission import ECCENTRIC
@@ -36,8 +36,6 @@ UNITS = {
 """Of what is said: factor of the file's unit, and decimals."""
 EVERY, SEED = 3, 1
 """Every third pose of the workspace is simulated."""
-NO_DOUBT = (CAREFUL, LARGE_CHANGE, REFLECTOR)
-"""Doubts that leave the model as it is."""
 LEFT_AND_RIGHT = "Left and right are seen from the robot's middle."
 HIDES = "what the tests miss may do as much"
 LEANS = "a lean of the axes that level the frame may do as much"
@@ -92,6 +90,7 @@ class Dimensions:
     """Changes of parameters from nominal, mm and deg, with all that says how far they are true."""
 
     robot: RobotFile
+    """Nominal one, whose ripples come as often as they were found to."""
     changes: Mapping[str, float]
     known: Uncertainty
     coverage: float
@@ -101,7 +100,7 @@ class Dimensions:
 
     def refusal(self, verdict: Decision, doubts: Sequence[Doubt]) -> str:
         """Why none may be read as a dimension; "" where they may."""
-        doubted = next((each.says for each in doubts if each.name not in NO_DOUBT), "")
+        doubted = next((each.says for each in doubts if each.of_model), "")
         if doubted or verdict != "pass":
             return f"the model is in doubt: {doubted or f'the verdict is {verdict}'}"
         return "" if self.hidden else UNTESTED

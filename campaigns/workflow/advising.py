@@ -1,5 +1,7 @@
 """Advice to a mechanic from a campaign's latest identification."""
 
+from dataclasses import replace
+
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import latest_identification
 from campaigns.estimation.information import Uncertainty
@@ -39,4 +41,6 @@ def dimensions_of(robot: RobotFile, found: IdentificationResult) -> Dimensions:
     known, own = found.covariance or Uncertainty(), robot.parameters.space.of_robot
     known = known.only(name for name in known.names if name in own)
     changes = {name: found.parameters[name].delta for name in known.names}
+    if found.ripples is not None:
+        robot = replace(robot, mechanism=robot.mechanism.with_ripples(found.ripples.value))
     return Dimensions(robot, changes, known, found.coverage_factor_95 or 0.0, found.hidden)

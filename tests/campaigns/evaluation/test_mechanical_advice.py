@@ -8,7 +8,7 @@ import pytest
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.estimation.information import Uncertainty
-from campaigns.evaluation.diagnostics import Doubt
+from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.evaluation.mechanical_advice import (
     HIDES,
     LEANS,
@@ -102,4 +102,6 @@ def test_a_model_in_doubt_gives_no_dimensions():
     assert found.refusal("pass", ()) == ""
     assert "lacks" in found.refusal("pass", (Doubt("lack-of-fit", "it lacks something"),))
     assert "fail" in found.refusal("fail", ())
+    assert found.refusal("pass", (nests_told("stand", 0.3, 0.01, (3, 4)),)) == ""
+    assert "robot" in found.refusal("pass", (nests_told("robot", 0.3, 0.01, (3, 4)),))
     assert replace(found, hidden={}).refusal("pass", ()) == UNTESTED
