@@ -33,10 +33,10 @@ VERY_STRONG = 10.0
 """Difference of the criterion, after Kass and Raftery (1995)."""
 MOST_TERMS = 8
 """Terms of the joints' transmission that are tried, one after the other."""
-FEWEST_PAIRS = 3
-"""By which chance can be told; with fewer the mean counts."""
 WORSE_BEYOND = 0.95
 """Chance that hold-out pairs of equal models stay below."""
+FEWEST_PAIRS = 3
+"""By which chance can be told; with fewer the mean counts."""
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -429,18 +429,20 @@ def _objection(candidate: _Candidate, standard: _Candidate) -> str:
 
 
 def _is_worse(candidate: _Candidate, standard: _Candidate) -> bool:
-    """Whether hold-out pairs are worse for a model, pair by pair and beyond chance (Student's)."""
+    """Whether hold-out pairs are worse for a model, pair by pair and beyond chance (Student's).
+
+    And farther off than its own σ say: what they then show is that it is wrong.
+    """
     squares = [_unseen_mm(each) ** 2 for each in (candidate, standard)]
     more = squares[0] - squares[1]
     count, mean = len(more), float(more.mean())
     if count < FEWEST_PAIRS:
         return mean >= 0.0
-    limit = (
-        float(scipy.special.stdtrit(count - 1, WORSE_BEYOND))
-        * float(more.std(ddof=1))
-        / math.sqrt(count)
-    )
-    return mean > limit
+    told = candidate.found and candidate.found.hold_out
+    if told and told.believable:
+        return False  # few pairs cannot tell: they are as far off as the model says
+    factor = float(scipy.special.stdtrit(count - 1, WORSE_BEYOND))
+    return mean > factor * float(more.std(ddof=1)) / math.sqrt(count)
 
 
 def _unseen_mm(candidate: _Candidate) -> Array:

@@ -333,6 +333,18 @@ def test_unseen_pairs_that_are_no_better_outweigh_the_fitted_ones():
     assert choice.models[-1].bic < choice.models[0].bic
 
 
+def test_few_unseen_pairs_that_are_worse_within_chance_leave_the_choice_to_the_fitted_shots():
+    data = shots(TRUTH, 0.2 * BACKLASH_RAD)
+    told = par4(identify(NOMINAL, data, USUAL).flat()).forward(data.joints).values_or_raise()
+    held = np.array([purpose is ShotSet.VALIDATION for purpose in data.purposes])
+    points = data.points_in_tracker_mm.copy()
+    points[held] = TRACKER_FROM_BASE.apply(told[held, :3])
+    choice = chosen(replace(data, points_in_tracker_mm=points), (STANDARD, "backlash"))
+    standard, backlash = choice.models
+    assert backlash.unseen_rms_mm > 2.0 * standard.unseen_rms_mm
+    assert kept(choice) == "backlash"
+
+
 def test_without_unseen_pairs_nothing_speaks_for_a_larger_model():
     choice = chosen(shots(TILTED, BACKLASH_RAD, unseen=0), (STANDARD, "axes+backlash"))
     assert kept(choice) == STANDARD
