@@ -23,6 +23,7 @@ from campaigns.estimation.residuals import (
 )
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import (
+    LIMIT_PER_STD,
     distance_variance_mm2,
     inverse_roots,
     pooled_variance_mm2,
@@ -312,6 +313,9 @@ class Uncertainty:
     common: dict[str, tuple[float, ...]] = field(default_factory=dict)
     """What all shots have in common and none can tell: by name the change of each parameter by one
     standard deviation of it, mm and deg. `matrix` has no part of it."""
+    unseen: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """What may be wrong with the tracker and yet pass every test of the shots: by name the change
+    of each parameter at that limit (external reliability), mm and deg. Of positions alone."""
 
     @classmethod
     def of(
@@ -360,10 +364,11 @@ class Uncertainty:
         places = [self.names.index(name) for name in kept]
         rows = tuple(map(tuple, self.array[np.ix_(places, places)].tolist()))
         units = tuple(self.units[place] for place in places) if self.units else ()
-        common = {
-            name: tuple(changes[place] for place in places) for name, changes in self.common.items()
-        }
-        return replace(self, names=kept, matrix=rows, units=units, common=common)
+        common, unseen = (
+            {name: tuple(changes[place] for place in places) for name, changes in each.items()}
+            for each in (self.common, self.unseen)
+        )
+        return replace(self, names=kept, matrix=rows, units=units, common=common, unseen=unseen)
 
     def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
         """The same once some have been added to others: by a name, others' derivatives by it."""
@@ -373,13 +378,16 @@ class Uncertainty:
         for column, name in enumerate(self.names):
             whole[:, column] += [by.get(name, {}).get(each, 0.0) for each in self.names]
         rows = tuple(map(tuple, (whole @ self.array @ whole.T).tolist()))
-        shared = {name: tuple((whole @ each).tolist()) for name, each in self.common.items()}
-        return replace(self, matrix=rows, common=shared)
+        common, unseen = (
+            {name: tuple((whole @ changes).tolist()) for name, changes in each.items()}
+            for each in (self.common, self.unseen)
+        )
+        return replace(self, matrix=rows, common=common, unseen=unseen)
 
     @property
     def random(self) -> "Uncertainty":
         """The part of it that differs from shot to shot, by which coverage is judged."""
-        return replace(self, common={})
+        return replace(self, common={}, unseen={})
 
     def std(self) -> dict[str, float]:
         """Standard uncertainty (1 σ) by name, mm and deg, of the random part."""
@@ -438,9 +446,15 @@ class Uncertainty:
         return np.asarray(np.sqrt(variance))
 
     def common_of_positions(self, sample: WorkspaceSample) -> dict[str, Array]:
-        """Shifts of a sample's positions, (N, 3), mm, by what all shots have in common."""
+        """Shifts of a sample's positions, (N, 3), mm, by what all shots have in common.
+
+        One standard deviation of each; what goes unseen is evenly spread within its limit.
+        """
         jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
-        return {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
+        shifts_mm = {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
+        for name, changes in self.unseen.items():
+            shifts_mm[f"{name}, unseen"] = jacobian @ np.array(changes) / LIMIT_PER_STD
+        return shifts_mm
 
     def correlations(self) -> Array:
         """Correlation matrix, (F, F), ones on the diagonal."""

@@ -111,10 +111,11 @@ def lacks_of_fit(
 def external_reliability(
     shots: FittedShots, jacobian: Array, groups: Sequence[Group]
 ) -> Iterator[tuple[str, Array]]:
-    """Largest change of each unknown of the fit, (P,), by an effect that may hide, by its cause.
+    """Changes of the fit's unknowns, (P, k), by an effect that may hide, by its cause.
 
-    Baarda 1968: the effect is as large as `POWER` of campaigns find it; `jacobian` (N, 3, P) is the
-    whitened one of the fit. Nothing where too few degrees of freedom are left to test.
+    Baarda 1968: the effect is as large as `POWER` of campaigns find it; of a cause with several
+    columns in k directions apart from one another. `jacobian` (N, 3, P) is the whitened one of the
+    fit. Nothing where too few degrees of freedom are left to test.
     """
     if shots.freedom < LEAST_FREEDOM:
         return
@@ -133,7 +134,7 @@ def external_reliability(
         threshold = float(scipy.special.fdtri(solved.rank, freedom, 1.0 - chance))
         size = math.sqrt(scipy.special.ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
         moved = inverse @ (group.columns.reshape(len(flat), -1) @ solved.along)
-        yield group.name, sigma0 * size * np.linalg.norm(moved, axis=1)
+        yield group.name, sigma0 * size * moved
 
 
 def best_period(shots: FittedShots, drives: Drives) -> Group:

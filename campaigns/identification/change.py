@@ -47,6 +47,8 @@ from campaigns.shots.warmth import TIME_CONSTANTS
 
 Columns = TypeVar("Columns", Group, Cause)
 
+OF_THE_TRACKER = ("reflector", "transit axis")
+"""Groups of what is wrong with the instrument, which no robot can take up rightly."""
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
 RARE = math.log(0.01)
@@ -69,7 +71,15 @@ class Tested:
     off_from: tuple[int, int] | None = None
     """Number of shots that are off, and the first of the last shots that hold them all."""
     hidden: tuple[tuple[str, Array], ...] = ()
-    """By cause: largest change of each free parameter, (F,), mm and rad, that it may hide."""
+    """By cause: changes of the free parameters, (F, k), mm and rad, that it may hide."""
+
+    def unseen(self, units: Array) -> dict[str, tuple[float, ...]]:
+        """Those by what is wrong with the tracker, in the parameters' units (F,), by its name."""
+        return {
+            cause: tuple((changes[:, 0] / units).tolist())
+            for cause, changes in self.hidden
+            if cause in OF_THE_TRACKER
+        }
 
 
 def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
@@ -110,8 +120,8 @@ def _hidden(smooth: "_Rows", groups: tuple[Group, ...]) -> Iterator[tuple[str, A
     """External reliability of the free parameters against each cause that has a name."""
     named = tuple(each for each in groups if each.name != GENERAL)
     white, free = smooth.white(smooth.shots.linearized.jacobian), len(smooth.shots.parameters)
-    for name, most in external_reliability(smooth.fit, white, smooth.of(named)):
-        yield name, most[:free]
+    for name, changes in external_reliability(smooth.fit, white, smooth.of(named)):
+        yield name, changes[:free]
 
 
 def isolated(kept: Mask) -> Mask:

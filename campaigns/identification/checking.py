@@ -127,7 +127,7 @@ def check_calibration(
     tell whether the base moved since.
     """
     every, moved = shots.rows(shots.order_of_time()), dict[str, float]()
-    shots = every.rows(np.flatnonzero([purpose.on_robot for purpose in every.purposes]))
+    shots = every.on_robot()
     shots = replace(shots, session=np.zeros(len(shots), dtype=np.intp))
     for _ in range(ROUNDS):
         try:
@@ -153,8 +153,7 @@ def _base_moved(
     _, newer = nest_places(every, points, x, covariance, instrument)
     assert newer is not None, "the frame's covariance is known"
     base_from_tracker = points.tracker_from_base(x).inverted()
-    on_robot = np.array([not name for name in every.nests])
-    about_mm = base_from_tracker.apply(every.points_in_tracker_mm[on_robot]).mean(axis=0)
+    about_mm = base_from_tracker.apply(every.on_robot().points_in_tracker_mm).mean(axis=0)
     return base_motion(older, newer, about_mm)
 
 
@@ -260,16 +259,17 @@ def repaired_estimate(
     changes: tuple[PartChange, ...],
     shots: Shots,
     instrument: TrackerUncertainty,
-) -> tuple[Estimate, Uncertainty]:
+) -> tuple[Estimate, Uncertainty, PointResiduals]:
     """Parameters by all that was known but the size of these changes, and by these shots.
 
-    Each session has a frame of its own. Raises `ShotsInvalid`.
+    Each session has a frame of its own, that of the first is the last of the unknowns. Raises
+    `ShotsInvalid`.
     """
     names, space, flat = stored.known.names, stored.space, stored.found.flat()
     prior = stored.covariance + _possible(stored, changes)
     at = flat | {e.name: flat[e.name] + e.size for e in changes[:1] if e.kind in BY_ONE}
     try:
-        fitted, _ = stored.observations(shots, instrument, at)
+        fitted, _ = stored.observations(shots.on_robot(), instrument, at)
         mean = np.array([flat[name] for name in names]) * space.units(names)
         posed = replace(fitted, priors=Priors.of_covariance(mean, prior)).problem
         found = estimate(posed, len(names), exclude=False, known_variance=True)
@@ -279,7 +279,8 @@ def repaired_estimate(
     units, count = space.units(names), len(names)
     sigma0 = found.noise.sigma0 or 1.0
     known = Uncertainty.of(names, units, found.covariance[:count, :count], sigma0=sigma0)
-    return found, replace(known, common=stored.known.common)
+    known = replace(known, common=stored.known.common, unseen=stored.known.unseen)
+    return found, known, fitted.points
 
 
 def _possible(stored: StoredCalibration, changes: tuple[PartChange, ...]) -> Array:
@@ -314,10 +315,14 @@ def repaired(
 ) -> RecordedIdentification:
     """Set with these changes found anew, its provenance still that of the stored one.
 
-    Raises `ShotsInvalid`.
+    Nests that the check measured, the first of the series, are placed anew. Raises `ShotsInvalid`.
     """
     last, space = stored.found, stored.space
-    found, known = repaired_estimate(stored, changes, shots, instrument)
+    found, known, points = repaired_estimate(stored, changes, shots, instrument)
+    assert found.covariance is not None, "the prior alone determines everything"
+    checked = shots.rows(np.flatnonzero(shots.session == series[0]))
+    of_frame = found.covariance[-FRAME_COLUMNS:, -FRAME_COLUMNS:]
+    nests, placed = nest_places(checked, points, found.x, of_frame, instrument)
     values = found.x[: len(known.names)] / space.units(known.names)
     std, total = known.std(), known.total_std()
     new = {
@@ -344,13 +349,13 @@ def repaired(
         verdict="fail" if reasons else "pass",
         reasons=tuple(reasons) or last.reasons,
         obstacles=(REPAIR,) if reasons else (),
-        nests={},  # in a base frame that is no longer this one
-        nest_covariance_mm2=None,
+        nests=nests,  # none by the campaign, whose base frame is no longer this one
+        nest_covariance_mm2=None if placed is None else tuple(map(tuple, placed[2].tolist())),
         pedigree=Pedigree(
             repairs=stored.kinematics.parameters.digest(),
             changed=tuple(each.part for each in changes),
             series=series,
-            shots=len(shots),
+            shots=len(shots.on_robot()),
             chi2=found.noise.chi2,
             dof=found.noise.dof,
             p=found.noise.p,

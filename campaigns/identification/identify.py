@@ -54,7 +54,7 @@ def identify(
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     every, stand = compensated(shots, options)
-    shots = every.of_set(*(purpose for purpose in ShotSet if purpose.on_robot))
+    shots = every.on_robot()
     known = shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     _check(nominal, known, sessions=options.sessions)
     inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
@@ -106,7 +106,13 @@ def _result(
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
     noise_mm = () if inputs.stand is None else inputs.stand.noise_mm(fitted.shots)
+    judged = fit.points
+    if judged is None and options.outliers is not Outliers.KEEP:
+        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
+    told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
     uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm)
+    if uncertainty is not None and options.estimator is Estimator.POINTS:
+        uncertainty = replace(uncertainty, unseen=told.unseen(space.units(free)))
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
@@ -114,10 +120,6 @@ def _result(
     position_std, region = _positions(uncertainty, inputs, fit)
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
-    judged = fit.points
-    if judged is None and options.outliers is not Outliers.KEEP:
-        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
-    told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
     doubts = (
         *_doubts(inputs, fit, held_out, parameters, covariance, (judged, told)),
         *diagnostics.region_doubts(region),
@@ -297,7 +299,8 @@ def _hidden(told: Tested, inputs: Inputs) -> dict[str, dict[str, float]]:
     free = inputs.selection.free
     units = inputs.nominal.mechanism.parameters.units(free)
     return {
-        cause: dict(zip(free, (most / units).tolist(), strict=True)) for cause, most in told.hidden
+        cause: dict(zip(free, (np.linalg.norm(by, axis=1) / units).tolist(), strict=True))
+        for cause, by in told.hidden
     }
 
 

@@ -153,14 +153,14 @@ class PositionStd:
     """With what all shots have in common."""
     total_max: float | None = None
     common: dict[str, float] = field(default_factory=dict)
-    """Root mean square over the workspace of what each of those moves positions by."""
+    """Mean over the workspace of what each of those moves positions by, as the others are."""
 
     @classmethod
     def of(cls, known: Uncertainty, sample: WorkspaceSample) -> "PositionStd":
         """Over a sample of the workspace."""
         random, total = known.random.of_positions(sample), known.of_positions(sample)
         shifts = known.common_of_positions(sample)
-        sizes = {name: float(np.sqrt(np.mean(mm**2) * 3.0)) for name, mm in shifts.items()}
+        sizes = {name: float(np.linalg.norm(mm, axis=1).mean()) for name, mm in shifts.items()}
         ends = (float(each) for std in (random, total) for each in (std.mean(), std.max()))
         mean, most, total_mean, total_most = ends
         return cls(mean, most, total_mean, total_most, sizes)

@@ -188,6 +188,10 @@ class Shots:
         """Shots of some sets."""
         return self.rows(self.rows_of(*purposes))
 
+    def on_robot(self) -> "Shots":
+        """Shots with the reflector on the robot, none of nests or known lengths."""
+        return self.of_set(*(purpose for purpose in ShotSet if purpose.on_robot))
+
     def rows_of(self, *purposes: ShotSet) -> Index:
         """Rows of some sets."""
         return np.flatnonzero([purpose in purposes for purpose in self.purposes])

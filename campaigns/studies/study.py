@@ -158,7 +158,9 @@ class CampaignVerdict:
     position_mm: float
     """Real error of positions over the workspace, root mean square after the best fit."""
     stated_mm: float | None = None
-    """The stated one."""
+    """The stated one, of what differs from shot to shot."""
+    whole_mm: float | None = None
+    """The same with what all shots have in common; None in older tables."""
     change: str
     """Whether a change was named, and rightly: empty, `right`, `place` or `cause`."""
     signal: float
@@ -186,7 +188,8 @@ class CampaignVerdict:
     @property
     def worse(self) -> bool:
         """Positions worse than what is stated allows; not stated is not worse."""
-        return self.stated_mm is not None and self.position_mm > WRONG_POSITION * self.stated_mm
+        stated_mm = self.whole_mm or self.stated_mm
+        return stated_mm is not None and self.position_mm > WRONG_POSITION * stated_mm
 
     @property
     def falsely_accepted(self) -> bool:

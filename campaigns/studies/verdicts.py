@@ -94,6 +94,7 @@ def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVer
         square_over_least=float(np.mean((errors[space.places(made.free)] / made.least_std()) ** 2)),
         position_mm=position_error_mm(workspace, made.forward, Kinematics(mechanism, p)),
         stated_mm=None if found.position_std_mm is None else found.position_std_mm.mean,
+        whole_mm=None if found.position_std_mm is None else found.position_std_mm.total_mean,
         change=change,
         signal=made.signal(),
         missing=missing,

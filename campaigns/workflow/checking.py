@@ -51,7 +51,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
         if options.repair:
             series, judged = _to_repair(campaign, journal, stored)
             shots = _shots(campaign, journal, series)
-            found, _ = repaired_estimate(stored, judged.of_robot, shots, campaign.instrument)
+            found, *_ = repaired_estimate(stored, judged.of_robot, shots, campaign.instrument)
             assert found.covariance is not None, "the prior alone determines everything"
             known, criterion = found.covariance[: len(known), : len(known)], REPAIRED_BY
     free, robot = stored.known.names, stored.kinematics

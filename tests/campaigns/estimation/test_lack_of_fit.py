@@ -82,9 +82,10 @@ def test_what_an_effect_may_hide_is_what_it_moves_where_one_in_five_tests_misses
     joints, by_joints, jacobian, noise = drawn(5)
     columns = harmonic(by_joints[:, :, :1], joints[:, :1])
     shots = FittedShots.of(noise, jacobian)
-    ((_, most),) = external_reliability(
+    ((_, changes),) = external_reliability(
         shots, jacobian, [Group("eccentricity", columns, np.zeros(2))]
     )
+    most = np.linalg.norm(changes, axis=1)
     freedom = shots.freedom - 2
     threshold = fdtri(2, freedom, 1.0 - SIGNIFICANCE)
     missed = brentq(lambda size: ncfdtr(2, freedom, size, threshold) - 0.2, 1.0, 100.0)

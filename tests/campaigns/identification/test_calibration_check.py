@@ -142,7 +142,7 @@ def test_a_repair_knows_positions_as_well_as_the_campaign_did(name, by):
     now = robot(rng, **{name: by})
     shots = measured(planned(), now, rng)
     judged = check_calibration(stored(), shots, TRACKER)
-    first, _ = repaired_estimate(stored(), judged.of_robot, shots, TRACKER)
+    first, *_ = repaired_estimate(stored(), judged.of_robot, shots, TRACKER)
     names, own = stored().known.names, region(stored().kinematics)
     count = len(names)
     more = further_shots(own, names, first.covariance[:count, :count], TRACKER, "I", 6, rng)
@@ -154,7 +154,7 @@ def test_a_repair_knows_positions_as_well_as_the_campaign_did(name, by):
         [ShotSet.CHECK] * 14,
     )
     both = replace(both, session=np.repeat([1, 2], [8, 6]))
-    found, known = repaired_estimate(stored(), judged.of_robot, both, TRACKER)
+    found, known, _ = repaired_estimate(stored(), judged.of_robot, both, TRACKER)
     poses = np.array([[x, y, -575.0, 0.0] for x in (-150, 0, 150) for y in (-150, 0, 150)])
     sample = WorkspaceSample.of(stored().kinematics, names, poses)
     assert known.of_positions(sample).mean() <= 1.2 * stored().known.of_positions(sample).mean()

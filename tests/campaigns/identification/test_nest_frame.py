@@ -10,9 +10,10 @@ from par4_space import SPACE
 
 from campaigns.estimation.rigid_transforms import Transform, frame_jacobian
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.checking import StoredCalibration, check_calibration
+from campaigns.identification.checking import StoredCalibration, check_calibration, repaired
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.result import RecordedIdentification
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import COLUMNS, Shots
@@ -123,10 +124,18 @@ ELSEWHERE = Transform(TRACKER_FROM_BASE.rotation.T, np.array([2500.0, -700.0, 30
 
 @cache
 def stored(seed):
-    return StoredCalibration(NOMINAL, found_of(campaign(seed)))
+    digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest", "at_utc"), "")
+    found = RecordedIdentification.of(
+        found_of(campaign(seed)), series=1, journal_records=0, **digests
+    )
+    return StoredCalibration(NOMINAL, found)
 
 
-def base_of_check(seed, *, by_mm=0.0, loose_mm=0.0, offset_deg=0.0):
+def base_of_check(seed, **changes):
+    return check_calibration(stored(seed), shots_of_check(seed, **changes), TrackerUncertainty())
+
+
+def shots_of_check(seed, *, by_mm=0.0, loose_mm=0.0, offset_deg=0.0):
     """A check of another day, after a campaign: the base moved `by_mm` in some direction."""
     rng = np.random.default_rng(seed)
     way = rng.standard_normal(3)
@@ -149,7 +158,7 @@ def base_of_check(seed, *, by_mm=0.0, loose_mm=0.0, offset_deg=0.0):
         records=(),
         points_in_tracker_mm=ELSEWHERE.apply(points),
     )
-    return check_calibration(stored(seed), noisy(shots, seed + 1000), TrackerUncertainty())
+    return noisy(shots, seed + 1000)
 
 
 def test_a_base_that_moved_since_the_campaign_is_told_from_a_robot_that_changed():
@@ -166,6 +175,18 @@ def test_a_base_that_moved_since_the_campaign_is_told_from_a_robot_that_changed(
         by_mm = 0.3 * (judged is moved)
         assert abs(judged.base.moved_mm - by_mm) < judged.base.moved_u_mm + (by_mm == 0.0) * 0.05
     assert base_of_check(1, loose_mm=0.3).base.decision == "not decided"
+
+
+def test_a_repair_places_the_nests_of_its_check_anew_and_takes_none_for_a_shot_of_the_robot():
+    shots = replace(shots_of_check(1, offset_deg=0.05), session=np.full(19, 7))
+    judged = check_calibration(stored(1), shots, TrackerUncertainty())
+    found = repaired(stored(1), judged.of_robot, shots, TrackerUncertainty(), None, (7, 8))
+    assert (found.verdict, found.pedigree.shots) == ("pass", 16)
+    assert list(found.nests) == list(PLACES)
+    for name, nest in found.nests.items():
+        away_mm = np.linalg.norm(np.array([nest.x_mm, nest.y_mm, nest.z_mm]) - PLACES[name])
+        assert away_mm < 4.0 * nest.std_mm < 0.2
+    assert found.nest_places() is not None
 
 
 @pytest.mark.long

@@ -77,6 +77,7 @@ def test_a_pass_is_wrong_with_parameters_or_positions_beyond_what_is_stated():
     assert not one(worst_sigmas=4.1, verdict="not decided").falsely_accepted
     assert not one(position_mm=0.019).falsely_accepted
     assert one(position_mm=0.021).falsely_accepted
+    assert not one(position_mm=0.021, whole_mm=0.02).falsely_accepted
     assert not one(position_mm=1.0, stated_mm=None).falsely_accepted
 
 
