@@ -77,11 +77,9 @@ def rod_robot(
 
     cold = Kinematics(true.mechanism, vector_of_parts(true, geometry, build, gears))
     space, ppm = true.mechanism.parameters, (1e6 * np.array(grown)).tolist()
-    warm = true.mechanism.grown(cold.parameters, dict(zip(space.thermal, ppm, strict=True)))
-    p = warm.vector.copy()
-    for axis, at in zip("xyz", build.plate_joints_mm.T, strict=True):  # the plate stays cold
-        p[space.places(space.of_field(f"{axis}_mm"))] += grown.frame * at
-    return forward, datum_parameters(true, Kinematics(true.mechanism, p), sample).p
+    grown_by = dict(zip(space.thermal, ppm, strict=True))
+    warm = Kinematics(true.mechanism, true.mechanism.grown(cold.parameters, grown_by).vector)
+    return forward, datum_parameters(true, warm, sample).p
 
 
 def drawn_growth(perturbation: Perturbation, rng: np.random.Generator) -> tuple[Growth, float]:

@@ -31,7 +31,13 @@ from campaigns.mechanisms.mechanism import (
     Violation,
     outside,
 )
-from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, Parameters, ParameterSpace, Role
+from campaigns.mechanisms.parameters import (
+    FOREARM,
+    PARALLELOGRAM_SKEW,
+    Parameters,
+    ParameterSpace,
+    Role,
+)
 from campaigns.mechanisms.parasitic_rotation import (
     PlateGeometry,
     RodPairs,
@@ -67,9 +73,6 @@ carriages, which keep the platform from it."""
 FIRST_CRANK = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZONTAL)
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
-
-GROWING = (("arm_mm",), ("forearm_mm",), ("x_mm", "y_mm", "z_mm"))
-"""Fields whose lengths each expansion lets grow; a rail has no length of its own."""
 
 INITIAL_GUESSES = (
     (0.0, 0.0),
@@ -210,8 +213,11 @@ class ClosedChain:
         Each is the sum of lengths times the columns by them; of a carriage's rail, what it moved.
         """
         space = self.parameters
-        lengths = [space.of_field(*names) for names in GROWING]
-        columns = [by_geometry[:, :, at] @ p[at] for at in map(space.places, lengths)]
+        lengths = self._growing_mm(Parameters.of_vector(space, p[: len(space.of_robot)]))
+        columns = [
+            by_geometry[:, :, space.places([*each])] @ np.array([*each.values()])
+            for each in lengths
+        ]
         if not self.joints[0].is_revolute:
             moved = true_joints + p[space.offsets]
             columns[0] = np.einsum("ktn,kn->kt", by_geometry[:, :, space.offsets], moved)
@@ -225,14 +231,26 @@ class ClosedChain:
         space, share = self.parameters, [1e-6 * ppm.get(each, 0.0) for each in values.space.thermal]
         rail = 0.0 if self.joints[0].is_revolute else share[0]
         on_rail = {*space.of_unit("mm", space.transmission), *space.of_field("joint_offset_mm")}
-        factors = dict.fromkeys(on_rail, 1.0 + rail)
-        for fields, each in zip(GROWING, share, strict=True):
-            factors |= dict.fromkeys(space.of_field(*fields), 1.0 + each)
-        found = {name: value * factors.get(name, 1.0) for name, value in values.items()}
+        found = {n: v * (1.0 + rail if n in on_rail else 1.0) for n, v in values.items()}
+        for lengths, each in zip(self._growing_mm(values), share, strict=True):
+            for name, length in lengths.items():
+                found[name] += each * length
         for name in space.of_field(GAIN.name) if rail else ():
             gain = values.get(name, 0.0)
             found[name] = gain + rail * (1e6 + gain)
         return replace(Parameters.of(space, found), covariance=values.covariance)
+
+    def _growing_mm(self, values: Mapping[str, float]) -> tuple[dict[str, float], ...]:
+        """Lengths of arms, of forearms and of the frame that grow, by the parameters they change.
+
+        A rail has no length of its own. The frame grows from its origin to where its arms really
+        are: the plate's joints, which are contracted into the arms' places, stay as they are.
+        """
+        of = self.parameters.of_field
+        arms, forearms = ({n: values[n] for n in of(field)} for field in ("arm_mm", FOREARM))
+        joints = np.ravel(self.plate.joints_mm).tolist()
+        places = zip(of("x_mm", "y_mm", "z_mm"), joints, strict=True)
+        return arms, forearms, {name: values[name] + joint for name, joint in places}
 
     def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
         """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""

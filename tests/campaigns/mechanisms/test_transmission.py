@@ -7,11 +7,15 @@ import pytest
 from family_cases import ALL_MEMBERS, VECTORS, flat_in
 from par4_cases import NOMINAL, central_differences
 
+from app.new_campaign import cell_text
+from app.study.rods import geometry_of_model
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
+from sim.robot.rods import Build, Growth, Plate, RodMechanism
+from sim.scenarios.scenario import parse_scenario
 
 SIZES = {"deg": np.radians(0.03), "mm": 0.04, "ppm": 300e-6}
 FIELDS = {
@@ -75,6 +79,10 @@ def test_a_warm_robot_grows_as_its_lengths_do(member):
         p, side = robot.p.copy(), approach[[row]]
         for growth, fields in zip(x, groups, strict=True):
             p[space.places(space.of_field(*fields))] *= 1.0 + growth * warmth
+        for axis, joints_mm in zip(
+            "xyz", np.transpose(robot.mechanism.plate.joints_mm), strict=True
+        ):
+            p[space.places(space.of_field(f"{axis}_mm"))] += x[2] * warmth * joints_mm
         if not robot.mechanism.joints[0].is_revolute:
             travelled = robot.mechanism.true_joints(p, joints[[row]], side)[0]
             p[space.offsets] += x[0] * warmth * (travelled + p[space.offsets])
@@ -88,6 +96,24 @@ def test_a_warm_robot_grows_as_its_lengths_do(member):
     assert np.abs(cold - poses).max() < 1e-9
     differences = central_differences(model.positions_mm, x, np.full(3, 1e-5))
     assert np.abs(model.jacobian(x) - differences).max() < 1e-6 * np.abs(differences).max()
+
+
+@all_members
+def test_a_frame_that_grows_beside_a_cold_plate_moves_points_as_independent_rods_do(member):
+    robot, ppm = member.nominal.controlled, 1100.0
+    section = parse_scenario(cell_text(member.shipped, "drawn-robots"), member.name).robot
+    joints_mm, level = np.array(robot.mechanism.plate.joints_mm), np.zeros(member.space.arms)
+    build = Build(joints_mm, section.rod_spacing_mm, np.zeros((len(level), 2)), level)
+    rods = RodMechanism(geometry_of_model(robot, section), build)
+    poses = member.reachable_poses(robot, 5, seed=6, limits=member.well_inside)
+    joints = robot.inverse(poses).values_or_raise()
+    starts = [Plate.level(section.kind, row[:3], float(row[3:].sum())) for row in poses]
+    growth = Growth(frame=1e-6 * ppm)
+    true = [rods.settle(*each, growth)[0].position_mm for each in zip(joints, starts, strict=True)]
+    grown = robot.mechanism.grown(robot.parameters, {"frame_expansion_ppm": ppm})
+    warm = type(robot)(robot.mechanism, grown.vector).forward(joints, poses).values_or_raise()
+    assert np.abs(np.array(true) - poses[:, :3]).max() > 0.1
+    assert np.abs(np.array(true) - warm[:, :3]).max() < 1e-9
 
 
 def shots(case):
