@@ -62,7 +62,7 @@ def plan_picture(shots: Iterable[PlannedShot]) -> list[str]:
     right += [" " * VIEW_WIDTH] * (len(left) - len(right))
     left += [" " * VIEW_WIDTH] * (len(right) - len(left))
     titles = f"{'from above (x →, y ↑)':<{VIEW_WIDTH}}{MARGIN}from the side (x →, z ↑)"
-    key = f"o to identify from, x unseen, + drift; {width_mm:.0f} mm wide"
+    key = f"o identification, x validation, + drift; {width_mm:.0f} mm wide"
     pictured = [f"{one}{MARGIN}{other}".rstrip() for one, other in zip(left, right, strict=True)]
     return [titles, *pictured, key]
 

@@ -50,7 +50,7 @@ EPOCHS: tuple[Column[Numbered], ...] = (
     words("measured", lambda row: row[1].measured_utc[:10]),
     Column("before", lambda row: _mm(row[1].before)),
     Column("after", lambda row: _mm(row[1].after)),
-    Column("unseen", lambda row: row[1].unseen_mm),
+    Column("hold-out", lambda row: row[1].unseen_mm),
     words("", lambda row: f"{row[1].decision}{': ' * bool(row[1].says)}{row[1].says}"),
 )
 

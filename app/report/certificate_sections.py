@@ -9,7 +9,9 @@ from app.report.rendering import moment
 from campaigns.evaluation.uncertainty_budget import Contribution, uncertainty_budget
 from campaigns.evidence import Evaluation, Evidence
 from campaigns.files.table import NOTHING, Column, Row, words
+from campaigns.identification.result import RobotScatter
 from campaigns.settings.certificate import CertificateConfig
+from campaigns.shots.shots import Shots
 
 ONLY_THIS_ITEM = (
     "The results relate only to the item described here, in the state and under the conditions in "
@@ -101,10 +103,6 @@ def budget_rows(evaluation: Evaluation) -> tuple[Contribution, ...]:
     if found is None or known is None or known.total_mean is None or evidence.run is None:
         return ()
     shots = evidence.run.shots
-    stated_mm2 = float(
-        np.trace(shots.covariance_mm2(evidence.campaign.instrument), axis1=1, axis2=2).mean() / 3.0
-    )
-    scatter_mm = 0.0 if found.robot_scatter is None else found.robot_scatter.point_mm
     air = next((each.air_range for each in reversed(evaluation.time_series)), None)
     points = shots.points_in_tracker_mm
     return tuple(
@@ -112,11 +110,23 @@ def budget_rows(evaluation: Evaluation) -> tuple[Contribution, ...]:
             random_mm=known.mean,
             common_mm=known.common,
             total_mm=known.total_mean,
-            tracker_share=stated_mm2 / (stated_mm2 + scatter_mm**2),
+            tracker_share=_tracker_share(evidence, shots, found.robot_scatter),
             air_change_degC=None if air is None else air[1] - air[0],
             reach_mm=float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()),
         )
     )
+
+
+def _tracker_share(evidence: Evidence, shots: Shots, scatter: RobotScatter | None) -> float:
+    """Part of the variance of points that the tracker states; the rest is the robot's scatter."""
+    if scatter is None:
+        return 1.0
+    nominal, joint = evidence.campaign.robot.kinematics, evidence.campaign.robot.mechanism.joints[0]
+    poses = nominal.forward(shots.joints)
+    by_joints = nominal.joint_jacobian(shots.joints[poses.found], poses.values[poses.found])[:, :3]
+    stated_mm2 = shots.covariance_mm2(evidence.campaign.instrument)[poses.found]
+    with_robot_mm2 = scatter.components(joint).covariance_mm2(stated_mm2, by_joints)
+    return float(np.einsum("nii->", stated_mm2) / np.einsum("nii->", with_robot_mm2))
 
 
 def _tracker_certificate(certificate: CertificateConfig) -> str:

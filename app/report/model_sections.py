@@ -67,7 +67,7 @@ MODELS: tuple[Column[ComparedModel], ...] = (
     words("model", lambda model: model.name),
     Column("parameters", lambda model: model.parameters),
     Column("BIC", lambda model: model.bic, decimals=0),
-    Column("unseen rms", lambda model: model.unseen_rms_mm, "mm", DECIMALS),
+    Column("hold-out rms", lambda model: model.unseen_rms_mm, "mm", DECIMALS),
     words("", lambda model: model.outcome),
 )
 

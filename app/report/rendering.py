@@ -27,6 +27,8 @@ MARK = "<!--figure {}-->"
 """Holds the place of a figure: text from outside has no such brackets."""
 LONG_TABLE = 34
 """A table of more rows may be cut by the end of a printed page."""
+SHORT_CELL = 24
+"""Letters of a cell that is kept on one line: a word, a time, a name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,7 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["LONG"] = LONG_TABLE
+    environment.globals |= {"LONG": LONG_TABLE, "SHORT": SHORT_CELL}
     environment.filters |= {"plain": _plain, "prose": _prose, "number": number, "moment": moment}
     return environment
 

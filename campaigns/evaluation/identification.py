@@ -118,7 +118,7 @@ def noise_in_words(
             scatter = f"{scatter} and the robot scatters"
         elif estimator is Estimator.DISTANCES:
             scatter = f"{scatter} and the robot's own scatter make"
-        return f"{scatter} ({test}): {robot}; σ take it in{more}"
+        return f"{scatter} ({test}): {robot}; σ include it{more}"
     if loss is not LossShape.LINEAR:
         return f"{scatter} ({test}); σ are {noise.sigma0:.2g} times what is stated, by the loss"
     if noise.consistent:

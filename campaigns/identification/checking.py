@@ -84,11 +84,7 @@ class StoredCalibration:
     def scatter(self) -> VarianceComponents:
         """The robot's own scatter as it was identified."""
         own, axis = self.found.robot_scatter, self.nominal.mechanism.joints[0]
-        return (
-            VarianceComponents(own.point_mm, axis.from_file(own.joint))
-            if own
-            else VarianceComponents()
-        )
+        return own.components(axis) if own else VarianceComponents()
 
     def can_repair(self, judged: CalibrationCheck) -> bool:
         """Whether each part that a check names has a parameter among those that are known."""

@@ -29,6 +29,7 @@ from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.files.table import Column, html_table
 from campaigns.identification.known_lengths import KnownLengths
 from campaigns.identification.nests import Nest
+from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -138,6 +139,10 @@ class RobotScatter(VarianceComponents):
     """Robot's own scatter, that of the joints in their file unit, deg or mm; and in words."""
 
     says: str
+
+    def components(self, joint: Axis) -> VarianceComponents:
+        """The same with that of the joints in rad, or in mm of a carriage."""
+        return VarianceComponents(self.point_mm, joint.from_file(self.joint))
 
 
 @dataclass(frozen=True, slots=True)

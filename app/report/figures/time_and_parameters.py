@@ -4,7 +4,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.report.figures.picture import AFTER, EDGE, QUIET, SMALL_SIZE, Look, Panel, Picture, span
+from app.report.figures.picture import (
+    AFTER,
+    EDGE,
+    LETTER,
+    QUIET,
+    SMALL_SIZE,
+    Look,
+    Panel,
+    Picture,
+    span,
+)
 from campaigns.arrays import Array
 from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.time_series import TimeSeries
@@ -14,8 +24,6 @@ LEAST_VALUES = 2
 """One value shows no course."""
 AT_LEAST = 3.0
 """A unit of time is used from so many of it on."""
-NAMES = 78.0
-"""Room for names of parameters."""
 SCALE = 40.0
 FAINTEST = 0.02
 """Correlations smaller than this are white."""
@@ -45,8 +53,9 @@ def correlation_map(known: Uncertainty) -> Picture:
     """|ρ| of every two parameters as shades of grey."""
     names, size = known.names, np.abs(known.correlations())
     picture = Picture(118.0)
-    side = (picture.height - NAMES - EDGE) / len(names)
-    left, top = 0.5 * (picture.width - SCALE - len(names) * side) + 0.3 * NAMES, EDGE
+    room = 6.0 + LETTER * SMALL_SIZE * max(map(len, names))  # for names, beside and below
+    side = (picture.height - room - EDGE) / len(names)
+    left, top = 0.5 * (picture.width - SCALE - len(names) * side) + 0.3 * room, EDGE
     foot = top + len(names) * side
     letters = min(SMALL_SIZE, 0.9 * side)
     for row, name in enumerate(names):

@@ -59,7 +59,7 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Pic
     every = [*chain.from_iterable(picture.panels(2, 2, title=False))]
     kinds = (
         ("fitted", Look(AFTER, "o"), fitted),
-        ("unseen", Look(AFTER, "D", filled=False), ~fitted),
+        ("hold-out", Look(AFTER, "D", filled=False), ~fitted),
     )
     for place, (panel, column, name) in enumerate(zip(every, values, COORDINATES, strict=False)):
         upwards = "" if place % 2 else "error of position, mm"

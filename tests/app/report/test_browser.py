@@ -28,6 +28,12 @@ OUTSIDE = """[...document.querySelectorAll('body *')].filter(e => {
     const r = e.getBoundingClientRect();
     return r.width > 0 && (r.right > innerWidth + 1 || r.left < -1);
 }).map(e => e.tagName + ' ' + e.textContent.slice(0, 40))"""
+BROKEN = """[...document.querySelectorAll("td.words")].filter(e => {
+    const all = document.createRange();
+    all.selectNodeContents(e);
+    const lines = new Set([...all.getClientRects()].map(r => Math.round(r.top)));
+    return e.textContent.trim().length <= 24 && lines.size > 1;
+}).map(e => e.textContent)"""
 DRAWN = """Object.fromEntries([...document.querySelectorAll('figure')].map(f => [f.id, [
     f.querySelector('svg').getBoundingClientRect().width,
     f.querySelectorAll('svg text').length,
@@ -87,6 +93,13 @@ def test_no_text_is_cut(browser: Browser, page: Path, width: int) -> None:
     found = browser.measure(page, width, f"[{WHOLE_WIDTH}, {CUT}, {OUTSIDE}]")
     assert found[0] <= width
     assert found[1:] == [[], []]
+
+
+@pytest.mark.parametrize("width", [390, TABLET])
+def test_no_short_word_of_a_table_is_broken(browser: Browser, page: Path, width: int) -> None:
+    whole, broken = browser.measure(page, width, f"[{WHOLE_WIDTH}, {BROKEN}]")
+    assert whole <= max(width, 500), "a browser's window is no narrower"
+    assert broken == []
 
 
 def test_long_names_are_broken_not_cut(browser: Browser, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The certificate: what ISO/IEC 17025 asks for, what is empty, the budget, and whose page it is."""
 
 import json
+from dataclasses import replace
 from datetime import date
 
 import pytest
@@ -11,7 +12,8 @@ from app.cli.report import report
 from app.report import certificate_sections
 from campaigns.campaign import open_campaign
 from campaigns.evaluation.uncertainty_budget import uncertainty_budget
-from campaigns.evidence import evaluate
+from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.identification.result import RobotScatter
 from campaigns.settings.certificate import CertificateConfig, TrackerCertificateConfig
 
 TRACKER = TrackerCertificateConfig(
@@ -76,6 +78,19 @@ def test_the_budget_combines_to_the_stated_uncertainty(whole: PaperCampaign) -> 
         if row.evaluated and row.counts
     ]
     assert sum(u**2 for u in counted) ** 0.5 == pytest.approx(combined.u_mm, rel=0.05)
+
+
+def test_scatter_of_the_joints_is_the_robots_part_of_the_budget(whole: PaperCampaign) -> None:
+    evidence = gather(whole.campaign)
+
+    def robot_mm(**scatter: float) -> float:
+        found = replace(evidence.identification, robot_scatter=RobotScatter(says="", **scatter))
+        rows = certificate_sections.budget_rows(Evaluation(replace(evidence, identification=found)))
+        return next(row.u_mm for row in rows if row.source.startswith("robot"))
+
+    assert robot_mm(joint=0.0) == 0.0
+    by_point, by_joints = robot_mm(point_mm=0.02), robot_mm(joint=0.003)
+    assert robot_mm(point_mm=0.02, joint=0.003) > max(by_point, by_joints) > 0.0
 
 
 def test_scatter_of_the_robot_is_apart_from_the_trackers_noise() -> None:

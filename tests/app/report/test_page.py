@@ -356,10 +356,22 @@ def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampai
         shown = identified(whole, parameters=parameters | dict.fromkeys(names, free))
         return words_on(shown, "remainder")
 
-    level, play = "the motor axes are horizontal", "gears have no play"
-    assert f"grow with heat; {level}; {play}. Parameters marked held" in assumed()
-    assert level not in assumed(*space.extensions)
-    assert play not in assumed(*space.backlashes)
+    heat, play = " and do not grow with heat", "gears have no backlash"
+    rods, level = "two rods of a forearm are alike", "the plate stays parallel to the base"
+    axes = "motor axes and rails point as drawn"
+    tilts = [name for name in space.extensions if name not in space.skews]
+    whole_sentence = f"do not bend{heat}; the {rods}; {axes}; {level}; {play}. Parameters marked"
+    assert whole_sentence in assumed()
+    for names, gone in (
+        (tilts, (axes, level)),
+        (space.skews, (rods, level)),
+        (space.backlashes, (play,)),
+        (space.thermal, (heat,)),
+    ):
+        kept = {heat, play, rods, axes, level} - {*gone}
+        text = assumed(*names)
+        assert not any(each in text for each in gone)
+        assert all(each in text for each in kept)
 
 
 def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) -> None:
