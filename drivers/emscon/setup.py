@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from drivers.emscon.client import EmsconClient
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.session import changed, require_kept
-from drivers.texts import nearest_word
+from drivers.texts import named_instead
 from drivers.wire import emscon_constants as constants
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import Command, LaserStatus
@@ -128,17 +128,13 @@ def _identifier(client: EmsconClient, name: str) -> int:
             return entry.identifier
     raise DeviceNotReady(
         f"{client.name}: the tracker has no reflector '{name}'",
-        remedy=_named_instead(name, entries),
+        remedy=named_instead(
+            name,
+            [entry.name for entry in entries],
+            listed="it knows",
+            otherwise="define the reflector in the tracker's own software",
+        ),
     )
-
-
-def _named_instead(name: str, entries: list[bodies.ReflectorEntry]) -> str:
-    if not entries:
-        return "define the reflector in the tracker's own software"
-    known = [entry.name for entry in entries]
-    near = nearest_word(name, known, likeness=0.4)
-    guess = f"perhaps '{near}'; " if near else ""
-    return f"{guess}it knows " + ", ".join(f"'{known_name}'" for known_name in known)
 
 
 def _set_statistics(client: EmsconClient) -> None:

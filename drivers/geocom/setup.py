@@ -6,7 +6,7 @@ from math import isclose
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.geocom.client import GeocomClient, numbers, text, whole, wholes
 from drivers.session import changed, require_kept
-from drivers.texts import nearest_word
+from drivers.texts import named_instead
 from drivers.values import Reflector
 from drivers.wire import geocom_constants as constants
 from drivers.wire.geocom import parse_words
@@ -59,7 +59,12 @@ def choose_prism(client: GeocomClient, name: str) -> None:
     if not _knows_user_prism(client, name):
         raise DeviceNotReady(
             f"{client.name}: the instrument has no prism '{name}'",
-            remedy=_named_instead(name, [prism.name for prism in known]),
+            remedy=named_instead(
+                name,
+                [prism.name for prism in known],
+                listed="define it on the instrument under this name, or take one of",
+                otherwise="define the prism on the instrument under this name",
+            ),
         )
     client.tell(Rpc.BAP_SET_PRISM_TYPE_2, constants.USER_PRISM, name)
 
@@ -69,15 +74,6 @@ def _knows_user_prism(client: GeocomClient, name: str) -> bool:
     if not name.isascii():
         return False
     return client.ask_or_none(Rpc.BAP_GET_USER_PRISM_DEF, _three_words, name) is not None
-
-
-def _named_instead(name: str, known: Sequence[str]) -> str:
-    if not known:
-        return "define the prism on the instrument under this name"
-    near = nearest_word(name, known, likeness=0.4)
-    guess = f"perhaps '{near}'; " if near else ""
-    listed = ", ".join(f"'{known_name}'" for known_name in known)
-    return f"{guess}define it on the instrument under this name, or take one of {listed}"
 
 
 def class_and_equipment(client: GeocomClient) -> tuple[int, ...] | None:

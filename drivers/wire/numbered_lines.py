@@ -137,7 +137,8 @@ class LineWords:
 class LineMessage:
     """Message with a letter of `FIELDS` for each field, in the order of its words.
 
-    `w` whole number, `d` number, `f` flag, `n` name.
+    `w` whole number, `d` number, `s` one within limits, `f` flag, `n` name, `a` words as they
+    stand; any other letter, whose meaning the protocol says, several numbers.
     """
 
     __slots__ = ()
@@ -145,16 +146,19 @@ class LineMessage:
     # Any: the value's type is the field's, which no table can tell the type checker
     WRITTEN: ClassVar[Mapping[str, Callable[[Any], Sequence[str]]]] = {
         "w": lambda value: [str(value)],
-        "d": lambda value: [number_word(value)],
+        **dict.fromkeys("ds", lambda value: [number_word(value)]),
         "f": lambda value: ["1" if value else "0"],
         "n": lambda value: [name_word(value)],
+        "a": str.split,
     }
 
     def words(self) -> list[str]:
         """Words of the message; raises `WireError` for a number that is not finite."""
         slots = zip(self.FIELDS, fields(cast("Any", self)), strict=True)
         return [
-            word for code, slot in slots for word in self.WRITTEN[code](getattr(self, slot.name))
+            word
+            for code, slot in slots
+            for word in self.WRITTEN.get(code, number_words)(getattr(self, slot.name))
         ]
 
 

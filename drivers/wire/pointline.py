@@ -1,7 +1,8 @@
 """Grammar of pointline, our protocol for instruments: docs/pointline.md is its specification.
 
 Millimetres, seconds, °C, hPa and % as on the wire, in the numbered lines of robotline. `MESSAGES`
-says which command each verb is, and what is answered; `FIELDS` of a message, which words it has.
+says which command each verb is, and what is answered; `FIELDS` of a message, which words it has:
+`p` is x, y, z, `k` the six terms of a covariance.
 """
 
 from collections.abc import Mapping
@@ -18,7 +19,6 @@ from drivers.wire.numbered_lines import (
     LineReply,
     LineRequest,
     LineWords,
-    number_words,
 )
 
 VERSION = 1
@@ -27,13 +27,6 @@ LINE_BYTES = 511
 
 Covariance = tuple[float, float, float, float, float, float]
 """Terms xx, xy, xz, yy, yz, zz, mm²; all 0 where the instrument states none."""
-
-
-class PointlineMessage(LineMessage):
-    """Message of pointline: `p` in `FIELDS` is x, y, z, `k` the six terms of a covariance."""
-
-    __slots__ = ()
-    WRITTEN: ClassVar = {**LineMessage.WRITTEN, **dict.fromkeys("pk", number_words)}
 
 
 class Order(LineOrder):
@@ -50,7 +43,7 @@ class Order(LineOrder):
 
 
 @dataclass(frozen=True, slots=True)
-class ReadReflector(PointlineMessage):
+class ReadReflector(LineMessage):
     """Question for one of the reflectors that the instrument has definitions for, from 0."""
 
     FIELDS = "w"
@@ -58,7 +51,7 @@ class ReadReflector(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class Prepare(PointlineMessage):
+class Prepare(LineMessage):
     """Brings the instrument to what measuring needs: with this reflector, for so long a point."""
 
     FIELDS = "nd"
@@ -67,7 +60,7 @@ class Prepare(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class GoTo(PointlineMessage):
+class GoTo(LineMessage):
     """Points at a place, and locks onto the reflector found near it."""
 
     FIELDS = "p"
@@ -75,7 +68,7 @@ class GoTo(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class Find(PointlineMessage):
+class Find(LineMessage):
     """Searches around the present direction at about that distance."""
 
     FIELDS = "d"
@@ -83,7 +76,7 @@ class Find(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class UseFace(PointlineMessage):
+class UseFace(LineMessage):
     """Turns into face 1 or 2, unless it is there, and locks again; not every server knows it."""
 
     FIELDS = "w"
@@ -91,7 +84,7 @@ class UseFace(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class InstrumentGreeting(PointlineMessage):
+class InstrumentGreeting(LineMessage):
     """Identity of the instrument in its greeting."""
 
     FIELDS = "wnnnn"
@@ -103,7 +96,7 @@ class InstrumentGreeting(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class InstrumentStatus(PointlineMessage):
+class InstrumentStatus(LineMessage):
     """State of the instrument, and the reflector in use."""
 
     FIELDS = "ffffn"
@@ -115,7 +108,7 @@ class InstrumentStatus(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class Air(PointlineMessage):
+class Air(LineMessage):
     """The air as the instrument uses it."""
 
     FIELDS = "ddd"
@@ -125,7 +118,7 @@ class Air(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class ReflectorDefinition(PointlineMessage):
+class ReflectorDefinition(LineMessage):
     """A reflector, and how many there are."""
 
     FIELDS = "wnd"
@@ -135,7 +128,7 @@ class ReflectorDefinition(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class PointMeasured(PointlineMessage):
+class PointMeasured(LineMessage):
     """A point in the instrument's frame; `count` numbers its measurements, 0 where it has none."""
 
     FIELDS = "wnpk"
@@ -146,7 +139,7 @@ class PointMeasured(PointlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class BeamDirection(PointlineMessage):
+class BeamDirection(LineMessage):
     """Direction of the beam, in the instrument's frame; its length does not count."""
 
     FIELDS = "p"

@@ -1,8 +1,9 @@
 """Grammar of robotline, our protocol for robot controllers: docs/robotline.md is its specification.
 
 Millimetres and degrees, as on the wire. `MESSAGES` says which command each verb is, and what is
-answered; `FIELDS` of a message, which words it has. How many joints, coordinates and parameters
-there are is the robot's: its `RobotLayout` counts.
+answered; `FIELDS` of a message, which words it has: `s` speed in percent, `j` joints, `c`
+coordinates, `a` words that name a part, `v` the values of that part. How many joints, coordinates
+and parameters there are is the robot's: its `RobotLayout` counts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,7 +22,6 @@ from drivers.wire.numbered_lines import (
     LineReply,
     LineRequest,
     LineWords,
-    number_words,
 )
 
 VERSION = 1
@@ -93,24 +93,8 @@ class RobotLayout:
         return dict(zip(self.names_of(part.name), part.values, strict=True))
 
 
-class RobotlineMessage(LineMessage):
-    """Message of robotline, with letters of its own in `FIELDS`.
-
-    `s` speed in percent, `j` joints, `c` coordinates, `a` words that name a part, `v` the values of
-    that part.
-    """
-
-    __slots__ = ()
-    WRITTEN: ClassVar = {
-        **LineMessage.WRITTEN,
-        "s": LineMessage.WRITTEN["d"],
-        **dict.fromkeys("jcv", number_words),
-        "a": str.split,
-    }
-
-
 @dataclass(frozen=True, slots=True)
-class MoveJoints(RobotlineMessage):
+class MoveJoints(LineMessage):
     """Starts a move to joint values."""
 
     FIELDS = "js"
@@ -119,7 +103,7 @@ class MoveJoints(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class MovePose(RobotlineMessage):
+class MovePose(LineMessage):
     """Starts a move to a pose by the controller's own kinematics."""
 
     FIELDS = "cs"
@@ -141,7 +125,7 @@ class Order(LineOrder):
 
 
 @dataclass(frozen=True, slots=True)
-class Part(RobotlineMessage):
+class Part(LineMessage):
     """Parameters of one arm or a single one, by the words that name them.
 
     As a command: part of a new set, which is laid ready without any effect yet. As an answer: what
@@ -154,7 +138,7 @@ class Part(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class ReadPart(RobotlineMessage):
+class ReadPart(LineMessage):
     """Question for the parameters of one part that the controller works with."""
 
     FIELDS = "a"
@@ -162,7 +146,7 @@ class ReadPart(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerGreeting(RobotlineMessage):
+class ControllerGreeting(LineMessage):
     """Identity of the controller in its greeting."""
 
     FIELDS = "wnnnnw"
@@ -175,7 +159,7 @@ class ControllerGreeting(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerStatus(RobotlineMessage):
+class ControllerStatus(LineMessage):
     """Readings of the encoders at that moment; `fault` is empty when there is none."""
 
     FIELDS = "ffnj"
@@ -186,7 +170,7 @@ class ControllerStatus(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class MotionBegun(RobotlineMessage):
+class MotionBegun(LineMessage):
     """A motion has been accepted and has begun."""
 
     FIELDS = "d"

@@ -102,18 +102,11 @@ class ToldJoints(JointSource):
 
     def __init__(self, kind: Kind) -> None:
         super().__init__("", kind)
-        self._told: Array | None = None
+        self._told: Sequence[float] | None = None
 
     def tell(self, joints: Sequence[float]) -> None:
         """The robot stands at these, rad or mm; from any thread."""
-        self._told = np.array(joints)
-
-    @override
-    def read(self) -> Array:
-        """(n,): as they were told last; raises `JointsLost` before the first."""
-        if self._told is None:
-            raise JointsLost("the controller's joints were not told yet", remedy="ask it")
-        return self._told
+        self._told = tuple(joints)
 
     @override
     def close(self) -> None:
@@ -122,7 +115,9 @@ class ToldJoints(JointSource):
 
     @override
     def _numbers(self) -> Sequence[float]:
-        return [self._kind.outer(joint) for joint in self.read()]
+        if self._told is None:
+            raise JointsLost("the controller's joints were not told yet", remedy="ask it")
+        return [self._kind.outer(joint) for joint in self._told]
 
 
 def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:
