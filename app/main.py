@@ -21,15 +21,15 @@ from drivers.texts import printable, shortened
 
 HELP = """Calibrates parallel robots with a laser tracker.
 
-A campaign is a folder. The usual way through it:
+A campaign is a folder. Its usual steps:
 
 \b
   new, devices, plan                   where to measure
   validate --stage before, run         measure
-  identify, export, load               find the parameters, put them in
-  validate --stage after               see what was gained
+  identify, export, load               find the parameters, load them
+  validate --stage after               see the gain
 
-Try it all without hardware: pkmcal dry-run
+Try everything without hardware: pkmcal dry-run
 """
 
 EXIT_CODES = """Exit codes: 0 done and good; 1 done, but the result is not good; 2 bad input or
@@ -41,32 +41,35 @@ value and limit, what to do next.
 COMMANDS = {
     "new": ("new", "Make a campaign's folder: settings and nominal robot."),
     "robot": ("robot", "Make a robot file from the sizes of a symmetrical robot."),
-    "devices": ("devices", "Say who answers, and in what state; nothing moves."),
-    "plan": ("plan", "Choose the poses and write plan.csv."),
-    "run": ("run", "Measure what the plan still lacks."),
-    "import": ("import_shots", "Take in shots measured with other software."),
-    "identify": ("identify", "Find the parameters that explain what was measured."),
-    "validate": ("validate", "Measure how good the robot is, as its user commands it."),
+    "devices": ("devices", "Connect to both devices and show their state; nothing moves."),
+    "plan": ("plan", "Choose the poses to measure and write plan.csv."),
+    "run": ("run", "Measure the shots of the plan that are still missing."),
+    "import": ("import_shots", "Import shots measured with other software."),
+    "identify": ("identify", "Find the parameters that explain the measured shots."),
+    "validate": ("validate", "Measure how accurate the robot is as its user commands it."),
     "export": ("export", "Write the identified parameters as a robot file."),
     "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
-    "advise": ("advise", "Say what a mechanic may mend, from the latest identification."),
+    "advise": ("advise", "List what a mechanic may adjust, from the latest identification."),
     "load": ("load", "Put the compensated parameters into the controller."),
-    "status": ("status", "Say where the campaign is, and what comes next."),
-    "watch": ("watch", "Serve a live page of the campaign, for a tablet or the wall."),
-    "check": ("check", "Tell by a few shots whether the robot is still calibrated."),
+    "status": ("status", "Show where the campaign is, and the next command."),
+    "watch": ("watch", "Serve a live page of the campaign, for a tablet or a wall screen."),
+    "check": ("check", "Test with a few shots whether the robot is still calibrated."),
     "history": (
         "history",
         "Show parameters and errors over campaigns, and when the next check is due.",
     ),
-    "report": ("report", "Write the report: one page about all of it."),
-    "reproduce": ("reproduce", "Do the paper's simulation and experiment again."),
+    "report": ("report", "Write the report: the whole campaign on one page."),
+    "reproduce": ("reproduce", "Repeat the paper's simulation and experiment."),
     "study": (
         "study",
-        "Simulate and identify many campaigns, by every plan, scenario, estimator and model named.",
+        "Simulate many campaigns for every plan, scenario, estimator and model named.",
     ),
-    "check-journal": ("check_journal", "Say whether the journal is whole, and what is in it."),
+    "check-journal": (
+        "check_journal",
+        "Check whether the journal is intact, and show its contents.",
+    ),
     "sim": ("simulate", "Serve a simulated cell on loopback."),
-    "dry-run": ("dry_run", "Go through a whole campaign without hardware."),
+    "dry-run": ("dry_run", "Run a whole campaign without hardware."),
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 
@@ -143,16 +146,16 @@ def main_options(
     verbose: Annotated[
         bool,
         typer.Option(
-            "--verbose", help="Tell also who the devices are and each state of each shot."
+            "--verbose", help="Also show the devices' identities and each state of each shot."
         ),
     ] = False,
     debug: Annotated[  # noqa: ARG001 - `run_command` looks for it itself
-        bool, typer.Option("--debug", help="On an error show where in the software it arose.")
+        bool, typer.Option("--debug", help="On an error, show where in the software it arose.")
     ] = False,
     version: Annotated[  # noqa: ARG001 - its callback does it all
         bool,
         typer.Option(
-            "--version", help="Say the version and leave.", callback=_print_version, is_eager=True
+            "--version", help="Print the version and exit.", callback=_print_version, is_eager=True
         ),
     ] = False,
 ) -> None:

@@ -28,20 +28,20 @@ NewFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's f
 Json = Annotated[
     bool,
     typer.Option(
-        "--json", help="One JSON document on stdout, talk on stderr; on an error no document."
+        "--json", help="One JSON document on stdout, messages on stderr; none on an error."
     ),
 ]
 Yes = Annotated[
-    bool, typer.Option("--yes", "-y", help="Don't ask whether the cell is clear: it is.")
+    bool, typer.Option("--yes", "-y", help="Do not ask whether the cell is clear: it is.")
 ]
-Dry = Annotated[bool, typer.Option("--dry", help="Say what would happen, and do nothing.")]
+Dry = Annotated[bool, typer.Option("--dry", help="Show what would happen, and do nothing.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 Anew = Annotated[
-    bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
+    bool, typer.Option("--anew", help="Start a new series instead of resuming an unfinished one.")
 ]
 
 Plain = Annotated[
-    bool, typer.Option("--plain", help="Print lines instead of the screen, and hear no keys.")
+    bool, typer.Option("--plain", help="Print lines instead of the screen; keys do nothing.")
 ]
 
 
@@ -70,11 +70,11 @@ def picture_file(path: Path | None) -> Path | None:
 Plot = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", help="Draw a picture too: .svg, .png or .pdf.", callback=picture_file
+        metavar="FILE", help="Also draw a picture: .svg, .png or .pdf.", callback=picture_file
     ),
 ]
 Seed = Annotated[
-    int | None, typer.Option(min=0, metavar="N", help="Another seed than the scenario's.")
+    int | None, typer.Option(min=0, metavar="N", help="Seed, instead of the scenario's.")
 ]
 
 

@@ -14,15 +14,15 @@ from campaigns.workflow.advising import advise
 
 
 def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
-    """Say what a mechanic may mend, from the latest identification.
+    """List what a mechanic may adjust, from the latest identification.
 
-    A parameter is read as a dimension only where its change is beyond twice its U, beyond what the
-    tests of the model miss, and beyond what parts that place the base frame may add. Then it says
-    which part is off, by how much, what to do, and what that brings to positions of a controller
-    with nominal parameters, simulated in the order in which repairs bring most. What is left alone
-    is listed with the reason. Nothing is changed.
+    A parameter is read as a dimension only if its change exceeds twice its U, what the tests of
+    the model may miss, and what the parts that define the base frame may add. The list then names
+    the part, its error, what to do, and by how much positions improve under a controller with
+    nominal parameters, simulated in the order of largest improvement. Everything left alone is
+    listed with the reason. Nothing is changed.
 
-    Exit code 1: nothing may be read as a dimension; the reason is given.
+    Exit code 1: no parameter may be read as a dimension; the reason is given.
     """
     terminal = terminal_of(context, as_json=json)
     found = advise(open_campaign(folder))

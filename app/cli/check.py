@@ -43,17 +43,17 @@ def command(
     plain: Plain = False,
     json: Json = False,
 ) -> None:
-    """Tell by a few shots whether the robot is still calibrated.
+    """Test with a few shots whether the robot is still calibrated.
 
-    The shots are those by which, beside what the last identification knows, encoders, arms and the
-    tracker's stand are least often taken for another part. The tracker may stand anywhere, as long
-    as it stays there meanwhile. Where they do not agree with the stored parameters, the part that
+    The shots are chosen, given the last identification, so that changes of encoders, arms and the
+    tracker's stand are least often mistaken for one another. The tracker may stand anywhere, but
+    must not move during the check. If the shots disagree with the stored parameters, the part that
     changed is named, with its size and U (k = 2): an encoder, an arm, a forearm, a mount, warmth,
-    or the tracker's stand. Nests that the campaign knows are measured behind them, and tell whether
-    the base moved since.
+    or the tracker's stand. Known nests are measured afterwards, and show whether the base has
+    moved.
 
-    --repair takes six more shots and finds the named part anew, everything else being known as the
-    last identification left it. The new set is exported, loaded and rolled back like any other.
+    --repair takes six more shots and identifies the named part again; everything else stays as the
+    last identification found it. The new parameters are exported, loaded and rolled back as usual.
 
     Exit code 1: not good, or not decided.
     """

@@ -26,7 +26,7 @@ PAGE_JOURNAL = re.compile(
 Page = Annotated[
     Path | None,
     typer.Option(
-        "--page", metavar="FILE", help="Say whether this report was made from this journal."
+        "--page", metavar="FILE", help="Check whether this report was made from this journal."
     ),
 ]
 
@@ -34,15 +34,15 @@ Page = Annotated[
 def command(
     context: typer.Context, folder: Folder, *, page: Page = None, json: Json = False
 ) -> None:
-    """Say whether the journal is whole, and what is in it.
+    """Check whether the journal is intact, and show its contents.
 
-    Every record is read: the chain of digests, its text, the file's pages and rules, whose campaign
-    it is, and whether joints and points are what the devices' raw answers beside them say. Nothing
-    is changed. Each problem is named with its record.
+    Reads every record: the chain of digests, its text, the file's pages and rules, which campaign
+    it belongs to, and whether joints and points match the devices' raw answers beside them.
+    Nothing is changed. Each problem is named with its record.
 
-    With --page: whether a report and the journal belong together; exit code 1: they do not.
+    With --page: whether a report was made from this journal; exit code 1: it was not.
 
-    Exit code 4: it is not whole. With --json the document is printed then, too.
+    Exit code 4: the journal is not intact. With --json the document is printed in that case, too.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

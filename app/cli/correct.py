@@ -35,9 +35,12 @@ Poses = Annotated[
 ]
 To = Annotated[Path | None, Option(f"Default: beside the file, NAME{WORD}.", metavar="FILE")]
 Tolerance = Annotated[
-    float, Option("G-code: how far a piece may be off the wanted path.", metavar="MM", least=1e-4)
+    float,
+    Option(
+        "G-code: allowed deviation of a segment from the wanted path.", metavar="MM", least=1e-4
+    ),
 ]
-Rotary = Annotated[str, Option("G-code: the word of the robot's turn.", metavar="LETTER")]
+Rotary = Annotated[str, Option("G-code: the word for the robot's rotation.", metavar="LETTER")]
 
 
 def command(
@@ -57,12 +60,12 @@ def command(
 ) -> None:
     """Correct targets for a controller that keeps its nominal parameters.
 
-    For each wanted pose: what to command, so that the robot stands there as if the identified
-    parameters had been loaded. Of G-code straight moves and arcs are corrected, split until the
-    robot follows the wanted path; everything else stays as it is. Of RAPID, KRL, V+ and CSV the
-    poses that stand in the program as numbers are corrected, and nothing else changes. Refused by
-    its line is what cannot be corrected, what is out of reach or not allowed, and what is outside
-    of the calibrated workspace, the hull of the identification's shots and a margin.
+    For each wanted pose: the pose to command, so that the robot stands where it would with the
+    identified parameters loaded. In G-code, straight moves and arcs are corrected, split until the
+    robot follows the wanted path; everything else stays as it is. In RAPID, KRL, V+ and CSV, the
+    poses written as numbers are corrected and nothing else changes. A line is refused if it cannot
+    be corrected, is out of reach or not allowed, or lies outside the calibrated workspace (the
+    hull of the identification's shots and a margin).
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
@@ -112,7 +115,7 @@ def command(
 
 def _sigma(std_mm: float | None) -> str:
     if std_mm is None:
-        return "; no identification in the journal says how sure that is"
+        return "; its uncertainty is unknown: no identification in the journal states it"
     return f"; 1 σ of the position {std_mm:.3f} mm at most"
 
 

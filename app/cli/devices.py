@@ -26,16 +26,16 @@ def command(
     folder: Folder,
     *,
     spy: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write every byte, read out, to a new file.")
+        Path | None, typer.Option(metavar="FILE", help="Write every byte, decoded, to a new file.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say who answers, and in what state; nothing moves.
+    """Connect to both devices and show their state; nothing moves.
 
     Connects to controller and tracker, one after the other, and shows identities, joints, faults,
-    the tracker's start-up, beam, reflectors and weather. What campaign.yaml needs can be read off
-    here: serial numbers and the reflector's name. A device that is dead does not keep the other
-    from being asked. While a run is under way nobody is asked: it would be disturbed.
+    the tracker's start-up, beam, reflectors and weather. campaign.yaml needs some of these: serial
+    numbers and the reflector's name. If one device fails, the other is still asked. Refused while
+    a run is under way, which it would disturb.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

@@ -49,15 +49,15 @@ def command(
     seed: Seed = None,
     json: Json = False,
 ) -> None:
-    """Go through a whole campaign without hardware.
+    """Run a whole campaign without hardware.
 
-    Plan, validate before, run, identify, export, load, validate after. Controller and tracker
-    are simulated, but reached through the same drivers, protocols and sockets as real ones, and
-    what the simulated robot's errors are, the identification has to find out. Unless --model is the
-    paper's, the new cell's controller computes plate tilt and what gears add.
+    Plan, validate before, run, identify, export, load, validate after. Controller and tracker are
+    simulated, but reached through the same drivers, protocols and sockets as real ones, and the
+    identification has to find the simulated robot's errors. Unless --model is the paper's, the new
+    cell's controller computes plate tilt and the errors of gears.
 
-    DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing was
-    measured yet: then its settings hold.
+    DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing has been
+    measured: then its settings apply.
     """
     terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()

@@ -32,7 +32,7 @@ Format = StrEnum("Format", {word: word for word in WORDS})  # type: ignore[misc]
 YAML = Format("yaml")
 Tables = StrEnum("Tables", {word: word for word in joint_tables.FORMATS})  # type: ignore[misc] # words of another room
 Tolerance = Annotated[
-    float, Option("How far tables may be off at a crank's end.", metavar="MM", least=1e-6)
+    float, Option("Allowed error of the tables at a crank's end.", metavar="MM", least=1e-6)
 ]
 
 
@@ -74,12 +74,13 @@ def command(
 ) -> None:
     """Write the identified parameters as a robot file.
 
-    It holds the parameters, 1 σ of each that was identified, where they come from, and the
-    sha256 of the geometry. Only an identification whose verdict is "pass" is written. The file
-    can be the nominal robot of a next campaign.
+    The file contains the parameters, 1 σ of each identified one, their provenance, and the sha256
+    of the geometry. Only an identification with the verdict "pass" is written. The file can be the
+    nominal robot of a later campaign.
 
-    For a controller with fewer parameters it is the values that leave the least mean square error
-    of position over the workspace, and what they leave is said beside what all parameters leave.
+    For a controller with fewer parameters it contains the values that minimise the mean square
+    error of position over the workspace, and the remaining error is shown beside that of all
+    parameters.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

@@ -23,7 +23,7 @@ Folders = Annotated[
     list[Path], typer.Argument(metavar="DIR…", help="Campaigns of one robot.", show_default=False)
 ]
 CsvFile = Annotated[
-    Path | None, typer.Option("--csv", metavar="FILE", help="Write all values as CSV too.")
+    Path | None, typer.Option("--csv", metavar="FILE", help="Also write all values as CSV.")
 ]
 CHANGES: tuple[Column[Change], ...] = (
     words("parameter", lambda row: row.name),
@@ -65,12 +65,12 @@ def command(
 ) -> None:
     """Show parameters and errors over campaigns, and when the next check is due.
 
-    Takes campaigns of one robot with their checks and repairs, in the order of time. The table has
-    the parameters whose values spread by more than their σ; --json and --csv have all. Where a
+    Takes campaigns of one robot with their checks and repairs, in the order of time. The table
+    shows the parameters whose values spread by more than their σ; --json and --csv have all. If a
     parameter drifts beyond chance, along a line through three times or more, the next check is due
-    when the drift with 2 σ would use up acceptance.distance_mean_mm of the latest campaign, or,
-    without that limit, double U of positions. Nests with equal names in two campaigns tell how
-    the base moved between them, with U, from what the robot did.
+    when the drift plus 2 σ would use up acceptance.distance_mean_mm of the latest campaign, or,
+    without that limit, double U of positions. Nests with equal names in two campaigns show how the
+    base moved between them, with U, separately from changes of the robot.
     """
     terminal = terminal_of(context, as_json=json)
     campaigns = [open_campaign(folder) for folder in folders]

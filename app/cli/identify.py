@@ -20,14 +20,14 @@ def command(
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Find the parameters that explain what was measured.
+    """Find the parameters that explain the measured shots.
 
-    Takes the latest run or import. The fit sees the shots of the set "identification" and is
-    judged by the pairs of the set "validation", which it never sees. The first motor's place, which
-    holds the frame, and the azimuths stay nominal by default. A PATTERN is a parameter's
-    name or a shell's pattern; a whole name outranks it.
+    Uses the latest run or import. The fit uses the shots of the set "identification" and is judged
+    by the pairs of the set "validation", which it never uses. The place of the first motor, which
+    defines the base frame, and the azimuths stay nominal by default. A PATTERN is a parameter's
+    name or a shell pattern; a whole name takes precedence.
 
-    Exit code 1: it was computed, but must not be used; the reasons are given.
+    Exit code 1: computed, but must not be used; the reasons are given.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     found = identify(campaign, options)

@@ -47,7 +47,7 @@ def command(
     ] = Form.SHOTS,
     unit: Annotated[
         LengthUnit | None,
-        typer.Option(help="Of the file's lengths; an ascii file does not say itself, else mm."),
+        typer.Option(help="Unit of lengths in the file; required for ascii files, otherwise mm."),
     ] = None,
     joints: Annotated[
         Path | None,
@@ -68,54 +68,55 @@ def command(
         typer.Option(
             "--with",
             metavar="FILE",
-            help="With --stage: what the controller held, a robot file or what export wrote. "
-            "Default: before the nominal set, after what export or correct wrote last.",
+            help="With --stage: the controller's parameters, a robot file or a file of export. "
+            "Default: before, the nominal ones; after, what export or correct wrote last.",
         ),
     ] = None,
     anyway: Annotated[
         bool,
         typer.Option(
-            "--anyway", help="Though it is imported or measured already, or the wrong stage."
+            "--anyway",
+            help="Import although it is already imported or measured, or the wrong stage.",
         ),
     ] = False,
     check: Annotated[
         bool,
         typer.Option(
             "--check-frame",
-            help="Take nothing in: compare a controller's own numbers with ours, see below.",
+            help="Import nothing: compare a controller's own numbers with ours, see below.",
         ),
     ] = False,
     json: Json = False,
 ) -> None:
-    """Take in shots measured with other software.
+    """Import shots measured with other software.
 
-    A CSV file with one row a shot: encoder values, and the reflector's place in the tracker's
-    frame. Two rows with one pair number are a pair. The header for a robot of four arms is
+    A CSV file with one row per shot: encoder values, and the reflector's position in the tracker's
+    frame. Two rows with the same pair number are a pair. The header for a robot of four arms is
 
     pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm
 
     and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time.
-    Pairs of the set "validation" stay unseen by the fit and prove it; "identification" is the
-    default. "known-length" are the ends of a bar of known_lengths in campaign.yaml, without joints.
+    Pairs of the set "validation" are never used by the fit and validate it; the default is
+    "identification". "known-length" are the ends of a bar of known_lengths in campaign.yaml,
+    without joints.
 
-    What cannot be this robot's is refused with its cause: points in another unit or in a mirrored
-    frame, joints in radians or with another sign or order, a point farther from where the nominal
-    robot puts it than gate.distance_mm in campaign.yaml.
+    Shots that cannot be from this robot are refused with the cause: points in another unit or in a
+    mirrored frame, joints in radians or with another sign or order, a point farther from where the
+    nominal robot puts it than gate.distance_mm in campaign.yaml.
 
     With --format ascii: a point export of SpatialAnalyzer or OpenIndy, its --unit, and a file with
     the --joints of each point.
 
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
-    "validation", which is the default then, and the sets rotation, straightness, repeatability
-    and iso-cube.
-    What the controller held is declared, not read, and the report says so. Exit code 1 then as of
-    `pkmcal validate`.
+    "validation", then the default, and the sets rotation, straightness, repeatability and iso-cube.
+    The controller's parameters are declared, not read, and the report says so. Exit code 1 has the
+    same meaning as for `pkmcal validate`.
 
     The journal keeps the files' names and sha256, and the report shows them.
 
-    With --check-frame FILE has the poses and joints that the controller displays at three or more
-    places, in its own units and order, x,y,z,theta,q0,q1,…, and if they were measured
-    point_x_mm,point_y_mm,point_z_mm. Says its units, frame and hand, and which arm is which.
+    With --check-frame, FILE has the poses and joints that the controller displays at three or more
+    places, in its own units and order, x,y,z,theta,q0,q1,…, and, if measured,
+    point_x_mm,point_y_mm,point_z_mm. Prints its units, frame and handedness, and the arms' order.
     """
     folder, file = folder_and_file(folder, file)
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)

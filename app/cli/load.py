@@ -31,13 +31,13 @@ MOVES = (
 
 File = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Another robot file than DIR/robot-compensated.yaml."),
+    typer.Option(metavar="FILE", help="Robot file to load, instead of DIR/robot-compensated.yaml."),
 ]
 Rollback = Annotated[
-    bool, typer.Option("--rollback", help="Put back what the latest load still in effect replaced.")
+    bool, typer.Option("--rollback", help="Restore the parameters that the latest load replaced.")
 ]
 Force = Annotated[
-    bool, typer.Option("--force", help="Load what would be refused; the journal keeps why.")
+    bool, typer.Option("--force", help="Load even if refused; the journal records the reasons.")
 ]
 Verify = Annotated[
     int,
@@ -48,7 +48,7 @@ Verify = Annotated[
         show_default=False,
     ),
 ]
-Standing = Annotated[bool, typer.Option("--yes", "-y", help="Don't ask: the robot stands still.")]
+Standing = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask: the robot stands still.")]
 
 
 CHANGES: tuple[Column[Change], ...] = (
@@ -75,10 +75,11 @@ def command(
     """Put the compensated parameters into the controller.
 
     Refuses the file of another robot or campaign, one that did not pass, and parameters too far
-    from the nominal ones. Shows the difference to what the controller holds, with Δ/σ, asks,
-    keeps the old as controller-before-N.yaml, writes all at once, reads back and compares. What
-    does not verify is taken back. Ctrl-C is heard before and after, never in between; while pairs
-    are measured it takes all back, and Ctrl-Z stops the robot, suspends, and asks whether to go on.
+    from the nominal ones. Shows the difference to the controller's present parameters, with Δ/σ,
+    asks, keeps the old ones as controller-before-N.yaml, writes all at once, reads back and
+    compares. If verification fails, the old parameters are restored. Ctrl-C acts before and after
+    writing, never during it; while pairs are measured it restores the old parameters, and Ctrl-Z
+    stops the robot, suspends, and asks whether to continue.
 
     Exit code 1: with --verify, distances after loading are worse than before; the old parameters
     are back.

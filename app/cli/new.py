@@ -60,15 +60,15 @@ def command(
 ) -> None:
     """Make a campaign's folder: settings and nominal robot.
 
-    campaign.yaml explains each of its keys. With --controller and --tracker it is for a real
-    cell, otherwise it gets a simulated one, whose every error stands in cell.yaml.
+    campaign.yaml explains each of its keys. With --controller and --tracker the campaign is for a
+    real cell, otherwise for a simulated one, whose errors are listed in cell.yaml.
 
-    One of them may be sim://SCENARIO, to rehearse with the other: a simulated tracker sees a robot
-    that stands where the real controller's joints are. A device may be by-hand, a tracker
-    file:NAME.
+    One of them may be sim://SCENARIO, to rehearse with the other: the simulated tracker then
+    measures a robot that stands at the real controller's joints. A device may be by-hand, and a
+    tracker file:NAME.
 
-    With --offline nothing is ever connected: the robot's own controller and the tracker's own
-    software measure, and `pkmcal import` takes in their files.
+    With --offline no device is ever connected: the robot's own controller and the tracker's own
+    software measure, and `pkmcal import` reads their files.
 
     pkmcal new first-try
 

@@ -26,16 +26,16 @@ def command(
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Choose the poses and write plan.csv.
+    """Choose the poses to measure and write plan.csv.
 
-    Pairs to identify from, pairs all over the workspace that stay unseen by the fit, and one pose
-    at start, middle and end that shows drift. Every pose and every way is checked.
+    Pairs for the identification, hold-out pairs all over the workspace that the fit never uses, and
+    one pose at start, middle and end that shows drift. Every pose and every path is checked.
 
-    Says before anything moves how well parameters and positions will be known, and, where shots
-    are chosen, when more of them stop paying. Defaults stand under `plan` in campaign.yaml.
-    plan.csv may be edited and is checked again; an older one is kept.
+    Predicts, before anything moves, the uncertainty of parameters and positions and, if shots are
+    chosen, when more of them no longer help. Defaults: `plan` in campaign.yaml. plan.csv may be
+    edited and is checked again; an older one is kept.
 
-    --program writes it as the controller's own program, with safe ways and a dwell at each shot.
+    --program writes it as the controller's own program, with safe paths and a dwell at each shot.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

@@ -35,16 +35,16 @@ def command(
         bool,
         typer.Option(
             "--pdf",
-            help="A PDF beside it too, printed by an installed browser, else by pkmcal[pdf].",
+            help="Also a PDF beside it, printed by an installed browser, else by pkmcal[pdf].",
         ),
     ] = False,
     json: Json = False,
 ) -> None:
-    """Write the report: one page about all of it.
+    """Write the report: the whole campaign on one page.
 
-    Verdict, before and after, figures, parameters, records, in one HTML file that needs no network.
-    `--pdf` prints it on A4 too, as a browser's print does. What the campaign does not have yet is
-    named on the page. An older report is replaced, any other file is not.
+    Verdict, before and after, figures, parameters, records, in one HTML file that needs no
+    network. `--pdf` also prints it on A4. What the campaign still lacks is named on the page. An
+    older report is replaced, any other file is not.
 
     Exit code 1: the verdict is fail.
     """

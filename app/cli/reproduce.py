@@ -61,17 +61,15 @@ def command(
     workers: Workers = None,
     json: Json = False,
 ) -> None:
-    """Do the paper's simulation and experiment again.
+    """Repeat the paper's simulation and experiment.
 
-    Three experiments on simulated cells, many seeds of each, every seed a whole campaign over
+    Three experiments on simulated cells, many seeds each, every seed a whole campaign over
     sockets: Table I's errors with the tracker's noise (Fig. 7), the same with the robot's
-    repeatability, and Table II's errors as the prototype (Fig. 8, Tables II to IV). Ours stands
-    beside what the paper prints, with the reason where the two differ, on the terminal and on a
-    page.
+    repeatability, and Table II's errors as the prototype (Fig. 8, Tables II to IV). The results
+    are shown beside the paper's, with the reason where the two differ, on the terminal and on a
+    page. Finished seeds are kept in DIR: the same command resumes.
 
-    Finished seeds are kept in DIR: the same command goes on where it was broken off.
-
-    Exit code 1: a median is not as asked, or a seed failed.
+    Exit code 1: a median is not as required, or a seed failed.
     """
     terminal = terminal_of(context, as_json=json)
     began_s = time.monotonic()

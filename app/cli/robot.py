@@ -64,8 +64,8 @@ def command(
 ) -> None:
     """Make a robot file from the sizes of a symmetrical robot.
 
-    The file explains how base and platform become the parameters of a campaign. Limits are
-    typical: correct them by the robot's data sheet, then: pkmcal new DIR --robot FILE
+    The file explains how base and platform become the parameters of a campaign. Its limits are
+    typical values: replace them by those of the data sheet, then: pkmcal new DIR --robot FILE
 
     pkmcal robot delta --base 200 --platform 45 --arm 300 --forearm 800
 

@@ -29,21 +29,21 @@ def command(
     plain: Plain = False,
     json: Json = False,
 ) -> None:
-    """Measure what the plan still lacks.
+    """Measure the shots of the plan that are still missing.
 
-    Every shot is in the journal, campaign.db, before the next motion: whatever happens, the next
-    run takes up where this one ended. It then measures the drift pose first and compares it.
+    Every shot is written to the journal, campaign.db, before the next motion: whatever happens,
+    the next run resumes where this one ended. It then first measures the drift pose and compares.
 
     On a terminal it has a screen, and keys: p pauses after this pair, s skips the shot, r measures
     the last pair again, k parks the robot, q stops. --plain prints lines instead.
 
-    Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run for as long as it
-    lasts, then the pair is measured again. A pose that cannot be measured is set aside, tried once
-    more at the end, and else skipped. --dry says what is left and what speaks against going on.
+    Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run until the beam is
+    back; then the pair is measured again. A pose that cannot be measured is deferred, tried once
+    more at the end, and otherwise skipped. --dry shows what is left and what would stop the run.
 
-    Meanwhile the parameter known worst is shown, with its σ. --until ends the run when enough is
-    known; without it the next run measures what was left out. Give it the --estimator, --model,
-    --free and --fix that you will give to identify.
+    The screen shows the least known parameter with its σ. --until ends the run when all are known
+    well enough; a later run without it measures the rest. Give it the --estimator, --model, --free
+    and --fix that you will give to identify.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

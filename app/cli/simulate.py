@@ -51,8 +51,8 @@ def command(
     """Serve a simulated cell on loopback.
 
     A controller that speaks robotline and a tracker that speaks emScon or --tracker-driver, for
-    `pkmcal new --controller URL --tracker URL` or for software of your own. Prints one JSON line
-    with the addresses, then serves until Ctrl-C or SIGTERM.
+    `pkmcal new --controller URL --tracker URL` or for your own software. Prints one JSON line with
+    the addresses, then serves until Ctrl-C or SIGTERM.
     """
     loaded = load_scenario(scenario)
     if robot is not None:

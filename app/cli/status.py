@@ -13,11 +13,10 @@ LATEST = 5
 
 
 def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
-    """Say where the campaign is, and what comes next.
+    """Show where the campaign is, and the next command.
 
-    Who measures now, which series there are, what is open, what is doubtful, the verdict, and the
-    one next command. Nothing is changed, no device is asked, and a run that is going on is not
-    disturbed.
+    Who measures now, which series exist, what is open, what is doubtful, the verdict, and the next
+    command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
     terminal = terminal_of(context, as_json=json)
     found = campaign_status(open_campaign(folder))

@@ -33,19 +33,19 @@ def command(
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Simulate and identify many campaigns, by every plan, scenario, estimator and model named.
+    """Simulate many campaigns for every plan, scenario, estimator and model named.
 
-    Each draws a robot and the tracker's noise, and that is all there is: what no parameter of the
-    model describes (rods, backlash, warm arms) is for `pkmcal dry-run` to show. Tells whether the
-    stated σ are true, how near they come to the least that the shots allow, and what is left
-    elsewhere.
+    Each campaign draws a robot and the tracker's noise, nothing else: effects that no parameter
+    describes (rods, backlash, warm arms) are shown by `pkmcal dry-run`. The study shows whether
+    the stated σ are true, how close they come to the least that the shots allow, and the error
+    that remains elsewhere.
 
-    --effects lets something go wrong in each (a step of an encoder, a bumped stand, wrong shots,
-    unequal rods, …), identifies it as `pkmcal identify` does, and tells how often a "pass" is wrong
-    and how often the cause is named.
+    --effects adds a fault to each campaign (a step of an encoder, a bumped stand, wrong shots,
+    unequal rods, …), identifies it as `pkmcal identify` does, and counts how often a "pass" is
+    wrong and how often the cause is named.
 
-    The same command goes on where it was stopped; a larger N adds campaigns. Numbers depend on the
-    seed, not on the workers. Exit code 1: campaigns were lost with their workers.
+    The same command resumes; a larger N adds campaigns. Results depend on the seed, not on the
+    workers. Exit code 1: campaigns were lost with their workers.
     """
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
     _check_together(options, plot)

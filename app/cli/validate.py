@@ -24,25 +24,24 @@ def command(
     plain: Plain = False,
     json: Json = False,
 ) -> None:
-    """Measure how good the robot is, as its user commands it.
+    """Measure how accurate the robot is as its user commands it.
 
-    Distances between the plan's validation pairs; how far the point strays while only the plate
-    turns; how straight lines along x, y and z are; repeatability of approaches from all sides;
-    and, from the same shots as the distances, absolute accuracy in the tracker's frame. With
-    --only iso9283, pose accuracy AP and repeatability RP as the standard has them: 30 visits from
-    one direction to each of five poses in the largest cube; with --only distances beside it the
-    base frame is that of the pairs. Poses
-    are commanded, so the controller's own parameters are put to the test. What it holds is read
-    first: the nominal parameters are not "after", any but the nominal ones not "before". What was
-    measured before calibration is measured again only with consent.
+    Distances between the plan's validation pairs; motion of the point while only the plate turns;
+    straightness along x, y and z; repeatability of approaches from all sides; and, from the same
+    shots as the distances, absolute accuracy in the tracker's frame. With --only iso9283, pose
+    accuracy AP and repeatability RP as the standard defines them: 30 visits from one direction to
+    each of five poses in the largest cube; together with --only distances, the base frame is that
+    of the pairs. Poses are commanded, so the controller's own parameters are tested. They are read
+    first: with the nominal parameters it is not "after", with any others not "before". Tests
+    measured before calibration are measured again only with consent.
 
     With --by targets nothing is loaded: the controller keeps its nominal parameters, corrected
-    poses are commanded, as `pkmcal correct` writes them, and errors are judged against the wanted
-    ones.
+    poses are commanded, as `pkmcal correct` writes them, and errors are relative to the wanted
+    poses.
 
-    Exit code 1: a limit under `acceptance` in campaign.yaml is not surely kept, distances after
-    loading are worse than before, or, --stage after, the campaign as a whole does not pass. That no
-    limit is asked for is told, and is no 1.
+    Exit code 1: a limit under `acceptance` in campaign.yaml is not kept beyond doubt, distances
+    after loading are worse than before, or, with --stage after, the campaign as a whole does not
+    pass. A missing limit is reported, but is no reason for exit code 1.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     campaign.require_devices()

@@ -23,8 +23,8 @@ Host = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="Where to serve: this machine alone, or for the hall 0.0.0.0 or its own address; "
-        "the page's address then has a token.",
+        help="Address to serve at: this machine only, or, for other machines, 0.0.0.0 or its own "
+        "address; the page's address then has a token.",
     ),
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
@@ -38,12 +38,12 @@ def command(
     port: Port = 0,
     json: Json = False,
 ) -> None:
-    """Serve a live page of the campaign, for a tablet or the wall.
+    """Serve a live page of the campaign, for a tablet or a wall screen.
 
     What is measured, what is left and when it ends, a map as the tracker sees it, drift, how well
-    the parameters are known, and the next command. It reads nothing but the campaign's folder and
-    changes nothing: it may begin before a run, and goes on after the process that measured has
-    ended, whatever ended it. Prints the page's address, then serves until Ctrl-C or SIGTERM.
+    the parameters are known, and the next command. It only reads the campaign's folder and changes
+    nothing: it may start before a run, and it goes on when the measuring process has ended, for
+    whatever reason. Prints the page's address, then serves until Ctrl-C or SIGTERM.
     """
     terminal = terminal_of(context, as_json=json)
     open_campaign(folder)
