@@ -91,9 +91,12 @@ class NestPointer:
         try:
             if not self._tracker.use_face(2):
                 return None
-            return self._tracker.measure().point_in_tracker_mm
-        finally:
+            point_mm = self._tracker.measure().point_in_tracker_mm
+        except BeamBroken:
             self._tracker.use_face(1)
+            raise  # whatever else goes wrong ends the run: preparing it anew turns it back
+        self._tracker.use_face(1)
+        return point_mm
 
     def _use(self, reflector: str) -> None:
         if reflector != self._reflector:

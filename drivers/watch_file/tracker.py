@@ -102,7 +102,8 @@ class WatchedTracker(LaserTracker):
         since_s = self._clock.now_s()
         while True:
             if self._cancelled():
-                raise Cancelled(f"{self._name}: the wait for a row was abandoned", remedy="-")
+                problem = f"{self._name}: the wait for a row was abandoned"
+                raise Cancelled(problem, remedy="start again when ready")
             now, now_s = self._contents(otherwise=seen), self._clock.now_s()
             if now != seen:
                 seen, since_s = now, now_s

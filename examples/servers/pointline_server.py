@@ -59,8 +59,6 @@ class Instrument:
 
     def measure(self):
         """Return the number of this measurement, the point and its covariance."""
-        if not self.sees_reflector():
-            raise Refused("NOBEAM", "no reflector is in view")
         joints = self._joints()
         time.sleep(self._seconds)
         if self._joints() != joints:
@@ -76,17 +74,23 @@ class Instrument:
 
     def direction(self):
         """Where the beam points."""
-        if not self.sees_reflector():
-            raise Refused("NONE", "it looks at nothing")
-        return self._seen(self._joints())
+        try:
+            return self._seen(self._joints())
+        except Refused:
+            raise Refused("NONE", "it looks at nothing") from None
 
     def _joints(self):
         """Ask the robot's controller where its joints are, in its own protocol."""
-        with socket.create_connection(self._robot, timeout=2.0) as wire:
-            wire.sendall(b">1 STATE *%s\n" % checksum(b">1 STATE"))
-            with wire.makefile("rb") as told:
-                _, _, _, _, _, _, *joints, _ = told.readline().decode().split()
-        return [float(joint) for joint in joints]
+        if not self.sees_reflector():
+            raise Refused("NOBEAM", "no reflector is in view")
+        try:
+            with socket.create_connection(self._robot, timeout=2.0) as wire:
+                wire.sendall(b">1 STATE *%s\n" % checksum(b">1 STATE"))
+                with wire.makefile("rb") as told:
+                    _, _, _, _, _, _, *joints, _ = told.readline().decode().split()
+            return [float(joint) for joint in joints]
+        except (OSError, ValueError):
+            raise Refused("FAULT", "the robot's controller does not tell its joints") from None
 
     def _seen(self, joints):
         """Where the reflector is, in this instrument's frame."""

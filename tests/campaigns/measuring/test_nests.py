@@ -18,7 +18,7 @@ from campaigns.planning.plans import with_nests
 from campaigns.settings.sections import KnownLengthConfig, NestConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers import values
-from drivers.errors import BeamBroken
+from drivers.errors import BeamBroken, Cancelled, LinkDown
 
 PLACES = {"A": (900.0, 300.0, -200.0), "B": (1900.0, 300.0, -200.0), "C": (900.0, -700.0, 400.0)}
 NESTS = tuple(NestConfig(name=name, place_mm=mm, occupied=True) for name, mm in PLACES.items())
@@ -243,3 +243,25 @@ def test_reflector_that_is_lost_by_turning_over_leaves_the_tracker_in_the_first_
             off_mm = np.subtract(shot.outcome.other_face_mm, shot.outcome.point_in_tracker_mm)
             assert off_mm == pytest.approx([0.0, 0.0, 0.1])
     assert len([shot for shot in told.shots() if shot.intent.nest]) == 6
+
+
+def test_wish_to_stop_in_the_other_face_is_not_taken_for_a_broken_wire(tmp_path: Path) -> None:
+    cell = cell_of_nests()
+    tracker = cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
+    use_face, seen_mm = tracker.use_face, tracker.seen_mm
+    closed = []
+
+    def seen_until_stopped() -> values.Vector3:
+        if tracker.is_over:
+            closed.append("by the wish")
+            raise Cancelled("the measurement was abandoned", remedy="start again when ready")
+        return seen_mm()
+
+    def use_face_unless_closed(face: int) -> bool:
+        if closed:
+            raise LinkDown("the tracker is not connected", remedy="connect again")
+        return use_face(face)
+
+    tracker.seen_mm, tracker.use_face = seen_until_stopped, use_face_unless_closed
+    with pytest.raises(Cancelled):
+        cell.run(tmp_path, work_at())
