@@ -1,19 +1,29 @@
 """New campaigns: on real devices, or on a simulated cell of its own."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 from uuid import uuid4
 
 import numpy as np
 
-from campaigns.campaign import SIMULATED
-from campaigns.errors import OutputExists
+from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
-from campaigns.settings.sections import BY_HAND, FILE, WATCH_FILE, ValidationConfig
+from campaigns.settings.option import Option
+from campaigns.settings.sections import (
+    BY_HAND,
+    FILE,
+    OFFLINE,
+    SIMULATED,
+    WATCH_FILE,
+    ValidationConfig,
+)
 from drivers.bounded_files import is_there
+from drivers.catalog import CONTROLLERS, TRACKERS
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
 from sim.scenarios.scenario import parse_scenario, scenario_text
 
@@ -25,6 +35,87 @@ SCENARIO = "cell.yaml"
 NO_DRIVERS: Mapping[str, str | None] = {"controller": None, "tracker": None}
 LIMIT_DIGITS = 4
 """Of a limit in µm: more than any data sheet has."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewOptions:
+    """Options of a new campaign: its robot, and the devices or what simulates them.
+
+    Raises `OptionsInvalid`.
+    """
+
+    robot: Annotated[
+        str, Option("The nominal robot: a shipped one, or a robot file.", metavar="NAME")
+    ] = DEFAULT_ROBOT
+    scenario: Annotated[
+        str | None,
+        Option(
+            "The simulated cell: a shipped scenario, or a cell file.",
+            metavar="NAME",
+            default=f"{DEFAULT_SCENARIO}, without a real cell",
+        ),
+    ] = None
+    controller: Annotated[
+        str | None,
+        Option("The controller: tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200", metavar="URL"),
+    ] = None
+    tracker: Annotated[str | None, Option("The tracker: tcp://HOST:700", metavar="URL")] = None
+    offline: Annotated[
+        bool, Option("No device is connected: programs go out, measured files come in.")
+    ] = False
+    controller_driver: Annotated[
+        str | None, Option(f"Its protocol: {', '.join(CONTROLLERS)}.", metavar="NAME")
+    ] = None
+    tracker_driver: Annotated[
+        str | None, Option(f"Its protocol: {', '.join(TRACKERS)}.", metavar="NAME")
+    ] = None
+
+    def __post_init__(self) -> None:
+        of_devices = (self.controller, self.tracker, self.controller_driver, self.tracker_driver)
+        if self.offline and any((*of_devices, self.scenario)):
+            raise OptionsInvalid(
+                "--offline is for a campaign without devices",
+                remedy="leave addresses and drivers out",
+            )
+        if (self.controller is None) != (self.tracker is None):
+            raise OptionsInvalid(
+                "--controller or --tracker is missing", remedy="give both, or neither"
+            )
+        if self.controller is not None and self.scenario is not None and self.rehearsed is None:
+            raise OptionsInvalid(
+                "--scenario is for a simulated cell, --controller for a real one", remedy="give one"
+            )
+        if self.controller is None and self.controller_driver is not None:
+            raise OptionsInvalid(
+                "--controller-driver is for a real controller: a simulated one speaks robotline",
+                remedy="give --controller and --tracker too, or leave it out",
+            )
+
+    @property
+    def urls(self) -> dict[str, str | None]:
+        """Addresses of controller and tracker; None: simulated."""
+        if self.offline:
+            return {"controller": OFFLINE, "tracker": OFFLINE}
+        return {"controller": self.controller, "tracker": self.tracker}
+
+    @property
+    def rehearsed(self) -> str | None:
+        """The one device that is simulated beside a real one; None: both are, or neither is."""
+        found = [device for device, url in self.urls.items() if (url or "").startswith(SIMULATED)]
+        return found[0] if len(found) == 1 else None
+
+
+def create_campaign(folder: Path, options: NewOptions) -> CampaignConfig:
+    """Campaign as its options have it; raises as the two below."""
+    urls, simulated = options.urls, options.rehearsed
+    drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
+    controller, tracker = urls.values()
+    if controller is not None and tracker is not None and simulated is None:
+        return create_for_devices(folder, options.robot, controller, tracker, drivers)
+    named = (urls[simulated] or "").removeprefix(SIMULATED) if simulated else "cell"
+    scenario = options.scenario or (DEFAULT_SCENARIO if named == "cell" else named)
+    real = {device: None if device == simulated else url for device, url in urls.items()}
+    return create_simulated(folder, options.robot, scenario, urls=real, drivers=drivers)
 
 
 def create_for_devices(

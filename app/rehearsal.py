@@ -12,7 +12,7 @@ from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.next_step import state_of
-from campaigns.options import PlanOptions, ValidationOptions, ValidationStage
+from campaigns.options import LoadOptions, PlanOptions, ValidationOptions, ValidationStage
 from campaigns.workflow.reduced_export import PLAIN, export_projected
 from campaigns.workflow.validation import Validated
 
@@ -49,7 +49,7 @@ def rehearse(
     if state_of(evaluate(campaign)).form == "needed":
         path = export_projected(campaign, PLAIN).path
         terminal.say(f"the controller takes no tilts and skews: {path.name}")
-    kept = workflow.load(campaign, connected_robot(campaign), path).kept
+    kept = workflow.load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")

@@ -11,12 +11,13 @@ from typing import cast
 
 from app.consent import require_consent
 from app.driver_settings import controller_settings, tracker_settings
-from campaigns.campaign import SIMULATED, Campaign
+from campaigns.campaign import Campaign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.work import Cell as Devices
 from campaigns.settings.config import FILE_NAME
+from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
 from drivers.byte_log import ByteLog, WireReading, logged
 from drivers.catalog import controller_driver, tracker_driver

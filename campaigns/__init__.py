@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from campaigns.shots.shots import Shots
 
 HOMES = {
+    "NewOptions": "app.new_campaign",
     "Kinematics": "campaigns.mechanisms.mechanism",
     "Shots": "campaigns.shots.shots",
     "TrackerUncertainty": "campaigns.estimation.tracker_noise",
     "connected_cell": "app.wiring",  # both devices of a campaign: only the wiring knows drivers
+    "create_campaign": "app.new_campaign",
     "create_simulated": "app.new_campaign",
     "evaluate": "campaigns.evidence",
     "open_campaign": "campaigns.campaign",
@@ -38,10 +40,12 @@ HOMES = {
 
 __all__ = [
     "Kinematics",
+    "NewOptions",
     "Shots",
     "TrackerUncertainty",
     "connected_cell",
     "correct_targets",
+    "create_campaign",
     "create_simulated",
     "evaluate",
     "find_robot",

@@ -26,14 +26,13 @@ from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
 from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
 from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
-from campaigns.settings.sections import BY_HAND, OFFLINE
+from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
 from drivers.values import Vector3
 
 JournalT = TypeVar("JournalT", bound=JournalReader)
 
 PLAN = "plan.csv"
 JOURNAL = "campaign.db"
-SIMULATED = "sim://"
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 """Speed of a fast parallel robot's joints at 100 %, only for estimates of time."""
 

@@ -1,9 +1,10 @@
-"""Options of planning, running and validating, as the command line and Python give them."""
+"""Options of the steps of a campaign, as the command line and Python give them."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Literal
 
 from campaigns.controllers.export import CalibrationRoute
@@ -257,3 +258,33 @@ class CheckOptions:
     def words(self) -> list[str]:
         """Words as they are typed, for the command that goes on later."""
         return typed_words(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadOptions:
+    """Options of a load, or of taking one back; raises `OptionsInvalid`."""
+
+    file: Annotated[
+        Path | None,
+        Option("Robot file to load, instead of DIR/robot-compensated.yaml.", metavar="FILE"),
+    ] = None
+    rollback: Annotated[bool, Option("Restore the parameters that the latest load replaced.")] = (
+        False
+    )
+    verify: Annotated[
+        int,
+        Option(
+            "Measure N validation pairs before and after; roll back if they become worse.",
+            metavar="N",
+            least=0,
+            default="none",
+        ),
+    ] = 0
+    force: Annotated[bool, Option("Load even if refused; the journal records the reasons.")] = False
+
+    def __post_init__(self) -> None:
+        for option, given in (("--file", self.file is not None), ("--verify", self.verify > 0)):
+            if self.rollback and given:
+                raise OptionsInvalid(
+                    f"--rollback and {option} contradict each other", remedy="give one"
+                )

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -18,9 +17,10 @@ from app.progress import RunDisplay
 from app.wiring import connected_cell, connected_robot, prepare
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load import Change
-from campaigns.errors import Interrupted, OptionsInvalid
+from campaigns.errors import Interrupted
 from campaigns.files.table import Column, words
-from campaigns.workflow.loading import LoadResult, LoadTerms, load, roll_back
+from campaigns.options import LoadOptions
+from campaigns.workflow.loading import LoadResult, LoadTerms, load
 from drivers.values import Identity
 
 SURE = "Write these parameters into controller {serial}? The robot must stand still."
@@ -29,25 +29,6 @@ MOVES = (
     "The robot will move: is it clear?"
 )
 
-File = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Robot file to load, instead of DIR/robot-compensated.yaml."),
-]
-Rollback = Annotated[
-    bool, typer.Option("--rollback", help="Restore the parameters that the latest load replaced.")
-]
-Force = Annotated[
-    bool, typer.Option("--force", help="Load even if refused; the journal records the reasons.")
-]
-Verify = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        metavar="N",
-        help="Measure N validation pairs before and after; roll back if they become worse.",
-        show_default=False,
-    ),
-]
 Standing = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask: the robot stands still.")]
 
 
@@ -63,11 +44,8 @@ CHANGES: tuple[Column[Change], ...] = (
 def command(
     context: typer.Context,
     folder: Folder,
+    options: LoadOptions,
     *,
-    file: File = None,
-    rollback: Rollback = False,
-    verify: Verify = 0,
-    force: Force = False,
     dry: Dry = False,
     yes: Standing = False,
     json: Json = False,
@@ -85,11 +63,6 @@ def command(
     are back.
     """
     terminal = terminal_of(context, as_json=json)
-    for option, given in (("--file", file is not None), ("--verify", verify > 0)):
-        if rollback and given:
-            raise OptionsInvalid(
-                f"--rollback and {option} contradict each other", remedy="give one"
-            )
     campaign = open_campaign(folder)
     campaign.require_devices()
     wish = StopRequest()
@@ -97,33 +70,26 @@ def command(
     def approve(controller: Identity, found: tuple[Change, ...]) -> None:
         show(terminal, found)
         if not dry:
-            question = MOVES if verify else SURE
+            question = MOVES if options.verify else SURE
             terminal.require_yes(question.format(serial=controller.serial), yes=yes)
 
     terms = LoadTerms(
-        approve=approve,
-        tell=terminal.note,
-        uninterrupted=stop_on_signals(wish),
-        force=force,
-        dry=dry,
+        approve=approve, tell=terminal.note, uninterrupted=stop_on_signals(wish), dry=dry
     )
-    if rollback:
-        done = roll_back(campaign, connected_robot(campaign, terminal.prompt()), terms)
-    elif verify and not dry:
+    if options.verify and not dry:
         display = terminal.watching("load", plain=campaign.is_by_hand)
         watched = replace(
             terms,
             uninterrupted=_watched(wish, display),
-            pairs=verify,
             prepare=partial(prepare, campaign),
             observer=display,
             stop_requested=wish,
             goes_on=partial(_goes_on, wish, display, terminal),
         )
         cell = connected_cell(campaign, wish, terminal.alarm, terminal.prompt(display, wish))
-        done = load(campaign, cell, file, watched)
+        done = load(campaign, cell, options, watched)
     else:
-        done = load(campaign, connected_robot(campaign, terminal.prompt()), file, terms)
+        done = load(campaign, connected_robot(campaign, terminal.prompt()), options, terms)
     _tell(terminal, campaign, done)
     if wish.suspends:
         suspend()

@@ -11,12 +11,16 @@ from campaigns.files.yaml_file import FileModel, broken_rule
 from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 
 OFFLINE = "offline"
+"""In place of an address: nothing is connected, programs go out and files come in."""
+SIMULATED = "sim://"
+"""Beginning of the address of a device of a simulated cell."""
 BY_HAND = "by-hand"
 """Driver and address of a device that a person works: he is shown what to do, and answers."""
 WATCH_FILE, FILE = "watch-file", "file:"
 """Driver and beginning of the address of a tracker whose software writes into a file."""
-"""In place of an address: nothing is connected, programs go out and files come in."""
-URL_PATTERN = rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|sim://[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
+URL_PATTERN = (
+    rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|{SIMULATED}[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
+)
 URL_FORMS = (
     "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, file:NAME of a tracker, "
     f"{BY_HAND} or {OFFLINE}"

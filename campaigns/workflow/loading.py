@@ -26,6 +26,7 @@ from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
+from campaigns.options import LoadOptions
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
@@ -41,7 +42,7 @@ STOPPED = (errors.Interrupted, Cancelled, KeyboardInterrupt)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadTerms:
-    """Terms of a load: who is asked and told, and what is allowed.
+    """Terms of a load: who is asked and told, and whether it is one at all.
 
     `approve` is told which controller and which changes, and raises what keeps them from being
     made; `tell` gets what should be said; `uninterrupted` holds signals off from the first to the
@@ -51,12 +52,8 @@ class LoadTerms:
     approve: Callable[[Identity, tuple[Change, ...]], object] = lambda *_: None
     tell: Callable[[str], None] = lambda _: None
     uninterrupted: AbstractContextManager[object] = field(default_factory=nullcontext)
-    force: bool = False
-    """Whether objections are overruled, which the journal keeps."""
     dry: bool = False
     """Whether nothing is written, neither into the controller nor into the journal."""
-    pairs: int = 0
-    """Pairs to be measured before and after writing, for which the connection is to a cell."""
     prepare: Callable[[Cell], None] = lambda _: None
     """Brings the devices into the state that measuring needs; the robot may move."""
     observer: RunObserver = SILENT
@@ -95,43 +92,31 @@ class LoadResult:
 def load(
     campaign: Campaign,
     connection: AbstractContextManager[RobotController | Cell],
-    source: Path | None = None,
+    options: LoadOptions | None = None,
     terms: LoadTerms | None = None,
 ) -> LoadResult:
-    """Load a robot file, the exported one by default.
+    """Load a robot file, the exported one by default, or take the latest effective load back.
 
     `connection` is made once the file is known to be one for this campaign. Raises `ConfigInvalid`
-    for a file that should not be loaded, and for parameters that no controller knows.
+    for a file that should not be loaded, and for parameters that no controller knows, and
+    `ShotsMissing` where no load could be taken back.
 
-    With `pairs` in the terms, so many validation pairs are measured before and after. Raises
-    `VerdictBad` when their mean error became larger; then, and after whatever else kept them from
-    being measured, the old parameters are back.
+    With `verify`, for which the connection is to a cell, so many validation pairs are measured
+    before and after. Raises `VerdictBad` when their mean error became larger; then, and after
+    whatever else kept them from being measured, the old parameters are back.
     """
-    terms = terms or LoadTerms()
-    wanted = _wanted(campaign, source, terms)
-    with campaign.journal() as journal, connection as devices:
-        cell = devices if isinstance(devices, Cell) else None
-        controller = devices.robot if isinstance(devices, Cell) else devices
-        return _Loading(campaign, journal, controller, terms, cell).load(*wanted)
-
-
-def roll_back(
-    campaign: Campaign,
-    connection: AbstractContextManager[RobotController],
-    terms: LoadTerms | None = None,
-) -> LoadResult:
-    """Take back the latest load that took effect and was not taken back yet.
-
-    Raises `ShotsMissing` when there is none.
-    """
-    terms = terms or LoadTerms()
-    if not campaign.journal_path.exists():
+    options, terms = options or LoadOptions(), terms or LoadTerms()
+    if options.rollback and not campaign.journal_path.exists():
         raise _nothing_to_take_back(campaign)
+    wanted = None if options.rollback else _wanted(campaign, options)
     with campaign.journal() as journal:
-        if load_history(journal) == ((), None):
+        if wanted is None and load_history(journal) == ((), None):
             raise _nothing_to_take_back(campaign)
-        with connection as controller:
-            return _Loading(campaign, journal, controller, terms).roll_back()
+        with connection as devices:
+            cell = devices if isinstance(devices, Cell) else None
+            controller = devices.robot if isinstance(devices, Cell) else devices
+            loading = _Loading(campaign, journal, controller, options, terms, cell)
+            return loading.roll_back() if wanted is None else loading.load(*wanted)
 
 
 def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
@@ -148,16 +133,16 @@ def _stopped(holds: str) -> errors.Interrupted:
 
 
 def _wanted(
-    campaign: Campaign, source: Path | None, terms: LoadTerms
+    campaign: Campaign, options: LoadOptions
 ) -> tuple[Path, RobotFile, tuple[errors.ConfigInvalid, ...]]:
     """File, its robot, and what was overruled of what speaks against it.
 
     Raises `ConfigInvalid` unless that is overruled.
     """
-    source = source or campaign.path(parameter_file.FILE_NAME)
+    source = options.file or campaign.path(parameter_file.FILE_NAME)
     robot = load_checks.read_parameter_file(source, campaign.folder, campaign.robot)
     objections = tuple(load_checks.file_objections(robot, campaign.config.name, campaign.robot))
-    if not terms.force:
+    if not options.force:
         load_checks.refuse(source, objections)
     return source, robot, objections
 
@@ -173,6 +158,7 @@ class _Loading:
     campaign: Campaign
     journal: Journal
     controller: RobotController
+    options: LoadOptions
     terms: LoadTerms
     cell: Cell | None = None
     """Of a controller whose tracker is connected too."""
@@ -239,7 +225,7 @@ class _Loading:
         found = tuple(
             load_checks.serial_objections(expected_serial, self.controller.identity().serial)
         )
-        if not self.terms.force:
+        if not self.options.force:
             load_checks.refuse(source, found)
         return found
 
@@ -256,7 +242,7 @@ class _Loading:
         wanted, controller = robot.parameters, self.controller.identity()
         if not differing(held, wanted):
             return LoadResult(source, "already", state=self._state(held))
-        pairs = self.terms.pairs if self.cell else 0
+        pairs = self.options.verify if self.cell else 0
         shots = validation.verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
         self.terms.approve(controller, changes(held, robot))
         if self.terms.dry:

@@ -10,6 +10,7 @@ from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
 from campaigns.errors import ConfigInvalid
 from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.options import LoadOptions
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotFile, compensated, read_robot
 from campaigns.settings.sections import AcceptanceConfig
@@ -34,7 +35,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
 
 def loaded(paper: PaperCampaign, source: Path) -> RobotFile:
     """Loads a file, after which the controller commands by it."""
-    load(paper.campaign, nullcontext(Controller()), source)
+    load(paper.campaign, nullcontext(Controller()), LoadOptions(file=source))
     robot = read_robot(source).robot
     paper.controller = robot.kinematics
     return robot
@@ -98,7 +99,12 @@ def test_load_says_that_a_form_loses_more_than_a_limit(identified: PaperCampaign
     config = identified.campaign.config.model_copy(update={"acceptance": limits})
     strict = replace(identified.campaign, config=config)
     source = identified.folder / "robot-plain.yaml"
-    load(strict, nullcontext(Controller()), source, LoadTerms(tell=told.append, dry=True))
+    load(
+        strict,
+        nullcontext(Controller()),
+        LoadOptions(file=source),
+        LoadTerms(tell=told.append, dry=True),
+    )
     (warned,) = told
     assert "(plain) loses 0.010 mm on average" in warned
     assert "`pkmcal correct`" in warned

@@ -18,14 +18,14 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load_journal import load_history
 from campaigns.journal.records import Finding
 from campaigns.measuring.work import Cell
+from campaigns.options import LoadOptions
 from campaigns.robots.robot import compensated, find_robot, read_robot
 from campaigns.workflow.files import export
-from campaigns.workflow.loading import LoadResult, LoadTerms, load, roll_back
+from campaigns.workflow.loading import LoadResult, LoadTerms, load
 from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused, RobotStateUnknown
 
 EXPORTED = "robot-compensated.yaml"
-FORCED = LoadTerms(force=True)
 
 
 @pytest.fixture(scope="session")
@@ -47,13 +47,17 @@ def loaded(
     campaign: Campaign,
     controller: Controller,
     source: Path | None = None,
-    terms: LoadTerms | None = None,
+    *,
+    force: bool = False,
+    **terms: object,
 ) -> LoadResult:
-    return load(campaign, nullcontext(controller), source, terms)
+    options = LoadOptions(file=source, force=force)
+    return load(campaign, nullcontext(controller), options, LoadTerms(**terms))
 
 
 def rolled_back(campaign: Campaign, controller: Controller, **terms: object) -> LoadResult:
-    return roll_back(campaign, nullcontext(controller), LoadTerms(**terms))
+    options = LoadOptions(rollback=True)
+    return load(campaign, nullcontext(controller), options, LoadTerms(**terms))
 
 
 def new_set(campaign: Campaign) -> dict[str, float]:
@@ -143,7 +147,7 @@ def test_set_that_was_not_exported_is_missed_with_the_command_that_writes_it(cam
 
 def test_right_file_is_loaded_and_nothing_is_overruled(campaign: Campaign) -> None:
     controller = Controller()
-    found = loaded(campaign, controller, terms=FORCED)
+    found = loaded(campaign, controller, force=True)
     assert controller.held == new_set(campaign)
     assert (found.outcome, found.forced) == ("loaded", ())
     assert [kind for kind, _ in findings(campaign)] == ["load begun", "load"]
@@ -165,7 +169,7 @@ def test_every_objection_is_told_at_once_and_kept_where_it_is_overruled(campaign
         loaded(campaign, Controller(), source)
     for word in ("press 4", "'fail'", r"arm0.arm_mm changed by -10.1 mm"):
         assert word in refused.value.problem
-    assert loaded(campaign, Controller(), source, FORCED).outcome == "loaded"
+    assert loaded(campaign, Controller(), source, force=True).outcome == "loaded"
     (_, begun), (kind, body) = findings(campaign)
     assert (kind, len(body["forced"])) == ("load", 3)
     assert body["forced"] == begun["forced"]
@@ -182,7 +186,7 @@ def test_only_the_nominal_set_may_be_loaded_without_a_word_and_no_other_mechanis
     with pytest.raises(
         errors.ConfigInvalid, match="it is of a delta, this campaign's robot is a par4"
     ):
-        loaded(campaign, Controller(), path, FORCED)
+        loaded(campaign, Controller(), path, force=True)
 
 
 @pytest.mark.parametrize("serial", [None, ""])
@@ -209,18 +213,18 @@ def test_load_that_died_is_found_again(
     with pytest.raises(PowerCut):
         loaded(campaign, controller)
     assert unended(campaign)
-    loaded(campaign, controller, terms=LoadTerms(dry=True, tell=told.append))
+    loaded(campaign, controller, dry=True, tell=told.append)
     assert unended(campaign), "--dry writes nothing"
     assert f"a load of {EXPORTED} was begun at" in told[0]
     assert holds in told[0]
-    again = loaded(campaign, controller, terms=LoadTerms(tell=told.append))
+    again = loaded(campaign, controller, tell=told.append)
     assert told[1] == told[0]
     assert controller.held == new_set(campaign)
     assert again.outcome == ("already" if ends == "load" else "loaded")
     kinds = [kind for kind, _ in findings(campaign)]
     assert kinds[:2] == ["load begun", ends or "load begun"]
     assert not unended(campaign)
-    assert loaded(campaign, controller, terms=LoadTerms(tell=told.append)).outcome == "already"
+    assert loaded(campaign, controller, tell=told.append).outcome == "already"
     assert len(told) == 2, "once it has its end, nothing is told any more"
 
 
@@ -371,7 +375,8 @@ def cell() -> CellOf:
 def verified(
     campaign: Campaign, cell: CellOf, pairs: int = 3, source: Path | None = None, **terms: object
 ) -> LoadResult:
-    return load(campaign, nullcontext(cell.cell), source, LoadTerms(pairs=pairs, **terms))
+    options = LoadOptions(file=source, verify=pairs)
+    return load(campaign, nullcontext(cell.cell), options, LoadTerms(**terms))
 
 
 def test_pairs_that_become_better_are_kept_with_the_load(campaign: Campaign, cell: CellOf) -> None:
@@ -402,7 +407,7 @@ def test_pairs_that_become_worse_bring_the_old_parameters_back(
     ]
     assert not unended(campaign)
     with pytest.raises(errors.ShotsMissing):
-        roll_back(campaign, nullcontext(cell.robot))
+        rolled_back(campaign, cell.robot)
 
 
 def test_pairs_that_cannot_be_measured_bring_the_old_parameters_back(
@@ -498,8 +503,7 @@ def test_operators_stop_says_that_the_old_parameters_are_in(
 ) -> None:
     wish = StopWish(cell.cell.clock)
     cell.robot.during_move[move] = wish.ask
-    terms = LoadTerms(pairs=3, stop_requested=wish)
     with pytest.raises(errors.Interrupted, match="the controller holds the old parameters"):
-        load(campaign, nullcontext(cell.cell), None, terms)
+        verified(campaign, cell, stop_requested=wish)
     assert cell.robot.geometry == OLD
     assert [kind for kind, _ in findings(campaign)] == kinds
