@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.gauss_newton import STEPS, gauss_newton
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -203,6 +204,14 @@ def solve(
     `NoSolution` when the problem's own start has no answer.
     """
     begin, first = _begun(problem, start)
+    if evaluations > STEPS:
+        found = gauss_newton(_AsStack(problem, len(first)), begin[None])
+        if found.converged[0]:
+            x, used = found.x[0], spent + found.evaluations
+            message = _explain(min(CONVERGED), used)
+            return _checked(
+                Solution(x, found.residual[0], problem.jacobian(x), True, used, message)
+            )
     beyond = np.full(
         len(first), INFEASIBLE_FACTOR * max(1.0, float(np.abs(first).max(initial=0.0)))
     )
@@ -228,6 +237,23 @@ def solve(
     message = _explain(int(status), used)
     jacobian = problem.jacobian(x)
     return _checked(Solution(x, ended["fvec"], jacobian, converged, used, message))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _AsStack:
+    """One problem as a stack."""
+
+    problem: Residuals
+    rows: int
+
+    def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
+        try:
+            return self.problem.residual(x[0])[None], np.ones(len(rows), dtype=bool)
+        except NoSolution:
+            return np.ones((len(rows), self.rows)), np.zeros(len(rows), dtype=bool)
+
+    def jacobian(self, x: Array, rows: Index) -> Array:
+        return self.problem.jacobian(x[0]).reshape(len(rows), self.rows, -1)
 
 
 def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array]:
