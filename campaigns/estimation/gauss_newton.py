@@ -1,8 +1,8 @@
 """Gauss-Newton on a stack of least-squares problems, each near enough to its minimum.
 
-What a row gives depends on no other row. A step solves the seminormal equations RᵀR dx = -Jᵀr; their
-triangle R is kept once steps are short, for it hardly changes there. A row that is badly conditioned,
-or does not come nearer with every step, is given up, for a solver that knows how to turn back.
+What a row gives depends on no other row. A step solves the seminormal equations RᵀR dx = -Jᵀr;
+their triangle R is kept once steps are short, for it hardly changes there. A row that is badly
+conditioned, or does not come nearer with every step, is given up, for a solver that turns back.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ CONTRACTION = 0.5
 """Part of a step that the next one may have at most."""
 KEPT_BELOW = 1.0
 """Length of a step over that of the residual below which the triangle is kept."""
-SETTLED = 1e-10
+SETTLED = 1e-9
 """Expected length of the next step over that of the residual."""
 ROUNDING = 1e-7
 """Length of a step over that of the residual that rounding may be all of."""
@@ -49,6 +49,8 @@ class StackSolution:
     """(C, P)"""
     residual: Array
     """(C, M)"""
+    jacobian: Array
+    """(C, M, P), from which the last step was taken: it is too short to change them."""
     converged: Mask
     evaluations: int
     """Of residuals, by the row that took most."""
@@ -62,10 +64,12 @@ def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
     (count, unknowns), measured = x.shape, residual.shape[1]
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
     triangle = np.empty((count, unknowns, unknowns))
+    jacobians = np.empty((count, measured, unknowns))
     is_far, active = np.ones(count, dtype=bool), every[found & (measured >= unknowns)]
     evaluations = 1
     while evaluations <= STEPS and active.size:
         jacobian = problem.jacobian(_of(x, active), active)
+        jacobians[active] = jacobian
         far = is_far[active]
         triangle[active[far]] = np.linalg.qr(_of(jacobian, np.flatnonzero(far)), mode="r")
         regular = _regular(_of(triangle, active))
@@ -90,7 +94,7 @@ def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
         is_far[kept] = (length > KEPT_BELOW * unit)[good]
         converged[active[good & settled]] = True
         active = active[good & ~settled]
-    return StackSolution(x, residual, converged, evaluations)
+    return StackSolution(x, residual, jacobians, converged, evaluations)
 
 
 def _of(stack: Array, rows: Index) -> Array:

@@ -13,7 +13,12 @@ import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.f_test import FittedShots
-from campaigns.estimation.observability import Observability, observability, project_out_nuisance
+from campaigns.estimation.observability import (
+    RANK_TOLERANCE,
+    Observability,
+    observability,
+    project_out_nuisance,
+)
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.residuals import (
     FRAME_COLUMNS,
@@ -134,18 +139,19 @@ def coverage_factor(dof: int | None) -> float:
 
 
 def covariance(jacobian: Array) -> Array:
-    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P).
+    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (…, P, P), of Jacobians (…, M, P).
 
-    Raises `LinAlgError` when the rank is lost.
+    Raises `LinAlgError` when the rank of one is lost.
     """
-    count, norms = jacobian.shape[1], np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / np.where(norms > 0.0, norms, 1.0)
+    count, norms = jacobian.shape[-1], np.linalg.norm(jacobian, axis=-2)
+    scaled = jacobian / np.where(norms > 0.0, norms, 1.0)[..., None, :]
     triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
-    rank = observability(triangle).rank
+    spread = np.linalg.svd(triangle, compute_uv=False)
+    rank = int(np.sum(spread > RANK_TOLERANCE * spread[..., :1], axis=-1).min())
     if rank < count:
         raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
-    root = np.linalg.inv(triangle) / norms[:, None]
-    return np.asarray(root @ root.T)
+    root = np.linalg.inv(triangle) / norms[..., None]
+    return np.asarray(root @ root.swapaxes(-1, -2))
 
 
 def common_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shift: Array) -> Array:

@@ -199,6 +199,7 @@ def solve(
 ) -> Solution:
     """Least squares from `start`, else from the problem's own, within a number of evaluations.
 
+    By Gauss-Newton where its steps lead straight to the minimum, else by Levenberg-Marquardt.
     Also from the problem's own where `start` has no answer, as an odd robot may have found it on
     its way only. `spent` are those that it took to find `start`: they count in what is told. Raises
     `NoSolution` when the problem's own start has no answer.
@@ -208,10 +209,15 @@ def solve(
         found = gauss_newton(_AsStack(problem, len(first)), begin[None])
         if found.converged[0]:
             x, used = found.x[0], spent + found.evaluations
-            message = _explain(min(CONVERGED), used)
-            return _checked(
-                Solution(x, found.residual[0], problem.jacobian(x), True, used, message)
+            fit = Solution(
+                x,
+                found.residual[0],
+                problem.jacobian(x),
+                converged=True,
+                evaluations=used,
+                message=_explain(min(CONVERGED), used),
             )
+            return _checked(fit)
     beyond = np.full(
         len(first), INFEASIBLE_FACTOR * max(1.0, float(np.abs(first).max(initial=0.0)))
     )

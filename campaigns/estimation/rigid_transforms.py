@@ -85,12 +85,21 @@ def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
 
 
 def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
-    """R(z, a0) R(y, a1) R(x, a2), (3, 3), and its derivatives by the three angles, (3, 3, 3)."""
-    (cz, cy, cx), (sz, sy, sx) = np.cos(angles_rad), np.sin(angles_rad)
-    rz = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
-    ry = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
-    rx = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-    dz = np.array([[-sz, -cz, 0.0], [cz, -sz, 0.0], [0.0, 0.0, 0.0]])
-    dy = np.array([[-sy, 0.0, cy], [0.0, 0.0, 0.0], [-cy, 0.0, -sy]])
-    dx = np.array([[0.0, 0.0, 0.0], [0.0, -sx, -cx], [0.0, cx, -sx]])
-    return rz @ ry @ rx, np.stack([dz @ ry @ rx, rz @ dy @ rx, rz @ ry @ dx])
+    """R(z, a0) R(y, a1) R(x, a2), (…, 3, 3), and its derivatives by the three angles.
+
+    Angles are (…, 3), derivatives (…, 3, 3, 3).
+    """
+    (cz, cy, cx), (sz, sy, sx) = (np.moveaxis(of(angles_rad), -1, 0) for of in (np.cos, np.sin))
+    none = np.zeros_like(cz)
+    turn = [
+        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+        [-sy, cy * sx, cy * cx],
+    ]
+    by_z = [[-each for each in turn[1]], turn[0], [none] * 3]
+    by_y = [[each * cz for each in (-sy, cy * sx, cy * cx)]]
+    by_y += [[each * sz for each in (-sy, cy * sx, cy * cx)], [-cy, -sy * sx, -sy * cx]]
+    by_x = [[none, row[2], -row[1]] for row in turn]
+    every = np.array([turn, by_z, by_y, by_x])
+    turns = np.moveaxis(every, (0, 1, 2), (-3, -2, -1))
+    return turns[..., 0, :, :], turns[..., 1:, :, :]

@@ -82,25 +82,25 @@ def estimate_components(shots: LinearizedShots) -> VarianceComponents:
     count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
     if count <= unknowns + 2:
         return NONE
-    if max(_scores(shots)) < HOPELESS_SCORE:
+    hopeful = [place for place, score in enumerate(_scores(shots)) if score >= HOPELESS_SCORE]
+    if not hopeful:
         return NONE
     likelihood = _RestrictedLikelihood(shots)
-    none = likelihood.at(NOWHERE, NOWHERE)
-    singles = [likelihood.best_single(place) for place in (0, 1)]
-    value, logs = max(singles, key=lambda each: each[0])
-    if value - none <= WORTH:
+    none, found = likelihood.at(NOWHERE, NOWHERE), {}
+    for place in hopeful:
+        found[place] = likelihood.best_single(place)
+    if max(found.values(), key=lambda each: each[0])[0] - none <= WORTH:
         return NONE
+    singles = [found.get(place) or likelihood.best_single(place) for place in (0, 1)]
+    value, logs = max(singles, key=lambda each: each[0])
     both_value, both = likelihood.best_pair(singles)
     if both_value - value > WORTH:
         logs = both
     return likelihood.components(logs)
 
 
-def _scores(shots: LinearizedShots) -> tuple[float, float]:
-    """Score of each component at none, in about its own standard deviations.
-
-    It is the slope of the likelihood there: without one there is nothing to be gained.
-    """
+def _scores(shots: LinearizedShots) -> Array:
+    """Scores of the two components at none, (2,)."""
     inverse = inverse_roots(shots.stated_mm2)
     rows = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
     whitened = inverse @ rows
@@ -108,15 +108,27 @@ def _scores(shots: LinearizedShots) -> tuple[float, float]:
     basis = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
     residual = whitened[:, :, -1].ravel()
     left = (residual - basis @ (basis.T @ residual)).reshape(-1, 3)
-    by_shot = basis.reshape(len(left), 3, -1).swapaxes(1, 2)
+    by_shot = basis.reshape(len(left), 3, -1)
+    columns = (each.transpose(1, 2, 0) for each in (inverse, inverse @ shots.by_joints))
+    leverage = (by_shot @ by_shot.swapaxes(1, 2)).transpose(1, 2, 0)
+    return component_scores(left.T, leverage, *columns)
+
+
+def component_scores(left: Array, leverage: Array, *columns: Array) -> Array:
+    """Scores of components at none, in about their own standard deviations, (k, …).
+
+    It is the slope of the likelihood there: without one there is nothing to be gained. Of whitened
+    residuals (…, 3, N) after a fit, its leverages (…, 3, 3, N), and each component's whitened
+    columns (…, 3, k, N).
+    """
     found = []
-    for columns in (inverse, inverse @ shots.by_joints):
-        told = np.einsum("nij,ni->nj", columns, left)
-        own = columns @ columns.swapaxes(1, 2)
-        expected = float(np.sum(columns**2) - np.sum((by_shot @ columns) ** 2))
-        spread = math.sqrt(2.0 * float(np.sum(own**2)))
-        found.append((float(np.sum(told**2)) - expected) / spread)
-    return found[0], found[1]
+    for each in columns:
+        told = np.einsum("...ikn,...in->...kn", each, left)
+        own = np.einsum("...ikn,...jkn->...ijn", each, each)
+        expected = np.einsum("...iin->...", own) - np.einsum("...ijn,...ijn->...", leverage, own)
+        spread = np.sqrt(2.0 * np.sum(own**2, axis=(-3, -2, -1)))
+        found.append((np.sum(told**2, axis=(-2, -1)) - expected) / spread)
+    return np.array(found)
 
 
 class _RestrictedLikelihood:
@@ -137,14 +149,14 @@ class _RestrictedLikelihood:
         point, joint = self._std(log_point, log_joint)
         covariance = self._shots.stated_mm2 + point**2 * np.eye(3) + joint**2 * self._through
         try:
-            root = np.linalg.cholesky(covariance)
-            rows = np.linalg.solve(root, self._rows).reshape(-1, self._rows.shape[-1])
+            inverse = inverse_roots(covariance)
+            rows = (inverse @ self._rows).reshape(-1, self._rows.shape[-1])
             triangle = np.linalg.qr(rows, mode="r")
         except np.linalg.LinAlgError:
             return NOWHERE
         own = np.abs(np.diag(triangle))
         known = own[:-1] > own[:-1].max() * np.finfo(np.float64).eps * len(rows)
-        size = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum())
+        size = -2.0 * float(np.log(np.einsum("nii->ni", inverse)).sum())
         return -(size + 2.0 * float(np.log(own[:-1][known]).sum()) + float(own[-1] ** 2))
 
     def best_single(self, place: int) -> tuple[float, tuple[float, float]]:

@@ -18,9 +18,10 @@ from campaigns.mechanisms.transmission import OF_CRANKS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arms(ABC):
-    """Arms of one robot at joints, one forearm each; the class is the kind of arm.
+    """Arms at joints, one forearm each; the class is the kind of arm.
 
-    Values of all arms are (n, k) fields in the order of `fields`, extensions (n, e).
+    Values of all arms are (n, k) fields in the order of `fields`, extensions (n, e). A last axis of
+    one, or of N where every row is of a robot of its own, stands behind what is kept of them.
     """
 
     fields: ClassVar[tuple[ParameterField, ...]]
@@ -39,7 +40,7 @@ class Arms(ABC):
     words: ClassVar[ArmWords]
 
     forearm_mm: Array
-    """L_i, (n,)."""
+    """L_i, (n, 1 or N)."""
     elbows_mm: Array
     """A_i in the base frame, (3, n, N)."""
 
@@ -58,7 +59,10 @@ class Arms(ABC):
     @classmethod
     @abstractmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
-        """Arms at encoder readings (N, n)."""
+        """Arms of fields (n, k, C) and extensions (n, e, C) of C robots at readings (N, n).
+
+        N / C rows are of each robot in turn.
+        """
 
     @staticmethod
     @abstractmethod
@@ -141,11 +145,11 @@ class RotaryArms(Arms):
     words = ("its elbow's circle", "out of its arm's plane", "elbow")
 
     arm_mm: Array
-    """l_i, (n,)."""
+    """l_i, (n, 1 or N)."""
     axis_tilt_rad: Array
-    """τ_i, (n,)."""
+    """τ_i, (n, 1 or N)."""
     frames: Array
-    """u_i, the motor's axis and w_i, of unit length in the base frame, (3, n, 3)."""
+    """u_i, the motor's axis and w_i, of unit length in the base frame, (3, 3, n, 1 or N)."""
     cos: Array
     """Cosines of the arms' angles, (n, N)."""
     sin: Array
@@ -154,21 +158,22 @@ class RotaryArms(Arms):
     @override
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
-        """Cranks of (n, 7) fields and (n, 1) axis tilts at encoder angles (N, n)."""
-        motor, azimuth, offset, arm, forearm = _columns(values)
-        angle = np.ascontiguousarray(joints.T) + offset[:, None]
-        tilt = extensions[:, 0]
-        frames, cos, sin = crank_frames(azimuth, tilt), np.cos(angle), np.sin(angle)
-        outward, _, lowered = (arm * frames.swapaxes(1, 2))[..., None]
-        elbows = motor.T[..., None] + (cos * outward + sin * lowered)
+        """Cranks of (n, 7, C) fields and (n, 1, C) axis tilts of C robots at angles (N, n)."""
+        rows, azimuth, tilt = len(joints), values[:, 3], of_rows(extensions[:, 0], len(joints))
+        frames = of_rows(crank_frames(azimuth, extensions[:, 0]), rows)
+        motor, _, offset, arm, forearm = _columns(of_rows(values, rows))
+        angle = np.ascontiguousarray(joints.T) + offset
+        cos, sin = np.cos(angle), np.sin(angle)
+        outward, _, lowered = arm * frames
+        elbows = motor.swapaxes(0, 1) + (cos * outward + sin * lowered)
         return cls(forearm, elbows, arm, tilt, frames, cos, sin)
 
     @override
     def by_fields(self, forearms_mm: Array) -> Array:
         """∂F_i by x, y, z, azimuth, joint offset, arm, forearm and axis tilt, (n, 8, N)."""
         cos, sin = self.cos, self.sin
-        out, aside, down = in_frames(self.frames, forearms_mm.T).transpose(0, 2, 1)
-        arm_mm, tilt_rad = self.arm_mm[:, None], self.axis_tilt_rad[:, None]
+        out, aside, down = in_frames(self.frames, forearms_mm)
+        arm_mm, tilt_rad = self.arm_mm, self.axis_tilt_rad
         across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
         _, arms, rows = forearms_mm.shape
         jacobian = np.empty((arms, len(CRANK_FIELDS) + 1, rows))
@@ -176,22 +181,22 @@ class RotaryArms(Arms):
         jacobian[:, 3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
         jacobian[:, 4] = 2.0 * arm_mm * (sin * out - cos * down)
         jacobian[:, 5] = -2.0 * (cos * out + sin * down)
-        jacobian[:, 6] = -2.0 * self.forearm_mm[:, None]
+        jacobian[:, 6] = -2.0 * self.forearm_mm
         jacobian[:, 7] = -2.0 * arm_mm * sin * aside
         return jacobian
 
     @override
     def swing_rad(self, forearms_mm: Array) -> Array:
         """Angles of forearms (3, n, N) out of the planes in which their cranks turn, (N, n)."""
-        _, aside, _ = in_frames(self.frames, forearms_mm.T)
-        return np.asarray(np.arcsin(np.clip(aside / self.forearm_mm, -1.0, 1.0)))
+        _, aside, _ = in_frames(self.frames, forearms_mm)
+        return np.asarray(np.arcsin(np.clip((aside / self.forearm_mm).T, -1.0, 1.0)))
 
     @override
     def leverage(self, forearms_mm: Array) -> Array:
         """|∂F_i/∂q_i| / 2 l_i L_i: sine of the angle between crank and forearm, (N, n)."""
-        out, _, down = in_frames(self.frames, forearms_mm.T)
-        lever = self.cos.T * down - self.sin.T * out
-        return np.asarray(np.abs(lever / self.forearm_mm))
+        out, _, down = in_frames(self.frames, forearms_mm)
+        lever = self.cos * down - self.sin * out
+        return np.asarray(np.abs(lever / self.forearm_mm).T)
 
     @override
     @staticmethod
@@ -204,7 +209,8 @@ class RotaryArms(Arms):
         """Encoder angles on the branch with the elbow outward (eqs. 10-14 as corrected)."""
         motor, azimuth, offset, arm, forearm = _columns(values)
         motor_to_plate = targets_mm - motor
-        out, _, down = in_frames(crank_frames(azimuth, extensions[:, 0]), motor_to_plate)
+        frames = crank_frames(azimuth, extensions[:, 0])[..., None]
+        out, _, down = in_frames(frames, motor_to_plate.T).swapaxes(1, 2)
         sine = -2.0 * arm * down
         cosine = -2.0 * arm * out
         constant = np.einsum("...k,...k->...", motor_to_plate, motor_to_plate) + arm**2 - forearm**2
@@ -230,8 +236,14 @@ class RotaryArms(Arms):
         return np.full(3, values[:, 6].max())
 
 
+def of_rows(values: Array, rows: int) -> Array:
+    """Values (…, C) of robots for each of the rows, (…, 1 or N), which are of each in turn."""
+    robots = values.shape[-1]
+    return values if robots == 1 else np.repeat(values, rows // robots, axis=-1)
+
+
 def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:
-    """u_i, the motor's axis, and w_i, of unit length in the base frame, (3, n, 3).
+    """u_i, the motor's axis, and w_i, of unit length in the base frame, (3, 3, n, …).
 
     The crank points along u_i at an angle of 0° (eq. 5) and along w_i at 90°. The axis is v_i of
     eq. 6 turned about u_i by the axis tilt; without one w_i points straight down.
@@ -241,16 +253,16 @@ def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:
     outward = [cos, sin, np.zeros_like(cos)]
     axis = [-sin * level, cos * level, tilt]
     lowered = [-sin * tilt, cos * tilt, -level]
-    return np.array([outward, axis, lowered]).transpose(0, 2, 1)
+    return np.array([outward, axis, lowered])
 
 
 def in_frames(frames: Array, vectors: Array) -> Array:
-    """Vectors of the arms (N, n, 3) along their frames' axes (3, n, 3), as (3, N, n)."""
-    # a product of matrices for each arm; einsum takes ten times as long
-    along = vectors.swapaxes(0, 1) @ frames.transpose(1, 2, 0)
-    return np.ascontiguousarray(along.T)
+    """Vectors of the arms (3, n, N) along their frames' axes (3, 3, n, 1 or N), (3, n, N)."""
+    # einsum takes ten times as long
+    x, y, z = vectors
+    return np.asarray(frames[:, 0] * x + frames[:, 1] * y + frames[:, 2] * z)
 
 
 def _columns(values: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Motor centres (n, 3), azimuths, joint offsets, crank and forearm lengths, (n,) each."""
+    """Motor centres (n, 3, …), azimuths, joint offsets, crank and forearm lengths, (n, …) each."""
     return values[:, :3], values[:, 3], values[:, 4], values[:, 5], values[:, 6]

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import Arms
+from campaigns.mechanisms.arms import Arms, of_rows
 from campaigns.mechanisms.configuration import AZIMUTH, COORDINATES, Configuration, Limbs
 from campaigns.mechanisms.mechanism import (
     Axis,
@@ -136,10 +136,10 @@ class ClosedChain:
 
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> KinematicSolution:
         """Joints (N, n) of poses (N, t) as the encoders read them, reached by `approach`."""
-        values, platform, extensions = self._split(p)
+        values, platform, extensions = self._split(p[:, None])
         targets_mm = self.platform.joints_mm(platform, poses)
         tilts, pairs = extensions[:, :-1], self._rod_pairs(values, extensions)
-        joints, found = self._arms.inverse(values, tilts, targets_mm)
+        joints, found = self._arms.inverse(values[..., 0], tilts[..., 0], targets_mm)
         if not pairs.are_level and found.any():
             some = targets_mm[found]
             seen_mm = self.plate.seen_mm((some - poses[found][:, None, :COORDINATES]).T)
@@ -149,7 +149,7 @@ class ClosedChain:
                 gibbs = pairs.tilt(some.T - elbows_mm, seen_mm, gibbs)
                 before = level
                 level, held = self._arms.inverse(
-                    values, tilts, some + displacement(gibbs, seen_mm).T
+                    values[..., 0], tilts[..., 0], some + displacement(gibbs, seen_mm).T
                 )
                 if not np.abs(level - before)[held].max(initial=0.0) > TILT_SETTLED_JOINT:
                     break
@@ -294,19 +294,33 @@ class ClosedChain:
     def configuration(
         self, p: Array, joints: Array, approach: Array | None = None
     ) -> Configuration:
-        """Arms at encoder readings (N, n), for whoever needs both poses and Jacobian."""
-        values, platform, extensions = self._split(p)
+        """Arms at encoder readings (N, n), for whoever needs both poses and Jacobian.
+
+        `p` (G,) may be those of C robots, (G, C), without a transmission: N / C rows are of each in
+        turn.
+        """
+        robots = p.reshape(len(p), -1)
+        values, platform, extensions = self._split(robots)
         arms = self._arms.at(values, extensions[:, :-1], self.true_joints(p, joints, approach))
         pairs = self._rod_pairs(values, extensions)
-        return Configuration(self, platform, arms, pairs, self.assembly_sign(p))
+        if not pairs.are_level:
+            pairs = self._rod_pairs(*(of_rows(each, len(joints)) for each in (values, extensions)))
+        platform, signs = (
+            of_rows(each, len(joints)) for each in (platform, self.assembly_sign(robots))
+        )
+        return Configuration(self, platform, arms, pairs, signs)
 
-    def assembly_sign(self, p: Array) -> float:
-        """Sign of the closures' determinant at joints 0, the platform well below the elbows."""
-        values, platform, extensions = self._split(p)
-        arms = self._arms.at(values, extensions[:, :-1], np.zeros((1, len(self.joints))))
-        limbs = Limbs(arms.elbows_mm, arms.forearm_mm[:, None], platform, 1.0)
+    def assembly_sign(self, robots: Array) -> Array:
+        """Signs of the closures' determinant of robots (G, C), (C,), at home.
+
+        That is at joints 0, the platform well below the elbows.
+        """
+        values, platform, extensions = self._split(robots)
+        home = np.zeros((robots.shape[1], len(self.joints)))
+        arms = self._arms.at(values, extensions[:, :-1], home)
+        limbs = Limbs(arms.elbows_mm, arms.forearm_mm, platform, np.ones(len(home)))
         _, determinant, _ = self.newton_step(limbs, self._guess(limbs, 0.0, -WELL_BELOW_MM))
-        return float(np.sign(determinant[0]))
+        return np.sign(determinant)
 
     def feasibility(self, p: Array, limits: Limits, poses: Array) -> Feasibility:
         """Margins of poses (N, t) by reach, limits, forearm swing and distance from singularity."""
@@ -380,12 +394,17 @@ class ClosedChain:
         return np.concatenate([own, np.ones(len(platform)), beyond, grown])
 
     def _split(self, p: Array) -> tuple[Array, Array, Array]:
-        """Fields of the arms (n, k), of the platform (f,), and extensions of the arms (n, e)."""
+        """Fields of the arms (n, k, …), of the platform (f, …), extensions of the arms (n, e, …).
+
+        Of parameters (G, …).
+        """
         space, end = self.parameters, self._of_arms
         named = len(space.names)
         beyond = p[named : len(space.geometry)]
-        extensions = beyond.reshape(len(space.extension_fields), space.arms).T
-        return p[:end].reshape(space.arms, -1), p[end:named], extensions
+        rest = p.shape[1:]
+        extensions = beyond.reshape(len(space.extension_fields), space.arms, *rest)
+        values = p[:end].reshape(space.arms, len(space.arm_fields), *rest)
+        return values, p[end:named], extensions.swapaxes(0, 1)
 
     def _lost(self, p: Array) -> Array:
         """Transmission (f, n) in a vector, which may hold the geometry alone."""
@@ -396,7 +415,7 @@ class ClosedChain:
     def _rod_pairs(self, values: Array, extensions: Array) -> RodPairs:
         azimuths = values[:, AZIMUTH]
         if self.plate.outward_rad is not None:
-            azimuths = np.array(self.plate.outward_rad)
+            azimuths = np.array(self.plate.outward_rad)[:, None]
         return RodPairs.of(azimuths, extensions[:, -2], extensions[:, -1], values[:, -1])
 
     def _margins(
@@ -478,9 +497,9 @@ class ClosedChain:
         outward = limbs.elbows_mm[:2] - middle[:2, None]
         drop2_mm2 = limbs.forearm_mm**2 - (outward * outward).sum(axis=0)
         drop_mm = np.sqrt(np.maximum(drop2_mm2, 0.0).mean(axis=0))
-        turned = np.zeros((1, len(self.task)))
-        turned[0, COORDINATES:] = theta_rad
-        aside = self.platform.joints_mm(limbs.platform, turned)[0].mean(axis=0)
+        turned = np.zeros((len(drop_mm), len(self.task)))
+        turned[:, COORDINATES:] = theta_rad
+        aside = self.platform.joints_mm(limbs.platform, turned).mean(axis=1).T
         rows = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop_mm + lift_mm]
         turns = [np.full_like(drop_mm, theta_rad)] if self._has_turn else []
         return np.stack([*rows, *turns])
@@ -520,6 +539,7 @@ class ClosedChain:
                 if not keep.any():
                     break
                 active, current, some = active[keep], current[:, keep], some.rows(keep)
+                turn = self.platform.turn_scale(some.platform, some.forearm_mm)
         return poses, good
 
 
@@ -552,7 +572,7 @@ def solve_rows(matrix: Array, right: Array) -> tuple[Array, Array]:
     return system[:, size], determinant
 
 
-def _smallest_singular_value(jacobian: Array, lever_mm: float) -> Array:
+def _smallest_singular_value(jacobian: Array, lever_mm: Array) -> Array:
     jacobian[..., COORDINATES:] /= lever_mm
     jacobian /= np.linalg.norm(jacobian, axis=-1, keepdims=True)
     return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[..., -1])

@@ -44,30 +44,33 @@ NEARLY_MM = 1e-1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limbs:
-    """Elbows by component (3, n, N), forearm lengths (n, 1), platform fields, assembly mode."""
+    """Elbows by component (3, n, N), forearm lengths (n, 1 or N), platform fields (f, 1 or N)."""
 
     elbows_mm: Array
     forearm_mm: Array
     platform: Array
-    assembly_sign: float
-    """Sign of the determinant of the closures' Jacobian at home."""
+    assembly_sign: Array
+    """Sign of the determinant of the closures' Jacobian at home, (1 or N,): the assembly mode."""
 
     def rows(self, chosen: Mask) -> "Limbs":
         """Limbs of some of the rows."""
+        one = self.assembly_sign.shape == (1,)  # robot of all rows
+        own = (self.forearm_mm, self.platform, self.assembly_sign)
         return Limbs(
-            self.elbows_mm[:, :, chosen], self.forearm_mm, self.platform, self.assembly_sign
+            self.elbows_mm[:, :, chosen], *(own if one else (each[..., chosen] for each in own))
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Configuration:
-    """Arms of a closed chain at joints (N, n), and the platform's fields."""
+    """Arms of a closed chain at joints (N, n), and the platform's fields, (f, 1 or N)."""
 
     chain: "ClosedChain"
     platform: Array
     arms: Arms
     pairs: RodPairs
-    assembly_sign: float
+    assembly_sign: Array
+    """(1 or N,)"""
     _assembled: list[tuple[Array, Array]] = field(default_factory=list)
     """Poses last assembled, and the plate's tilt there."""
 
@@ -241,8 +244,7 @@ class Configuration:
         )
 
     def _limbs(self) -> Limbs:
-        forearm_mm = self.arms.forearm_mm[:, None]
-        return Limbs(self.arms.elbows_mm, forearm_mm, self.platform, self.assembly_sign)
+        return Limbs(self.arms.elbows_mm, self.arms.forearm_mm, self.platform, self.assembly_sign)
 
     def _seen(self, elbows_mm: Array, poses: Array) -> tuple[Array, Array]:
         """Forearms to plate joints, and these seen from the measured point, (3, n, N) each."""

@@ -10,7 +10,16 @@ import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import LEFT, LEVEL_LEFT, LEVEL_RIGHT, RIGHT, TWO_ENDS, Arms
+from campaigns.mechanisms.arms import (
+    LEFT,
+    LEVEL_LEFT,
+    LEVEL_RIGHT,
+    RIGHT,
+    TWO_ENDS,
+    Arms,
+    in_frames,
+    of_rows,
+)
 from campaigns.mechanisms.mechanism import MM_PER_RAD, Limits
 from campaigns.mechanisms.parameters import FOREARM, ROD, ParameterField, Repair
 from campaigns.mechanisms.transmission import OF_CARRIAGES
@@ -83,17 +92,18 @@ class LinearArms(Arms):
     words = ("its carriage's rail", "away from its rail", "carriage")
 
     rails: Array
-    """e_i and its derivatives by azimuth, elevation and tilt, (4, n, 3)."""
+    """e_i and its derivatives by azimuth, elevation and tilt, (4, 3, n, 1 or N)."""
     travel_mm: Array
     """q_i + δq_i, (n, N)."""
 
     @override
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
-        """Carriages of (n, 7) fields and (n, 1) rail tilts at readings (N, n), mm."""
-        rails = rail_directions(values, extensions)
-        travel = np.ascontiguousarray(joints.T) + values[:, 5:6]
-        elbows = values[:, :3].T[..., None] + rails[0].T[..., None] * travel
+        """Carriages of (n, 7, C) fields and (n, 1, C) rail tilts of C robots at (N, n), mm."""
+        rails = of_rows(rail_directions(values, extensions), len(joints))
+        values = of_rows(values, len(joints))
+        travel = np.ascontiguousarray(joints.T) + values[:, 5]
+        elbows = values[:, :3].swapaxes(0, 1) + rails[0] * travel
         return cls(values[:, 6], elbows, rails, travel)
 
     @override
@@ -109,24 +119,24 @@ class LinearArms(Arms):
         jacobian[:, 3] = -2.0 * self.travel_mm * aside
         jacobian[:, 4] = -2.0 * self.travel_mm * upward
         jacobian[:, 5] = -2.0 * along
-        jacobian[:, 6] = -2.0 * self.forearm_mm[:, None]
+        jacobian[:, 6] = -2.0 * self.forearm_mm
         jacobian[:, 7] = -2.0 * self.travel_mm * across
         return jacobian
 
     @override
     def swing_rad(self, forearms_mm: Array) -> Array:
         """Angles of forearms (3, n, N) off their rails, (N, n)."""
-        along = self._along_rails(forearms_mm)[0].T
-        return np.asarray(np.arccos(np.clip(-along / self.forearm_mm, -1.0, 1.0)))
+        along = (self._along_rails(forearms_mm)[0] / self.forearm_mm).T
+        return np.asarray(np.arccos(np.clip(-along, -1.0, 1.0)))
 
     @override
     def leverage(self, forearms_mm: Array) -> Array:
         """|∂F_i/∂q_i| / 2 L_i: cosine of the angle between rail and forearm, (N, n)."""
-        return np.asarray(np.abs(self._along_rails(forearms_mm)[0].T / self.forearm_mm))
+        return np.asarray(np.abs(self._along_rails(forearms_mm)[0] / self.forearm_mm).T)
 
     def _along_rails(self, forearms_mm: Array) -> Array:
         """Forearms (3, n, N) along e_i and its derivatives, (4, n, N)."""
-        return np.asarray(np.einsum("fik,kin->fin", self.rails, forearms_mm))
+        return in_frames(self.rails, forearms_mm)
 
     @override
     @staticmethod
@@ -140,7 +150,7 @@ class LinearArms(Arms):
     def inverse(values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Readings (N, n): of the two places on a rail the one further along it."""
         to_target = targets_mm - values[:, :3]
-        along = np.einsum("...k,...k->...", to_target, rail_directions(values, extensions)[0])
+        along = np.einsum("...k,...k->...", to_target, rail_directions(values, extensions)[0].T)
         square = along**2 - np.einsum("...k,...k->...", to_target, to_target) + values[:, 6] ** 2
         found = np.all(square >= 0.0, axis=-1)
         root = np.sqrt(np.where(square >= 0.0, square, np.nan))
@@ -158,7 +168,7 @@ class LinearArms(Arms):
     @staticmethod
     def reach_mm(values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """Half size (3,) about a place: forearms within their swing, from carriages in limits."""
-        rails = rail_directions(values, extensions)[0]
+        rails = rail_directions(values, extensions)[0].T
         ends = values[:, :3] + rails * (np.array(limits.joint)[:, None, None] + values[:, 5:6])
         off_axis = np.arccos(np.clip(-rails, -1.0, 1.0))
         least = np.cos(np.minimum(off_axis + limits.forearm_swing_rad, np.pi))
@@ -171,14 +181,15 @@ class LinearArms(Arms):
 
 
 def rail_directions(values: Array, extensions: Array) -> Array:
-    """e_i of fields (n, 7) and tilts (n, 1), and ∂e_i by azimuth, elevation, tilt, (4, n, 3)."""
+    """Rails e_i, and ∂e_i by azimuth, elevation and tilt, (4, 3, n, …), of fields (n, 7, …)."""
     azimuth, elevation, tilt = values[:, 3], values[:, 4], extensions[:, 0]
-    outward = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
-    aside = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=-1)
-    up = np.array([0.0, 0.0, 1.0])
-    level, rise = np.cos(elevation)[:, None], np.sin(elevation)[:, None]
+    none = np.zeros_like(azimuth)
+    outward = np.stack([np.cos(azimuth), np.sin(azimuth), none])
+    aside = np.stack([-np.sin(azimuth), np.cos(azimuth), none])
+    up = np.stack([none, none, np.ones_like(azimuth)])
+    level, rise = np.cos(elevation), np.sin(elevation)
     level = np.where(np.abs(level) < UPRIGHT, 0.0, level)
-    cos, sin = np.cos(tilt)[:, None], np.sin(tilt)[:, None]
+    cos, sin = np.cos(tilt), np.sin(tilt)
     untilted = level * outward + rise * up
     return np.stack(
         [

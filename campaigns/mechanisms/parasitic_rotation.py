@@ -69,22 +69,23 @@ class RodPairs:
     """Directions of the bars and skews that tilt the plate, of all arms."""
 
     plate_bars: Array
-    """v_i (3, n, 1): horizontal, across the arm."""
+    """v_i (3, n, 1 or N): horizontal, across the arm."""
     motor_axes: Array
-    """a_i (3, n, 1): v_i turned by the axis tilt."""
+    """a_i (3, n, 1 or N): v_i turned by the axis tilt."""
     skew: Array
-    """κ_i (n, 1): half the difference of the rods' lengths over half the parallelogram's width."""
+    """κ_i (n, 1 or N): half the difference of the rods' lengths over half their parallelogram's
+    width."""
     forearm_mm: Array
-    """L_i (n, 1)."""
+    """L_i (n, 1 or N)."""
 
     @classmethod
     def of(cls, azimuths_rad: Array, tilts_rad: Array, skew: Array, forearm_mm: Array) -> Self:
-        """Pairs of rods by azimuths, axis tilts, skews and forearm lengths, (n,) each."""
+        """Pairs of rods by azimuths, axis tilts, skews and forearm lengths, (n, 1 or N) each."""
         level = np.zeros_like(azimuths_rad)
         bars = np.stack([-np.sin(azimuths_rad), np.cos(azimuths_rad), level])
         axes = np.cos(tilts_rad) * bars
         axes[2] = np.sin(tilts_rad)
-        return cls(bars[..., None], axes[..., None], skew[:, None], forearm_mm[:, None])
+        return cls(bars, axes, skew, forearm_mm)
 
     @cached_property
     def are_level(self) -> bool:

@@ -25,11 +25,11 @@ SLIDE_STEP_MM = 120.0
 
 @dataclass(frozen=True, slots=True)
 class TurnScale:
-    """Sizes of a platform's turn beside those of its position."""
+    """Sizes of a platform's turn beside those of its position, of one robot or of each row."""
 
-    lever_mm: float
+    lever_mm: Array
     """Length that turns an angle into a way."""
-    step_rad: float
+    step_rad: Array | float
     """Longest step by which the turn is sought."""
     limit_rad: float
     """The wanted assembly turns less than that."""
@@ -41,7 +41,10 @@ HINGE_STEP_RAD, HINGE_LIMIT_RAD = 0.35, 0.5 * math.pi
 
 
 class Platform(ABC):
-    """Kind of platform: task axes, fields in files, and the forearms' lower ends."""
+    """Kind of platform: task axes, fields in files, and the forearms' lower ends.
+
+    Values are (f,), or (f, 1 or N) where every row may be of a robot of its own.
+    """
 
     arms: int
     """Number of forearms that hold it."""
@@ -56,7 +59,7 @@ class Platform(ABC):
 
     def turn_scale(self, values: Array, forearms_mm: Array) -> TurnScale:  # noqa: ARG002
         """Sizes of the turn; beyond 90° a hinged plate has turned over."""
-        return TurnScale(HINGE_LEVER * float(forearms_mm.mean()), HINGE_STEP_RAD, HINGE_LIMIT_RAD)
+        return TurnScale(HINGE_LEVER * forearms_mm.mean(axis=0), HINGE_STEP_RAD, HINGE_LIMIT_RAD)
 
     def seen_from(self, half: int) -> Self:  # noqa: ARG002 - two parts have two
         """Platform whose measured point is on one of its parts, 1 or 2; raises `ValueError`."""
@@ -180,7 +183,7 @@ class SlidingBars(TwoPartPlatform):
     @override
     def turn_scale(self, values: Array, forearms_mm: Array) -> TurnScale:
         """A slide of r for a turn of 1 rad; no turn is too far."""
-        pinion_mm = float(values[0])
+        pinion_mm = values[0]
         return TurnScale(pinion_mm, SLIDE_STEP_MM / pinion_mm, math.inf)
 
     @override

@@ -1,21 +1,23 @@
 """Estimates of campaigns in which nothing goes wrong, beside the Cramér-Rao bound at the truth."""
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index
 from campaigns.errors import CampaignError
-from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import predict_distances, predict_points
 from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residual_stacks import RobotStack
 from campaigns.estimation.tracker_noise import distance_variance_mm2, point_covariance_mm2
 from campaigns.identification.fit import fit_shots
+from campaigns.identification.fit_stack import fit_stack
 from campaigns.identification.observations import Inputs
 from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.mechanisms.configuration import CONVERGED_MM
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import study
@@ -42,14 +44,26 @@ class TrueRobot:
 
 
 def estimated(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
-    """Rows with an estimate each."""
-    at_nominal = task.setup.nominal.forward(task.setup.shots.joints)
+    """Rows with an estimate each, or with why there is none."""
+    setup = task.setup
+    at_nominal = setup.nominal.forward(setup.shots.joints)
     near = at_nominal.values_or_raise()
-    robot_of = cache(partial(true_robot, task.setup, near))  # without tolerances there is one
-    return tuple(
-        _row(task.setup, number, partial(robot_of, tuple(truth)), at_nominal)
-        for number, truth in zip(task.numbers, task.truths.tolist(), strict=True)
-    )
+    robot_of = cache(partial(true_robot, setup, near))  # without tolerances there is one
+    robots, points, rows = list[TrueRobot](), list[Array](), dict[int, study.CampaignRow]()
+    for number, truth in zip(task.numbers, task.truths.tolist(), strict=True):
+        try:
+            robot = robot_of(tuple(truth))
+            points.append(robot.measured_mm(np.random.default_rng([setup.seed, number])))
+            robots.append(robot)
+        except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
+            rows[number] = study.CampaignRow(number, failure=str(error))
+    drawn = (number for number in task.numbers if number not in rows)
+    for number, found in zip(drawn, estimates(setup, robots, points, at_nominal), strict=True):
+        if isinstance(found, str):
+            rows[number] = study.CampaignRow(number, failure=found)
+        else:
+            rows[number] = study.CampaignRow(number, estimate=found)
+    return tuple(rows[number] for number in task.numbers)
 
 
 def true_robot(setup: study.StudySetup, near: Array, values: tuple[float, ...]) -> TrueRobot:
@@ -80,57 +94,75 @@ def _bound(setup: study.StudySetup, true: Kinematics, poses: Array, points_mm: A
     return np.sqrt(np.diag(found))
 
 
-def _row(
+def estimates(
     setup: study.StudySetup,
-    number: int,
-    robot: Callable[[], TrueRobot],
+    robots: Sequence[TrueRobot],
+    points_mm: Sequence[Array],
     at_nominal: KinematicSolution,
-) -> study.CampaignRow:
-    rng = np.random.default_rng([setup.seed, number])
+) -> Iterator[study.CampaignEstimate | str]:
+    """Estimates as identification makes them of points (N, 3) each, or why there is none.
+
+    Plain fits are made all at once, the others one by one.
+    """
+    if not robots:
+        return
+    free, places = len(setup.free), setup.nominal.mechanism.parameters.places(setup.free)
+    shots = replace(setup.shots, points_in_tracker_mm=points_mm[0])
+    inputs = Inputs(setup.nominal, shots, ParameterSelection(setup.free), setup.options, at_nominal)
+    stack = fit_stack(inputs, np.array(points_mm))
+    rows = setup.shots.whole_pairs(ShotSet.VALIDATION).rows.T.ravel()
+    near = np.array([robot.poses[rows].T for robot in robots])
+    unseen = RobotStack(setup.nominal, places, setup.shots.joints[rows], near, CONVERGED_MM)
+    x = np.where(stack.plain[:, None], stack.x[:, :free], unseen.start)
+    unseen_mm, seen = unseen.positions_mm(x, np.arange(len(robots)))
+    for row, (robot, points) in enumerate(zip(robots, points_mm, strict=True)):
+        if stack.plain[row] and seen[row]:
+            std = np.sqrt(np.diag(stack.covariance[row])[:free])
+            yield _beside_truth(setup, robot, x[row], std, unseen_mm[row].T, rows)
+        else:
+            shots = replace(setup.shots, points_in_tracker_mm=points)
+            yield _one(setup, robot, replace(inputs, shots=shots), rows)
+
+
+def _one(
+    setup: study.StudySetup, robot: TrueRobot, inputs: Inputs, rows: Index
+) -> study.CampaignEstimate | str:
+    """The same of one campaign, with these unseen rows."""
+    free, places = len(setup.free), setup.nominal.mechanism.parameters.places(setup.free)
     try:
-        drawn = robot()
-        found = fitted(setup, drawn.measured_mm(rng), at_nominal)
+        found = fit_shots(inputs).found
         if not found.fit.converged:
-            return study.CampaignRow(number, failure=found.fit.message)
-        if found.covariance is None or found.seen.rank < len(setup.free):
-            return study.CampaignRow(number, failure=f"rank {found.seen.rank} of {len(setup.free)}")
-        return study.CampaignRow(number, estimate=estimate_of(setup, drawn, found))
+            return found.fit.message
+        if found.covariance is None or found.seen.rank < free:
+            return f"rank {found.seen.rank} of {free}"
+        p = setup.nominal.p.copy()
+        p[places] = found.x[:free]
+        identified = Kinematics(setup.nominal.mechanism, p)
+        unseen = identified.forward(setup.shots.joints[rows], robot.poses[rows]).values_or_raise()
+        std = np.sqrt(np.diag(found.covariance)[:free])
+        return _beside_truth(setup, robot, found.x[:free], std, unseen[:, :3], rows)
     except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
-        return study.CampaignRow(number, failure=str(error))
+        return str(error)
 
 
-def fitted(setup: study.StudySetup, points_mm: Array, at_nominal: KinematicSolution) -> Estimate:
-    """Estimate as identification makes it of the same shots."""
-    shots = replace(setup.shots, points_in_tracker_mm=points_mm)
-    selection = ParameterSelection(setup.free)
-    return fit_shots(Inputs(setup.nominal, shots, selection, setup.options, at_nominal)).found
-
-
-def estimate_of(
-    setup: study.StudySetup, robot: TrueRobot, found: Estimate
+def _beside_truth(
+    setup: study.StudySetup,
+    robot: TrueRobot,
+    found: Array,
+    std: Array,
+    unseen_mm: Array,
+    unseen: Index,
 ) -> study.CampaignEstimate:
-    """Estimate beside the truth; raises `NoSolution`."""
-    assert found.covariance is not None, "looked at before"
-    space, count = setup.nominal.mechanism.parameters, len(setup.free)
+    """Estimate (F,), and positions of the unseen rows, all first ends first, beside the truth."""
+    space = setup.nominal.mechanism.parameters
     places, unit = space.places(setup.free), space.units(setup.free)
-    identified = setup.nominal.p.copy()
-    identified[places] = found.x[:count]
-    errors = (identified - robot.true.p)[places]
-    std = np.sqrt(np.diag(found.covariance)[:count])
-    unseen_mm = _unseen_errors_mm(setup, robot, Kinematics(setup.nominal.mechanism, identified))
+    ends = np.arange(len(unseen)).reshape(2, -1)
+    exact_mm, found_mm = (distances_mm(p, *ends) for p in (robot.poses[unseen, :3], unseen_mm))
+    off_mm = np.abs(found_mm - exact_mm)
     return study.CampaignEstimate(
-        errors=tuple((errors / unit).tolist()),
+        errors=tuple(((found - robot.true.p[places]) / unit).tolist()),
         std=tuple((std / unit).tolist()),
         bound=tuple((robot.bound / unit).tolist()),
-        unseen_mean_mm=float(unseen_mm.mean()) if unseen_mm.size else None,
-        unseen_max_mm=float(unseen_mm.max()) if unseen_mm.size else None,
+        unseen_mean_mm=float(off_mm.mean()) if off_mm.size else None,
+        unseen_max_mm=float(off_mm.max()) if off_mm.size else None,
     )
-
-
-def _unseen_errors_mm(setup: study.StudySetup, robot: TrueRobot, identified: Kinematics) -> Array:
-    """Sizes of the errors of distances, (M,); raises `NoSolution`."""
-    rows = setup.shots.whole_pairs(ShotSet.VALIDATION).rows.T.ravel()
-    found = identified.forward(setup.shots.joints[rows], robot.poses[rows]).values_or_raise()
-    ends = np.arange(len(rows)).reshape(2, -1)
-    exact_mm, found_mm = (distances_mm(p[:, :3], *ends) for p in (robot.poses[rows], found))
-    return np.abs(found_mm - exact_mm)

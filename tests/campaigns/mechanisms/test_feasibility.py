@@ -34,7 +34,8 @@ def turning(low_rad, high_rad):
 
 def frames_of(geometry):
     """Outward, along the motor's axis and down at 90°, (3, 4, 3)."""
-    return crank_frames(geometry.p[places_of("azimuth_deg")], geometry.p[TILTS])
+    frames = crank_frames(geometry.p[places_of("azimuth_deg")], geometry.p[TILTS])
+    return frames.transpose(0, 2, 1)
 
 
 def test_a_pose_inside_every_limit_or_on_it_can_be_taken():

@@ -57,7 +57,7 @@ with_rails = pytest.mark.parametrize(
 def closures_mm2(robot, joints, poses):
     """|A_iB_i|² - L_i², (N, n): zero where a level mechanism is assembled."""
     there = robot.mechanism.configuration(robot.p, joints)
-    return (there.forearms_mm(poses) ** 2).sum(axis=0).T - there.arms.forearm_mm**2
+    return ((there.forearms_mm(poses) ** 2).sum(axis=0) - there.arms.forearm_mm**2).T
 
 
 def steps(member, size):

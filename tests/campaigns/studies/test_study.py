@@ -16,7 +16,7 @@ from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.engine import ResultTable, run_task
-from campaigns.studies.estimates import estimate_of, fitted, true_robot
+from campaigns.studies.estimates import estimates, true_robot
 from campaigns.studies.study import CampaignRow, StudyTask, indistinguishable, planned_shots
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
 
@@ -217,7 +217,7 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
     near = at_nominal.values_or_raise()
     robot = true_robot(with_options(quiet, instrument=loud), near, tuple(robots(1)[0]))
     points_mm = robot.measured_mm(np.random.default_rng(1))
-    studied = estimate_of(quiet, robot, fitted(quiet, points_mm, at_nominal))
+    (studied,) = estimates(quiet, [robot], [points_mm], at_nominal)
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
     found = identify(NOMINAL, shots, ParameterSelection(setup.free), quiet.options)
     stated = [found.parameters[name].std for name in setup.free]

@@ -1,0 +1,141 @@
+"""Fits of many campaigns of one plan at once, where `fit_shots` would find nothing out of order.
+
+A row is given up, and left to `fit_shots`, as soon as its fit is not plain: a step that leads
+nowhere, a shot apart from the others, noise that is not as stated, scatter of the robot's own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation import information, variance_components
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.gauss_newton import ProblemStack, StackSolution, gauss_newton
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack
+from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.estimation.robust import rejection_threshold
+from campaigns.estimation.tracker_noise import (
+    distance_variance_mm2,
+    inverse_roots,
+    point_covariance_mm2,
+    pooled_variance_mm2,
+)
+from campaigns.identification.observations import COORDINATES, SHORTEST_MM, Inputs
+from campaigns.shots.shot_sets import ShotSet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitStack:
+    """Fits of C campaigns; rows that were given up say nothing else."""
+
+    x: Array
+    """(C, P), parameters first."""
+    covariance: Array
+    """(C, P, P)"""
+    plain: Mask
+    """Rows that were not given up, (C,)."""
+
+
+def fit_stack(inputs: Inputs, points_mm: Array) -> FitStack:
+    """Fits of campaigns with the same inputs but for their points (C, N, 3)."""
+    if not _may_be_plain(inputs):
+        count, free = len(points_mm), len(inputs.selection.free)
+        return FitStack(
+            np.zeros((count, free)), np.zeros((count, free, free)), np.zeros(count, dtype=bool)
+        )
+    points = _fit_points(inputs, points_mm)
+    if inputs.options.estimator is Estimator.POINTS:
+        return points
+    return _fit_distances(inputs, points_mm, points)
+
+
+def _may_be_plain(inputs: Inputs) -> bool:
+    """Whether nothing but the points can make these fits more than plain ones."""
+    nominal, selection, options = inputs.nominal, inputs.selection, inputs.options
+    space = nominal.mechanism.parameters
+    places = space.places(selection.free)
+    asked = options.loss is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
+    asked &= options.estimator is Estimator.POINTS or options.weights is Weights.STATED
+    more = selection.priors or options.sessions or options.frees_reflector_constant
+    shots = inputs.shots
+    return bool(
+        asked
+        and not more
+        and (places < len(space.names)).all()
+        and not nominal.p[len(space.names) :].any()
+        and inputs.at_nominal.found.all()
+        and not np.isfinite(shots.stated_covariance_mm2).any()
+        and not shots.approach.any()
+    )
+
+
+def _fit_points(inputs: Inputs, points_mm: Array) -> FitStack:
+    shots, near = inputs.shots, inputs.at_nominal.values
+    rows = shots.rows_of(ShotSet.IDENTIFICATION)
+    measured, every = points_mm[:, rows], np.arange(len(points_mm))
+    stated = point_covariance_mm2(measured.reshape(-1, 3), inputs.options.instrument)
+    whitening = inverse_roots(stated).reshape(*measured.shape, 3)
+    robots = _robots(inputs, rows, np.tile(near[rows].T, (len(every), 1, 1)))
+    guesses = [fit_transform(near[rows][:, :3], each) for each in measured]
+    points, roots = (np.ascontiguousarray(np.moveaxis(e, 1, -1)) for e in (measured, whitening))
+    problem = PointStack(robots, points, roots, guesses)
+    solution, found = _solved(problem, problem.start(), COORDINATES)
+    left = solution.residual.reshape(len(every), 3, -1)
+    by_x = solution.jacobian.reshape(*left.shape, -1)
+    known = by_x @ found.covariance[:, None]
+    leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
+    by_joints = problem.whitened_by_joints(found.x, every)
+    own = (whitening.transpose(0, 2, 3, 1), by_joints.swapaxes(2, 3))
+    scores = variance_components.component_scores(left, leverage, *own).max(axis=0)
+    for row in np.flatnonzero(found.plain & ~(scores < variance_components.HOPELESS_SCORE)):
+        back = np.linalg.inv(whitening[row])
+        by_shot = (np.moveaxis(each[row], 0, 1) for each in (left[..., None], by_x, by_joints))
+        misfit, jacobian, through = (back @ each for each in by_shot)
+        covariance = stated.reshape(*measured.shape, 3)[row]
+        linearized = variance_components.LinearizedShots(
+            misfit[:, :, 0], jacobian, covariance, through
+        )
+        found.plain[row] = not variance_components.estimate_components(linearized).any
+    return found
+
+
+def _fit_distances(inputs: Inputs, points_mm: Array, points: FitStack) -> FitStack:
+    """Distances weighed as the tracker states, from where the points' fits ended."""
+    pairs = inputs.shots.whole_pairs(ShotSet.IDENTIFICATION).rows
+    measured, (first, second) = points_mm[:, pairs.ravel()], np.arange(pairs.size).reshape(-1, 2).T
+    count, free = len(measured), len(inputs.selection.free)
+    lengths, variance = np.empty((2, count, len(pairs)))
+    for row, each in enumerate(measured):
+        stated = point_covariance_mm2(each, inputs.options.instrument)
+        lengths[row] = distances_mm(each, first, second)
+        variance[row] = pooled_variance_mm2(distance_variance_mm2(each, stated, first, second))
+    near = np.tile(inputs.at_nominal.values[pairs.ravel()].T, (count, 1, 1))
+    robots = _robots(inputs, pairs.ravel(), near)
+    problem = DistanceStack(robots, first, second, lengths, np.sqrt(1.0 / variance))
+    _, found = _solved(problem, points.x[:, :free], 1)
+    found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
+    return found
+
+
+def _robots(inputs: Inputs, rows: Index, near: Array) -> RobotStack:
+    places = inputs.nominal.mechanism.parameters.places(inputs.selection.free)
+    return RobotStack(inputs.nominal, places, inputs.shots.joints[rows], near)
+
+
+def _solved(problem: ProblemStack, start: Array, block: int) -> tuple[StackSolution, FitStack]:
+    """Fits whose blocks and χ² chance explains, with their covariance."""
+    solution = gauss_newton(problem, start)
+    count, unknowns = start.shape
+    sizes = np.linalg.norm(solution.residual.reshape(count, block, -1), axis=1)
+    plain = solution.converged.copy()
+    if block > 1:  # outliers among distances were looked for among the points
+        plain &= sizes.max(axis=1) <= rejection_threshold(sizes.shape[1], block)
+    dof, covariance = solution.residual.shape[1] - unknowns, np.zeros((count, unknowns, unknowns))
+    for row in np.flatnonzero(plain):
+        tested = information.chi_square_test(float(np.sum(sizes[row] ** 2)), dof)
+        plain[row] = bool(tested.consistent)
+    if plain.any():
+        covariance[plain] = information.covariance(solution.jacobian[plain])
+    return solution, FitStack(solution.x, covariance, plain)

@@ -1,0 +1,80 @@
+"""Fits of many campaigns at once: those of one at a time, of every mechanism."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from family_cases import ALL_MEMBERS
+
+from campaigns.estimation import tracker_noise
+from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.identification.fit import fit_shots
+from campaigns.identification.fit_stack import fit_stack
+from campaigns.identification.observations import Inputs
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies.study import planned_shots
+from drivers.values import Pose
+
+CAMPAIGNS, PAIRS = 4, 25
+INSTRUMENT = tracker_noise.TrackerUncertainty()
+TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 40.0, 0.0]))
+
+
+def inputs_of(member, estimator):
+    """Inputs of a plan's shots, and points (C, N, 3) of robots that are each a bit different."""
+    nominal, rng = member.nominal, np.random.default_rng(7)
+    poses = member.reachable_poses(nominal, 2 * PAIRS, seed=3, limits=member.well_inside)
+    joints, kind = nominal.inverse(poses).values_or_raise(), ShotSet.IDENTIFICATION
+    shots = planned_shots(
+        [
+            PlannedShot(n, kind, n // 2, Pose(*pose), tuple(each))
+            for n, (pose, each) in enumerate(zip(poses, joints, strict=True))
+        ]
+    )
+    free = member.space.free_by_default
+    selection, options = ParameterSelection(free), IdentificationOptions(estimator=estimator)
+    inputs = Inputs.of(nominal, shots, selection, replace(options, instrument=INSTRUMENT))
+    places, points = member.space.places(free), []
+    for _ in range(CAMPAIGNS):
+        p = nominal.p.copy()
+        p[places] += 0.3 * member.space.units(free) * rng.standard_normal(len(free))
+        exact = TRACKER.apply(member.robot_of(p).forward(joints).values_or_raise()[:, :3])
+        roots = np.linalg.cholesky(tracker_noise.point_covariance_mm2(exact, INSTRUMENT))
+        points.append(exact + np.einsum("nij,nj->ni", roots, rng.standard_normal(exact.shape)))
+    return inputs, np.array(points)
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+@pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda member: member.name)
+def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(member, estimator):
+    inputs, points_mm = inputs_of(member, estimator)
+    points_mm[0, 5] += 1.0
+    stack = fit_stack(inputs, points_mm)
+    assert not stack.plain[0]
+    assert stack.plain[1:].any()
+    for row in np.flatnonzero(stack.plain):
+        shots = replace(inputs.shots, points_in_tracker_mm=points_mm[row])
+        found = fit_shots(replace(inputs, shots=shots)).found
+        assert (found.outliers, found.fit.converged, found.noise.sigma0) == ((), True, 1.0)
+        np.testing.assert_allclose(stack.x[row], found.x, rtol=0.0, atol=1e-9)
+        std = np.sqrt(np.diag(found.covariance))
+        off = (stack.covariance[row] - found.covariance) / np.outer(std, std)
+        np.testing.assert_allclose(off, 0.0, atol=1e-7)
+    alone = fit_stack(inputs, points_mm[2:3])
+    np.testing.assert_array_equal(alone.x[0], stack.x[2])
+
+
+def test_what_is_asked_for_beyond_plain_fits_gives_every_row_up():
+    inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.POINTS)
+    kept = replace(inputs, options=replace(inputs.options, outliers=Outliers.KEEP))
+    for asked in (
+        kept,
+        replace(
+            inputs, selection=ParameterSelection(inputs.nominal.mechanism.parameters.free_in_full)
+        ),
+    ):
+        assert not fit_stack(asked, points_mm).plain.any()
