@@ -3,11 +3,16 @@
 What goes wrong while a connection is opened closes it, and nothing is asked over a closed one.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
 
+from typing_extensions import override
+
 from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
-from drivers.link import LinkClient
+from drivers.link import LinkClient, never
+from drivers.ports import Clock, LaserTracker
+from drivers.transport import Transport
 from drivers.values import Identity
 
 Connected = TypeVar("Connected", bound=LinkClient[Any])
@@ -91,51 +96,81 @@ class DeviceSession(Generic[Connected]):
         return LinkDown(f"{closed}the {self._device} is not connected", remedy="connect again")
 
 
-class PreparedSession(DeviceSession[Connected], Generic[Connected, Wanted, Agreed]):
-    """A session with a device that has to be prepared, and anew after every opening.
+class PreparedTracker(LaserTracker, Generic[Connected, Wanted, Agreed]):
+    """A tracker at the other end of a wire, prepared anew after each reconnection.
 
-    `set_up` brings it to what is wanted and returns how it then is.
+    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`. `clock` is
+    real time, also for a simulated cell that runs faster: the wire is real.
     """
 
     def __init__(
         self,
-        device: str,
-        opened: Callable[[], Connected],
-        greet: Callable[[Connected], Identity],
-        set_up: Callable[[Connected, Wanted], Agreed],
+        open_transport: Callable[[], Transport],
+        clock: Clock,
+        cancelled: Callable[[], bool] = never,
     ) -> None:
-        super().__init__(device, opened, greet)
-        self._set_up = set_up
+        self._open_transport = open_transport
+        self._clock = clock
+        self._cancelled = cancelled
+        self._session = DeviceSession("tracker", self._opened, self._greet)
         self._wanted: Wanted | None = None
         self._agreed: Agreed | None = None
 
-    def open(self) -> None:
-        """Open anew; the device then counts as not prepared."""
+    def connect(self) -> None:
+        """Open anew; the tracker then counts as not prepared."""
         self._agreed = None
-        super().open()
+        self._session.open()
 
-    def prepare(self, wanted: Wanted) -> None:
-        """Set the device up; a preparation that breaks off is remembered as wanted."""
+    def reconnect(self) -> None:
+        """Open anew after a fault, and set the tracker up as it was wanted last, if ever."""
+        self.connect()
+        self._prepare_again()
+
+    @override
+    def close(self) -> None:
+        self._session.close()
+
+    @override
+    def identity(self) -> Identity:
+        return self._session.recognised(self._who(self._session.connection))
+
+    @abstractmethod
+    def _opened(self) -> Connected:
+        """Open a connection; raises `LinkDown`."""
+
+    @abstractmethod
+    def _who(self, client: Connected) -> Identity:
+        """Ask who answers."""
+
+    def _greet(self, client: Connected) -> Identity:
+        """Begin on a fresh connection, and ask who answers."""
+        return self._who(client)
+
+    @abstractmethod
+    def _set_up(self, client: Connected, wanted: Wanted) -> Agreed:
+        """Bring it to what is wanted, and return how it then is."""
+
+    def _prepare(self, wanted: Wanted) -> None:
+        """Set it up; a preparation that breaks off is remembered as wanted."""
         self._wanted, self._agreed = wanted, None
-        self._agreed = self._set_up(self.connection, wanted)
+        self._agreed = self._set_up(self._session.connection, wanted)
 
-    def prepare_again(self) -> None:
-        """Set the device up as it was wanted last, if ever."""
+    def _prepare_again(self) -> None:
         if self._wanted is not None:
-            self.prepare(self._wanted)
+            self._prepare(self._wanted)
 
-    def prepared(self) -> tuple[Connected, Wanted, Agreed]:
+    def _prepared(self) -> tuple[Connected, Wanted, Agreed]:
         """Return the connection with what was wanted and agreed; raises `DeviceNotReady`."""
-        connection = self.connection
+        connection = self._session.connection
         if self._wanted is None or self._agreed is None:
-            raise self.not_ready("is not prepared")
+            raise self._not_ready("is not prepared")
         return connection, self._wanted, self._agreed
 
-    def not_ready(self, problem: str) -> DeviceNotReady:
-        """Error that says that the device needs preparing."""
+    def _not_ready(self, problem: str) -> DeviceNotReady:
+        """Error that says that the tracker needs preparing."""
         return DeviceNotReady(
-            f"{self.connection.name}: the {self._device} {problem}",
-            remedy=f"prepare the {self._device} again",
+            f"{self._session.connection.name}: the tracker {problem}",
+            remedy="prepare the tracker again",
         )
 
 

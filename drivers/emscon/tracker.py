@@ -21,8 +21,8 @@ from drivers.emscon.own_result import OwnResult
 from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
-from drivers.ports import Clock, LaserTracker
-from drivers.session import PreparedSession
+from drivers.ports import Clock
+from drivers.session import PreparedTracker
 from drivers.transport import Transport
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
@@ -134,11 +134,9 @@ def _trace(matrix: values.Matrix3) -> float:
     return matrix[0][0] + matrix[1][1] + matrix[2][2]
 
 
-class EmsconTracker(LaserTracker):
+class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Settings]):
     """A tracker at the other end of a wire.
 
-    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
-    `clock` is real time, also for a simulated cell that runs faster: the wire is real.
     `instrument_clock` is time as the tracker lives it, by which its measuring time is judged; None
     takes `clock`, and a simulated tracker is then not judged by it.
     """
@@ -154,33 +152,18 @@ class EmsconTracker(LaserTracker):
         cancelled: Callable[[], bool] = never,
         instrument_clock: Clock | None = None,
     ) -> None:
-        self._open_transport = open_transport
-        self._clock = clock
+        super().__init__(open_transport, clock, cancelled)
         self._deadlines = deadlines
         self._search = search_radius_mm, search_timeout_s
-        self._cancelled = cancelled
         self._instrument_clock = instrument_clock
         self._own_result = OwnResult()
-        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
-
-    @override
-    def connect(self) -> None:
-        self._session.open()
 
     def reconnect(self) -> None:
         """Open anew after a fault, and prepare the tracker as it was."""
         give_up_s = self._clock.now_s() + self._deadlines.old_connection_s
         while not self._is_connected_again(give_up_s):
             self._clock.sleep_s(RECONNECT_PAUSE_S)
-        self._session.prepare_again()
-
-    @override
-    def close(self) -> None:
-        self._session.close()
-
-    @override
-    def identity(self) -> values.Identity:
-        return self._session.recognised(_identity(self._session.connection))
+        self._prepare_again()
 
     @override
     def state(self) -> values.TrackerState:
@@ -216,7 +199,7 @@ class EmsconTracker(LaserTracker):
 
         Raises `DeviceNotReady` while it isn't warm and for a reflector that it doesn't know.
         """
-        self._session.prepare(setup.Preparation(reflector, measuring_time_s, *self._search))
+        self._prepare(setup.Preparation(reflector, measuring_time_s, *self._search))
 
     def measure(self) -> values.Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
@@ -224,7 +207,7 @@ class EmsconTracker(LaserTracker):
         One of these is `NoReflector`, when it could not begin; another `NotAMeasurement`, when the
         result cannot be of this measurement.
         """
-        client, wanted, agreed = self._session.prepared()
+        client, wanted, agreed = self._prepared()
         setup.require_unchanged(client, agreed)
         if status := client.start_measurement():
             error = self._failure(Command.START_MEASUREMENT.title, status)
@@ -269,6 +252,7 @@ class EmsconTracker(LaserTracker):
             return False
         return True
 
+    @override
     def _opened(self) -> EmsconClient:
         client = EmsconClient(
             self._open_transport(),
@@ -280,11 +264,24 @@ class EmsconTracker(LaserTracker):
         client.may_hear_old_results = self._session.latest is not None
         return client
 
+    @override
     def _greet(self, client: EmsconClient) -> values.Identity:
         client.drain()
         client.tell(Command.SET_UNITS, setup.UNITS)
-        return _identity(client)
+        return self._who(client)
 
+    @override
+    def _who(self, client: EmsconClient) -> values.Identity:
+        status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
+        return values.Identity(
+            vendor="Leica",
+            model=_model(client),
+            serial=str(status.serial),
+            firmware=f"{status.version_major}.{status.version_minor}.{status.version_build}",
+            protocol="emScon",
+        )
+
+    @override
     def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.Settings:
         settings = setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
         face = client.ask_or_none(Command.GET_FACE, bodies.Code)
@@ -322,7 +319,7 @@ class EmsconTracker(LaserTracker):
         return self._instrument_clock is not None or self._session.identity.model != SIMULATED
 
     def _move(self, command: Command, body: bodies.Body = wire.NOTHING) -> None:
-        client, wanted, agreed = self._session.prepared()
+        client, wanted, agreed = self._prepared()
         setup.require_unchanged(client, agreed)
         within_s = self._deadlines.motion_s + wanted.search_timeout_s
         if status := client.attempt(command, body, within_s=within_s):
@@ -339,7 +336,7 @@ class EmsconTracker(LaserTracker):
             system = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
             setup.require_laser(client.name, system)
             if not setup.is_initialised(system):
-                raise self._session.not_ready("is not initialised any more")
+                raise self._not_ready("is not initialised any more")
         return error
 
     def _readiness(self) -> values.Readiness:
@@ -358,17 +355,6 @@ class EmsconTracker(LaserTracker):
             return ""
         names = {entry.identifier: entry.name for entry in self.reflectors()}
         return names.get(choice.value, "")
-
-
-def _identity(client: EmsconClient) -> values.Identity:
-    status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
-    return values.Identity(
-        vendor="Leica",
-        model=_model(client),
-        serial=str(status.serial),
-        firmware=f"{status.version_major}.{status.version_minor}.{status.version_build}",
-        protocol="emScon",
-    )
 
 
 def _model(client: EmsconClient) -> str:

@@ -15,8 +15,8 @@ from drivers.geocom import measuring, setup
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.geocom.client import GeocomClient, GeocomDeadlines, text, whole, wholes
 from drivers.link import never
-from drivers.ports import Clock, LaserTracker
-from drivers.session import PreparedSession
+from drivers.ports import Clock
+from drivers.session import PreparedTracker
 from drivers.transport import Transport
 from drivers.wire.geocom import Conversation, line_framer
 from drivers.wire.geocom_constants import Result, Rpc
@@ -26,12 +26,11 @@ FIRST_TRANSACTIONS = (1000, 30_000)
 """Where the question numbers of a session may begin."""
 
 
-class GeocomTracker(LaserTracker):
-    """A total station at the other end of a wire.
+class GeocomTracker(PreparedTracker[GeocomClient, str, tuple[setup.Settings, Accuracy]]):
+    """A total station at the other end of a wire, prepared with a prism.
 
-    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`. `accuracy`
-    None takes that of the instrument's class. `first_transaction` should differ from run to run, so
-    that an answer to an earlier run is never taken for ours. `clock` is real time.
+    `accuracy` None takes that of the instrument's class. `first_transaction` should differ from run
+    to run, so that an answer to an earlier run is never taken for ours.
     """
 
     def __init__(
@@ -44,31 +43,11 @@ class GeocomTracker(LaserTracker):
         deadlines: GeocomDeadlines = GeocomDeadlines(),  # noqa: B008 - frozen
         cancelled: Callable[[], bool] = never,
     ) -> None:
-        self._open_transport = open_transport
-        self._clock = clock
+        super().__init__(open_transport, clock, cancelled)
         self._first_transaction = first_transaction
         self._accuracy = accuracy
         self._deadlines = deadlines
-        self._cancelled = cancelled
         self._distance_at_ms = 0
-        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
-
-    @override
-    def connect(self) -> None:
-        self._session.open()
-
-    @override
-    def reconnect(self) -> None:
-        self._session.open()
-        self._session.prepare_again()
-
-    @override
-    def close(self) -> None:
-        self._session.close()
-
-    @override
-    def identity(self) -> values.Identity:
-        return self._session.recognised(_identity(self._session.connection))
 
     def state(self) -> values.TrackerState:
         """Ask whether the telescope follows a prism, and which kind of prism it is set to.
@@ -99,7 +78,7 @@ class GeocomTracker(LaserTracker):
         Its distance meter decides by itself how long it measures. Raises `DeviceNotReady` for a
         prism that it doesn't know, `DeviceRefused` for an instrument that cannot aim by itself.
         """
-        self._session.prepare(reflector)
+        self._prepare(reflector)
 
     def measure(self) -> values.Measurement:
         """Take one point; raises `BeamBroken` when the prism is lost or has no distance.
@@ -107,7 +86,7 @@ class GeocomTracker(LaserTracker):
         One of these is `NoReflector`, when it was not followed before; another `NotAMeasurement`,
         when its distance was not measured anew.
         """
-        client, _, (settings, accuracy) = self._session.prepared()
+        client, _, (settings, accuracy) = self._prepared()
         measuring.require_prism(client, "measuring")
         point_mm, at_ms, reply = measuring.measure_point(client, self._distance_at_ms)
         self._distance_at_ms = at_ms
@@ -126,19 +105,20 @@ class GeocomTracker(LaserTracker):
 
     @override
     def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
-        client, *_ = self._session.prepared()
+        client, *_ = self._prepared()
         measuring.turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
 
     @override
     def find_reflector(self, distance_mm: float) -> None:
-        client, *_ = self._session.prepared()
+        client, *_ = self._prepared()
         measuring.search(client, distance_mm, SEARCH_RADIUS_MM)
 
     @override
     def use_face(self, face: int) -> bool:
-        client, *_ = self._session.prepared()
+        client, *_ = self._prepared()
         return measuring.use_face(client, face - 1)
 
+    @override
     def _opened(self) -> GeocomClient:
         """Questions are numbered on over connections: an old answer is then never a new one."""
         before = self._session.latest
@@ -151,9 +131,21 @@ class GeocomTracker(LaserTracker):
             first_transaction=number,
         )
 
+    @override
     def _greet(self, client: GeocomClient) -> values.Identity:
         client.greet()
-        return _identity(client)
+        return self._who(client)
+
+    @override
+    def _who(self, client: GeocomClient) -> values.Identity:
+        firmware = client.ask(Rpc.CSV_GET_SW_VERSION, wholes(3))
+        return values.Identity(
+            vendor="Leica",
+            model=client.ask(Rpc.CSV_GET_INSTRUMENT_NAME, text),
+            serial=str(client.ask(Rpc.CSV_GET_INSTRUMENT_NO, whole)),
+            firmware=".".join(map(str, firmware)),
+            protocol="GeoCOM",
+        )
 
     def _set_up(self, client: GeocomClient, reflector: str) -> tuple[setup.Settings, Accuracy]:
         """Settings that were agreed on, and what points are then worth."""
@@ -167,17 +159,6 @@ class GeocomTracker(LaserTracker):
             return self._accuracy
         found = setup.class_and_equipment(client)
         return accuracy_of_class(None if found is None else found[0])
-
-
-def _identity(client: GeocomClient) -> values.Identity:
-    firmware = client.ask(Rpc.CSV_GET_SW_VERSION, wholes(3))
-    return values.Identity(
-        vendor="Leica",
-        model=client.ask(Rpc.CSV_GET_INSTRUMENT_NAME, text),
-        serial=str(client.ask(Rpc.CSV_GET_INSTRUMENT_NO, whole)),
-        firmware=".".join(map(str, firmware)),
-        protocol="GeoCOM",
-    )
 
 
 def _made(given: Surroundings, _instrument_clock: Clock | None) -> GeocomTracker:

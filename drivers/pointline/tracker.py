@@ -29,8 +29,8 @@ from drivers.line_client import (
 )
 from drivers.link import never
 from drivers.plausible import RESTART, require, require_point, require_weather
-from drivers.ports import Clock, LaserTracker
-from drivers.session import PreparedSession
+from drivers.ports import Clock
+from drivers.session import PreparedTracker
 from drivers.transport import Transport
 from drivers.wire import pointline as wire
 from drivers.wire.numbered_lines import LAST_SEQUENCE, CommandDone, Hello, sequence_from
@@ -65,11 +65,10 @@ class PointlineDeadlines:
     measuring_margin_s: float = 15.0
 
 
-class PointlineTracker(LaserTracker):
+class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, wire.Prepare]):
     """An instrument at the other end of a wire.
 
-    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
-    `clock` is real time. `first_sequence`, 1 to 999999999, should differ from session to session.
+    `first_sequence`, 1 to 999999999, should differ from session to session.
     """
 
     def __init__(
@@ -81,30 +80,10 @@ class PointlineTracker(LaserTracker):
         deadlines: PointlineDeadlines = PointlineDeadlines(),
         cancelled: Callable[[], bool] = never,
     ) -> None:
-        self._open_transport = open_transport
-        self._clock = clock
+        super().__init__(open_transport, clock, cancelled)
         self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
-        self._cancelled = cancelled
         self._last_count = 0
-        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
-
-    @override
-    def connect(self) -> None:
-        self._session.open()
-
-    @override
-    def reconnect(self) -> None:
-        self._session.open()
-        self._session.prepare_again()
-
-    @override
-    def close(self) -> None:
-        self._session.close()
-
-    @override
-    def identity(self) -> values.Identity:
-        return self._session.recognised(self._greet(self._session.connection))
 
     @override
     def state(self) -> values.TrackerState:
@@ -144,7 +123,7 @@ class PointlineTracker(LaserTracker):
 
     @override
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
-        self._session.prepare(wire.Prepare(reflector, measuring_time_s))
+        self._prepare(wire.Prepare(reflector, measuring_time_s))
 
     @override
     def measure(self) -> values.Measurement:
@@ -152,7 +131,7 @@ class PointlineTracker(LaserTracker):
 
         `NoReflector` when it could not begin, `NotAMeasurement` for a number told before.
         """
-        client, wanted, _ = self._session.prepared()
+        client, wanted, _ = self._prepared()
         within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
         told, line = client.ask(wire.Order.MEASURE, wire.PointMeasured, within_s)
         covariance_mm2 = _covariance_mm2(client.name, told)
@@ -164,7 +143,7 @@ class PointlineTracker(LaserTracker):
                 "docs/pointline.md",
             )
         if told.reflector != wanted.reflector:
-            raise self._session.not_ready(
+            raise self._not_ready(
                 f"measured with reflector '{told.reflector}', prepared was '{wanted.reflector}'"
             )
         return values.Measurement(told.point_mm, covariance_mm2, self.weather(), line)
@@ -195,7 +174,7 @@ class PointlineTracker(LaserTracker):
         return True
 
     def _aim(self, command: wire.GoTo | wire.Find | wire.UseFace) -> None:
-        self._session.prepared()
+        self._prepared()
         self._ask(command, CommandDone, self._deadlines.motion_s)
 
     def _if_it_has(self, command: wire.Command, kind: type[AnswerKind]) -> AnswerKind | None:
@@ -212,6 +191,7 @@ class PointlineTracker(LaserTracker):
         within_s = within_s or self._deadlines.answer_s
         return self._session.connection.ask(command, kind, within_s)[0]
 
+    @override
     def _opened(self) -> LineClient[wire.Command]:
         return open_client(
             self._open_transport(),
@@ -222,7 +202,8 @@ class PointlineTracker(LaserTracker):
             within_s=self._deadlines.answer_s,
         )
 
-    def _greet(self, client: LineClient[wire.Command]) -> values.Identity:
+    @override
+    def _who(self, client: LineClient[wire.Command]) -> values.Identity:
         hello = Hello(wire.VERSION)
         told, _ = client.ask(hello, wire.InstrumentGreeting, self._deadlines.greeting_s)
         identity = values.Identity(
@@ -235,6 +216,7 @@ class PointlineTracker(LaserTracker):
             )
         return identity
 
+    @override
     def _set_up(self, client: LineClient[wire.Command], wanted: wire.Prepare) -> wire.Prepare:
         client.ask(wanted, CommandDone, self._deadlines.prepare_s)
         return wanted
