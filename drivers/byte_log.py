@@ -110,16 +110,12 @@ class LoggedTransport:
     """A byte pipe that is written down; it raises what the pipe raises."""
 
     def __init__(self, pipe: Transport, log: ByteLog, device: str, reading: WireReading) -> None:
+        self.name = pipe.name
         self._pipe = pipe
         self._log = log
         self._device = device
         self._reading = reading
         self._is_open = True
-
-    @property
-    def name(self) -> str:
-        """Name of the device's place."""
-        return self._pipe.name
 
     def send(self, data: bytes, timeout_s: float) -> None:
         """Send all of it; it is written down first, because it may arrive in any case."""

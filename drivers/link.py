@@ -41,6 +41,8 @@ class Link(Generic[Message]):
         keeps: Callable[[Message], bool] | None = None,
         cancelled: Callable[[], bool] = never,
     ) -> None:
+        self.name = transport.name
+        """Name of the device's place, for messages."""
         self._transport = transport
         self._feed = feed
         self._clock_s = clock_s
@@ -50,11 +52,6 @@ class Link(Generic[Message]):
         self._events: deque[Message] = deque(maxlen=EVENTS_KEPT)
         self._has_lost_events = False
         self._open = True
-
-    @property
-    def name(self) -> str:
-        """Name of the device's place, for messages."""
-        return self._transport.name
 
     @property
     def is_open(self) -> bool:
@@ -178,12 +175,9 @@ class LinkClient(Generic[Message]):
     """Conversation over one link: where it leads, whether it goes on, its end."""
 
     def __init__(self, link: Link[Message]) -> None:
-        self._link = link
-
-    @property
-    def name(self) -> str:
+        self.name = link.name
         """Name of the device's place, for messages."""
-        return self._link.name
+        self._link = link
 
     @property
     def is_open(self) -> bool:

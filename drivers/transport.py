@@ -104,7 +104,7 @@ class TcpTransport:
 
     def __init__(self, connected: socket.socket, name: str) -> None:
         self._socket = connected
-        self._name = name
+        self.name = name
 
     @classmethod
     def connect(cls, host: str, port: int, *, timeout_s: float) -> "TcpTransport":
@@ -120,11 +120,6 @@ class TcpTransport:
         # A question is one small packet: it must not wait for a second one to fill it up.
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return cls(connected, name)
-
-    @property
-    def name(self) -> str:
-        """Name of the device's place."""
-        return self._name
 
     def send(self, data: bytes, timeout_s: float) -> None:
         """Send all of it."""
@@ -145,7 +140,7 @@ class TcpTransport:
             raise self._down(error) from error
         if not data:
             raise LinkDown(
-                f"{self._name}: the device closed the connection",
+                f"{self.name}: the device closed the connection",
                 remedy="check the device, then try again",
             )
         return data
@@ -156,7 +151,7 @@ class TcpTransport:
 
     def _down(self, error: OSError) -> LinkDown:
         return LinkDown(
-            f"{self._name}: the connection broke ({_reason(error)})",
+            f"{self.name}: the connection broke ({_reason(error)})",
             remedy="check the cable and the device, then try again",
         )
 
@@ -166,7 +161,7 @@ class SerialTransport:
 
     def __init__(self, port: "serial.Serial", name: str) -> None:
         self._port = port
-        self._name = name
+        self.name = name
 
     @classmethod
     def open(cls, device: str, baud: int) -> "SerialTransport":
@@ -183,11 +178,6 @@ class SerialTransport:
                 "and that nobody else holds it",
             ) from error
         return cls(port, name)
-
-    @property
-    def name(self) -> str:
-        """Name of the line."""
-        return self._name
 
     def send(self, data: bytes, timeout_s: float) -> None:
         """Send all of it."""
@@ -213,7 +203,7 @@ class SerialTransport:
 
     def _down(self, error: OSError) -> LinkDown:
         return LinkDown(
-            f"{self._name}: the line broke ({error})",
+            f"{self.name}: the line broke ({error})",
             remedy="check the cable and the device, then try again",
         )
 
