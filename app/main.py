@@ -193,7 +193,7 @@ def _explained(error: Exception) -> Exit:
     if isinstance(error, TyperException):
         return _told(_usage_line(error), Exit.BAD_INPUT)
     if isinstance(error, ExplainedError):
-        return _told(str(error), exit_code(error))
+        return _told(f"{error}{f' ({error.page})' if error.page else ''}", exit_code(error))
     problem = f"unforeseen {type(error).__name__}: {error}"
     return _told(f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG)
 

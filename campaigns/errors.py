@@ -14,6 +14,8 @@ class ConfigInvalid(CampaignError):
 class PlanInvalid(CampaignError):
     """plan.csv cannot be used as written: correct the line that is named, or make a new plan."""
 
+    page = "docs/files.md#plancsv"
+
 
 class OptionsInvalid(CampaignError):
     """Options that don't go together, cannot be understood, or ask for what there is not."""
@@ -22,6 +24,8 @@ class OptionsInvalid(CampaignError):
 class ShotsInvalid(CampaignError):
     """A file of measured shots cannot be used as written: correct the line that is named."""
 
+    page = "docs/files.md#shotscsv"
+
 
 class ShotsMissing(CampaignError):
     """The work asked for needs shots that have not been taken yet: run or import first."""
@@ -29,6 +33,8 @@ class ShotsMissing(CampaignError):
 
 class TargetsInvalid(CampaignError):
     """A pose or a line of G-code cannot be corrected as written: change the line that is named."""
+
+    page = "docs/files.md#targets"
 
 
 class OutputExists(CampaignError):
@@ -45,6 +51,8 @@ class CampaignLocked(CampaignError):
 
 class JournalFailed(CampaignError):
     """The journal cannot be written or read. Nothing moves without it."""
+
+    page = "docs/troubleshooting.md#exit-code-4-a-file-could-not-be-written"
 
 
 class FindingUnreadable(CampaignError):

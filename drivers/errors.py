@@ -12,6 +12,9 @@ class ExplainedError(Exception):
     As a text it is cleaned and of bounded length, whatever a device or file has put into it.
     """
 
+    page = ""
+    """Page and heading of the documentation that say more, `docs/files.md#plancsv`, or empty."""
+
     def __init__(self, problem: str, *, remedy: str) -> None:
         super().__init__(problem, remedy)
         self.problem = problem

@@ -10,6 +10,8 @@ class SimError(ExplainedError):
 class ScenarioInvalid(SimError):
     """A scenario cannot be read, or describes no cell that can be built."""
 
+    page = "docs/files.md#cellyaml"
+
 
 class AssemblyLost(SimError):
     """The mechanism cannot be moved there.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, TypeVar, get_args
+from typing import Any, ClassVar, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -72,7 +72,10 @@ def explained(
     first = min(findings, key=lambda found: found["type"] != "extra_forbidden")
     where = name if tree is None else f"{name}:{_line(tree, first['loc'])}"
     more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
-    return ConfigInvalid(f"{where}: {_problem(first)}{more}", remedy=_remedy(first, model))
+    invalid = ConfigInvalid(f"{where}: {_problem(first)}{more}", remedy=_remedy(first, model))
+    if issubclass(model, FileModel):
+        invalid.page = model.page
+    return invalid
 
 
 def key_path(location: Location) -> str:
@@ -163,6 +166,8 @@ class FileModel(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    page: ClassVar[str] = ""
+    """Page and heading of the documentation that explain the file's keys."""
 
 
 Model = TypeVar("Model", bound=FileModel)

@@ -81,6 +81,8 @@ class Mechanics(FileModel):
 class RobotContents(FileModel):
     """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
 
+    page = "docs/files.md#robotyaml"
+
     mechanism: str = Field(description=f"the kind of mechanism: {', '.join(MECHANISMS)}")
     name: str = Field(min_length=1, description="the robot's name")
     geometry: FileModel = Field(description="the parameters")

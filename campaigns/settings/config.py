@@ -23,6 +23,8 @@ ENDS = 2
 class CampaignConfig(yaml_file.FileModel):
     """A campaign's settings."""
 
+    page = "docs/files.md#campaignyaml"
+
     name: str = Field(min_length=1, description="the campaign's name")
     identity: str = Field(
         default="",

@@ -79,7 +79,7 @@ BEAM_LOST: frozenset[int] = frozenset(
 
 BEAM_REMEDY = "clear the line of sight and put the beam back on the reflector"
 OTHER_CLIENT_REMEDY = "end the other program that is connected to the tracker, then try again"
-REFUSAL_REMEDY = "see docs/emscon.md, section Errors, and the tracker's own status"
+REFUSAL_REMEDY = "see docs/emscon.md#errors and the tracker's own status"
 
 
 def refused(where: str, doing: str, status: int) -> DeviceRefused:

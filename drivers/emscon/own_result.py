@@ -11,7 +11,7 @@ LEAST_SPARE_S = 0.1
 """How much sooner a result may come: the last of an instrument's readings lies before the end."""
 REMEDY = (
     "measure again; if it comes back, end other programs that use the tracker, or restart it "
-    "(docs/emscon.md, section Results that cannot be)"
+    "(docs/emscon.md#results-that-cannot-be)"
 )
 
 

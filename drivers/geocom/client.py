@@ -85,7 +85,7 @@ BUSY: frozenset[int] = frozenset({Result.SYSTEM_BUSY, Result.TMC_BUSY, Result.MO
 """Codes of a question that is worth asking again."""
 
 BEAM_REMEDY = "clear the line of sight, let one prism face the instrument, and aim at it"
-REFUSAL_REMEDY = "see docs/geocom.md, section Errors, and the instrument's own display"
+REFUSAL_REMEDY = "see docs/geocom.md#errors and the instrument's own display"
 
 
 def refused(where: str, doing: str, code: int) -> DeviceRefused:

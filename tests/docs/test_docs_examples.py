@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from typer import Context
 from typer.main import get_command
 
-from app.main import app
+from app.main import app, run_command
 from campaigns.controllers.target_poses import parse_poses
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
@@ -24,6 +24,8 @@ from sim.scenarios.schema import Scenario
 YAML_BLOCKS, CSV_BLOCKS, SHELL_BLOCKS = blocks("yaml"), blocks("csv"), blocks("sh")
 PART_OF_A_CELL = "# part of a cell.yaml\n"
 SCHEMA = re.compile(r"^schema: (\S+)$", re.MULTILINE)
+NAMED = re.compile(r"(docs/[\w-]+\.md)(?:#([\w-]+))?")
+ROOMS = ("app", "campaigns", "drivers", "sim")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 NEEDED = {
     "name": "example",
@@ -139,6 +141,33 @@ def test_links_lead_somewhere(page):
         assert there.exists(), target
         if heading:
             assert heading in headings_of(there), target
+
+
+def test_every_page_and_heading_that_the_software_names_exists():
+    sources = (path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+    named = {each for path in sources for each in NAMED.findall(path.read_text(encoding="utf-8"))}
+    assert ("docs/files.md", "plancsv") in named
+    for path, heading in named:
+        assert (ROOT / path).is_file(), path
+        assert not heading or heading in headings_of(ROOT / path), f"{path}#{heading}"
+
+
+@pytest.mark.parametrize(
+    ("file", "page"),
+    [
+        ("campaign.yaml", "docs/files.md#campaignyaml"),
+        ("robot.yaml", "docs/files.md#robotyaml"),
+        ("cell.yaml", "docs/files.md#cellyaml"),
+        ("plan.csv", "docs/files.md#plancsv"),
+    ],
+)
+def test_an_error_about_a_file_ends_with_the_page_that_explains_it(file, page, tmp_path, capsys):
+    folder = tmp_path / "c"
+    assert run_command(["new", str(folder)]) == 0
+    with (folder / file).open("a", encoding="utf-8") as text:
+        text.write("unheard_of: 1\n")
+    assert run_command(["devices" if file == "cell.yaml" else "run", str(folder)]) == 2
+    assert capsys.readouterr().err.rstrip().endswith(f"({page})")
 
 
 def headings_of(page) -> set[str]:
