@@ -61,8 +61,7 @@ class RankKUpdater:
 
     def covariance_with(self, known: CandidateStatistics, which: int) -> Array:
         """The covariance if a candidate were taken in, (P, P)."""
-        turned, middle = self._woodbury(known, which, ADD)
-        return np.asarray(known.covariance - turned @ middle @ turned.T)
+        return woodbury(known.covariance, self.jacobians[which], ADD)
 
     def _seen(self, matrix: Array) -> Array:
         """J X Jᵀ of each candidate, (k, k, M)."""
@@ -70,14 +69,8 @@ class RankKUpdater:
         turned = (matrix @ self.columns.reshape(size, -1)).reshape(size, k, count)
         return np.asarray(np.einsum("pam,pbm->abm", turned, self.columns))
 
-    def _woodbury(self, known: CandidateStatistics, which: int, sign: float) -> tuple[Array, Array]:
-        """V and K with C ∓ J'ᵀJ' giving C - V K Vᵀ, (P, k) and (k, k)."""
-        rows = self.jacobians[which]
-        turned = known.covariance @ rows.T
-        return turned, sign * np.linalg.inv(np.eye(len(rows)) + sign * rows @ turned)
-
     def _changed(self, known: CandidateStatistics, which: int, sign: float) -> CandidateStatistics:
-        turned, middle = self._woodbury(known, which, sign)
+        turned, middle = _woodbury_terms(known.covariance, self.jacobians[which], sign)
         # C W C changes by -(V K Rᵀ + R K Vᵀ) with R = C W V - V K (Vᵀ W V) / 2
         weighted = self.weight @ turned
         other = known.covariance @ weighted - 0.5 * turned @ (middle @ (turned.T @ weighted))
@@ -92,6 +85,19 @@ class RankKUpdater:
             known.predicted_covariance - np.einsum("iam,ibm->abm", halves, by_turned),
             known.sensitivity - change - change.transpose(1, 0, 2),
         )
+
+
+def woodbury(covariance: Array, rows: Array, sign: float) -> Array:
+    """Covariance (P, P) with a measurement's Jacobian (k, P) added or removed."""
+    turned, middle = _woodbury_terms(covariance, rows, sign)
+    return np.asarray(covariance - turned @ middle @ turned.T)
+
+
+def _woodbury_terms(covariance: Array, rows: Array, sign: float) -> tuple[Array, Array]:
+    """V (P, k) and K (k, k) such that the covariance changes by -V K Vᵀ."""
+    turned = covariance @ rows.T
+    middle = sign * np.linalg.inv(np.eye(len(rows)) + sign * rows @ turned)
+    return turned, np.asarray(middle)
 
 
 INITIAL_REGULARISATION = 0.3
@@ -138,6 +144,21 @@ def optimal_design(
     Raises `ValueError` for a count above that of the candidates or below what the unknowns need,
     and `Unobservable`.
     """
+    best, *_ = exchanged_starts(candidates, criterion, count, rng, starts)
+    return _exchanged_among_all(candidates, criterion, best.chosen)
+
+
+def exchanged_starts(
+    candidates: Candidates,
+    criterion: Criterion,
+    count: int,
+    rng: np.random.Generator,
+    starts: int | None = None,
+) -> list[Design]:
+    """Designs by an exchange among few candidates from a start each, the best first.
+
+    Raises as `optimal_design`.
+    """
     _check_count(candidates, count)
     if starts is None:
         starts = int(np.clip(MEASUREMENTS_TRIED // count, 1, MOST_STARTS))
@@ -146,8 +167,7 @@ def optimal_design(
     others = [rng.choice(len(candidates), count, replace=False) for _ in range(starts - 1)]
     listed = _short_list(candidates, criterion, greedy)
     tried = [_exchanged_among(candidates, criterion, m, listed) for m in (greedy, *others)]
-    best = min(tried, key=lambda design: design.value)
-    return _exchanged_among_all(candidates, criterion, best.chosen)
+    return sorted(tried, key=lambda design: design.value)
 
 
 def augment_design(
@@ -288,9 +308,16 @@ def _best(criterion: Criterion, known: CandidateStatistics, taken: Sequence[int]
 
 
 def _covariance(candidates: Candidates, chosen: Index, pretended: float) -> Array:
-    """Covariance of scaled unknowns, as if that share of a mean candidate were known besides."""
-    information = candidates.information(chosen) + pretended * candidates.mean_information
-    return np.asarray(np.linalg.inv(information))
+    return covariance_of(candidates, candidates.jacobians[chosen], pretended)
+
+
+def covariance_of(candidates: Candidates, jacobians: Array, pretended: float) -> Array:
+    """Covariance of scaled unknowns by Jacobians (N, k, P).
+
+    As if that share of a mean candidate were known besides.
+    """
+    rows = jacobians.reshape(-1, jacobians.shape[-1])
+    return np.asarray(np.linalg.inv(rows.T @ rows + pretended * candidates.mean_information))
 
 
 def minimum_measurements(candidates: Candidates) -> int:

@@ -14,6 +14,10 @@ from campaigns.mechanisms.mechanism import Kinematics, Limits
 
 FURTHER = 1.05
 """A pose is near the boundary when it cannot be taken this much further from the centre."""
+DRAWN_IN = (0.001, 0.3)
+"""Least and most of the way to the centre by which a pose beyond the boundary is drawn in."""
+HALVINGS = 3
+"""Of that interval on a logarithmic scale: to a factor of two."""
 BATCH = 4000
 BATCHES = 200
 SHORTEST_PAIR_MM = 100.0
@@ -55,6 +59,24 @@ class FeasibleRegion:
         if self.space.has_obstacles:
             allowed[allowed] = self._roadmap.connected(poses[allowed, :3])
         return allowed
+
+    def drawn_in(self, poses: Array) -> tuple[Array, Mask]:
+        """Poses (N, t), those beyond the boundary moved to it towards the centre, and which may be.
+
+        What lies too far beyond stays away.
+        """
+        allowed = self.allows(poses)
+        beyond = np.flatnonzero(~allowed)
+        towards = self.centre - poses[beyond]
+        near, far = (np.full(len(beyond), part) for part in DRAWN_IN)
+        allowed[beyond] = self.allows(poses[beyond] + DRAWN_IN[1] * towards)
+        for _ in range(HALVINGS):
+            middle = np.sqrt(near * far)
+            inside = self.allows(poses[beyond] + middle[:, None] * towards)
+            near, far = np.where(inside, near, middle), np.where(inside, middle, far)
+        moved = poses.copy()
+        moved[beyond] += far[:, None] * towards
+        return moved, allowed
 
     def can_measure(self, poses: Array) -> Mask:
         """Mask of the poses that can be taken and seen, wherever that is, (N,)."""

@@ -10,12 +10,17 @@ from campaigns.arrays import Array, Index
 from campaigns.design import pose_sampling, sample_size
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion, CriterionName, make_criterion
-from campaigns.design.exchange import Unobservable, optimal_design
+from campaigns.design.exchange import (
+    EXCHANGE_REGULARISATION,
+    Unobservable,
+    covariance_of,
+    exchanged_starts,
+)
+from campaigns.design.refinement import refine
 from campaigns.design.tours import BALANCED_SHARE, balance_approaches, neighbouring_pairs
 from campaigns.errors import PlanInvalid
 from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator
-from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.planning import plans
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_uncertainty import not_identifiable
@@ -32,6 +37,12 @@ CURVE_REACH = 2
 """The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
 NEARLY_THE_SAME = 0.15
 """Part of the plan's own number of shots by which other numbers stay off it."""
+STAGES = ((10, 4), (20, 1), (60, 1))
+"""Rounds by which designs are refined, and how many of them are refined further."""
+MEASUREMENTS_REFINED = 170
+"""In the first stage, by designs of small size more, which end in local optima more often."""
+MEASUREMENTS_MOVED = 1200
+"""In a stage of one design at most: more rounds tell little more of a large one."""
 PAIRINGS = 6
 """Number of pairings of the candidate poses: so many pairs have as many rows as the shots."""
 
@@ -53,8 +64,10 @@ class OptimalRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateSet:
-    """Candidate poses (N, t), and measurements made of them."""
+    """Candidate poses (N, t) of a region, and measurements made of them."""
 
+    region: pose_sampling.FeasibleRegion
+    request: OptimalRequest
     poses: Array
     ends: Index
     """Rows of the poses of each measurement: one for a shot, two for a pair, (M, 1 or 2)."""
@@ -62,14 +75,16 @@ class CandidateSet:
     workspace: Array
     """Jacobian of the positions that are judged, (K, 3, P)."""
     variance_mm2: Array | None = None
-    """Variance of each distance, (M,); the candidates take them all as the common one."""
+    """Variance of each distance, (M,)."""
+    common_mm2: float | None = None
+    """Variance that the candidates take all distances to have."""
 
     def variance_ratio(self, rows: Index) -> float:
-        """σ of chosen measurements by their own pooled variance, over that by all's."""
-        if self.variance_mm2 is None:
+        """σ of chosen measurements by their own pooled variance, over that by the common one."""
+        if self.variance_mm2 is None or self.common_mm2 is None:
             return 1.0
         chosen = tracker_noise.pooled_variance_mm2(self.variance_mm2[rows])
-        return math.sqrt(chosen / tracker_noise.pooled_variance_mm2(self.variance_mm2))
+        return math.sqrt(chosen / self.common_mm2)
 
     @property
     def poses_each(self) -> int:
@@ -81,9 +96,48 @@ class CandidateSet:
         """Measurements of two shots: plans hold whole pairs."""
         return 2 // self.poses_each
 
-    def criterion(self, name: CriterionName) -> Criterion:
-        """Criterion of that name, for these candidates."""
-        return make_criterion(name, self.candidates, self.workspace)
+    @property
+    def criterion(self) -> Criterion:
+        """Criterion that is asked for, of these candidates."""
+        return make_criterion(self.request.criterion, self.candidates, self.workspace)
+
+    @property
+    def value(self) -> float:
+        """Value of the criterion if all of it is measured."""
+        found = covariance_of(self.candidates, self.candidates.jacobians, EXCHANGE_REGULARISATION)
+        return self.criterion.value(found)
+
+    def refined(self, rounds: int, rng: np.random.Generator) -> "CandidateSet":
+        """All of it, moved to where it tells more than any candidate."""
+
+        def seen(poses: Array) -> Array:
+            jacobians, _ = _measured(self.region, self.request, poses, self.common_mm2)
+            return jacobians / self.candidates.scale
+
+        start, by = self.poses[self.ends], self.criterion
+        return self._at(refine(start, self.region, seen, self.candidates, by, rounds, rng))
+
+    def only(self, rows: Index) -> "CandidateSet":
+        """Chosen measurements (N,) alone, where they are."""
+        return self._at(self.poses[self.ends[rows]])
+
+    def _at(self, poses: Array) -> "CandidateSet":
+        """Measurements at poses (N, 1 or 2, t), by the same unknowns."""
+        jacobians, variance = _measured(self.region, self.request, poses, self.common_mm2)
+        return replace(
+            self,
+            poses=poses.reshape(-1, poses.shape[-1]),
+            ends=np.arange(poses[..., 0].size).reshape(poses.shape[:2]),
+            candidates=replace(self.candidates, jacobians=jacobians / self.candidates.scale),
+            variance_mm2=variance,
+        )
+
+    @property
+    def worst_length_mm(self) -> float:
+        """σ of the length that is known worst if all of it is measured."""
+        rows = np.arange(len(self.candidates))
+        found = sample_size.evaluate(self.candidates, rows)
+        return found.worst_length_mm * self.variance_ratio(rows)
 
 
 def draw_candidates(
@@ -96,29 +150,48 @@ def draw_candidates(
     near_boundary = request.candidates // 2
     inner = pose_sampling.interior_poses(region, request.candidates - near_boundary, rng)
     poses = np.vstack([inner, pose_sampling.boundary_poses(region, near_boundary, rng)])
-    joints = region.kinematics.inverse(poses).values_or_raise()
     workspace = pose_sampling.workspace_poses(
         region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng, region.space
     )
     there = region.kinematics.inverse(workspace).values_or_raise()
     judged_at = information.point_jacobian(region.kinematics, request.free, there, workspace)
-    noise = tracker_noise.point_covariance_mm2(
-        poses[:, :3] - region.view_from_mm, request.uncertainty
-    )
-    space = region.kinematics.mechanism.parameters
+    space, by_points = region.kinematics.mechanism.parameters, request.estimator == Estimator.POINTS
+    ends = np.arange(len(poses))[:, None] if by_points else _many_pairs(poses, rng)
+    seen, variance = _measured(region, request, poses[ends])
     is_length = ~space.is_angle[space.places(request.free)]
-    if request.estimator == Estimator.POINTS:
-        seen = information.whitened(
-            information.point_jacobian(region.kinematics, request.free, joints, poses), noise
-        )
-        shots = Candidates.from_jacobians(seen, request.free, is_length)
-        return CandidateSet(poses, np.arange(len(poses))[:, None], shots, judged_at)
-    pairs = _many_pairs(poses, rng)
-    variance = tracker_noise.distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    apart = information.distance_jacobian(region.kinematics, request.free, joints, poses, pairs)
-    in_std = apart / np.sqrt(np.full((len(pairs), 1), tracker_noise.pooled_variance_mm2(variance)))
-    distances = Candidates.from_jacobians(in_std[:, None, :], request.free, is_length)
-    return CandidateSet(poses, pairs, distances, information.marginalise_frame(judged_at), variance)
+    found = Candidates.from_jacobians(seen, request.free, is_length)
+    if variance is None:
+        return CandidateSet(region, request, poses, ends, found, judged_at)
+    judged_at = information.marginalise_frame(judged_at)
+    common = tracker_noise.pooled_variance_mm2(variance)
+    return CandidateSet(region, request, poses, ends, found, judged_at, variance, common)
+
+
+def _measured(
+    region: pose_sampling.FeasibleRegion,
+    request: OptimalRequest,
+    poses: Array,
+    common_mm2: float | None = None,
+) -> tuple[Array, Array | None]:
+    """Whitened Jacobians (M, k, P) of measurements at poses (M, 1 or 2, t), by mm and rad.
+
+    And the variances of distances, (M,), which are whitened by a common one: the pooled one, unless
+    another is given.
+    """
+    kinematics, each = region.kinematics, poses.shape[1]
+    flat = poses.reshape(-1, poses.shape[-1])
+    joints = kinematics.inverse(flat).values_or_raise()
+    noise = tracker_noise.point_covariance_mm2(
+        flat[:, :3] - region.view_from_mm, request.uncertainty
+    )
+    if each == 1:
+        at = information.point_jacobian(kinematics, request.free, joints, flat)
+        return information.whitened(at, noise), None
+    pairs = np.arange(len(flat)).reshape(-1, each)
+    variance = tracker_noise.distance_variance_mm2(flat[:, :3], noise, pairs[:, 0], pairs[:, 1])
+    apart = information.distance_jacobian(kinematics, request.free, joints, flat, pairs)
+    std = math.sqrt(common_mm2 or tracker_noise.pooled_variance_mm2(variance))
+    return apart[:, None, :] / std, variance
 
 
 def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
@@ -146,12 +219,12 @@ def make_optimal_plan(
         options = draw_candidates(region, request, rng)
         _check_shots(options, request)
         chosen = choose_measurements(options, request, rng)
-        curve = tuple(_curve(options, request, robot.mechanism.parameters, chosen, rng))
+        curve = tuple(_curve(options, chosen, rng))
     except pose_sampling.WorkspaceTooSmall as error:
         raise plans.too_small(error, region, "candidates") from error
     except Unobservable as error:
         raise not_identifiable(error) from error
-    return _ordered(region, options, chosen, unseen, wanted), curve
+    return _ordered(chosen, unseen, wanted), curve
 
 
 def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
@@ -177,28 +250,45 @@ def _fewest_shots(options: CandidateSet) -> int:
 
 def choose_measurements(
     options: CandidateSet, request: OptimalRequest, rng: np.random.Generator
-) -> Index:
-    """Rows of the chosen measurements, (N,).
+) -> CandidateSet:
+    """The best measurements, refined beyond the candidates.
 
     Raises `PlanInvalid` for a goal that is out of reach, `ValueError` and `Unobservable`.
     """
-    criterion = options.criterion(request.criterion)
+    if request.until_mm is not None:
+        rows = _fewest_measurements(options, request.until_mm, rng)
+        found = options.only(rows)
+        moved = found.refined(max(1, MEASUREMENTS_MOVED // len(rows)), rng)
+        # a criterion may fall while the worst length's σ rises
+        still_met = moved.worst_length_mm <= request.until_mm
+        return moved if still_met else found
     count = request.plan.identification_shots // options.poses_each
-    if request.until_mm is None:
-        return optimal_design(options.candidates, criterion, count, rng).chosen
+    starts = exchanged_starts(options.candidates, options.criterion, count, rng)
+    listed = starts[: max(1, MEASUREMENTS_REFINED // count)]
+    designs = [options.only(each.chosen) for each in listed]
+    for rounds, kept in STAGES:
+        most = max(1, MEASUREMENTS_MOVED // count)
+        refined = (each.refined(min(rounds, most), rng) for each in designs)
+        designs = sorted(refined, key=lambda each: each.value)[:kept]
+    return designs[0]
+
+
+def _fewest_measurements(options: CandidateSet, until_mm: float, rng: np.random.Generator) -> Index:
+    """Rows (N,) of as few measurements as meet a goal for the lengths; raises `PlanInvalid`."""
+    count = options.request.plan.identification_shots // options.poses_each
     most = min(count, len(options.candidates) // options.step * options.step)
-    goal_mm = request.until_mm
+    goal_mm = until_mm
     try:
         for _ in range(GOAL_ROUNDS):
             design = sample_size.minimal_design(
-                options.candidates, criterion, goal_mm, most, options.step, rng
+                options.candidates, options.criterion, goal_mm, most, options.step, rng
             )
             found_mm = design.worst_length_mm * options.variance_ratio(design.chosen)
-            if found_mm <= request.until_mm:
+            if found_mm <= until_mm:
                 break
-            goal_mm *= request.until_mm / found_mm
+            goal_mm *= until_mm / found_mm
     except sample_size.GoalOutOfReach as error:
-        raise _out_of_reach(error, request.until_mm, options.poses_each) from error
+        raise _out_of_reach(error, until_mm, options.poses_each) from error
     return design.chosen
 
 
@@ -215,29 +305,26 @@ def _out_of_reach(
 
 
 def _curve(
-    options: CandidateSet,
-    request: OptimalRequest,
-    space: ParameterSpace,
-    chosen: Index,
-    rng: np.random.Generator,
+    options: CandidateSet, chosen: CandidateSet, rng: np.random.Generator
 ) -> Iterator[tuple[int, information.Uncertainty]]:
     """What other numbers of measurements would give, the chosen ones among them."""
+    own = len(chosen.candidates)
     fewest = sample_size.minimum_count(options.candidates, options.step)
-    reach = min(CURVE_REACH * max(len(chosen), 2 * fewest), len(options.candidates))
+    reach = min(CURVE_REACH * max(own, 2 * fewest), len(options.candidates))
     counts = [
         count
         for count in sample_size.curve_counts(fewest, reach, options.step)
-        if abs(count - len(chosen)) > NEARLY_THE_SAME * len(chosen)
+        if abs(count - own) > NEARLY_THE_SAME * own
     ]
-    criterion, units = (options.criterion(request.criterion), space.units(request.free))
-    others = [
-        p.chosen for p in sample_size.design_curve(options.candidates, criterion, counts, rng)
-    ]
-    for rows in sorted([*others, chosen], key=len):
-        matrix = information.covariance(options.candidates.jacobian(rows))[: len(request.free)]
-        shots = len(rows) * options.poses_each
-        parameters = matrix[:, : len(request.free)] * options.variance_ratio(rows) ** 2
-        yield shots, information.Uncertainty.of(request.free, units, parameters, source="predicted")
+    designs = sample_size.design_curve(options.candidates, options.criterion, counts, rng)
+    all_of_them = [(chosen, np.arange(own)), *((options, design.chosen) for design in designs)]
+    free = options.request.free
+    units = options.region.kinematics.mechanism.parameters.units(free)
+    for of, rows in sorted(all_of_them, key=lambda each: len(each[1])):
+        matrix = information.covariance(of.candidates.jacobian(rows))[: len(free), : len(free)]
+        shots, ratio = len(rows) * of.poses_each, of.variance_ratio(rows)
+        found = information.Uncertainty.of(free, units, matrix * ratio**2, source="predicted")
+        yield shots, found
 
 
 def _next_up(length_mm: float) -> float:
@@ -247,22 +334,17 @@ def _next_up(length_mm: float) -> float:
 
 
 def _ordered(
-    region: pose_sampling.FeasibleRegion,
-    options: CandidateSet,
-    chosen: Index,
-    unseen: list[PlannedShot],
-    wanted: plans.PlanRequest,
+    chosen: CandidateSet, unseen: list[PlannedShot], wanted: plans.PlanRequest
 ) -> tuple[PlannedShot, ...]:
     """Shots of all pairs in one tour, so that slow effects meet them alike, drift shots in it."""
-    kinematics = region.kinematics
+    region, kinematics = chosen.region, chosen.region.kinematics
     start = kinematics.inverse(region.centre[None]).values_or_raise()[0]
-    rows = options.ends[chosen].ravel()
-    fitted, turned = len(rows), kinematics.comparable(start)
-    poses = np.vstack([options.poses[rows], plans.poses_of(unseen).reshape(-1, len(region.centre))])
+    fitted, turned = len(chosen.poses), kinematics.comparable(start)
+    poses = np.vstack([chosen.poses, plans.poses_of(unseen).reshape(-1, len(region.centre))])
     joints = kinematics.inverse(poses).values_or_raise()
     turns = kinematics.comparable(joints)
     pairs = np.arange(len(poses)).reshape(-1, 2)
-    if options.poses_each == 1:
+    if chosen.poses_each == 1:
         near = neighbouring_pairs(turns[:fitted], poses[:fitted, :3], turned)
         pairs = np.vstack([near, pairs[fitted // 2 :]])
     within = plans.EVENLY if wanted.tells_backlash else BALANCED_SHARE
