@@ -1,0 +1,161 @@
+"""Time and memory against size: shots of a campaign, campaigns of a study, candidates of a plan.
+
+python -m benchmarks.scale [--shots N] [--campaigns N] [--candidates N] [--picture FILE] [--json]
+
+Sizes go by tens from the least to N. Each work is done by a process of its own: its processor time
+and its largest resident memory, what it is begun with included. An exponent is that of time between
+a size and the one before it, 1 where time grows as the size does.
+"""
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks import engine
+from benchmarks.shared.programs import pkmcal
+from benchmarks.shared.prototype import CENTRE, FREE, NOMINAL, REGION, ROBOT
+from benchmarks.shared.yardstick import Report, Table, main
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.planning.optimal_plan import OptimalRequest, choose_measurements, draw_candidates
+from campaigns.planning.plan_file import PlannedShot, write_plan
+from campaigns.planning.plans import PlanRequest, joints_of
+from campaigns.shots.shots_csv import ShotRow, write_shots
+
+LEAST = {"shots": 100, "campaigns": 100, "candidates": 1000}
+NOISE_MM = 0.01
+COLUMNS = ("", "size", "s", "exponent", "MB")
+RUN = "engine, all shots"
+KB_PER_MB = 1024.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Cost of a work: processor time, and the largest resident memory."""
+
+    seconds: float
+    memory_mb: float
+
+
+def measure(shots: int, campaigns: int, candidates: int, picture: str) -> Report:
+    asked = {"shots": shots, "campaigns": campaigns, "candidates": candidates}
+    found: dict[str, dict[int, Cost]] = {}
+    with TemporaryDirectory() as scratch:
+        for what, largest in asked.items():
+            for size in _sizes(LEAST[what], largest):
+                folder = Path(scratch) / f"{what}-{size}"
+                for name, work in WORKS[what](folder, size):
+                    found.setdefault(name, {})[size] = cost_of(work)
+    if picture:
+        draw(found, Path(picture))
+    return Report(tables=[Table("processor time and memory by size", COLUMNS, [*_rows(found)])])
+
+
+def cost_of(work: Callable[[], object]) -> Cost:
+    """Cost of a work in a process of its own, and of those that it starts."""
+    if (child := os.fork()) == 0:
+        try:
+            work()
+        except BaseException:  # noqa: BLE001 - whatever it was, the parent says that it failed
+            os._exit(1)
+        os._exit(0)
+    _, status, spent = os.wait4(child, 0)
+    if status:
+        raise SystemExit(f"the work failed: exit code {os.waitstatus_to_exitcode(status)}")
+    return Cost(spent.ru_utime + spent.ru_stime, spent.ru_maxrss / KB_PER_MB)
+
+
+def of_shots(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object]]]:
+    """What is done with a campaign of so many shots."""
+    plan = engine.plan_of(size)
+    name, file, room = str(folder), folder / "shots.csv", folder / "run"
+    pkmcal("new", name)
+    room.mkdir()
+    write_plan(folder / "plan.csv", plan, ROBOT.mechanism)
+    write_shots(file, _measured(plan), ROBOT.mechanism)
+    yield RUN, partial(engine.run, room, plan)
+    yield "start of run", partial(pkmcal, "run", name, "--dry")
+    yield "import", partial(pkmcal, "import", name, str(file))
+    for word in ("status", "identify", "check-journal", "report"):
+        yield word, partial(pkmcal, word, name, expected=(0, 1))
+
+
+def of_campaigns(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Study of so many campaigns."""
+    pkmcal("new", str(folder))
+    pkmcal("plan", str(folder))
+    words = ("--campaigns", str(size), "--workers", "1")
+    yield "study", partial(pkmcal, "study", str(folder), *words)
+
+
+def of_candidates(_folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Plan by so many candidates."""
+    request = OptimalRequest(
+        plan=PlanRequest(120, 0, 2, CENTRE),
+        uncertainty=TrackerUncertainty(),
+        free=FREE,
+        candidates=size,
+    )
+
+    def plan() -> None:
+        rng = np.random.default_rng(1)
+        choose_measurements(draw_candidates(REGION, request, rng), request, rng)
+
+    yield "plan, candidates", plan
+
+
+WORKS = {"shots": of_shots, "campaigns": of_campaigns, "candidates": of_candidates}
+
+
+def draw(found: dict[str, dict[int, Cost]], file: Path) -> None:
+    """Time and memory by size, both axes in tens."""
+    from matplotlib.figure import Figure as Picture  # dear, and seldom asked for
+
+    picture = Picture(figsize=(10.0, 5.0), layout="constrained")
+    left, right = picture.subplots(1, 2)
+    for name, costs in found.items():
+        left.loglog([*costs], [each.seconds for each in costs.values()], "o-", label=name)
+        right.loglog([*costs], [each.memory_mb for each in costs.values()], "o-")
+    left.set(xlabel="size", ylabel="processor time, s")
+    right.set(xlabel="size", ylabel="largest memory, MB")
+    left.legend(fontsize="small")
+    picture.savefig(file)
+
+
+def _measured(plan: tuple[PlannedShot, ...]) -> list[ShotRow]:
+    """Shots as a file has them, of the nominal robot, with a tracker's noise."""
+    noise_mm = np.random.default_rng(2).normal(0.0, NOISE_MM, (len(plan), 3))
+    places_mm = NOMINAL.forward(joints_of(plan)).values_or_raise()[:, :3]
+    points_mm = (places_mm + engine.TRACKER_FROM_BASE_MM + noise_mm).tolist()
+    return [
+        ShotRow(shot.pair, shot.joints, (x, y, z), shot.purpose)
+        for shot, (x, y, z) in zip(plan, points_mm, strict=True)
+    ]
+
+
+def _sizes(least: int, largest: int) -> list[int]:
+    tens = range(round(math.log10(max(largest, least) / least)) + 1)
+    return [least * 10**power for power in tens if least * 10**power <= max(largest, least)]
+
+
+def _rows(found: dict[str, dict[int, Cost]]) -> Iterator[tuple[str | float, ...]]:
+    for name, costs in found.items():
+        before: tuple[int, Cost] | None = None
+        for size, cost in costs.items():
+            exponent = math.nan
+            if before is not None:
+                grown = cost.seconds / before[1].seconds
+                exponent = math.log(grown) / math.log(size / before[0])
+            yield name, size, cost.seconds, exponent, cost.memory_mb
+            before = size, cost
+
+
+if __name__ == "__main__":
+    raise SystemExit(
+        main(__doc__, measure, shots=1000, campaigns=1000, candidates=10_000, picture="")
+    )
