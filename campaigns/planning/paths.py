@@ -5,7 +5,7 @@ on the straight line to the pose as well, or on straight parts of the way: which
 pose takes is the controller's choice.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -52,6 +52,8 @@ TOLERANCE_MM = 0.01
 STANDING_MM = 1.0
 """By so much a robot may read itself beyond a wall at which it stood; no way leads it further."""
 MOST_REROUTES = 40
+WAYS_AHEAD = 100
+"""Ways of a plan worked out at once."""
 MOVES_AT_ONCE = 500
 """Joint moves looked at together: bounds the memory that many take."""
 
@@ -83,25 +85,28 @@ class RobotModel:
             return self._space_fault(start, end)
         return fault
 
-    def safe_moves(self, stops: Array) -> Mask:
-        """Whether the move from each stop (K, n) to the next is safe by itself, (K - 1,).
+    def are_safe(self, ways: Array) -> Mask:
+        """Whether each of M ways of joint targets (L + 1, M, n) is safe, (M,), as by `fault`.
 
-        As `fault` has it of each; together they take a fraction of the time.
+        Together they take a fraction of the time.
         """
-        starts, ends = stops[:-1], stops[1:]
+        legs, count, joints = ways.shape[0] - 1, *ways.shape[1:]
+        starts, ends = ways[:-1].reshape(-1, joints), ways[1:].reshape(-1, joints)
         safe = np.zeros(len(starts), dtype=np.bool_)
         for first in range(0, len(starts), MOVES_AT_ONCE):
             some = slice(first, first + MOVES_AT_ONCE)
-            move, _, joints = self._samples(starts[some], ends[some])
-            solution = self.kinematics.forward(joints)
+            move, _, passed = self._samples(starts[some], ends[some])
+            solution = self.kinematics.forward(passed)
             bad = ~solution.found
-            passed = self._passed(joints[~bad], solution.values[~bad]).violations
-            bad[~bad] = (passed & PASSING_VIOLATIONS) != 0
+            judged = self._passed(passed[~bad], solution.values[~bad])
+            bad[~bad] = (judged.violations & PASSING_VIOLATIONS) != 0
             safe[some] = np.bincount(move, weights=bad) == 0
+        whole: Mask = np.asarray(safe.reshape(legs, count).all(axis=0))
         if self.space.is_restricted:
-            for row in np.flatnonzero(safe):
-                safe[row] = self._space_fault(starts[row], ends[row]) is None
-        return safe
+            for row in np.flatnonzero(whole):
+                moves = pairwise(ways[:, row])
+                whole[row] = all(self._space_fault(here, there) is None for here, there in moves)
+        return whole
 
     def standing_fault(self, joints: Array) -> str:
         """What the space has against the place of joints, in words; empty: nothing."""
@@ -110,34 +115,44 @@ class RobotModel:
             return ""
         return self.space.fault(solution.values[0, :3])
 
-    def safe_paths(self, stops: Array) -> list[list[Array] | None]:
-        """Joint targets of a safe way from each stop (K, n) to the next, as by `safe_path`."""
-        return [
-            [end] if is_safe else self.safe_path(start, end)
-            for (start, end), is_safe in zip(pairwise(stops), self.safe_moves(stops), strict=True)
-        ]
-
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
         """Joint targets of a safe way, the last being `end`; None when none was found.
 
         Straight if that is safe, else by poses between the two ends and the workspace's centre, or
         round obstacles.
         """
-        if self.fault(start, end) is None:
-            return [end]
-        ends = self.kinematics.forward(np.stack([start, end]))
-        if not ends.found.all():
-            return None
-        for poses in _detours(ends.values[0], ends.values[1], self.centre):
-            via = self.kinematics.inverse(poses)
-            way = [start, *via.values, end]
-            within = not outside(via.values, self.limits.joint).any()
-            if via.found.all() and within and self._is_safe(way):
-                return way[1:]
-        return self._way_round(start, end, ends.values) if self.space.has_obstacles else None
+        return self.safe_paths(np.stack([start, end]))[0]
 
-    def _is_safe(self, way: list[Array]) -> bool:
-        return all(self.fault(here, there) is None for here, there in pairwise(way))
+    def safe_paths(self, stops: Array) -> list[list[Array] | None]:
+        """Joint targets of a safe way from each stop (K, n) to the next, as by `safe_path`."""
+        if len(stops) < 2:
+            return []
+        safe = self.are_safe(np.stack([stops[:-1], stops[1:]]))
+        found = [[end] if is_safe else None for end, is_safe in zip(stops[1:], safe, strict=True)]
+        if safe.all():
+            return found
+        poses = self.kinematics.forward(stops)
+        left = np.flatnonzero(~safe & poses.found[:-1] & poses.found[1:])
+        for via in _detours(poses.values[:-1], poses.values[1:], self.centre):
+            if not left.size:
+                break
+            ways, safe = self._ways_by(stops[left], via[:, left], stops[left + 1])
+            for place in np.flatnonzero(safe):
+                found[left[place]] = list(ways[1:, place])
+            left = left[~safe]
+        for row in left if self.space.has_obstacles else ():
+            found[row] = self._way_round(stops[row], stops[row + 1], poses.values[row : row + 2])
+        return found
+
+    def _ways_by(self, starts: Array, via: Array, ends: Array) -> tuple[Array, Mask]:
+        """Ways (K + 2, M, n) by poses (K, M, t), and which of them are safe."""
+        solution = self.kinematics.inverse(via.reshape(-1, via.shape[-1]))
+        within = solution.found & ~outside(solution.values, self.limits.joint).any(axis=1)
+        safe: Mask = np.asarray(within.reshape(via.shape[:2]).all(axis=0))
+        joints = solution.values.reshape(*via.shape[:2], -1)
+        ways = np.concatenate([starts[None], joints, ends[None]])
+        safe[safe] = self.are_safe(ways[:, safe])
+        return ways, safe
 
     def _motion_fault(self, start: Array, end: Array) -> PathFault | None:
         """First fault by the mechanism and its limits."""
@@ -287,17 +302,16 @@ class RobotModel:
         return legs
 
 
-def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]:
-    """Poses to pass by, (K, t), from the shortest detour to the longest."""
-    middle = 0.5 * (from_pose + to_pose)
-    for pull in (0.0, 0.3, 0.6, 1.0):
-        yield (middle + pull * (centre - middle))[None]
+def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
+    """Poses (K, …, t) to pass by between poses (…, t), from the shortest detour to the longest."""
+    middle, centres = 0.5 * (starts + ends), np.broadcast_to(centre, starts.shape)
+    detours = [(middle + pull * (centre - middle))[None] for pull in (0.0, 0.3, 0.6, 1.0)]
     for pull in (0.3, 0.6):
-        inner = [end + pull * (centre - end) for end in (from_pose, to_pose)]
-        yield np.stack([inner[0], inner[1]])
-        yield np.stack([inner[0], centre, inner[1]])
+        first, last = (end + pull * (centre - end) for end in (starts, ends))
+        detours += [np.stack([first, last]), np.stack([first, centres, last])]
     for parts in STRAIGHT_PARTS:  # where a coordinated move leaves the straight line far behind
-        yield np.linspace(from_pose, to_pose, parts + 1)[1:-1]
+        detours.append(np.linspace(starts, ends, parts + 1)[1:-1])
+    return detours
 
 
 def check_paths(stops: Sequence[Stop], robot: RobotModel) -> tuple[int, float, list[str]]:
@@ -320,12 +334,19 @@ def check_paths(stops: Sequence[Stop], robot: RobotModel) -> tuple[int, float, l
 
 
 class PathCache:
-    """Safe ways, those between the stops of a plan worked out before anything moves."""
+    """Safe ways, those between the stops of a plan worked out some time ahead, many at once."""
 
     def __init__(self, robot: RobotModel, stops: Sequence[Joints]) -> None:
-        self._robot = robot
-        ways = zip(pairwise(stops), robot.safe_paths(np.array(stops)), strict=True)
-        self._known = {ends: _legs(way, ends[1]) for ends, way in ways if way is not None}
+        self._robot, self._stops = robot, stops
+        self._rows = {ends: row for row, ends in enumerate(pairwise(stops))}
+        self._known: dict[tuple[Joints, Joints], list[Joints] | None] = {}
+        if stops:
+            self._look_ahead(0)
+
+    def _look_ahead(self, row: int) -> None:
+        stops = self._stops[row : row + WAYS_AHEAD + 1]
+        ways = zip(pairwise(stops), self._robot.safe_paths(np.array(stops)), strict=True)
+        self._known |= {ends: _legs(way, ends[1]) for ends, way in ways}
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -338,15 +359,17 @@ class PathCache:
 
     def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
         """Joint targets of a safe way, the last being `there`; None when none was found."""
-        if (here, there) in self._known:
-            return self._known[here, there]
-        way = self._robot.safe_path(np.array(here), np.array(there))
-        return None if way is None else _legs(way, there)
+        ends = here, there
+        if ends not in self._known and ends in self._rows:
+            self._look_ahead(self._rows[ends])
+        if ends not in self._known:
+            return _legs(self._robot.safe_path(np.array(here), np.array(there)), there)
+        return self._known[ends]
 
 
-def _legs(way: Sequence[Array], there: Joints) -> list[Joints]:
-    """Targets of a way, the last being the very joints of its end."""
-    return [*(tuple(leg.tolist()) for leg in way[:-1]), there]
+def _legs(way: Sequence[Array] | None, there: Joints) -> list[Joints] | None:
+    """Targets of a way, the last being the very joints of its end; None of none."""
+    return None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
 
 
 def _fault(robot: RobotModel, here: Stop, there: Stop) -> str:

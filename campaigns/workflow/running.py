@@ -106,7 +106,8 @@ def run_preview(
                 config = campaign.config
                 resume.check_same_devices(found, config.controller.serial, config.tracker.serial)
                 kept = resume.resume_state(work.steps, found.shots)
-    skipped = [group for group in kept.left if group in work.skipped_groups]
+    not_wanted = work.skipped_groups
+    skipped = [group for group in kept.left if group in not_wanted]
     left = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
     return RunPreview(
         None if found is None else found.number,

@@ -129,7 +129,7 @@ def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_sho
 def test_many_moves_are_judged_together_as_one_by_one(joints, monkeypatch):
     monkeypatch.setattr(paths, "MOVES_AT_ONCE", 30)
     one_by_one = [fault is None for fault in faults_between(joints)]
-    assert OPEN.safe_moves(joints).tolist() == one_by_one
+    assert OPEN.are_safe(np.stack([joints[:-1], joints[1:]])).tolist() == one_by_one
     assert 20 < sum(one_by_one) < 90
     torn_apart = np.radians([[0.0] * 4, [90.0, -90.0, 90.0, -90.0]])
-    assert OPEN.safe_moves(torn_apart).tolist() == [False]
+    assert OPEN.are_safe(torn_apart[:, None]).tolist() == [False]

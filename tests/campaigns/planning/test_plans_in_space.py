@@ -201,7 +201,11 @@ def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
     assert FENCED.safe_path(away, further) is None
     stops = np.stack([little, away, further, little, further])
     alone = [FENCED.fault(here, there) is None for here, there in pairwise(stops)]
-    assert FENCED.safe_moves(stops).tolist() == alone == [True, False, False, False]
+    assert (
+        FENCED.are_safe(np.stack([stops[:-1], stops[1:]])).tolist()
+        == alone
+        == [True, False, False, False]
+    )
 
 
 def test_lines_that_fit_the_robot_fit_its_space_too():
