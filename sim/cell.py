@@ -154,7 +154,7 @@ class Cell:
 
     def work(self, seconds: float) -> None:
         """Let it have worked for so long: what slow effects follow when no controller is asked."""
-        self._worked.add(seconds)
+        self._worked.seconds += seconds
 
     def advance(self, now_s: float) -> None:
         """Let happen what is due by now."""

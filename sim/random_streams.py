@@ -1,6 +1,7 @@
 """Random streams: a draw depends on the seed, what it is for, and which try it is."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -48,20 +49,12 @@ class Attempts:
         return dict(self._counts)
 
 
+@dataclass(slots=True)
 class WorkedTime:
     """Nominal seconds that the cell has moved and measured; what slow effects follow.
 
     Not the wall clock, so that a slow machine draws the same figures.
     """
 
-    def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
-
-    @property
-    def seconds(self) -> float:
-        """Seconds worked so far, over all restarts."""
-        return self._seconds
-
-    def add(self, seconds: float) -> None:
-        """Account for one motion or measurement."""
-        self._seconds += seconds
+    seconds: float
+    """So far, over all restarts."""

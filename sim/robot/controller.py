@@ -238,7 +238,7 @@ class SimulatedController:
             self._motion = None
             self._joints = self._quantised(motion.target)
             self._robot.arrive(self._joints, target_key(self._joints.tolist()))
-            self._worked.add(motion.duration_s)
+            self._worked.seconds += motion.duration_s
             self._trouble = self._ends_in
         if now_s >= self._trouble.until_s:
             self._trouble = NO_TROUBLE

@@ -102,7 +102,7 @@ class FollowingController:
                     remedy="keep the real controller's joints inside its workspace",
                 )
         self._robot.arrive(joints, target_key(joints.tolist()))
-        self._worked.add(travel / self._speed_per_s)
+        self._worked.seconds += travel / self._speed_per_s
 
 
 def _is_same(a: Array, b: Array) -> bool:

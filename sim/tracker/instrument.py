@@ -201,7 +201,7 @@ class SimulatedTracker:
         if not locked or measured_s is None:
             return None
         shot = self._shot(now_s)
-        self._worked.add(measured_s)
+        self._worked.seconds += measured_s
         return shot
 
     def advance(self, now_s: float) -> None:

@@ -113,7 +113,7 @@ def test_arms_grow_with_worked_time_toward_their_end():
     heights = []
     for _ in range(4):
         heights.append(robot.reflector(home).point_mm[2])
-        worked.add(1800.0)
+        worked.seconds += 1800.0
     steps = np.diff(heights)
     assert steps[0] > 0.005
     assert steps[1] / steps[0] == pytest.approx(math.exp(-1.0), rel=1e-3)

@@ -61,16 +61,14 @@ def test_whole_conversation_over_a_real_wire(served):
     assert robot.state().moving
     robot.stop()
     assert not robot.state().moving
+    controller.refusal = Refusal("LIMIT", "joint 2 to 95°")
+    with pytest.raises(LimitViolation, match="joint 2 to 95 deg"):
+        robot.move_joints([0.0] * 4, 0.5)
+    controller.refusal = None
     geometry = {name: value + 0.1 for name, value in robot.read_geometry().items()}
     robot.write_geometry(geometry)
     assert robot.read_geometry() == geometry
     assert geometry.keys() == set(PAR4_LAYOUT.parameters)
-
-
-def test_refusal_arrives_over_a_real_wire(served):
-    served.controller.refusal = Refusal("LIMIT", "joint 2 to 95°")
-    with pytest.raises(LimitViolation, match="joint 2 to 95 deg"):
-        served.robot.move_joints([0.0] * 4, 0.5)
 
 
 def test_robot_is_stopped_over_a_new_wire_after_the_first_was_lost(served):
@@ -82,21 +80,12 @@ def test_robot_is_stopped_over_a_new_wire_after_the_first_was_lost(served):
     assert not served.robot.state().moving
 
 
-def test_garbage_instead_of_an_answer_is_a_wire_error_and_the_next_wire_works():
-    faults = [Fault(Counted.CONTROLLER_ANSWER, THIRD_ANSWER, "garbage", None)]
-    with Served("tcp", faults) as served:
-        served.robot.state()
-        with pytest.raises(WireError):
-            served.robot.state()
-        served.robot.reconnect()
-        served.robot.state()
-
-
-def test_motion_is_stopped_when_the_wire_breaks_off():
-    faults = [Fault(Counted.CONTROLLER_ANSWER, THIRD_ANSWER, "close", None)]
+@pytest.mark.parametrize(("fault", "error"), [("close", LinkDown), ("garbage", WireError)])
+def test_motion_is_stopped_when_the_wire_breaks_off_or_says_garbage(fault, error):
+    faults = [Fault(Counted.CONTROLLER_ANSWER, THIRD_ANSWER, fault, None)]
     with Served("tcp", faults) as served:
         served.robot.move_joints([0.0] * 4, 0.5)
-        with pytest.raises(LinkDown):
+        with pytest.raises(error):
             served.robot.state()
         served.robot.reconnect()
         assert not served.robot.state().moving

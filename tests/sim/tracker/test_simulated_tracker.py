@@ -126,7 +126,7 @@ def test_only_known_reflectors_can_be_selected():
 def test_the_weather_drifts_with_worked_time():
     worked = WorkedTime(0.0)
     instrument = tracker(Stage(), worked=worked)
-    worked.add(7200.0)
+    worked.seconds += 7200.0
     assert instrument.weather(0.0) == (21.0, 1013.0, 50.0)
 
 
