@@ -122,6 +122,7 @@ class Terminal:
             title_style="bold",
             box=box.SIMPLE_HEAD,
             show_edge=False,
+            pad_edge=False,
         )
         words = len(columns) - 1 if not columns[-1] else 0
         for place, column in enumerate(columns):

@@ -548,7 +548,7 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
     journal_now = None if journal is None else journal.identified_digest
     yield same_digest(statement, journal_now, found.journal_digest)
     file, loaded = evidence.parameter_file, evidence.loaded
-    statement = "the parameter file holds what was identified"
+    statement = "the parameter file contains the identified parameters"
     yield same_digest(statement, None if file is None else file.digest(), parameters)
     after = evidence.after[-1].series.started if evidence.after else None
     how = "the controller held the identified set"

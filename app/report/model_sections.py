@@ -151,10 +151,10 @@ def hidden_in_words(found: IdentificationResult) -> str:
     known, worst = found.covariance, dict[str, tuple[float, str]]()
     for name, unit in zip(known.names, known.units, strict=False) if known else ():
         for cause, by_name in found.hidden.items():
-            one = by_name[name], f"{name} by {cause}"
+            one = by_name[name], f"{name} ({cause})"
             worst[unit] = max(worst.get(unit, one), one)
     each = ", ".join(f"{most:.2g} {unit} of {what}" for unit, (most, what) in worst.items())
-    return f"what tests miss in 1 of 5 campaigns hides at most {each}" if each else ""
+    return f"undetected in 1 of 5 campaigns, at most: {each}" if each else ""
 
 
 def interval_in_words(interval: float | None) -> str:

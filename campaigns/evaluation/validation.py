@@ -537,8 +537,8 @@ def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[
     ):
         if limit_mm is not None and lost_mm > limit_mm:
             yield (
-                f"the form of what was identified ({form.name}) loses {lost_mm:.3f} mm {how} of "
-                f"position over the workspace, limit for distances {limit_mm:g} mm"
+                f"the form of the identified parameters ({form.name}) loses {lost_mm:.3f} mm {how} "
+                f"of position over the workspace, limit for distances {limit_mm:g} mm"
             )
 
 

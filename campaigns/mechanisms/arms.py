@@ -98,8 +98,8 @@ TURNED = Repair(
     "mrad",
 )
 LOWERED = Repair(
-    ("arm {arm}'s home is {size} low", "set it anew: readings {by} higher"),
-    ("arm {arm}'s home is {size} high", "set it anew: readings {by} lower"),
+    ("arm {arm}'s home is {size} low", "reset it: readings {by} higher"),
+    ("arm {arm}'s home is {size} high", "reset it: readings {by} lower"),
     "°",
 )
 LEANING = Repair(

@@ -29,8 +29,8 @@ UPRIGHT = 1e-12
 
 
 FURTHER = Repair(
-    ("carriage {arm}'s home is {size} too far along its rail", "set it anew: readings {by} higher"),
-    ("carriage {arm}'s home is {size} short along its rail", "set it anew: readings {by} lower"),
+    ("carriage {arm}'s home is {size} too far along its rail", "reset it: readings {by} higher"),
+    ("carriage {arm}'s home is {size} short along its rail", "reset it: readings {by} lower"),
 )
 STEEPER = Repair(
     ("rail {arm} leans {size} away from its azimuth", "shim it towards its azimuth by {by}"),

@@ -36,16 +36,16 @@ GAIN = ParameterField(
     "ratio",
     "no part is off: correct the ratio in the controller",
 )
-PLAY = ("gear {arm} has {size} of play", "renew it, or take up its play")
+PLAY = ("gear {arm} has {size} of play", "replace it, or take up its play")
 NO_PLAY = "no gear has less than no play: look at how its shots were approached"
-OFF_CENTRE = ("encoder {arm} sits eccentric by {size}", "re-centre it, then set its home anew")
+OFF_CENTRE = ("encoder {arm} sits eccentric by {size}", "re-centre it, then reset its home")
 ECCENTRIC = Repair(OFF_CENTRE, OFF_CENTRE, "″")
 REPAIRS: Mapping[str, Repair | str] = {
     "eccentricity_sin": ECCENTRIC,
     "eccentricity_cos": ECCENTRIC,
     "backlash": Repair(PLAY, NO_PLAY, "′"),
 }
-RIPPLES = "of the gear or drive itself: leave it to the parameters, or renew it"
+RIPPLES = "of the gear or drive itself: leave it to the parameters, or replace it"
 OF_CRANKS = (
     GAIN,
     *(

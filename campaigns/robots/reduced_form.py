@@ -29,11 +29,11 @@ class ReducedForm:
     def says(self) -> str:
         """What it is, and what it loses."""
         if not self.lost_max_mm:
-            return f"a form of what was identified ({self.name})"
+            return f"a form of the identified parameters ({self.name})"
         typical = self.lost_mean_mm if self.lost_rms_mm is None else self.lost_rms_mm
         kind = "on average" if self.lost_rms_mm is None else "rms"
         return (
-            f"a form of what was identified ({self.name}), loses {typical:.3f} mm {kind}, "
+            f"a form of the identified parameters ({self.name}), loses {typical:.3f} mm {kind}, "
             f"{self.lost_max_mm:.3f} mm at most"
         )
 

@@ -273,7 +273,7 @@ def test_a_changed_parameter_file_takes_the_verdict_away(whole: PaperCampaign, t
     (paper.folder / "robot-compensated.yaml").write_text(NOMINAL.document.text)
     verdict = page(paper).evaluation.verdict
     assert verdict.decision == "not decided"
-    assert "the parameter file holds what was identified" in " ".join(verdict.reasons)
+    assert "the parameter file contains the identified parameters" in " ".join(verdict.reasons)
 
 
 def test_an_unreadable_plan_and_parameter_file_are_named(whole: PaperCampaign, tmp_path) -> None:

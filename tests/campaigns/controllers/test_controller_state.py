@@ -62,7 +62,7 @@ def test_a_form_that_was_exported_and_loaded_passes_as_what_it_is(plain: Evaluat
     assert (held.kind, held.form.name) == ("form", "plain")
     assert {check.statement for check in plain.checks if check.holds is False} == set()
     assert plain.validated("after").decision == plain.verdict.decision == "pass"
-    told = "Validated after with a form of what was identified (plain), loses 0.012 mm rms"
+    told = "Validated after with a form of the identified parameters (plain), loses 0.012 mm rms"
     assert any(reason.startswith(told) for reason in plain.verdict.reasons)
 
 
@@ -88,7 +88,7 @@ def with_form(found: Evaluation, **lost: float) -> Evaluation:
 def test_a_form_that_loses_more_than_a_limit_shows_nothing(plain: Evaluation) -> None:
     found = with_form(plain, lost_max_mm=1.5)
     assert found.validated("after").decision == found.verdict.decision == "not decided"
-    says = "the form of what was identified (plain) loses 1.500 mm at most of position"
+    says = "the form of the identified parameters (plain) loses 1.500 mm at most of position"
     assert says in " ".join(found.verdict.reasons)
     assert says in " ".join(found.validated("after").reasons)
 

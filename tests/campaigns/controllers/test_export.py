@@ -227,7 +227,7 @@ def test_expansions_are_stated_for_a_temperature_and_give_a_warm_robot(
     assert warm.parameters.std["arm1.arm_mm"] == pytest.approx(std)
     form = form_of(warm.provenance, warm.name)
     assert (form.of, form.name) == (robot.digest(), "at 120 °C")
-    assert form.says == "a form of what was identified (at 120 °C)"
+    assert form.says == "a form of the identified parameters (at 120 °C)"
     assert at_temperature(warm, 20.0).parameters["arm1.arm_mm"] == pytest.approx(length, rel=1e-5)
 
 

@@ -57,7 +57,7 @@ def dimensions(changes: dict[str, float], hidden: float = 0.01) -> Dimensions:
         (
             {"arm2.joint_offset_deg": -0.5},
             "arm 2's home is 0.500° ± 0.010° high",
-            "set it anew: readings 0.500° lower",
+            "reset it: readings 0.500° lower",
         ),
         (
             {"arm3.axis_tilt_deg": np.degrees(1e-3)},
@@ -67,12 +67,12 @@ def dimensions(changes: dict[str, float], hidden: float = 0.01) -> Dimensions:
         (
             {"arm2.backlash_deg": 1.5 / 60},
             "gear 2 has 1.50′ ± 0.60′ of play",
-            "renew it, or take up its play",
+            "replace it, or take up its play",
         ),
         (
             {"arm2.eccentricity_sin_deg": 0.06, "arm2.eccentricity_cos_deg": -0.08},
             "encoder 2 sits eccentric by 360″ ± 36″",
-            "re-centre it, then set its home anew",
+            "re-centre it, then reset its home",
         ),
     ],
 )
