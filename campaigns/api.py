@@ -29,7 +29,7 @@ from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
-from campaigns.studies.study import StudySetup, StudyTask, planned_shots
+from campaigns.studies.study import Noise, StudySetup, StudyTask, planned_shots
 from campaigns.studies.summary import StudySummary, summarise
 from drivers.values import vector
 
@@ -223,13 +223,15 @@ def study(
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
     uncertainty: TrackerUncertainty | None = None,
+    noise: Noise | None = None,
     spread: tuple[float, float] = (1.0, 0.1),
     seed: int = 1,
 ) -> StudySummary:
     """Monte Carlo study of a plan: errors, stated σ and Cramér-Rao bounds of drawn campaigns.
 
     The free parameters of each true robot are drawn about the nominal ones with standard deviations
-    `spread`, in mm and deg. Raises `OptionsInvalid`, and `ShotsMissing` when fewer than two
+    `spread`, in mm and deg. `uncertainty` is what the instrument states of its points, `noise` what
+    it really does, by default that. Raises `OptionsInvalid`, and `ShotsMissing` when fewer than two
     campaigns can be identified.
     """
     space = robot.mechanism.parameters
@@ -244,6 +246,7 @@ def study(
         ),
         tracker_from_base=Transform(np.eye(3), -batch(tracker_mm, AXES, "tracker_mm")[0]),
         seed=seed,
+        noise=noise,
     )
     places = space.places(known)
     std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])

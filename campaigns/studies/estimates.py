@@ -36,9 +36,13 @@ class TrueRobot:
     """Cramér-Rao bound of the standard deviations, (F,), mm and rad."""
     poses: Array
     """(N, t)"""
+    noise: study.Noise | None = None
+    """What measures in the tracker's place."""
 
     def measured_mm(self, rng: np.random.Generator) -> Array:
         """Points with noise in the tracker's frame, (N, 3)."""
+        if self.noise is not None:
+            return self.points_mm + self.noise(self.points_mm, rng)
         draws = rng.standard_normal(self.points_mm.shape)
         return np.asarray(self.points_mm + np.einsum("nij,nj->ni", self.scatter_mm, draws))
 
@@ -73,7 +77,8 @@ def true_robot(setup: study.StudySetup, near: Array, values: tuple[float, ...]) 
     points_mm = setup.tracker_from_base.apply(poses[:, :3])
     covariance_mm2 = point_covariance_mm2(points_mm, setup.options.instrument)
     scatter_mm = np.asarray(np.linalg.cholesky(covariance_mm2), dtype=np.float64)
-    return TrueRobot(true, points_mm, scatter_mm, _bound(setup, true, poses, points_mm), poses)
+    bound = _bound(setup, true, poses, points_mm)
+    return TrueRobot(true, points_mm, scatter_mm, bound, poses, setup.noise)
 
 
 def _bound(setup: study.StudySetup, true: Kinematics, poses: Array, points_mm: Array) -> Array:

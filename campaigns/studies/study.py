@@ -30,6 +30,8 @@ Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
 
 
+Noise = Callable[[Array, np.random.Generator], Array]
+"""Errors (N, 3), mm, of an instrument of one's own at points (N, 3) in its frame."""
 ForwardInTime = Callable[[Array, Array | float], Array]
 """The same by how much of the campaign has passed, (N,) from 0 to 1."""
 
@@ -64,6 +66,8 @@ class StudySetup:
     """None where nothing simulates such robots."""
     misread: Callable[[Array, Perturbation], Array] | None = None
     """Points (N, 3) as a faulty tracker reads them, in its frame; None: not simulated."""
+    noise: Noise | None = None
+    """None: as the options' instrument states it."""
     models: Mapping[str, ParameterSelection] | None = None
     """Models among which identification chooses, the standard one first; None: none but one."""
     model: Model = Model.STANDARD

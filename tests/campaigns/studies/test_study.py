@@ -253,6 +253,17 @@ def test_campaign_that_cannot_be_measured_is_an_outcome_and_spoils_no_other(setu
     assert (summary.campaigns, summary.failed) == (2, 1)
 
 
+def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup):
+    own = replace(
+        setup, noise=lambda points_mm, rng: rng.normal(0.0, 0.5 * NOISE_MM, points_mm.shape)
+    )
+    both = [(each, run(each, range(12), robots(12))) for each in (setup, own)]
+    stated, quieter = (
+        np.mean([row.ratio for row in summarise(each, rows).parameters]) for each, rows in both
+    )
+    assert 0.4 < quieter / stated < 0.6
+
+
 def test_study_of_failures_is_refused_with_their_reason(setup):
     failures = [CampaignRow(number, failure="the mechanism broke") for number in range(3)]
     with pytest.raises(ShotsMissing, match=r"0 of 3 campaigns.*the mechanism broke"):
