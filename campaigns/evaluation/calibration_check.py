@@ -26,6 +26,8 @@ MOST_PARTS = 2
 OF_THE_SETUP = frozenset({"frame", "shot"})
 """Kinds of causes that say nothing of the robot."""
 PPM = 1e-6
+SAME = 1e-6
+"""Part of a cause's effect that another may leave and still be the same."""
 GROWN = {
     "arms": "the length of all arms (warmth)",
     "forearms": "the length of all forearms (warmth)",
@@ -154,7 +156,10 @@ def judge_check(
             best = max(enough or tried, key=lambda each: each.score)
             found.append(best)
             if enough:
-                as_likely = _as_likely(best, enough)
+                own = causes[tried.index(best)]
+                others = zip(causes, tried, strict=True)
+                wider = [part for each, part in others if _is_special_case(own, each, left)]
+                as_likely = _as_likely(best, [each for each in enough if each not in wider])
                 break
             left = left.fitted(causes[tried.index(best)].columns)
             tried = _tried(left, causes, space)
@@ -176,6 +181,18 @@ def judge_check(
 
 def _tried(fit: FittedShots, causes: Sequence[Cause], space: ParameterSpace) -> list[PartChange]:
     return [PartChange.of(cause, fit, space) for cause in causes]
+
+
+def _is_special_case(cause: Cause, of: Cause, fit: FittedShots) -> bool:
+    """Whether another cause with more unknowns does the same, as a rail's mount does its encoder's.
+
+    What no shots can tell apart is called by the simpler name.
+    """
+    own, wider = fit.beside(cause.columns), fit.beside(of.columns)
+    if own.shape[1] >= wider.shape[1]:
+        return False
+    left = own - wider @ np.linalg.lstsq(wider, own, rcond=None)[0]
+    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own))
 
 
 def _as_likely(best: PartChange, enough: list[PartChange]) -> tuple[PartChange, ...]:

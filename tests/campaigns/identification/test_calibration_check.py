@@ -10,8 +10,11 @@ from fake_cell import NOMINAL
 from identified_cases import TRACKER_FROM_BASE, dataset, region, select_parameters, simulated
 from par4_space import SPACE
 
+from campaigns.estimation.change_detection import Cause
+from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import WorkspaceSample
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.evaluation.calibration_check import judge_check
 from campaigns.identification.check_design import confusions
 from campaigns.identification.checking import (
     StoredCalibration,
@@ -22,6 +25,7 @@ from campaigns.identification.identify import identify
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning.further_shots import further_shots
+from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 
 TRACKER = TrackerUncertainty()
@@ -116,6 +120,23 @@ def test_a_change_is_told_with_its_uncertainty():
     assert {each.decision for each in judged} == {"fail"}
     assert sum(abs(each.size - 0.05) < each.expanded_uncertainty for each in parts) >= 10
     assert judged[0].says.startswith("not good: arm 2's encoder by +0.0")
+
+
+def test_a_rails_encoder_is_named_though_its_mount_along_the_rail_would_do_the_same():
+    rng, std_mm = np.random.default_rng(4), 0.01
+    frame, mount = rng.standard_normal((8, 3, 6)), rng.standard_normal((8, 3, 3))
+    encoder = mount @ np.array([[0.6], [0.0], [0.8]])
+    seen_mm = 0.26 * encoder[:, :, 0] + std_mm * rng.standard_normal((8, 3))
+    fit = FittedShots.of(seen_mm[:, :, None] / std_mm, frame)
+    causes = [
+        Cause("joint", "arm0.joint_offset_mm", encoder / std_mm),
+        Cause("mount", "arm0.x_mm", mount / std_mm),
+        Cause("mount", "arm1.x_mm", rng.standard_normal((8, 3, 3)) / std_mm),
+    ]
+    rails = find_robot("linear-delta").robot.mechanism.parameters
+    judged = judge_check(fit, causes, rails, 0.1, 0.01)
+    assert (judged.decision, judged.as_likely) == ("fail", ())
+    assert judged.says.startswith("not good: arm 0's encoder by +0.2")
 
 
 @pytest.mark.long
