@@ -1,5 +1,6 @@
 """The command line: global options, commands by name, and one place where errors become codes."""
 
+import gc
 import os
 import signal
 import sys
@@ -73,6 +74,8 @@ COMMANDS = {
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 
+COLLECTED_AFTER = (10_000, 20, 20)
+"""Objects, and rounds, after which cycles are looked for: what a command imports makes many."""
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
@@ -167,10 +170,12 @@ def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
+    gc.set_threshold(*COLLECTED_AFTER)
     unblock_signals()
     make_streams_last()
     code = run_command(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
+    gc.freeze()  # a tenth of a second: nothing need be looked for in what ends as a whole
     sys.exit(code)
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-import psutil
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from campaigns.errors import CampaignLocked, WriteFailed
@@ -52,6 +51,8 @@ class Holder:
         """Whether it was of this machine and has died without taking its word back."""
         if self.host != socket.gethostname():
             return False
+        import psutil  # for a lock that somebody holds
+
         try:
             begun_s: float = psutil.Process(self.pid).create_time()
             return begun_s > datetime.fromisoformat(self.since_utc).timestamp() + SAME_CLOCK_S
