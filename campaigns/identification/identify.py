@@ -1,7 +1,8 @@
 """Identification: a robot's kinematics from measured shots, with its uncertainty and a verdict."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -51,6 +52,20 @@ def identify(
     Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
     for shots that no robot explains.
     """
+    _, tested_for_causes = fitted(nominal, shots, selection, options)
+    return tested_for_causes()
+
+
+def fitted(
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions | None = None,
+) -> tuple[result.IdentificationResult, Callable[[], result.IdentificationResult]]:
+    """As `identify`: what models are compared by, and what tests all shots for causes too.
+
+    The tests take nearly as long as the fit; without them doubts by causes and by changes lack.
+    """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     every, stand = compensated(shots, options)
@@ -74,7 +89,17 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    found = _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant, rate_std)
+    found = partial(_result, inputs, fit, unseen_pairs(inputs, fit), lengths, constant, rate_std)
+    return found(for_causes=False), cache(
+        lambda: _with_nests(found(for_causes=True), every, inputs, fit)
+    )
+
+
+def _with_nests(
+    found: result.IdentificationResult, every: Shots, inputs: Inputs, fit: Fit
+) -> result.IdentificationResult:
+    """The same, and where the nests of all shots stand in its base frame."""
+    options = inputs.options
     if options.sessions or fit.observations.kind != "shots":
         return found
     points, of_all = fit.observations.points, fit.found.covariance
@@ -98,6 +123,8 @@ def _result(
     lengths: KnownLengths | None,
     constant_mm: tuple[float, float] | None,
     rate_std: float,
+    *,
+    for_causes: bool,
 ) -> result.IdentificationResult:
     """Findings of the fitted and the unseen shots, and of known lengths, together."""
     found, fitted, options = fit.found, fit.observations, inputs.options
@@ -106,8 +133,8 @@ def _result(
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
     noise_mm = () if inputs.stand is None else inputs.stand.noise_mm(fitted.shots)
-    judged = fit.points
-    if judged is None and options.outliers is not Outliers.KEEP:
+    judged = fit.points if for_causes else None
+    if for_causes and judged is None and options.outliers is not Outliers.KEEP:
         judged = plain_fit(inputs)  # also where coordinates take no part in the fit
     told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
     uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm)

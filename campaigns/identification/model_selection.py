@@ -7,7 +7,7 @@ beside a robot's own scatter a few of them may have larger errors with a model t
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,8 @@ import scipy
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
-from campaigns.evaluation.diagnostics import CHANGE
-from campaigns.identification.identify import identify
+from campaigns.evaluation.diagnostics import CHANGE, Doubt
+from campaigns.identification.identify import fitted, identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
@@ -46,6 +46,9 @@ class _Candidate:
     name: str
     known: ParameterSelection
     found: IdentificationResult | None
+    """What it is compared by; None where there is a problem."""
+    tested: Callable[[], IdentificationResult] | None = None
+    """Gives the same with all shots tested for causes, which only the best one is asked for."""
     problem: str = ""
     course: Course | None = None
     """Of warmth, by which it lets the robot grow."""
@@ -60,6 +63,10 @@ class _Candidate:
     @property
     def bic(self) -> float | None:
         return None if self.found is None else bic(self.found)
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        return () if self.tested is None else self.tested().doubts
 
     @property
     def unseen_rms_mm(self) -> float | None:
@@ -178,10 +185,10 @@ def select_model(
     standard model, or for that one.
     """
     (name, known), *others = models.items()
-    found = identify(nominal, shots, known, options)
+    found, tested = fitted(nominal, shots, known, options)
     if not others:
-        return found
-    standard = _Candidate(name, known, found)
+        return tested()
+    standard = _Candidate(name, known, found, tested)
     larger = [_candidate(name, nominal, shots, known, options) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
@@ -200,11 +207,11 @@ def select_model(
                 best = best if _objection(each, best) else each
     else:
         best = next(each for each in larger if each.name == asked)
-    if best.found is None:
+    if best.tested is None:
         return identify(nominal, shots, models[best.name], options)
     compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
     warmth = None if best.course is None else best.course.told
-    return replace(best.found, models=compared, warmth=warmth)
+    return replace(best.tested(), models=compared, warmth=warmth)
 
 
 def _with_terms(
@@ -277,8 +284,7 @@ def _grows(best: _Candidate, shots: Shots) -> bool:
 
     A drift; or, where temperatures of the parts are known, a step, as from one day to the next.
     """
-    doubts = best.found.doubts if best.found else ()
-    kinds = {each.numbers.get("kind") for each in doubts if each.name == CHANGE}
+    kinds = {each.numbers.get("kind") for each in best.doubts if each.name == CHANGE}
     return "drift" in kinds or (bool(kinds) and by_temperature(shots))
 
 
@@ -322,7 +328,7 @@ def _lacking_terms(
 
     With their names, and what the doubt says of it.
     """
-    for doubt in best.found.doubts if best.found else ():
+    for doubt in best.doubts:
         stems = TERMS.get(str(doubt.numbers.get("cause")), ())
         arm = int(doubt.numbers.get("arm", -1)) if doubt.numbers.get("alone") else None
         own = (space[name] for name in allowed)
@@ -394,11 +400,12 @@ def _candidate(
 ) -> _Candidate:
     backlash = {*known.free} & {*nominal.mechanism.parameters.backlashes}
     if backlash and not shots.knows_approach:
-        return _Candidate(name, known, None, "the shots do not say how their joints came")
+        problem = "the shots do not say how their joints came"
+        return _Candidate(name, known, None, problem=problem)
     try:
-        return _Candidate(name, known, identify(nominal, shots, known, options))
+        return _Candidate(name, known, *fitted(nominal, shots, known, options))
     except CampaignError as error:
-        return _Candidate(name, known, None, error.problem)
+        return _Candidate(name, known, None, problem=error.problem)
 
 
 def _price(candidate: _Candidate) -> float:
