@@ -1,6 +1,6 @@
 """An instrument that speaks pointline (docs/pointline.md): units and meaning."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 from math import hypot
@@ -165,23 +165,25 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
 
     @override
     def use_face(self, face: int) -> bool:
-        try:
-            self._aim(wire.UseFace(face))
-        except DeviceRefused as refused:
-            if refused.code not in {NONE, UNKNOWN_VERB}:
-                raise
-            return False
-        return True
+        self._prepared()
+        within_s, lacking = self._deadlines.motion_s, {NONE, UNKNOWN_VERB}
+        return self._if_it_has(wire.UseFace(face), CommandDone, within_s, lacking) is not None
 
-    def _aim(self, command: wire.GoTo | wire.Find | wire.UseFace) -> None:
+    def _aim(self, command: wire.GoTo | wire.Find) -> None:
         self._prepared()
         self._ask(command, CommandDone, self._deadlines.motion_s)
 
-    def _if_it_has(self, command: wire.Command, kind: type[AnswerKind]) -> AnswerKind | None:
+    def _if_it_has(
+        self,
+        command: wire.Command,
+        kind: type[AnswerKind],
+        within_s: float | None = None,
+        lacking: Collection[str] = (NONE,),
+    ) -> AnswerKind | None:
         try:
-            return self._ask(command, kind)
+            return self._ask(command, kind, within_s)
         except DeviceRefused as refused:
-            if refused.code != NONE:
+            if refused.code not in lacking:
                 raise
             return None
 

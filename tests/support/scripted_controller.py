@@ -3,11 +3,9 @@
 from binascii import crc_hqx
 
 from robotline_layouts import PAR4_LAYOUT
-from timed_pipe import HandClock, TimedPipe
+from timed_pipe import FarEnd
 
-from drivers.errors import LinkDown
 from drivers.robotline.robot import LineRobot
-from drivers.transport import CONNECT_S
 
 ANSWER_S = 0.001
 ANSWERS = {
@@ -27,7 +25,7 @@ def checked(body: str) -> bytes:
     return b"%s *%04X\n" % (data, crc_hqx(data, 0xFFFF))
 
 
-class ScriptedController:
+class ScriptedController(FarEnd):
     """A robot behind as many connections as it is asked for.
 
     `answers` maps a verb, or a verb with its words, to what follows the verb in the answer: a text,
@@ -37,14 +35,10 @@ class ScriptedController:
     """
 
     def __init__(self, layout=PAR4_LAYOUT, **settings):
-        self.clock = HandClock()
+        super().__init__()
         self.answers = dict(ANSWERS)
         self.delays_s = {}
         self.questions = []
-        self.pipes = []
-        self.waiting = b""
-        self.connections = 1000
-        self.accepts_after_s = 0.0
         self.robot = LineRobot(
             self.open, layout=layout, clock=self.clock, first_sequence=7, **settings
         )
@@ -58,20 +52,6 @@ class ScriptedController:
     def numbers(self):
         """The numbers of all questions so far."""
         return [int(question.split()[0][1:]) for question in self.questions]
-
-    def open(self, *, timeout_s=CONNECT_S):
-        self.clock.sleep_s(min(self.accepts_after_s, timeout_s))
-        if self.accepts_after_s > timeout_s:
-            raise LinkDown("pipe://test: nobody answers (timed out)", remedy="-")
-        if len(self.pipes) >= self.connections:
-            self.clock.sleep_s(0.1)
-            raise LinkDown("pipe://test: nobody answers", remedy="-")
-        pipe = TimedPipe(self.clock, self.respond)
-        if self.waiting:
-            pipe.arrives(0.0, self.waiting)
-            self.waiting = b""
-        self.pipes.append(pipe)
-        return pipe
 
     def respond(self, data):
         lines = data.decode().splitlines()

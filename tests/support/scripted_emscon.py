@@ -1,6 +1,6 @@
 """An emScon instrument at the other end of a pipe, which says what a test tells it to say."""
 
-from timed_pipe import HandClock, TimedPipe
+from timed_pipe import InstrumentEnd
 
 from drivers.emscon.tracker import EmsconTracker
 from drivers.wire import emscon_messages
@@ -113,34 +113,13 @@ class Instrument:
         return [answer]
 
 
-class Station:
-    """A driver connected to a scripted instrument; each connection is a new pipe."""
+class Station(InstrumentEnd):
+    """A driver connected to a scripted instrument."""
 
     def __init__(self, instrument=None, **options):
-        self.instrument = instrument or Instrument()
-        self.clock = HandClock()
-        self.pipes = []
-        self.tracker = EmsconTracker(self._open, clock=self.clock, **options)
-
-    @property
-    def pipe(self):
-        return self.pipes[-1]
-
-    def connected(self):
-        self.tracker.connect()
-        return self
-
-    def prepared(self, reflector="CCR-1.5in", measuring_time_s=2.0):
-        self.tracker.connect()
-        self.tracker.prepare(reflector, measuring_time_s)
-        self.instrument.asked.clear()
-        return self
+        super().__init__(instrument or Instrument(), EmsconTracker, **options)
 
     def comes(self, *messages):
         """Let messages come in unasked."""
         for message in messages:
             self.pipe.arrives(0.0, encode(message))
-
-    def _open(self):
-        self.pipes.append(TimedPipe(self.clock, self.instrument.respond))
-        return self.pipe

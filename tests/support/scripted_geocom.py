@@ -1,6 +1,6 @@
 """A total station at the other end of a pipe, which says what a test tells it to say."""
 
-from timed_pipe import HandClock, TimedPipe
+from timed_pipe import InstrumentEnd
 
 from drivers.geocom.tracker import GeocomTracker
 from drivers.wire import geocom
@@ -99,30 +99,9 @@ class Instrument:
         return [(0.01, geocom.encode_reply(geocom.GeocomReply(0, request.transaction, *reply)))]
 
 
-class Bench:
-    """A driver and a scripted instrument; each connection is a new pipe."""
+class Bench(InstrumentEnd):
+    """A driver and a scripted instrument."""
 
     def __init__(self, instrument=None, **options):
-        self.instrument = instrument or Instrument()
-        self.clock = HandClock()
-        self.pipes = []
         options.setdefault("first_transaction", 1000)
-        self.tracker = GeocomTracker(self._open, clock=self.clock, **options)
-
-    @property
-    def pipe(self):
-        return self.pipes[-1]
-
-    def connected(self):
-        self.tracker.connect()
-        return self
-
-    def prepared(self, reflector=CCR):
-        self.tracker.connect()
-        self.tracker.prepare(reflector, 1.0)
-        self.instrument.asked.clear()
-        return self
-
-    def _open(self):
-        self.pipes.append(TimedPipe(self.clock, self.instrument.respond))
-        return self.pipe
+        super().__init__(instrument or Instrument(), GeocomTracker, **options)

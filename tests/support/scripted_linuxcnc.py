@@ -2,12 +2,10 @@
 
 from math import radians
 
-from timed_pipe import HandClock, TimedPipe
+from timed_pipe import FarEnd
 
-from drivers.errors import LinkDown
 from drivers.linuxcnc.robot import LinuxcncRobot
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
-from drivers.transport import CONNECT_S
 from drivers.values import Pose
 
 ANSWER_S = 0.0001
@@ -67,13 +65,13 @@ class Memory:
         self.geometry = dict(geometry)
 
 
-class ScriptedLinuxcnc:
+class ScriptedLinuxcnc(FarEnd):
     """The far end. Its attributes are what a test says of the machine; `asked` is what it heard."""
 
     def __init__(
         self, coordinates=Coordinates.JOINTS, *, newer=False, store=None, facts=None, **settings
     ):
-        self.clock = HandClock()
+        super().__init__()
         self.newer = newer
         self.name, self.version = "PAR4", "1.1"
         self.passwords = ("EMC", "EMCTOO")
@@ -91,10 +89,8 @@ class ScriptedLinuxcnc:
         self.start_deg = self.target_deg = (0.0, 0.0, 0.0, 0.0)
         self.started_s = -MOVE_S
         self.frozen_at = None
-        self.asked, self.writes, self.pipes = [], [], []
+        self.asked, self.writes = [], []
         self.verbose = set()
-        self.connections = 1000
-        self.accepts_after_s = 0.0
         self.store = store or Memory()
         self.robot = LinuxcncRobot(
             self.open,
@@ -112,19 +108,12 @@ class ScriptedLinuxcnc:
     def moves(self):
         return [line.removeprefix("set mdi ") for line in self.orders if "G53" in line]
 
-    def open(self, *, timeout_s=CONNECT_S):
-        self.clock.sleep_s(min(self.accepts_after_s, timeout_s))
-        if self.accepts_after_s > timeout_s:
-            raise LinkDown("pipe://test: nobody answers (timed out)", remedy="-")
-        if len(self.pipes) >= self.connections:
-            self.clock.sleep_s(0.1)
-            raise LinkDown("pipe://test: nobody answers", remedy="-")
-        pipe = TimedPipe(self.clock)
-        pipe.respond = lambda data: self.respond(pipe, data)
-        self.pipes.append(pipe)
+    def open(self, **limit):
+        pipe = super().open(**limit)
+        pipe.respond = lambda data: self.respond(data, pipe)
         return pipe
 
-    def respond(self, pipe, data):
+    def respond(self, data, pipe):
         self.writes.append((self.clock.now_s(), data.decode()))
         return [
             timed for line in data.decode().splitlines() for timed in self.respond_to(pipe, line)

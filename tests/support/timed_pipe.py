@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from drivers.errors import LinkDown
+from drivers.transport import CONNECT_S
 
 Timed = tuple[float, bytes]
 
@@ -67,3 +68,60 @@ class TimedPipe:
     def _raise_if_closed(self):
         if self.is_closed:
             raise LinkDown("pipe://test: closed", remedy="-")
+
+
+class FarEnd:
+    """The other end of a driver's connections, each of which is a new pipe on one clock.
+
+    It takes so many connections, each after so long; `waiting` bytes are in the line at the next.
+    """
+
+    def __init__(self):
+        self.clock = HandClock()
+        self.pipes: list[TimedPipe] = []
+        self.connections = 1000
+        self.accepts_after_s = 0.0
+        self.waiting = b""
+
+    @property
+    def pipe(self):
+        return self.pipes[-1]
+
+    def open(self, *, timeout_s=CONNECT_S):
+        self.clock.sleep_s(min(self.accepts_after_s, timeout_s))
+        if self.accepts_after_s > timeout_s:
+            raise LinkDown("pipe://test: nobody answers (timed out)", remedy="-")
+        if len(self.pipes) >= self.connections:
+            self.clock.sleep_s(0.1)
+            raise LinkDown("pipe://test: nobody answers", remedy="-")
+        self.pipes.append(TimedPipe(self.clock, self.respond))
+        if self.waiting:
+            self.pipe.arrives(0.0, self.waiting)
+            self.waiting = b""
+        return self.pipe
+
+    def respond(self, data):
+        """What is answered to these bytes, and after how many seconds."""
+        raise NotImplementedError
+
+
+class InstrumentEnd(FarEnd):
+    """A tracker's driver and a scripted instrument."""
+
+    def __init__(self, instrument, new_tracker, **options):
+        super().__init__()
+        self.instrument = instrument
+        self.tracker = new_tracker(self.open, clock=self.clock, **options)
+
+    def respond(self, data):
+        return self.instrument.respond(data)
+
+    def connected(self):
+        self.tracker.connect()
+        return self
+
+    def prepared(self, reflector="CCR-1.5in", measuring_time_s=2.0):
+        self.tracker.connect()
+        self.tracker.prepare(reflector, measuring_time_s)
+        self.instrument.asked.clear()
+        return self
