@@ -21,7 +21,7 @@ OTHER = "no mechanism"
 def test_every_name_is_completed_and_there():
     assert dir(campaigns) == campaigns.__all__
     assert all(getattr(campaigns, name) for name in campaigns.__all__)
-    with pytest.raises(AttributeError, match="it has Kinematics, Shots"):
+    with pytest.raises(AttributeError, match="it has Kinematics, NewOptions, Shots"):
         _ = campaigns.solve
 
 
