@@ -9,7 +9,7 @@ from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import evaluate
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import CampaignState, next_step, state_of
+from campaigns.next_step import CampaignState, NextStep, WayOn, next_step, state_of
 
 
 def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
@@ -44,5 +44,16 @@ def tell_next(
         terminal.note(way.says)
     if step is not None:
         terminal.note(f"next: {step.says}")
-    found = {"next": step and step.text, "before_next": (step and step.first) or None}
-    return found | ({"ways": [way.document for way in ways]} if ways else {})
+    document = next_document(step, ways)
+    if not ways:
+        del document["ways"]
+    return document
+
+
+def next_document(step: NextStep | None, ways: Sequence[WayOn]) -> dict[str, object]:
+    """The next step and the ways on for programs."""
+    return {
+        "next": step and step.text,
+        "before_next": (step and step.first) or None,
+        "ways": [way.document for way in ways],
+    }

@@ -103,13 +103,10 @@ def command(
             plain=format_ == PLAIN,
             overwrite=overwrite,
         )
-        _show(terminal, found)
-        terminal.document(found.document() | tell_next(terminal, campaign))
+        _show(terminal, campaign, found)
         return
     if format_ in {*FORMATS, PLAIN} and not shots:
-        found = export_projected(campaign, str(format_), to, overwrite=overwrite)
-        _show(terminal, found)
-        terminal.document(found.document() | tell_next(terminal, campaign))
+        _show(terminal, campaign, export_projected(campaign, str(format_), to, overwrite=overwrite))
         return
     if shots:
         path, halves = export_shots(campaign, to, overwrite=overwrite)
@@ -141,8 +138,8 @@ def _whole_set(
     return path
 
 
-def _show(terminal: Terminal, found: ReducedExport) -> None:
-    """What is left, and the file."""
+def _show(terminal: Terminal, campaign: Campaign, found: ReducedExport) -> None:
+    """What is left, the file, and the next command, for people and for programs."""
     columns: tuple[Column[tuple[str, ResidualError]], ...] = (
         words("with", lambda row: row[0]),
         Column("mean", lambda row: row[1].mean_mm, decimals=4),
@@ -156,3 +153,4 @@ def _show(terminal: Terminal, found: ReducedExport) -> None:
             f"a crank's end at most: {', '.join(each.name for each in found.files)}"
         )
     terminal.say(f"written: {found.path}")
+    terminal.document(found.document() | tell_next(terminal, campaign))

@@ -1,8 +1,11 @@
 """pkmcal status: where a campaign is, and the one next command."""
 
+from dataclasses import fields
+
 import typer
 
 from app.console import BAD, GOOD, OPEN, WARNING, terminal_of
+from app.next import next_document
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.workflow.status import campaign_status
@@ -34,21 +37,6 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     for way in found.ways:
         terminal.say(way.says)
     terminal.say(f"next: {found.next.says}" if found.next else "nothing is left to do")
-    step = found.next
-    terminal.document(
-        {
-            "folder": found.folder,
-            "name": found.name,
-            "robot": found.robot,
-            "phase": found.phase,
-            "measuring": found.held_by,
-            "series": found.series,
-            "decision": found.decision,
-            "answer": found.answer,
-            "open": found.open,
-            "doubtful": found.doubtful,
-            "next": step and step.text,
-            "before_next": (step and step.first) or None,
-            "ways": [way.document for way in found.ways],
-        }
-    )
+    document = {each.name: getattr(found, each.name) for each in fields(found)}
+    document["measuring"] = document.pop("held_by")
+    terminal.document(document | next_document(found.next, found.ways))

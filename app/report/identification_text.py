@@ -71,16 +71,9 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
     yield (
         f"{found.message}; rank {found.rank}, condition {condition}, {found.dof} degrees of freedom"
     )
-    if found.chi2 is not None:
-        yield found.chi2.says
+    yield from model_sections.uncertainty_in_words(found)
     if words := model_sections.interval_in_words(found.coverage_factor_95):
         yield words
-    if words := model_sections.warmth_in_words(found):
-        yield words
-    if found.position_std_mm is not None:
-        yield from model_sections.positions_in_words(found.position_std_mm)
-    if hidden := model_sections.hidden_in_words(found):
-        yield hidden
     if found.known_lengths is not None:
         yield model_sections.scale_in_words(found.known_lengths)
     known = found.covariance

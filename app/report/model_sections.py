@@ -3,6 +3,8 @@
 The terminal shows some of them too, so nothing here needs matplotlib.
 """
 
+from collections.abc import Iterator
+
 from campaigns.estimation.information import Correlation
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.diagnostics import PPM, Doubt, grown_text
@@ -144,6 +146,16 @@ def positions_in_words(found: PositionStd) -> tuple[str, ...]:
         f"{whole}, {most:.4f} mm at most",
         f"errors common to all shots (1 σ, mm): {parts}",
     )
+
+
+def uncertainty_in_words(found: IdentificationResult) -> Iterator[str]:
+    """Sentences on how well parameters and positions are known, without capitals and full stops."""
+    if found.chi2 is not None:
+        yield found.chi2.says
+    yield from filter(None, (warmth_in_words(found),))
+    if found.position_std_mm is not None:
+        yield from positions_in_words(found.position_std_mm)
+    yield from filter(None, (hidden_in_words(found),))
 
 
 def hidden_in_words(found: IdentificationResult) -> str:

@@ -62,8 +62,7 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
     if found.whole.cube:
         shown = [each for each in CUBE[1:] if each.head not in (*AXES, "n")]  # they fill 80 columns
-        cells = texts(shown, cube_poses(**{stage: found.whole}))
-        terminal.table("ISO 9283, pose by pose (mm)", [each.head for each in shown], cells)
+        terminal.rows("ISO 9283, pose by pose (mm)", shown, cube_poses(**{stage: found.whole}))
         terminal.say(f"AP: {cube_frame(found.whole)}; U: k = 2")
     _show_series(terminal, stage, found.whole)
     held = found.evaluation.evidence.held(stage)
