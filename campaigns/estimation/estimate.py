@@ -169,12 +169,13 @@ def _solved(
     With the problem as it is by that scatter, and the test of it.
     """
     tested = _tested(problem, first, kept)
-    robust, scatter = first, _scatter(problem, first, loss, kept)
+    is_robust = loss.shape is not LossShape.LINEAR
+    is_stated = information.variance_is_stated(
+        tested, known_variance=known_variance, robust=is_robust
+    )
+    robust, scatter = first, None if is_stated else _scatter(problem, first, loss, kept)
     scale_of = partial(
-        information.variance_scale,
-        tested=tested,
-        known_variance=known_variance,
-        robust=loss.shape is not LossShape.LINEAR,
+        information.variance_scale, tested=tested, known_variance=known_variance, robust=is_robust
     )
     for _ in range(VARIANCE_ROUNDS if len(problem.priors) else 0):
         sigma0 = max(scale_of(scatter) or 1.0, LEAST_VARIANCE_FACTOR)

@@ -1,8 +1,7 @@
 """Gauss-Newton on a stack of least-squares problems, each near enough to its minimum.
 
-What a row gives depends on no other row. A step solves the seminormal equations RᵀR dx = -Jᵀr;
-their triangle R is kept once steps are short, for it hardly changes there. A row that is badly
-conditioned, or does not come nearer with every step, is given up, for a solver that turns back.
+What a row gives depends on no other row. A row that is badly conditioned, or does not come nearer
+with every step, is given up, for a solver that turns back.
 """
 
 from dataclasses import dataclass
@@ -15,8 +14,6 @@ from campaigns.arrays import Array, Index, Mask
 STEPS = 10
 CONTRACTION = 0.5
 """Part of a step that the next one may have at most."""
-KEPT_BELOW = 1.0
-"""Length of a step over that of the residual below which the triangle is kept."""
 SETTLED = 1e-9
 """Expected length of the next step over that of the residual."""
 ROUNDING = 1e-7
@@ -63,35 +60,25 @@ def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
     residual = np.array(residual)
     (count, unknowns), measured = x.shape, residual.shape[1]
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    triangle = np.empty((count, unknowns, unknowns))
     jacobians = np.empty((count, measured, unknowns))
-    is_far, active = np.ones(count, dtype=bool), every[found & (measured >= unknowns)]
-    evaluations = 1
+    active, evaluations = every[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
         jacobian = problem.jacobian(_of(x, active), active)
         jacobians[active] = jacobian
-        far = is_far[active]
-        triangle[active[far]] = np.linalg.qr(_of(jacobian, np.flatnonzero(far)), mode="r")
-        regular = _regular(_of(triangle, active))
-        if not regular.all():
-            active, jacobian = active[regular], jacobian[regular]
-        gradient = (_of(residual, active)[:, None] @ jacobian).swapaxes(1, 2)
-        along = np.linalg.solve(_of(triangle, active).swapaxes(1, 2), gradient)
-        further = _of(x, active) - np.linalg.solve(_of(triangle, active), along)[:, :, 0]
+        step, length, regular = _step(jacobian, _of(residual, active))
+        further = _of(x, active) + step
         left, found = problem.residual(further, active)
         evaluations += 1
-        length, before = np.linalg.norm(along[:, :, 0], axis=1), last[active]
-        size = np.linalg.norm(left, axis=1)
+        size, before = np.linalg.norm(left, axis=1), last[active]
         unit = np.maximum(size, NO_RESIDUAL * np.sqrt(measured))
         at_end = length <= ROUNDING * unit
         shrunk = size <= (1.0 + SAME_SIZE) * np.linalg.norm(_of(residual, active), axis=1)
         nearer = shrunk & (length <= CONTRACTION * before)
         rate = np.where(np.isinf(before), 1.0, length / before)
         settled = (length * rate <= SETTLED * unit) | (at_end & ~nearer)
-        good = found & (nearer | at_end)
+        good = found & regular & (nearer | at_end)
         kept = active[good]
         x[kept], residual[kept], last[kept] = further[good], left[good], length[good]
-        is_far[kept] = (length > KEPT_BELOW * unit)[good]
         converged[active[good & settled]] = True
         active = active[good & ~settled]
     return StackSolution(x, residual, jacobians, converged, evaluations)
@@ -102,8 +89,31 @@ def _of(stack: Array, rows: Index) -> Array:
     return stack if len(rows) == len(stack) else stack[rows]
 
 
-def _regular(triangles: Array) -> Mask:
-    """Rows whose triangles (R, P, P) can be solved."""
-    pivots = np.abs(np.diagonal(triangles, axis1=1, axis2=2))
-    lengths = np.linalg.norm(triangles, axis=1)
-    return np.asarray((pivots > LEAST_PIVOT * lengths).all(axis=1))  # NaN is not
+def _step(jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
+    """Steps (R, P), their lengths in the space of the residuals, and which are to be trusted.
+
+    By the normal equations of columns of unit length: their rounding may bend a step, but not
+    where steps end.
+    """
+    turned = jacobian.swapaxes(1, 2)
+    normal = turned @ jacobian
+    scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
+    scale = np.where(scale > 0.0, scale, np.inf)
+    normal /= scale[:, :, None] * scale[:, None]
+    gradient = (turned @ residual[:, :, None])[:, :, 0] / scale
+    regular = _are_regular(normal)
+    normal[~regular] = np.eye(scale.shape[1])
+    unit_step = np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
+    length = np.sqrt(np.maximum(np.sum(gradient * unit_step, axis=1), 0.0))
+    return -unit_step / scale, length, regular
+
+
+def _are_regular(normal: Array) -> Mask:
+    """Whether no column of each of (R, P, P) is all but told by those before it."""
+    try:
+        pivots = np.diagonal(np.linalg.cholesky(normal), axis1=1, axis2=2)
+    except np.linalg.LinAlgError:
+        if len(normal) == 1:
+            return np.zeros(1, dtype=bool)
+        return np.concatenate([_are_regular(each[None]) for each in normal])
+    return np.asarray((pivots > LEAST_PIVOT).all(axis=1))  # NaN is not

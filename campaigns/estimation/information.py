@@ -115,9 +115,14 @@ def variance_scale(
             return scatter
         pooled = (STATED_DOF + tested.dof * scatter**2) / (STATED_DOF + tested.dof)
         return float(np.sqrt(pooled))
-    if scatter is None or (tested.consistent and not robust):
+    if scatter is None or variance_is_stated(tested, known_variance=known_variance, robust=robust):
         return 1.0
     return max(1.0, scatter)
+
+
+def variance_is_stated(tested: ChiSquareTest, *, known_variance: bool, robust: bool) -> bool:
+    """Whether σ come from the stated variance, whatever the residuals scatter."""
+    return known_variance and tested.consistent is True and not robust
 
 
 def variance_dof(tested: ChiSquareTest, *, known_variance: bool) -> int | None:
