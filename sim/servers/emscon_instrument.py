@@ -21,7 +21,7 @@ from drivers.wire.emscon_constants import (
     StatusBit,
     SystemChange,
 )
-from sim.servers.emscon_units import POWER_ON_UNITS, Scale, first_unknown
+from sim.servers.emscon_units import POWER_ON_UNITS, first_unknown
 from sim.tracker.instrument import SimulatedTracker
 
 POWER_ON_SETTINGS = said.SystemSettings(READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
@@ -96,9 +96,9 @@ class EmsconInstrument:
         }
 
     @property
-    def scale(self) -> Scale:
-        """Conversion by the units that are set."""
-        return Scale(cast("said.Units", self._kept[Command.GET_UNITS]))
+    def units(self) -> said.Units:
+        """Units of the wire, as they are set."""
+        return cast("said.Units", self._kept[Command.GET_UNITS])
 
     @property
     def settings(self) -> said.SystemSettings:

@@ -12,7 +12,7 @@ from drivers.wire import emscon_messages as said
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome
-from sim.servers.emscon_units import POWER_ON_UNITS
+from sim.servers.emscon_units import POWER_ON_UNITS, heard, told
 from sim.servers.peers import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
@@ -117,7 +117,7 @@ class EmsconSession(ServedSession):
         if status != ResultStatus.ALL_OK:
             self._send(emscon.refusal(request.command, status))
         elif isinstance(request, emscon.EmsconRequest):
-            body = self._instrument.scale.heard(request.body)
+            body = heard(request.body, self._instrument.units)
             self._act(replace(request, body=body), now_s)
 
     def _obstacle(self, request: emscon.FromClient, now_s: float) -> ResultStatus:
@@ -162,9 +162,8 @@ class EmsconSession(ServedSession):
             self._send(emscon.refusal(command, outcome.status))
             return
         for body in outcome.bodies:
-            self._send(
-                emscon.encode(emscon.Answer(command, body=self._instrument.scale.told(body)))
-            )
+            said_body = told(body, self._instrument.units)
+            self._send(emscon.encode(emscon.Answer(command, body=said_body)))
         if outcome.change is not None:
             self._tell(outcome.change)
 
@@ -229,7 +228,7 @@ class EmsconSession(ServedSession):
         if self._is_wrong("other_units"):
             self._instrument.obey(emscon.EmsconRequest(Command.SET_UNITS, POWER_ON_UNITS), now_s)
             self._tell(SystemChange.UNITS)
-        result = self._instrument.scale.told(self._instrument.result_of(shot))
+        result = told(self._instrument.result_of(shot), self._instrument.units)
         self._tell_result(emscon.encode(result), now_s)
 
     def _tell_result(self, result: bytes, now_s: float) -> None:
@@ -296,8 +295,8 @@ class EmsconSession(ServedSession):
             return
         self._next_position_s = now_s + POSITION_INTERVAL_S
         if (point_mm := self._tracker.live_point(now_s)) is not None:
-            told = said.ReflectorPosition(ResultStatus.ALL_OK, point_mm)
-            self._send(emscon.encode(self._instrument.scale.told(told)))
+            live = said.ReflectorPosition(ResultStatus.ALL_OK, point_mm)
+            self._send(emscon.encode(told(live, self._instrument.units)))
 
     def _tell(self, change: SystemChange) -> None:
         if self._instrument.settings.send_unsolicited_messages:

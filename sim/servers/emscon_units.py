@@ -1,7 +1,7 @@
 """Units on the emScon wire: messages in a client's units, from and to mm, rad, °C and hPa."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields, replace
 from math import pi, radians
 from typing import Any, TypeVar, cast
 
@@ -68,41 +68,36 @@ def first_unknown(units: said.Units) -> int | None:
     return None if all(known) else 1 + known.index(False)
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Converts by one client's choice of units."""
+def told(message: Message, units: said.Units) -> Message:
+    """Convert a message for the wire, in the units that its client has chosen."""
+    mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
+    is_celsius = units.temperature == emscon_constants.TemperatureUnit.CELSIUS
+    return _converted(
+        message,
+        {
+            "l": lambda value: value / mm,
+            "s": lambda value: value / mm / mm,
+            "a": lambda value: value / rad,
+            "t": lambda value: value if is_celsius else 1.8 * value + 32.0,
+            "p": lambda value: value / HPA_PER_UNIT[units.pressure],
+        },
+    )
 
-    units: said.Units
 
-    def told(self, message: Message) -> Message:
-        """Convert a message for the wire."""
-        mm, rad = MM_PER_UNIT[self.units.length], RAD_PER_UNIT[self.units.angle]
-        is_celsius = self.units.temperature == emscon_constants.TemperatureUnit.CELSIUS
-        return _converted(
-            message,
-            {
-                "l": lambda value: value / mm,
-                "s": lambda value: value / mm / mm,
-                "a": lambda value: value / rad,
-                "t": lambda value: value if is_celsius else 1.8 * value + 32.0,
-                "p": lambda value: value / HPA_PER_UNIT[self.units.pressure],
-            },
-        )
-
-    def heard(self, message: Message) -> Message:
-        """Convert a message from the wire; nobody tells a tracker the weather that it obeys."""
-        mm, rad = MM_PER_UNIT[self.units.length], RAD_PER_UNIT[self.units.angle]
-        return _converted(message, {"l": lambda value: value * mm, "a": lambda value: value * rad})
+def heard(message: Message, units: said.Units) -> Message:
+    """Convert a message from the wire; nobody tells a tracker the weather that it obeys."""
+    mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
+    return _converted(message, {"l": lambda value: value * mm, "a": lambda value: value * rad})
 
 
 def _converted(message: Message, convert: dict[str, Callable[[float], float]]) -> Message:
     quantities = QUANTITIES.get(type(message))
     if quantities is None:
         return message
-    values: list[object] = []
+    changes: dict[str, Any] = {}
     for quantity, slot in zip(quantities, fields(cast("Any", message)), strict=True):
-        value = getattr(message, slot.name)
         if of_one := convert.get(quantity):
-            value = tuple(map(of_one, value)) if isinstance(value, tuple) else of_one(value)
-        values.append(value)
-    return cast("Callable[..., Message]", type(message))(*values)
+            value = getattr(message, slot.name)
+            each = isinstance(value, tuple)
+            changes[slot.name] = tuple(map(of_one, value)) if each else of_one(value)
+    return cast("Message", replace(cast("Any", message), **changes))
