@@ -105,7 +105,8 @@ def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) 
     if isinstance(result, bodies.SingleResult2):
         observed, apriori = result.covariance, result.apriori_covariance
     candidates = [_matrix(result.std, observed), _matrix(result.apriori_std, apriori)]
-    best = max((matrix for matrix in candidates if matrix), key=_trace, default=None)
+    possible = [matrix for matrix in candidates if matrix]
+    best = max(possible, key=lambda m: m[0][0] + m[1][1] + m[2][2], default=None)
     if best is None:
         raise DeviceRefused(
             f"{where}: a result without uncertainty: observed {result.std} mm, "
@@ -128,10 +129,6 @@ def _symmetric(std: values.Vector3, covariance: values.Vector3) -> values.Matrix
     xx, yy, zz = (value * value for value in std)
     xy, xz, yz = covariance
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
-
-
-def _trace(matrix: values.Matrix3) -> float:
-    return matrix[0][0] + matrix[1][1] + matrix[2][2]
 
 
 class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Settings]):

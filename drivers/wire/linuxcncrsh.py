@@ -116,7 +116,7 @@ def read_message(line: bytes) -> Message | None:
         return None
     if words[0] == "HELLO":
         return _greeting(words, text)
-    if words[-1] in {"ACK", "NAK"} and len(words) <= 3 and _are_answer_words(words):
+    if words[-1] in {"ACK", "NAK"} and len(words) <= 3 and all(map(_ANSWER_WORD.fullmatch, words)):
         word = words[1] if len(words) == 3 else ""
         return Verdict(words[0], word, words[-1] == "ACK", text)
     if _ANSWER_WORD.fullmatch(words[0]):
@@ -141,7 +141,3 @@ def _greeting(words: list[str], text: str) -> LinuxcncGreeting:
     if len(words) != 4 or words[1] != "ACK":
         raise WireError(f"a greeting that is none of linuxcncrsh: {text!r:.80}")
     return LinuxcncGreeting(accepted=True, name=words[2], version=words[3], line=text)
-
-
-def _are_answer_words(words: list[str]) -> bool:
-    return all(_ANSWER_WORD.fullmatch(word) for word in words)

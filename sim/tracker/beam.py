@@ -127,7 +127,7 @@ class Beam:
             return None
         misses = {
             target: aim.miss_mm(self._place_mm(target, now_s))
-            for target in self._targets()
+            for target in (Target.ROBOT, *self._standing_in_base_mm)
             if self._is_visible(target, now_s)
         }
         found = [target for target in misses if misses[target] <= aim.radius_mm]
@@ -139,9 +139,6 @@ class Beam:
         if np.isfinite(aim.point_in_tracker_mm).all():
             self._pointing_mm = np.array(aim.point_in_tracker_mm)
         return self.locked_on is not None
-
-    def _targets(self) -> list[str]:
-        return [Target.ROBOT, *self._standing_in_base_mm]
 
     def _place_mm(self, target: str, now_s: float) -> Array:
         """(3,): a reflector's centre in the tracker's frame."""
