@@ -12,7 +12,7 @@ from campaigns.arrays import AXES, Array, batch
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design import pose_sampling
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
-from campaigns.errors import OptionsInvalid, TargetsInvalid
+from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import MAY_HAVE_GEARS, Estimator, Model
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform
@@ -128,10 +128,7 @@ def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile)
     poses = batch(poses, [axis.name for axis in nominal.mechanism.task], "poses")
     models = identified.kinematics.controlled, nominal.kinematics.controlled
     correction = TargetCorrection(*models, nominal.limits)
-    fault = correction.first_fault(poses)
-    if fault is not None:
-        row, reason = fault
-        raise TargetsInvalid(f"row {row}: {reason}", remedy="change the pose")
+    correction.require_possible(poses, lambda row: f"row {row}", "pose")
     return correction.commanded(poses, correction.approach(poses)).values_or_raise()
 
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from app.console import terminal_of
@@ -16,7 +15,7 @@ from campaigns.controllers.programs import LANGUAGES
 from campaigns.errors import OptionsInvalid
 from campaigns.options import ProgramLanguage
 from campaigns.settings.option import Option, require_finite
-from campaigns.workflow.correction import CorrectionTerms, correct_poses_file, correct_program_file
+from campaigns.workflow.correction import POSES, CorrectionTerms, correct_file
 
 WORD = "-corrected"
 LETTERS = ("A", "B", "C")
@@ -79,30 +78,25 @@ def command(
         )
     (source,) = given.values()
     path = to or source.parent / f"{source.stem}{WORD}{source.suffix}"
-    if poses is not None:
-        found = correct_poses_file(campaign, poses, path, terms, overwrite=overwrite)
-        size = found.correction_mm
-        mean_mm, max_mm = float(size.mean()), float(size.max())
-        std_mm = None if np.isnan(found.std_mm).any() else float(found.std_mm.max())
-        done, counts = f"{len(size)} poses", {"poses": len(size)}
-    else:
-        spoken = "gcode" if gcode is not None else _language(source, language)
-        corrected = correct_program_file(
-            campaign,
-            source,
-            path,
-            terms,
-            language=spoken,
-            tolerance_mm=tolerance,
-            rotary=_letter(rotary),
-            overwrite=overwrite,
-        )
-        (mean_mm, max_mm), std_mm = corrected.correction_mm, corrected.std_mm
-        done = f"{corrected.moves} targets"
-        counts = {"targets": corrected.moves}
-        if spoken == "gcode":
-            done = f"{corrected.moves} moves as {corrected.pieces} straight ones"
-            counts = {"moves": corrected.moves, "pieces": corrected.pieces}
+    spoken = POSES if poses is not None else "gcode"
+    if program is not None:
+        spoken = _language(source, language)
+    found = correct_file(
+        campaign,
+        source,
+        path,
+        terms,
+        language=spoken,
+        tolerance_mm=tolerance,
+        rotary=_letter(rotary),
+        overwrite=overwrite,
+    )
+    (mean_mm, max_mm), std_mm = found.correction_mm, found.std_mm
+    counted = spoken if spoken == POSES else "targets"
+    done, counts = f"{found.targets} {counted}", {counted: found.targets}
+    if spoken == "gcode":
+        done = f"{found.targets} moves as {found.pieces} straight ones"
+        counts = {"moves": found.targets, "pieces": found.pieces}
     terminal.say(f"written: {path}")
     terminal.say(
         f"{done}, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most{_sigma(std_mm)}"

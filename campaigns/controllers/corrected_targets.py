@@ -5,13 +5,16 @@ q = inverse(K, x); commanded x' = forward(K0, q) makes the controller set these 
 (model.md, family).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
+from campaigns.errors import TargetsInvalid
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
 from campaigns.mechanisms.transmission import approach_along
@@ -69,6 +72,18 @@ class TargetCorrection:
         row = int(np.argmin(fine))
         return row, self._reason(judged.describe(row), wanted[row])
 
+    def require_possible(self, wanted: Array, place: Callable[[int], str], what: str) -> None:
+        """Raise `TargetsInvalid` for the first of the poses (N, t) that cannot be taken.
+
+        `place` says where a row stands, `what` its user can change.
+        """
+        if fault := self.first_fault(wanted):
+            row, reason = fault
+            widened = ""
+            if self.workspace is not None:
+                widened = ", or widen the calibrated workspace with --margin and --turn-margin"
+            raise TargetsInvalid(f"{place(row)}: {reason}", remedy=f"change the {what}{widened}")
+
     def _reason(self, violations: list[str], pose: Array) -> str:
         if violations:
             return violations[0]
@@ -85,6 +100,28 @@ class TargetCorrection:
         names = self.uncertainty.names
         sample = WorkspaceSample.of(self.identified, names, wanted, self.measured)
         return self.uncertainty.of_positions(sample)
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectedFile:
+    """Text of a corrected file, and what it took."""
+
+    text: str
+    targets: int
+    """Of a program its moves, where it has such."""
+    pieces: int
+    """Straight moves that were written for them."""
+    correction_mm: tuple[float, float]
+    """Mean and largest correction of a position, over the ends of all pieces."""
+    std_mm: float | None
+    """Largest 1 σ of a position among them; None: it is not known."""
+
+    @classmethod
+    def of(cls, text: str, targets: int, size_mm: Array, std_mm: Array) -> Self:
+        """From sizes (K,) of corrections, and σ at some of them, NaN or none where not known."""
+        sizes = float(size_mm.mean()), float(size_mm.max())
+        known = std_mm.size > 0 and not np.isnan(std_mm).any()
+        return cls(text, targets, len(size_mm), sizes, float(std_mm.max()) if known else None)
 
 
 def correction_mm(wanted: Array, commanded: Array) -> Array:

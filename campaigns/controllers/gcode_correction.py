@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
+from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
 from campaigns.controllers.gcode import Block, block_text, parse_gcode
 from campaigns.controllers.gcode_moves import (
     AXIS_LETTERS,
@@ -39,20 +39,6 @@ STD_POSES = 100
 DECIMALS = 4
 STOPS = frozenset(("M0", "M1", "M2", "M30", "M60"))
 """Codes that a controller carries out after the motion of their line."""
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectedProgram:
-    """Corrected program, and what it took."""
-
-    text: str
-    moves: int
-    pieces: int
-    """Straight moves that were written for them."""
-    correction_mm: tuple[float, float]
-    """Mean and largest correction of a position, over the ends of all pieces."""
-    std_mm: float | None
-    """Largest 1 σ of a position among them; None: it is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +85,7 @@ def correct_gcode(
     *,
     tolerance_mm: float = TOLERANCE_MM,
     rotary: str = ROTARY,
-) -> CorrectedProgram:
+) -> CorrectedFile:
     """Correct a program; raises `TargetsInvalid` naming the line that cannot be corrected."""
     task = correction.identified.mechanism.task
     program = moves_of(parse_gcode(text, name), name, task, rotary)
@@ -124,14 +110,7 @@ def correct_gcode(
         written.append("".join(_written(lines, ends, letters, task, usual)))
     if not moves:
         raise TargetsInvalid(f"{name}: moves nothing", remedy="check that it is the right file")
-    size = np.concatenate(sizes)
-    return CorrectedProgram(
-        "".join(written),
-        moves,
-        len(size),
-        (float(size.mean()), float(size.max())),
-        max(stds, default=None),
-    )
+    return CorrectedFile.of("".join(written), moves, np.concatenate(sizes), np.array(stds))
 
 
 def _wanted(
@@ -208,15 +187,12 @@ def _require_possible(
     for begin in range(0, len(rows), CHUNK):
         some = rows[begin : begin + CHUNK]
         wanted = paths.at(some, part[begin : begin + CHUNK])
-        fault = correction.first_fault(wanted)
-        if fault is not None:
-            row, reason = fault
+
+        def place(row: int, some: Index = some, wanted: Array = wanted) -> str:
             x, y, z = wanted[row, :3].tolist()
-            raise TargetsInvalid(
-                f"{name}:{lines[some[row]]}: at X{x:.3f} Y{y:.3f} Z{z:.3f}: {reason}",
-                remedy="change the move, or widen the calibrated workspace with --margin and "
-                "--turn-margin",
-            )
+            return f"{name}:{lines[some[row]]}: at X{x:.3f} Y{y:.3f} Z{z:.3f}"
+
+        correction.require_possible(wanted, place, "move")
 
 
 def _commanded(correction: TargetCorrection, wanted: Array, approach: Array | None = None) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
 from campaigns.estimation.observability import project_out_nuisance
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, frame_jacobian
@@ -94,22 +94,37 @@ def left_as_commanded(
     return ResidualError.of(fit_transform(there, wanted).apply(there) - wanted)
 
 
-def project(
-    mechanism: ClosedChain, model: "NamedParameters | SymmetricDelta", workspace: Workspace
-) -> ModelReduction:
-    """Values that leave the least mean square error of position.
+def project_plain(identified: Kinematics, workspace: Workspace) -> ModelReduction:
+    """Nearest parameters of those that every controller knows; the others are 0, held ones stay."""
+    space, fixed = identified.mechanism.parameters, identified.p.copy()
+    fixed[len(space.names) :] = 0.0
+    places = space.places(space.free_by_default)
 
-    Raises `IdentificationRefused` when the controller's robot cannot take the joints.
+    def vector(values: Array) -> Array:
+        p = fixed.copy()
+        p[places] = values
+        return p
+
+    return project(identified.mechanism, vector, fixed[places], workspace)
+
+
+def project(
+    mechanism: ClosedChain, vector: Callable[[Array], Array], start: Array, workspace: Workspace
+) -> ModelReduction:
+    """Values (C,) that leave the least mean square error of position, from those at `start`.
+
+    `vector` makes the robot's parameters (P,) of them. Raises `IdentificationRefused` when the
+    controller's robot cannot take the joints.
     """
 
     def told(values: Array) -> Kinematics:
-        return Kinematics(mechanism, model.vector(values))
+        return Kinematics(mechanism, vector(values))
 
     def jacobian(values: Array) -> Array:
         robot = told(values)
         poses, frame, errors = _fitted(robot, workspace)
         own = robot.jacobian(workspace.joints, poses)
-        by_values = frame.rotation @ own[:, :3] @ _by_values(model, values)
+        by_values = frame.rotation @ own[:, :3] @ _by_values(vector, values)
         points = workspace.poses[:, :3] + errors
         columns = np.concatenate([by_values, frame_jacobian(points)], axis=2)
         return project_out_nuisance(columns.reshape(-1, columns.shape[2]), len(values))
@@ -118,13 +133,7 @@ def project(
         return _fitted(told(values), workspace)[2].ravel()
 
     found = scipy.optimize.least_squares(
-        residual,
-        model.start,
-        jac=jacobian,
-        x_scale="jac",
-        ftol=CONVERGED,
-        xtol=CONVERGED,
-        gtol=CONVERGED,
+        residual, start, jac=jacobian, x_scale="jac", ftol=CONVERGED, xtol=CONVERGED, gtol=CONVERGED
     )
     kinematics = told(found.x)
     _, frame, errors = _fitted(kinematics, workspace)
@@ -144,44 +153,12 @@ def _fitted(kinematics: Kinematics, workspace: Workspace) -> tuple[Array, Transf
     return poses, frame, frame.apply(poses[:, :3]) - workspace.poses[:, :3]
 
 
-def _by_values(model: "NamedParameters | SymmetricDelta", values: Array) -> Array:
+def _by_values(vector: Callable[[Array], Array], values: Array) -> Array:
     """∂p/∂values, (P, C), by central differences."""
     steps = STEP * np.eye(len(values))
     return np.column_stack(
-        [
-            (model.vector(values + step) - model.vector(values - step)) / (2.0 * STEP)
-            for step in steps
-        ]
+        [(vector(values + step) - vector(values - step)) / (2.0 * STEP) for step in steps]
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NamedParameters:
-    """Controller of the same mechanism that knows some parameters, the others being fixed."""
-
-    fixed: Array
-    """(P,)"""
-    places: Index
-    """Of the C that it knows."""
-
-    @classmethod
-    def plain(cls, identified: Kinematics) -> "NamedParameters":
-        """Parameters that controllers know, without optional ones; those that are held stay."""
-        space = identified.mechanism.parameters
-        fixed = identified.p.copy()
-        fixed[len(space.names) :] = 0.0
-        return cls(fixed, space.places(space.free_by_default))
-
-    @property
-    def start(self) -> Array:
-        """Identified values."""
-        return self.fixed[self.places]
-
-    def vector(self, values: Array) -> Array:
-        """With these values in their places."""
-        p = self.fixed.copy()
-        p[self.places] = values
-        return p
 
 
 @dataclass(frozen=True, slots=True, eq=False)

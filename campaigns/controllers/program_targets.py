@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
-from campaigns.controllers.gcode_correction import CorrectedProgram
+from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
 from campaigns.errors import TargetsInvalid
 from campaigns.files.wording import shown
 from campaigns.mechanisms.mechanism import Axis
@@ -97,7 +96,7 @@ def targets_of(text: str, name: str, language: str, task: Sequence[Axis]) -> lis
 
 def correct_program(
     text: str, name: str, language: str, correction: TargetCorrection
-) -> CorrectedProgram:
+) -> CorrectedFile:
     """Correct a program's targets; raises `TargetsInvalid` naming the line that cannot be.
 
     Joints may come from either side, for nobody knows the order: of backlash half stays.
@@ -108,22 +107,10 @@ def correct_program(
             f"{name}: holds no pose", remedy="check file and --format; joints need no correction"
         )
     wanted = np.array([target.pose for target in targets])
-    if fault := correction.first_fault(wanted):
-        row, reason = fault
-        raise TargetsInvalid(
-            f"{name}:{targets[row].line}: {reason}",
-            remedy="change the target, or widen the calibrated workspace with --margin and "
-            "--turn-margin",
-        )
+    correction.require_possible(wanted, lambda row: f"{name}:{targets[row].line}", "target")
     commanded = correction.commanded(wanted).values_or_raise()
-    size, std = correction_mm(wanted, commanded), correction.std_mm(wanted)
-    return CorrectedProgram(
-        _written(text, targets, commanded),
-        len(targets),
-        len(targets),
-        (float(size.mean()), float(size.max())),
-        None if np.isnan(std).any() else float(std.max()),
-    )
+    written, size_mm = _written(text, targets, commanded), correction_mm(wanted, commanded)
+    return CorrectedFile.of(written, len(targets), size_mm, correction.std_mm(wanted))
 
 
 def _written(text: str, targets: Sequence[Target], commanded: Array) -> str:

@@ -17,7 +17,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.mechanisms.delta import DELTA
 from campaigns.mechanisms.linear_delta import LINEAR_DELTA
-from campaigns.mechanisms.mechanism import Axis, Interval
+from campaigns.mechanisms.mechanism import Axis
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
@@ -36,9 +36,6 @@ class ReducedParameters:
     model: model_reduction.SymmetricDelta
     found: model_reduction.ModelReduction
     workspace: model_reduction.Workspace
-    endstop: float
-    """Reading at which the switches of joints are taken to be, rad or mm."""
-    clockwise: bool
 
     def of_arms(self, kind: str) -> Array:
         """Values of a kind by arm, mm and rad."""
@@ -66,9 +63,16 @@ class ReducedParameters:
         return float(poses.values_or_raise()[:, 2].min())
 
     @property
+    def endstop(self) -> float:
+        """Reading at which switches are taken to be, where arms or carriages are highest."""
+        low, high = self.robot.limits.joint
+        return low if self.model.is_rotary else high
+
+    @property
     def arm_of_joint(self) -> tuple[int, int, int]:
         """Arm of each joint of a controller that counts anticlockwise."""
-        return (0, 2, 1) if self.clockwise else (0, 1, 2)
+        clockwise = np.sin(self.model.azimuths[1] - self.model.azimuths[0]) < 0.0
+        return (0, 2, 1) if clockwise else (0, 1, 2)
 
 
 Lines = Callable[[ReducedParameters], Iterator[str]]
@@ -117,7 +121,8 @@ def few_parameters(
             angles_free=made.angles_free,
             offsets_free=offsets_free,
         )
-        return model, model_reduction.project(robot.mechanism, model, workspace)
+        found = model_reduction.project(robot.mechanism, model.vector, model.start, workspace)
+        return model, found
 
     model, found = projected(offsets_free=True)
     left = {"nominal parameters": model_reduction.left_by(nominal.kinematics, workspace)}
@@ -125,9 +130,7 @@ def few_parameters(
         _, alone = projected(offsets_free=False)
         left[f"nearest values without {made.offsets}"] = alone.error
     left["these values"] = found.error
-    clockwise = bool(np.sin(model.azimuths[1] - model.azimuths[0]) < 0.0)
-    endstop = _endstop(robot.limits.joint, rotary=model.is_rotary)
-    return ReducedParameters(robot, model, found, workspace, endstop, clockwise), left
+    return ReducedParameters(robot, model, found, workspace), left
 
 
 def configuration_text(
@@ -172,11 +175,6 @@ def _frame_lines(few: ReducedParameters, made: ControllerFormat) -> Iterator[str
     )
     yield f"The controller's frame, seen from the base: origin {x:.4f}, {y:.4f}, {z:.4f} mm,"
     yield "turned {:.4f} deg about z, then {:.4f} about y, then {:.4f} about x.".format(*turns)
-
-
-def _endstop(joint: Interval, *, rotary: bool) -> float:
-    """Where arms or carriages are highest."""
-    return joint[0] if rotary else joint[1]
 
 
 def _rotarydeltakins(few: ReducedParameters) -> Iterator[str]:

@@ -1,20 +1,17 @@
 """Files of target poses: wanted ones in, wanted and commanded ones out."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
+from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
 from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvForm, csv_text, number_text, parse_csv
-from campaigns.files.text_file import read_text
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.columns import axis_columns, axis_texts, axis_values
-from drivers.bounded_files import CSV_BYTES
 
 NAME = "name"
 COMMANDED_DECIMALS = 6
@@ -22,30 +19,6 @@ COMMANDED_DECIMALS = 6
 
 TargetPoses: TypeAlias = tuple[tuple[str, ...], tuple[str, ...], Array]
 """Wanted poses of a file: names, empty where it gives none, file and line of each, and (N, t)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CorrectedPoses:
-    """Targets with what to command for them."""
-
-    names: tuple[str, ...]
-    wanted: Array
-    """(N, t)"""
-    commanded: Array
-    """(N, t)"""
-    std_mm: Array
-    """1 σ of the position, (N,); NaN where it is not known."""
-
-    @property
-    def correction_mm(self) -> Array:
-        """Size of each correction of a position, (N,)."""
-        return correction_mm(self.wanted, self.commanded)
-
-
-def read_poses(path: Path, mechanism: ClosedChain) -> TargetPoses:
-    """Poses of a CSV file; raises `TargetsInvalid` naming the line."""
-    text = read_text(path, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
-    return parse_poses(text, str(path), mechanism)
 
 
 def parse_poses(text: str, name: str, mechanism: ClosedChain) -> TargetPoses:
@@ -61,24 +34,24 @@ def parse_poses(text: str, name: str, mechanism: ClosedChain) -> TargetPoses:
     )
 
 
-def correct_poses(targets: TargetPoses, correction: TargetCorrection) -> CorrectedPoses:
-    """What to command for each, one after another, joints turning round at targets only.
+def correct_poses(text: str, name: str, correction: TargetCorrection) -> CorrectedFile:
+    """Text of wanted poses and what to command for each, one after another.
 
-    Raises `TargetsInvalid` for the first that cannot be taken.
+    Joints turn round at targets only. Raises `TargetsInvalid` naming the first line that is wrong
+    or cannot be taken.
     """
-    names, places, wanted = targets
-    fault = correction.first_fault(wanted)
-    if fault is not None:
-        row, reason = fault
-        name = names[row]
-        raise TargetsInvalid(
-            f"{places[row]}: {f'{name}: ' if name else ''}{reason}",
-            remedy="change the pose, or widen the calibrated workspace with --margin and "
-            "--turn-margin",
-        )
-    sides = correction.approach(wanted)
-    commanded = correction.commanded(wanted, sides).values_or_raise()
-    return CorrectedPoses(names, wanted, commanded, correction.std_mm(wanted))
+    mechanism = correction.identified.mechanism
+    names, places, wanted = parse_poses(text, name, mechanism)
+
+    def place(row: int) -> str:
+        return f"{places[row]}: {names[row]}" if names[row] else places[row]
+
+    correction.require_possible(wanted, place, "pose")
+    commanded = correction.commanded(wanted, correction.approach(wanted)).values_or_raise()
+    size_mm, std_mm = correction_mm(wanted, commanded), correction.std_mm(wanted)
+    sizes = size_mm, std_mm
+    text = corrected_text(mechanism.task, names, wanted, commanded, sizes)
+    return CorrectedFile.of(text, len(wanted), *sizes)
 
 
 def corrected_columns(task: tuple[Axis, ...]) -> tuple[str, ...]:
@@ -89,27 +62,28 @@ def corrected_columns(task: tuple[Axis, ...]) -> tuple[str, ...]:
     return (NAME, *columns, *commanded, "correction_mm", *turns, "position_std_mm")
 
 
-def corrected_text(found: CorrectedPoses, task: tuple[Axis, ...]) -> str:
-    """Text of the file: wanted, commanded, the correction's size, and σ of the position."""
+def corrected_text(
+    task: tuple[Axis, ...],
+    names: Sequence[str],
+    wanted: Array,
+    commanded: Array,
+    sizes: tuple[Array, Array],
+) -> str:
+    """Text of the file: poses (N, t) wanted and commanded, `sizes` of corrections, and their σ."""
     turns = [column for column, axis in enumerate(task) if axis.is_revolute]
-    turned = np.degrees(found.commanded - found.wanted)[:, turns]
-    rows = zip(
-        found.names,
-        found.wanted.tolist(),
-        found.commanded.tolist(),
-        np.column_stack([found.correction_mm, turned, found.std_mm]).tolist(),
-        strict=True,
-    )
+    size_mm, std_mm = sizes
+    told = np.column_stack([size_mm, np.degrees(commanded - wanted)[:, turns], std_mm])
+    rows = zip(names, wanted.tolist(), commanded.tolist(), told.tolist(), strict=True)
     return csv_text(
         corrected_columns(task),
         [
             [
                 name,
-                *axis_texts(task, wanted),
-                *(_rounded(axis.to_file(v)) for axis, v in zip(task, commanded, strict=True)),
-                *map(_rounded, sizes),
+                *axis_texts(task, own),
+                *(_rounded(axis.to_file(v)) for axis, v in zip(task, other, strict=True)),
+                *map(_rounded, each),
             ]
-            for name, wanted, commanded, sizes in rows
+            for name, own, other, each in rows
         ],
     )
 

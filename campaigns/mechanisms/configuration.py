@@ -1,8 +1,8 @@
 """Closed chains at given joints: assembled and differentiated, the plate as it tilts.
 
-Unequal rods and tilted axes tilt the plate by milliradians (`plate_tilt.py`), and the tilt moves
-the plate's joints. Seen from the measured point that is the level chain with its elbows moved the
-other way: a few rounds of tilt and pose agree to rounding.
+Unequal rods and tilted axes tilt the plate by milliradians (`parasitic_rotation.py`), and the tilt
+moves the plate's joints. Seen from the measured point that is the level chain with its elbows moved
+the other way: a few rounds of tilt and pose agree to rounding.
 """
 
 from collections.abc import Sequence

@@ -10,22 +10,17 @@ from campaigns.controllers.calibrated_workspace import (
     TURN_MARGIN_DEG,
     CalibratedWorkspace,
 )
-from campaigns.controllers.corrected_targets import TargetCorrection
+from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection
 from campaigns.controllers.export import FILE_NAME, warm_uncertainty
 from campaigns.controllers.gcode import read_program
-from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
+from campaigns.controllers.gcode_correction import TOLERANCE_MM, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.controllers.load_checks import file_objections, read_parameter_file
 from campaigns.controllers.program_targets import correct_program
-from campaigns.controllers.target_poses import (
-    CorrectedPoses,
-    correct_poses,
-    corrected_text,
-    read_poses,
-)
-from campaigns.errors import ConfigInvalid
+from campaigns.controllers.target_poses import correct_poses
+from campaigns.errors import ConfigInvalid, TargetsInvalid
 from campaigns.estimation.information import Uncertainty
-from campaigns.files.text_file import write_text_unless_there
+from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.identification.result import RecordedIdentification
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, at_temperature
@@ -34,6 +29,10 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.files import recorded
 from campaigns.workflow.work import known_sets
+from drivers.bounded_files import CSV_BYTES
+
+POSES = "poses"
+"""In place of a program's language: a CSV file of wanted poses."""
 
 Warm = Annotated[
     float | None,
@@ -67,15 +66,14 @@ class CorrectionTerms:
         require_finite("--temperature", self.temperature or 0.0)
 
 
-def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) -> TargetCorrection:
-    """Correction from the identified set to the nominal one, which the controller holds.
+def _target_correction(
+    campaign: Campaign, cold: RobotFile, robot: RobotFile, terms: CorrectionTerms
+) -> TargetCorrection:
+    """Correction from the identified set, as warm as it is, to the nominal one.
 
-    σ are known where the set is that of an identification in the journal. Raises `ConfigInvalid`
-    for a robot file that is not for this campaign, `ShotsMissing` without measured shots.
+    σ are known where the set is that of an identification in the journal. Raises `ShotsMissing`
+    without measured shots.
     """
-    terms = terms or CorrectionTerms()
-    cold = identified_set(campaign, terms.robot)
-    robot = _as_warm(cold, terms)
     found = known_sets(campaign).identified.get(cold.digest())
     with campaign.journal_reader() as journal:
         series = found.series if found else campaign.measured_series(journal).number
@@ -108,55 +106,41 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
     return robot
 
 
-def correct_poses_file(
-    campaign: Campaign, source: Path, to: Path, terms: CorrectionTerms, *, overwrite: bool
-) -> CorrectedPoses:
-    """Write a CSV file of wanted and commanded poses.
-
-    Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
-    """
-    mechanism = campaign.robot.mechanism
-    targets, cold = read_poses(source, mechanism), identified_set(campaign, terms.robot)
-    warm = _as_warm(cold, terms)
-    form = form_of(warm.provenance, warm.name)
-    found = correct_poses(targets, target_correction(campaign, terms))
-    with recorded(campaign, to, warm.parameters, "targets", form):
-        write_text_unless_there(to, corrected_text(found, mechanism.task), overwrite=overwrite)
-    return found
-
-
-def correct_program_file(
+def correct_file(
     campaign: Campaign,
     source: Path,
     to: Path,
     terms: CorrectionTerms,
     *,
-    language: str = "gcode",
+    language: str = POSES,
     tolerance_mm: float = TOLERANCE_MM,
     rotary: str = ROTARY,
     overwrite: bool,
-) -> CorrectedProgram:
-    """Write a program of corrected moves, or with corrected targets.
+) -> CorrectedFile:
+    """Write a CSV file of wanted and commanded poses, or a program with corrected targets or moves.
 
-    `tolerance_mm` and `rotary` are G-code's. Raises `TargetsInvalid`,
-    `OutputExists` or `WriteFailed`.
+    `tolerance_mm` and `rotary` are G-code's. Raises `TargetsInvalid`, `OutputExists` or
+    `WriteFailed`.
     """
-    text, cold = read_program(source), identified_set(campaign, terms.robot)
-    warm = _as_warm(cold, terms)
+    text = (
+        read_program(source)
+        if language != POSES
+        else read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
+    )
+    warm = cold = identified_set(campaign, terms.robot)
+    if terms.temperature is not None:
+        warm = at_temperature(cold, terms.temperature)
     form = form_of(warm.provenance, warm.name)
-    correction = target_correction(campaign, terms)
-    name = str(source)
-    if language == "gcode":
+    correction, name = _target_correction(campaign, cold, warm, terms), str(source)
+    if language == POSES:
+        found = correct_poses(text, name, correction)
+    elif language == "gcode":
         found = correct_gcode(text, name, correction, tolerance_mm=tolerance_mm, rotary=rotary)
     else:
         found = correct_program(text, name, language, correction)
     with recorded(campaign, to, warm.parameters, "targets", form):
         write_text_unless_there(to, found.text, overwrite=overwrite)
     return found
-
-
-def _as_warm(robot: RobotFile, terms: CorrectionTerms) -> RobotFile:
-    return robot if terms.temperature is None else at_temperature(robot, terms.temperature)
 
 
 def _uncertainty(

@@ -75,7 +75,7 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Re
     """Write a robot file without extensions."""
     robot, nominal = identified_robot(campaign).robot, campaign.robot
     workspace = model_reduction.Workspace.of(robot.kinematics, _poses(campaign, robot))
-    found = _plain(robot.kinematics, workspace)
+    found = model_reduction.project_plain(robot.kinematics, workspace)
     left = {
         "nominal parameters": model_reduction.left_by(nominal.kinematics, workspace),
         "these values": found.error,
@@ -107,7 +107,8 @@ def export_joint_tables(
     poses = _poses(campaign, robot)
     rest = without_transmission(robot.kinematics)
     if plain:
-        rest = _plain(rest, model_reduction.Workspace.of(rest, poses)).kinematics
+        workspace = model_reduction.Workspace.of(rest, poses)
+        rest = model_reduction.project_plain(rest, workspace).kinematics
     left = {
         "nominal parameters": _left(campaign.robot.kinematics, robot, poses),
         "these values without tables": _left(rest, robot, poses),
@@ -135,7 +136,8 @@ def offered_forms(
     export = f"pkmcal export {campaign.folder}"
     rest, name, option = without_transmission(robot.kinematics), JOINT_TABLES, ""
     if any(each in space.extensions for each in lacking):
-        rest = _plain(rest, model_reduction.Workspace.of(rest, poses)).kinematics
+        workspace = model_reduction.Workspace.of(rest, poses)
+        rest = model_reduction.project_plain(rest, workspace).kinematics
         name, option = f"{PLAIN} with {JOINT_TABLES}", " --format plain"
     found: dict[str, tuple[str, model_reduction.ResidualError]] = {}
     if any(each in space.transmission for each in lacking):
@@ -143,7 +145,7 @@ def offered_forms(
         left = _left(rest, robot, poses, tables)
         found[name] = f"{export} --joint-table csv{option}", left
     workspace = model_reduction.Workspace.of(robot.kinematics, poses)
-    plain = _plain(robot.kinematics, workspace).kinematics
+    plain = model_reduction.project_plain(robot.kinematics, workspace).kinematics
     found[PLAIN] = f"{export} --format plain", _left(plain, robot, poses)
     by_targets = _left(robot.kinematics, robot, poses)
     found["corrected targets"] = f"pkmcal correct {campaign.folder}", by_targets
@@ -155,13 +157,6 @@ def without_transmission(kinematics: Kinematics) -> Kinematics:
     p = kinematics.p.copy()
     p[len(kinematics.mechanism.parameters.geometry) :] = 0.0
     return Kinematics(kinematics.mechanism, p)
-
-
-def _plain(
-    identified: Kinematics, workspace: model_reduction.Workspace
-) -> model_reduction.ModelReduction:
-    few = model_reduction.NamedParameters.plain(identified)
-    return model_reduction.project(identified.mechanism, few, workspace)
 
 
 def _left(

@@ -83,7 +83,7 @@ def test_the_robot_follows_the_wanted_path_within_the_tolerance(member):
     plain = from_program_mm(followed(robot, member, places(text, member)[:4]), member)
     assert error.max() < 0.011
     assert plain.max() > 0.1
-    assert found.pieces == len(places(found.text, member)) > found.moves
+    assert found.pieces == len(places(found.text, member)) > found.targets
 
 
 @SOME

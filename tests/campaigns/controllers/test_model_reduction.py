@@ -10,7 +10,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 from target_cases import TARGETS
 
-from campaigns.controllers.model_reduction import NamedParameters, Workspace, left_by, project
+from campaigns.controllers.model_reduction import Workspace, left_by, project_plain
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.errors import ConfigInvalid, IdentificationRefused
 from campaigns.estimation.point_sets import fitted_frame
@@ -43,7 +43,7 @@ def slightly_tilted(member):
 @SOME
 def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
     workspace = workspace_of(member, member.perturbed)
-    found = project(member.mechanism, NamedParameters.plain(member.perturbed), workspace)
+    found = project_plain(member.perturbed, workspace)
     assert found.error.max_mm < 1e-9
     assert left_by(member.nominal, workspace).mean_mm > 0.3
 
@@ -52,9 +52,10 @@ def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
 def test_plain_parameters_leave_less_than_the_full_ones_without_their_extensions(member):
     robot = slightly_tilted(member)
     workspace = workspace_of(member, robot)
-    model = NamedParameters.plain(robot)
-    cut = left_by(Kinematics(member.mechanism, model.vector(model.start)), workspace)
-    found = project(member.mechanism, model, workspace)
+    own = robot.p.copy()
+    own[member.space.places(member.space.extensions)] = 0.0
+    cut = left_by(Kinematics(member.mechanism, own), workspace)
+    found = project_plain(robot, workspace)
     assert 1e-3 < found.error.rms_mm < 0.8 * cut.rms_mm
     assert not found.kinematics.p[member.space.places(member.space.extensions)].any()
 
@@ -64,13 +65,12 @@ def test_no_other_values_leave_less(member):
     """Every small change of a value, the frame fitted anew, makes the error larger."""
     robot = slightly_tilted(member)
     workspace = workspace_of(member, robot, 150)
-    model = NamedParameters.plain(robot)
-    found = project(member.mechanism, model, workspace)
-    for place in range(len(found.values)):
+    found = project_plain(robot, workspace)
+    for place in member.space.places(member.space.free_by_default):
         for step in (-1e-4, 1e-4):
-            values = found.values.copy()
-            values[place] += step
-            other = left_by(Kinematics(member.mechanism, model.vector(values)), workspace)
+            p = found.kinematics.p.copy()
+            p[place] += step
+            other = left_by(Kinematics(member.mechanism, p), workspace)
             assert other.rms_mm > found.error.rms_mm
 
 

@@ -61,7 +61,7 @@ def test_targets_are_corrected_and_nothing_else_changes(language):
     away = there.values_or_raise() - WANTED
     assert np.abs(away[:, :3]).max() < 2e-4  # by the decimals that are written
     assert np.abs(away[:, 3]).max() < 2e-6
-    assert found.moves == 2
+    assert found.targets == 2
     assert 0.1 < found.correction_mm[0] <= found.correction_mm[1] < 10.0
     lines = list(zip(text.split("\n"), found.text.split("\n"), strict=True))
     changed = [old for old, new in lines if old != new]
