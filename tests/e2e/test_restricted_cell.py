@@ -9,7 +9,6 @@ from command_line import change
 from par4_space import par4
 
 from app.main import run_command
-from campaigns.campaign import open_campaign
 from campaigns.robots.robot import find_robot
 from sim.robot.assembly import follow
 from sim.robot.controller import SimulatedController
@@ -139,15 +138,6 @@ def test_the_recorder_sees_a_plan_that_knows_no_space(pkmcal, fenced, recorder):
     assert pkmcal("plan", fenced).code == 0
     assert pkmcal("validate", fenced, "--stage", "before", "--yes").code == 3
     assert least_mm(recorder.points(), SPACE["space.margin_mm"]) < -20.0
-
-
-def test_a_plan_made_before_the_space_is_refused_with_pose_and_rule(pkmcal, planned):
-    lowest = min(shot.pose.z_mm for shot in open_campaign(planned).read_plan())
-    change(planned / "campaign.yaml", {"space.z_lowest_mm": round(lowest) + 5.0})
-    ended = pkmcal("run", planned, "--yes")
-    assert ended.code == 2
-    assert f"z {lowest:.6g} mm is below space.z_lowest_mm {round(lowest) + 5:g}" in ended.error_line
-    assert "shot " in ended.error_line
 
 
 def test_candidates_that_the_space_refuses_are_counted_and_its_zones_drawn(

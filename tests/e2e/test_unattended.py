@@ -1,4 +1,4 @@
-"""Runs that nobody watches: lost links, poses that cannot be measured, edited plans, `--dry`."""
+"""Runs that nobody watches: lost links, poses that cannot be measured, `--dry`."""
 
 import pytest
 from command_line import change
@@ -25,10 +25,6 @@ def endings(folder):
 
 def rows_of(folder):
     return (folder / "plan.csv").read_text(encoding="utf-8").splitlines()
-
-
-def write_rows(folder, rows):
-    (folder / "plan.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -84,22 +80,6 @@ def test_pose_that_the_controller_refuses_is_skipped_and_listed(pkmcal, tiny):
     assert (only.code, "nothing is left to measure" in only.err) == (0, True)
 
 
-def test_rows_may_be_taken_out_of_a_plan_and_added_while_it_is_measured(pkmcal, tiny):
-    change(tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": "drive_fault"}]})
-    assert pkmcal("run", tiny, "--yes").code == 3
-    header, *rows = rows_of(tiny)
-    gone = rows[-2].split(",")[2]
-    kept = [row for row in rows if row.split(",")[2] != gone]
-    write_rows(tiny, [header, *kept])
-    dry = pkmcal("run", tiny, "--dry", "--json")
-    assert dry.code == 0, dry.err
-    assert (dry.document["series"], dry.document["shots"]) == (1, SHOTS - 2)
-    assert pkmcal("run", tiny, "--yes").code == 0
-    write_rows(tiny, [header, *rows])
-    ran = pkmcal("run", tiny, "--yes", "--json")
-    assert (ran.document["series"], ran.document["shots"]) == (1, SHOTS)
-
-
 def test_dry_says_what_run_would_say_and_moves_nothing(pkmcal, tiny):
     first = pkmcal("run", tiny, "--dry", "--json").document
     assert (first["series"], first["measured"], len(first["left"])) == (None, 0, SHOTS)
@@ -115,26 +95,3 @@ def test_dry_says_what_run_would_say_and_moves_nothing(pkmcal, tiny):
     assert line in ran.err
     done = pkmcal("run", tiny, "--dry", "--skip", "8")
     assert "nothing is left to measure" in done.err
-
-
-def test_other_devices_and_a_stand_that_was_moved_are_refused(pkmcal, tiny):
-    change(tiny / "cell.yaml", {"faults": [{"at_move": 6, "kind": "drive_fault"}]})
-    assert pkmcal("run", tiny, "--yes", "--retry", 0).code == 3
-    change(tiny / "campaign.yaml", {"tracker.serial": "390002"})
-    refused = pkmcal("run", tiny, "--dry")
-    assert refused.code == 2
-    assert "the tracker of serial number 390001, now it is 390002" in refused.error_line
-    change(tiny / "campaign.yaml", {"tracker.serial": None})
-    change(tiny / "cell.yaml", {"controller.serial": "SIM-C-0002"})
-    refused = pkmcal("run", tiny, "--yes", "--retry", 5)
-    assert refused.code == 2
-    assert "the controller of serial number SIM-C-0001, now it is SIM-C-0002" in refused.error_line
-    change(tiny / "cell.yaml", {"controller.serial": None, "tracker.station.x_mm": 1935.0})
-    refused = pkmcal("run", tiny, "--yes")
-    assert refused.code == 3
-    assert "the tracker, its stand or the robot's base has moved" in refused.error_line
-    assert "--anyway" in refused.error_line
-    ran = pkmcal("run", tiny, "--yes", "--anyway", "--json")
-    assert ran.code == 0, ran.err
-    assert ran.document["shots"] == SHOTS
-    assert len(events(tiny, "gone on anyway")) == 1
