@@ -124,7 +124,7 @@ ANGLE = "arm0.joint_offset_deg"
 KNOWN = expected(12, "arm1.x_mm", "plate_mm", ANGLE)
 
 
-@pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
+@pytest.mark.parametrize("ending", ["svg", "png", pytest.param("pdf", marks=pytest.mark.long)])
 def test_the_plan_is_drawn_in_the_format_of_the_name(
     whole: PaperCampaign, tmp_path: Path, ending: str
 ) -> None:

@@ -6,7 +6,6 @@ import re
 import shutil
 from importlib.resources import files
 
-import matplotlib.image
 import pytest
 from par4_space import FREE_BY_DEFAULT
 
@@ -125,12 +124,9 @@ def test_plans_are_judged_by_the_unseen_pairs_of_the_campaigns_own(folder, studi
     _, document = studied(folder, "--campaigns", 3, "--plan", blind)
     assert document["combinations"][0]["unseen_mean_mm"] is not None
     blind.rename(folder / "plan.csv")
-    picture = folder / "study.png"
-    to = ("--to", folder / "elsewhere", "--plot", picture)
-    _, document = studied(folder, "--campaigns", 3, *to)
+    _, document = studied(folder, "--campaigns", 3, "--to", folder / "elsewhere")
     assert document["combinations"][0]["unseen_mean_mm"] is None
     assert document["combinations"][0]["unseen_relative"] is None
-    assert matplotlib.image.imread(picture).shape[2] == 4
 
 
 @pytest.fixture

@@ -33,10 +33,14 @@ def shown(robot, *, count=4, order, sign, unit, turned, scale=1.0, mirrored=Fals
     return DisplayedPoses(np.hstack([its, turn]), raw, points)
 
 
-@pytest.mark.parametrize("robot", [PAR4, DELTA], ids=["par4", "delta"])
 @pytest.mark.parametrize(
-    ("sign", "unit", "joints_in", "scale", "lengths_in"),
-    [(1.0, np.pi / 180.0, "deg", 1.0, "mm"), (-1.0, 1.0, "rad", 1000.0, "m")],
+    ("robot", "sign", "unit", "joints_in", "scale", "lengths_in"),
+    [
+        (PAR4, -1.0, 1.0, "rad", 1000.0, "m"),
+        (DELTA, 1.0, np.pi / 180.0, "deg", 1.0, "mm"),
+        pytest.param(PAR4, 1.0, np.pi / 180.0, "deg", 1.0, "mm", marks=pytest.mark.long),
+    ],
+    ids=["par4 in m", "delta", "par4"],
 )
 def test_units_frame_and_arms_are_found(robot, sign, unit, joints_in, scale, lengths_in):
     arms = len(robot.mechanism.joints)
