@@ -43,18 +43,22 @@ NO_SCATTER = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
+    """Parameters to look for, in which shots of which nominal robot and how; what came of it."""
+
     name: str
     known: ParameterSelection
-    found: IdentificationResult | None
+    nominal: Kinematics
+    """With the ripples' rate, where that was searched."""
+    shots: Shots
+    """As warm as each was, by the course of warmth."""
+    options: IdentificationOptions
+    found: IdentificationResult | None = None
     """What it is compared by; None where there is a problem."""
     tested: Callable[[], IdentificationResult] | None = None
     """Gives the same with all shots tested for causes, which only the best one is asked for."""
     problem: str = ""
     course: Course | None = None
     """Of warmth, by which it lets the robot grow."""
-    robot: Kinematics | None = None
-    """Nominal robot with the ripples' rate, where that was searched, and how it was fitted then."""
-    options: IdentificationOptions | None = None
 
     @property
     def parameters(self) -> int:
@@ -72,6 +76,22 @@ class _Candidate:
     def unseen_rms_mm(self) -> float | None:
         unseen = self.found and self.found.unseen_mm
         return unseen.after.rms if unseen else None
+
+    def instead(self, name: str, known: ParameterSelection) -> "_Candidate":
+        """Another one of the same shots, identified."""
+        other = replace(self, name=name, known=known, found=None, tested=None, problem="")
+        backlash = {*known.free} & {*self.nominal.mechanism.parameters.backlashes}
+        if backlash and not self.shots.knows_approach:
+            return replace(other, problem="the shots do not say how their joints came")
+        try:
+            found, tested = fitted(self.nominal, self.shots, known, self.options)
+        except CampaignError as error:
+            return replace(other, problem=error.problem)
+        return replace(other, found=found, tested=tested)
+
+    def warmed(self, course: Course) -> "_Candidate":
+        """The same with shots as warm as a course says."""
+        return replace(self, shots=replace(self.shots, warmth=course.values), course=course)
 
 
 def select_geometry(
@@ -184,84 +204,61 @@ def select_model(
     was `asked` for by name is kept whatever speaks against it. Raises as `identify` does for the
     standard model, or for that one.
     """
+    options = options or IdentificationOptions()
     (name, known), *others = models.items()
     found, tested = fitted(nominal, shots, known, options)
     if not others:
         return tested()
-    standard = _Candidate(name, known, found, tested)
-    larger = [_candidate(name, nominal, shots, known, options) for name, known in others]
+    standard = _Candidate(name, known, nominal, shots, options, found, tested)
+    larger = [standard.instead(name, known) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
-        best = min(worthy, key=_price, default=standard)
         terms = terms or ParameterSelection(nominal.mechanism.parameters.thermal)
-        for each in _with_terms(best, terms, nominal, shots, options):
-            larger.append(each)
-            best = best if _objection(each, best) else each
-        wider = [*_with_more_parts(best, models, terms, nominal, shots, options)]
-        worthy = [each for each in wider if not _objection(each, best)]
+        best = _with_terms(min(worthy, key=_price, default=standard), terms, larger)
+        wider = [*_with_more_parts(best, models, terms)]
         larger += wider
-        if worthy:
-            best = min(worthy, key=_price)
-            for each in _with_terms(best, terms, nominal, shots, options):
-                larger.append(each)
-                best = best if _objection(each, best) else each
+        if worthy := [each for each in wider if not _objection(each, best)]:
+            best = _with_terms(min(worthy, key=_price), terms, larger)
     else:
         best = next(each for each in larger if each.name == asked)
     if best.tested is None:
-        return identify(nominal, shots, models[best.name], options)
+        return identify(nominal, shots, best.known, options)
     compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
     warmth = None if best.course is None else best.course.told
     return replace(best.tested(), models=compared, warmth=warmth)
 
 
-def _with_terms(
-    best: _Candidate,
-    terms: ParameterSelection,
-    nominal: Kinematics,
-    shots: Shots,
-    options: IdentificationOptions | None,
-) -> Iterator[_Candidate]:
-    """Candidates with one more term each, of the cause that is most significant beside the best.
+def _with_terms(best: _Candidate, terms: ParameterSelection, tried: list[_Candidate]) -> _Candidate:
+    """The best with terms added, of the cause that is most significant beside it each time.
 
-    Forward selection: what is objected to is not tried again, what is not is the next best.
+    Forward selection: what is objected to is not tried again, what is not is the next best. All of
+    them are appended to those that were tried.
     """
-    space, allowed = nominal.mechanism.parameters, {*terms.free} - {*best.known.free}
-    nominal, options = best.robot or nominal, best.options or options
-    if best.course is not None:
-        shots = replace(shots, warmth=best.course.values)
-    elif _grows(best, shots):
-        for warmed in _with_warmth(best, terms, nominal, shots, options):
-            yield warmed
+    space, allowed = best.nominal.mechanism.parameters, {*terms.free} - {*best.known.free}
+    if best.course is None and _grows(best):
+        for warmed in _with_warmth(best, terms):
+            tried.append(warmed)
             best = best if _objection(warmed, best) else warmed
-        if best.course is not None:
-            shots = replace(shots, warmth=best.course.values)
     for _ in range(MOST_TERMS):
         more = _lacking_terms(best, allowed, space) or _terms_of_others(best, allowed, space)
         if more is None:
-            return
+            break
         cause, names, numbers = more
+        like, rate = best, numbers.get("per_turn", numbers.get("period_mm"))
+        if rate is not None and not best.nominal.mechanism.rate:
+            mechanism = best.nominal.mechanism.with_ripples(float(rate))
+            options = replace(best.options, ripple_p=float(numbers["p"]))
+            nominal = replace(best.nominal, mechanism=mechanism)
+            like = replace(best, nominal=nominal, options=options)
         known = _widened(best.known, terms, names, space)
-        robot, how = nominal, options
-        rate = numbers.get("per_turn", numbers.get("period_mm"))
-        if rate is not None and not nominal.mechanism.rate:
-            robot = replace(nominal, mechanism=nominal.mechanism.with_ripples(float(rate)))
-            p = float(numbers["p"])
-            how = replace(options or IdentificationOptions(), ripple_p=p)
-        candidate = _candidate(f"{best.name}+{cause}", robot, shots, known, how)
-        candidate = replace(candidate, course=best.course, robot=robot, options=how)
-        yield candidate
+        tried.append(like.instead(f"{best.name}+{cause}", known))
         allowed -= names
-        if not _objection(candidate, best):
-            best, nominal, options = candidate, robot, how
+        best = best if _objection(tried[-1], best) else tried[-1]
+    return best
 
 
 def _with_more_parts(
-    best: _Candidate,
-    models: dict[str, ParameterSelection],
-    terms: ParameterSelection,
-    nominal: Kinematics,
-    shots: Shots,
-    options: IdentificationOptions | None,
+    best: _Candidate, models: dict[str, ParameterSelection], terms: ParameterSelection
 ) -> Iterator[_Candidate]:
     """Candidates of more geometry with the best one's terms, beside which that shows after all.
 
@@ -269,50 +266,39 @@ def _with_more_parts(
     """
     _, plus, added = best.name.partition("+")
     own = [name for name in best.known.free if name in terms.free]
-    robot, how, course = best.robot or nominal, best.options or options, best.course
-    if course is not None:
-        shots = replace(shots, warmth=course.values)
     for name, model in models.items() if own else ():
-        known = _widened(model, terms, own, nominal.mechanism.parameters)
+        known = _widened(model, terms, own, best.nominal.mechanism.parameters)
         if {*best.known.free} < {*known.free}:
-            candidate = _candidate(f"{name}{plus}{added}", robot, shots, known, how)
-            yield replace(candidate, course=course, robot=robot, options=how)
+            yield best.instead(f"{name}{plus}{added}", known)
 
 
-def _grows(best: _Candidate, shots: Shots) -> bool:
+def _grows(best: _Candidate) -> bool:
     """Whether the shots show a change that growth with warmth may be.
 
     A drift; or, where temperatures of the parts are known, a step, as from one day to the next.
     """
     kinds = {each.numbers.get("kind") for each in best.doubts if each.name == CHANGE}
-    return "drift" in kinds or (bool(kinds) and by_temperature(shots))
+    return "drift" in kinds or (bool(kinds) and by_temperature(best.shots))
 
 
-def _with_warmth(
-    best: _Candidate,
-    terms: ParameterSelection,
-    nominal: Kinematics,
-    shots: Shots,
-    options: IdentificationOptions | None,
-) -> Iterator[_Candidate]:
+def _with_warmth(best: _Candidate, terms: ParameterSelection) -> Iterator[_Candidate]:
     """Candidates that let arms, forearms and frame grow: that of the course that explains most.
 
     With less to tell where not all three can be told.
     """
-    space, reference = nominal.mechanism.parameters, (options or IdentificationOptions())
+    space, options = best.nominal.mechanism.parameters, best.options
     growing = [name for name in terms.free if name in space.thermal]
-    on_rails = not nominal.mechanism.joints[0].is_revolute
+    on_rails = not best.nominal.mechanism.joints[0].is_revolute
     # a rail's scale is right before it grows, and parameters are stated as it ends
     pitches = [n for n in terms.free if on_rails and n in space.of_field(GAIN.name)]
-    on_stand = compensated(shots, reference)[0]
+    on_stand = compensated(best.shots, options)[0]
     for names in (growing, growing[:1]) if growing else ():
         known = _widened(best.known, terms, [*names, *pitches], space)
 
         def by(course: Course, known: ParameterSelection = known) -> _Candidate:
-            warm, name = replace(shots, warmth=course.values), f"{best.name}+warmth"
-            return replace(_candidate(name, nominal, warm, known, options), course=course)
+            return best.warmed(course).instead(f"{best.name}+warmth", known)
 
-        cheapest = min(map(by, courses(on_stand, reference.reference_degC)), key=_price)
+        cheapest = min(map(by, courses(on_stand, options.reference_degC)), key=_price)
         for factor in FINER if not _objection(cheapest, best) else ():
             near = finer(on_stand, cheapest.course, factor) if cheapest.course else ()
             cheapest = min((cheapest, *map(by, near)), key=_price)
@@ -389,23 +375,6 @@ def _widened(
     of_terms = {name: std for name, std in terms.priors.items() if name in names}
     free = tuple(name for name in space.model if name in wanted)
     return ParameterSelection(free, {**known.priors, **of_terms})
-
-
-def _candidate(
-    name: str,
-    nominal: Kinematics,
-    shots: Shots,
-    known: ParameterSelection,
-    options: IdentificationOptions | None,
-) -> _Candidate:
-    backlash = {*known.free} & {*nominal.mechanism.parameters.backlashes}
-    if backlash and not shots.knows_approach:
-        problem = "the shots do not say how their joints came"
-        return _Candidate(name, known, None, problem=problem)
-    try:
-        return _Candidate(name, known, *fitted(nominal, shots, known, options))
-    except CampaignError as error:
-        return _Candidate(name, known, None, problem=error.problem)
 
 
 def _price(candidate: _Candidate) -> float:
