@@ -4,14 +4,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import JsonValue, TypeAdapter
 
 from campaigns.controllers.load import differing
 from campaigns.errors import FindingUnreadable
 from campaigns.journal.journal import Journal, JournalReader
-from campaigns.journal.records import Finding
+from campaigns.journal.records import Finding, read_body
 from campaigns.robots.reduced_form import FORM, ReducedForm
 
+AGAIN = "load again"
 FOUND_AGAIN = "found when the controller was read again"
 
 
@@ -135,7 +136,7 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
         if kind == "load begun":
             begun = replace(read_load(body), begun=number)
             if not (begun.wanted and begun.held):
-                raise _unreadable("wanted, held: missing")
+                raise FindingUnreadable("the journal's load, wanted, held: missing", remedy=AGAIN)
             unended = replace(begun, number=number, at_utc=entry.at_utc)
         elif kind == "load failed":
             unended = None
@@ -151,12 +152,7 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
 
 def read_load(body: Mapping[str, JsonValue]) -> Load:
     """Load as the journal has it; raises `FindingUnreadable`."""
-    try:
-        return TypeAdapter(Load).validate_python(body)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise _unreadable(f"{where}: {first['msg'].lower()}") from error
+    return read_body(body, TypeAdapter(Load), "load", AGAIN)
 
 
 def already_back(journal: Journal, load: Load, digest: str) -> None:
@@ -174,7 +170,3 @@ def _after(effective: tuple[Load, ...], load: Load) -> tuple[Load, ...]:
         if load.source in kept:
             return effective[: kept.index(load.source)]
     return (*effective, load)
-
-
-def _unreadable(what: str) -> FindingUnreadable:
-    return FindingUnreadable(f"the journal's load, {what}", remedy="load again")

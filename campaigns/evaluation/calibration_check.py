@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import JsonValue, TypeAdapter
 
-from campaigns.errors import FindingUnreadable
 from campaigns.estimation.change_detection import Cause, CauseKind
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import SIGNIFICANCE, column_effect
 from campaigns.evaluation.base_motion import BaseMotion
 from campaigns.evaluation.decision import COVERAGE, Decision
+from campaigns.journal.records import read_body
 from campaigns.mechanisms.parameters import ParameterSpace
 
 AS_LIKELY = 10.0
@@ -126,13 +126,8 @@ class RecordedCheck(CalibrationCheck):
 
 def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
     """Check of a journal's finding; raises `FindingUnreadable`."""
-    try:
-        return TypeAdapter(RecordedCheck).validate_python(body)
-    except ValidationError as error:
-        raise FindingUnreadable(
-            f"the journal's check: {error.errors(include_url=False)[0]['msg'].lower()}",
-            remedy="check again: another version of the software wrote it",
-        ) from error
+    remedy = "check again: another version of the software wrote it"
+    return read_body(body, TypeAdapter(RecordedCheck), "check", remedy)
 
 
 def judge_check(

@@ -4,9 +4,10 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from campaigns.evaluation.decision import COVERAGE
+
 STEEL_PER_DEGC = 12e-6
 """Expansion of a steel robot, by which a change of the air is judged where no part was measured."""
-COVERAGE_FACTOR = 2.0
 RECTANGULAR = math.sqrt(12.0)
 """Width of a rectangular distribution over its standard deviation."""
 COMMON_WORDS = {
@@ -65,5 +66,5 @@ def uncertainty_budget(
         source = f"temperature: air changed by {air_change_degC:.2f} °C, steel not following it"
         yield Contribution(source, warmth, "B", counts=False)
     yield Contribution("combined standard uncertainty u", total_mm, "")
-    expanded = f"expanded uncertainty U = {COVERAGE_FACTOR:g} u (about 95 %)"
-    yield Contribution(expanded, COVERAGE_FACTOR * total_mm, "")
+    expanded = f"expanded uncertainty U = {COVERAGE:g} u (about 95 %)"
+    yield Contribution(expanded, COVERAGE * total_mm, "")

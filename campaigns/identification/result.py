@@ -11,10 +11,9 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import JsonValue, TypeAdapter
 
 from campaigns.arrays import Array
-from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty, WorkspaceSample
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
@@ -29,6 +28,7 @@ from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.files.table import Column, html_table
 from campaigns.identification.known_lengths import KnownLengths
 from campaigns.identification.nests import Nest
+from campaigns.journal.records import read_body
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -456,15 +456,8 @@ def _reader() -> TypeAdapter[RecordedIdentification]:
 
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
-    try:
-        return _completed(_reader().validate_python(body))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise FindingUnreadable(
-            f"the journal's identification, {where}: {first['msg'].lower()}",
-            remedy="identify again: another version of the software wrote it",
-        ) from error
+    remedy = "identify again: another version of the software wrote it"
+    return _completed(read_body(body, _reader(), "identification", remedy))
 
 
 def _completed(found: RecordedIdentification) -> RecordedIdentification:

@@ -4,10 +4,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 
+from campaigns.errors import FindingUnreadable
 from drivers.values import Identity, Matrix3, Pose, Vector3, Weather
 
 Joints = tuple[float, ...]
@@ -239,6 +240,7 @@ TYPE_OF_KIND: Mapping[str, type[Record]] = {
     "event": Event,
     "finding": Finding,
 }
+FoundT = TypeVar("FoundT")
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
 
@@ -246,6 +248,20 @@ KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_
 @cache
 def _adapter(kind: str) -> TypeAdapter[Any]:
     return TypeAdapter(TYPE_OF_KIND[kind])
+
+
+def read_body(
+    body: Mapping[str, JsonValue], kind: TypeAdapter[FoundT], name: FindingKind, remedy: str
+) -> FoundT:
+    """What a finding's body holds; raises `FindingUnreadable` for a body in another form."""
+    try:
+        return kind.validate_python(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise FindingUnreadable(
+            f"the journal's {name}, {where}: {first['msg'].lower()}", remedy=remedy
+        ) from error
 
 
 def to_text(record: Record) -> str:
