@@ -21,7 +21,7 @@ from par4_space import (
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.residuals import PositionModel
-from campaigns.identification.change import tested
+from campaigns.identification import change
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import (
     FULL,
@@ -285,7 +285,7 @@ def test_of_two_models_that_know_as_much_the_smaller_is_kept():
 
 
 def test_a_robot_that_22_parameters_describe_keeps_them_as_they_are_without_a_choice(monkeypatch):
-    data, tests = shots(TRUTH), Mock(wraps=tested)
+    data, tests = shots(TRUTH), Mock(wraps=change.tested)
     monkeypatch.setattr("campaigns.identification.identify.tested", tests)
     choice = chosen(data)
     assert tests.call_count == 1, "for causes, which a model that is not kept needs not"
