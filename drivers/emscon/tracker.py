@@ -16,6 +16,7 @@ from drivers.emscon.client import (
     Result,
     beam_not_locked,
     failed_with_beam,
+    refused,
 )
 from drivers.emscon.own_result import OwnResult
 from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
@@ -234,11 +235,9 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
 
     @override
     def use_face(self, face: int) -> bool:
-        present = self._session.connection.ask_or_none(Command.GET_FACE, bodies.Code)
-        if present is None or present.value not in {FACE_1, FACE_2}:
-            return False  # nobody could tell whether it is back again
-        if present.value == face:
-            return True
+        present = _face(self._session.connection)
+        if present in {None, face}:
+            return present is not None  # else nobody could tell whether it is back again
         try:
             self._move(Command.CHANGE_FACE)
         except BeamBroken:
@@ -281,9 +280,11 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
     @override
     def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.Settings:
         settings = setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
-        face = client.ask_or_none(Command.GET_FACE, bodies.Code)
-        if face is not None and face.value == FACE_2:  # as somebody, or a cut-off run, left it
-            client.attempt(Command.CHANGE_FACE, within_s=self._deadlines.motion_s)
+        if _face(client) == FACE_2:  # as somebody, or a cut-off run, left it
+            within_s = self._deadlines.motion_s + wanted.search_timeout_s
+            status = client.attempt(Command.CHANGE_FACE, within_s=within_s)
+            if _face(client) == FACE_2:  # the reflector need not be found yet
+                raise refused(client.name, f"{Command.CHANGE_FACE.title} into face 1", status)
         return settings
 
     def _is_connected_again(self, give_up_s: float) -> bool:
@@ -352,6 +353,11 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
             return ""
         names = {entry.identifier: entry.name for entry in self.reflectors()}
         return names.get(choice.value, "")
+
+
+def _face(client: EmsconClient) -> int | None:
+    found = client.ask_or_none(Command.GET_FACE, bodies.Code)
+    return None if found is None or found.value not in {FACE_1, FACE_2} else found.value
 
 
 def _model(client: EmsconClient) -> str:

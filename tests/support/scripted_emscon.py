@@ -95,6 +95,9 @@ class Instrument:
             return [(0.0, refusal(command, status))]
         if command in SETS:
             self.state[SETS[command]] = request.body
+        if command == Command.CHANGE_FACE:
+            face = self.state[Command.GET_FACE].value
+            self.state[Command.GET_FACE] = emscon_messages.Code(3 - face)
         if command == Command.GET_REFLECTORS:
             return [
                 (

@@ -204,6 +204,7 @@ class TestMotion:
         assert Command.CHANGE_FACE not in station.instrument.commands()
         assert station.tracker.use_face(2)
         assert Command.CHANGE_FACE in station.instrument.commands()
+        assert station.tracker.use_face(1)
         station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
         assert not station.tracker.use_face(2)
         station.instrument.refuses[Command.GET_FACE] = ResultStatus.NOT_IMPLEMENTED
@@ -226,6 +227,11 @@ class TestMotion:
             station.instrument.state[Command.GET_FACE] = bodies.Code(face)
             station.tracker.prepare("CCR-1.5in", 2.0)
             assert (Command.CHANGE_FACE in station.instrument.commands()) is (face == 2)
+            assert station.instrument.state[Command.GET_FACE] == bodies.Code(1)
+        station.instrument.state[Command.GET_FACE] = bodies.Code(2)
+        station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
+        with pytest.raises(errors.DeviceRefused, match="ChangeFace into face 1 was refused"):
+            station.tracker.prepare("CCR-1.5in", 2.0)
 
 
 class TestUncertainty:
