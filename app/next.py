@@ -7,7 +7,7 @@ from app.console import WARNING, Terminal
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
-from campaigns.evidence import evaluate
+from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.lock import lock_holder
 from campaigns.next_step import CampaignState, NextStep, WayOn, next_step, state_of
 
@@ -27,15 +27,17 @@ def tell_next(
     answered: bool = False,
     reported: bool = False,
     held: ControllerState | None = None,
+    evaluation: Evaluation | None = None,
 ) -> dict[str, object]:
     """Say which command is next; gives it as a part of what `--json` prints.
 
-    `words`: options that a next run or identification gets, not those recorded. `held`:
-    what was read from the controller. Where evidence cannot be read, nothing is said: the command's
-    own result stands.
+    `words`: options that a next run or identification gets, not those recorded. `held`: what was
+    read from the controller. `evaluation`: the campaign's, where it is there. Where evidence cannot
+    be read, nothing is said: the command's own result stands.
     """
     try:
-        state = state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
+        found = evaluation or evaluate(campaign)
+        state = state_of(found, answered=answered, reported=reported, held=held)
         step = next_step(replace(state, words=tuple(words) or state.words))
     except CampaignError:
         state, step = CampaignState(), None

@@ -316,7 +316,7 @@ def gather(campaign: Campaign) -> Evidence:
         run = _measured(campaign, _identified_series(all_series, identification))
         written = next(written_sets(journal), None)
         if written is not None:
-            programs["after"] = current_program(campaign.folder, "after", written.digest)
+            programs["after"] = current_program(campaign.folder, "after", lambda: written.digest)
         return Evidence(
             campaign=campaign,
             journal=facts,
@@ -342,7 +342,8 @@ def _program(campaign: Campaign, plan: tuple[PlannedShot, ...] | None) -> str:
     """Language of the program of plan.csv, as it is now; empty without one."""
     if plan is None:
         return ""
-    return current_program(campaign.folder, "run", plan_digest(plan, campaign.robot.mechanism))
+    mechanism = campaign.robot.mechanism
+    return current_program(campaign.folder, "run", lambda: plan_digest(plan, mechanism))
 
 
 def _read_if_there(

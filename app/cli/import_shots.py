@@ -156,11 +156,12 @@ def command(
         show_validation(terminal, done, campaign)
         return
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
-    if evaluate(campaign).before is None:
+    found = evaluate(campaign)
+    if found.before is None:
         again = shlex.join(["pkmcal", "import", str(campaign.folder), "FILE", "--stage", "before"])
         terminal.note(f"pairs measured with the controller's own parameters: {again} takes them in")
     taken = {"series": series, "shots": len(rows)}
-    terminal.document(taken | tell_next(terminal, campaign))
+    terminal.document(taken | tell_next(terminal, campaign, evaluation=found))
 
 
 def _read(

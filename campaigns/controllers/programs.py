@@ -84,13 +84,13 @@ def shot_name(shot: PlannedShot) -> str:
     return f"shot{shot.shot}"
 
 
-def current_program(folder: Path, stage: str, digest: str) -> str:
+def current_program(folder: Path, stage: str, digest: Callable[[], str]) -> str:
     """Language of a stage's program that names this digest in its heading; empty without one."""
     for name, language in LANGUAGES.items():
         path = folder / f"program-{stage}{language.suffix}"
         if is_file(path):
             with path.open("rb") as file:
-                if digest.encode() in file.read(HEADING_BYTES):
+                if digest().encode() in file.read(HEADING_BYTES):
                     return name
     return ""
 

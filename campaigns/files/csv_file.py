@@ -150,12 +150,15 @@ def _marked(text: str) -> str:
 
 
 def _unmarked(text: str) -> str:
+    if not text.startswith(_MARK):
+        return text
     bare = text.removeprefix(_MARK)
     return bare if _TEXT_OF_FORMULA.match(text) and not NUMBER.fullmatch(bare) else text
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.strip().splitlines())
+    text = text.strip()
+    return text if text.isprintable() else " ".join(text.splitlines())
 
 
 def _check_header(header: list[str], where: str, form: CsvForm) -> None:

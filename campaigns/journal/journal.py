@@ -39,6 +39,9 @@ class JournalReader:
         self._connection = connection
         self._path = path
         self._known: list[Entry[kinds.Record]] = []
+        self._series: tuple[Series, ...] = ()
+        self._series_of = 0
+        """Number of records that they are of."""
         self._end = self._verified()
 
     def __enter__(self) -> Self:
@@ -75,8 +78,10 @@ class JournalReader:
 
     def series(self, stage: kinds.Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
-        found = views.all_series(self.records())
-        return tuple(each for each in found if stage in (None, each.started.stage))
+        entries = self.records()
+        if self._series_of != len(entries):
+            self._series, self._series_of = views.all_series(entries), len(entries)
+        return tuple(each for each in self._series if stage in (None, each.started.stage))
 
     def latest_series(self, stage: kinds.Stage) -> Series | None:
         """Return the series of that stage that began last, if any did."""
@@ -189,6 +194,7 @@ class Journal(JournalReader):
         except BaseException as error:
             self._end, self._file = before, OwnFile(self._path)  # pages may be in the log already
             del self._known[before.number :]
+            self._series, self._series_of = (), 0
             self._failed |= isinstance(error, JournalFailed)
             raise
         finally:
@@ -203,7 +209,8 @@ class Journal(JournalReader):
         self._check_file()
         written, self._failed = self._end, True  # until it is open again
         self.close()
-        self._connection, self._known = database.connect_to_write(self._path, create=False), []
+        self._connection = database.connect_to_write(self._path, create=False)
+        self._known, self._series, self._series_of = [], (), 0
         self._end = self._verified()
         if self._end != written:
             raise JournalDamaged(

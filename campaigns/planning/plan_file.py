@@ -4,6 +4,7 @@ import hashlib
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
@@ -83,6 +84,11 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Clos
 
 def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """SHA-256 of the plan's text: the same before writing and after reading."""
+    return _digest(tuple(shots), mechanism)
+
+
+@lru_cache(maxsize=1)  # several parts of a command ask for it
+def _digest(shots: tuple[PlannedShot, ...], mechanism: ClosedChain) -> str:
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
@@ -102,6 +108,7 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     return csv_text(head, rows)
 
 
+@lru_cache(maxsize=1)  # likewise
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
     form = CsvForm(
@@ -153,15 +160,18 @@ def _check_models(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None:
 
 
 def _model_of(row: CsvRow) -> Model | None:
-    text, known = row.text(MODEL), [each.value for each in Model]
-    if text and text not in known:
+    text = row.text(MODEL)
+    if not text:
+        return None
+    known = [each.value for each in Model]
+    if text not in known:
         raise row.wrong(f"{MODEL} is '{shown(text)}'", remedy=suggestion(text, known))
-    return Model(text) if text else None
+    return Model(text)
 
 
 def _asked_of(row: CsvRow) -> tuple[str, ...]:
     try:
-        return tuple(shlex.split(row.text(ASKED)))
+        return tuple(shlex.split(text)) if (text := row.text(ASKED)) else ()
     except ValueError as error:
         raise row.wrong(
             f"{ASKED} is '{shown(row.text(ASKED))}'", remedy="close its quotes"
