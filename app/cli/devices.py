@@ -1,19 +1,21 @@
 """pkmcal devices: who answers, and in what state."""
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
 
-from app.byte_log import byte_log
-from app.console import terminal_of
+from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json
 from app.wiring import connections
-from campaigns.campaign import Campaign, open_campaign
+from campaigns.campaign import Campaign, now_utc, open_campaign
+from campaigns.errors import WriteFailed
+from campaigns.files.text_file import refuse_existing
+from drivers.byte_log import ByteLog
 from drivers.errors import DriverError
 from drivers.ports import LaserTracker, RobotController
 
@@ -39,7 +41,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    with campaign.held(), byte_log(spy, terminal) as log, connections(campaign, log=log) as to:
+    with campaign.held(), _byte_log(spy, terminal) as log, connections(campaign, log=log) as to:
         asked = {
             "controller": _asked(to.robot, partial(of_controller, campaign)),
             "tracker": _asked(to.tracker, of_tracker),
@@ -52,6 +54,31 @@ def command(
         if isinstance(facts, DriverError):
             raise facts
     terminal.document(asked | tell_next(terminal, campaign, answered=True))
+
+
+@contextmanager
+def _byte_log(path: Path | None, terminal: Terminal) -> Iterator[ByteLog | None]:
+    """A log in a new file for the time of the block, or none.
+
+    Raises `OutputExists` or `WriteFailed`; a log that cannot go on is said, and the work goes on.
+    """
+    if path is None:
+        yield None
+        return
+    refuse_existing(path)
+    try:
+        file = path.open("x", encoding="utf-8")
+    except OSError as error:
+        raise WriteFailed(
+            f"{path}: cannot be written ({error.strerror})", remedy="name another file"
+        ) from error
+    with file:
+        log = ByteLog(file, now_utc=now_utc)
+        try:
+            yield log
+        finally:
+            if log.problem:
+                terminal.note(f"the byte log is not complete: {log.problem}", WARNING)
 
 
 def _asked(

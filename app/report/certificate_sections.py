@@ -9,7 +9,7 @@ from app.report.rendering import moment
 from campaigns.evaluation.uncertainty_budget import Contribution, uncertainty_budget
 from campaigns.evidence import Evaluation, Evidence
 from campaigns.files.table import NOTHING, Column, Row, words
-from campaigns.identification.result import RobotScatter
+from campaigns.identification.result import RecordedIdentification, RobotScatter
 from campaigns.settings.certificate import CertificateConfig
 from campaigns.shots.shots import Shots
 
@@ -41,13 +41,6 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         (each.started.tracker for each in reversed(series) if each.started.tracker), None
     )
     found = evidence.identification
-    method = (
-        NOTHING
-        if found is None
-        else f"identification of {len(found.free)} parameters from {found.shots} shots "
-        f"(estimator {found.estimator.value}, model {found.model or 'standard'}), validated on "
-        "pairs that were not fitted"
-    )
     yield from (
         ("certificate", certificate.number),
         ("customer", certificate.customer),
@@ -63,7 +56,17 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         ("speed", f"{config.controller.speed_percent:g} % of full speed"),
         ("measured", " to ".join(_times(evidence))),
         ("conditions", certificate.conditions),
-        ("method", method),
+        ("method", NOTHING if found is None else _method(found)),
+    )
+
+
+def _method(found: RecordedIdentification) -> str:
+    fitted, held_out = found.fitted, found.unseen
+    shots = f"{len(fitted.numbers)} {fitted.of}" if fitted else f"{found.shots} shots"
+    proof = f", validated on {len(held_out.numbers)} pairs that were not fitted" if held_out else ""
+    return (
+        f"identification of {len(found.free)} parameters from {shots} "
+        f"(estimator {found.estimator.value}, model {found.model or 'standard'}){proof}"
     )
 
 

@@ -80,7 +80,7 @@ def campaign_verdict(
         *_of_identification(identification),
         *_of_limits(after, validated=validated),
         *held,
-        *(f"Check failed: {check.statement} ({check.detail})." for check in broken),
+        *(f"Not confirmed: {check.statement} ({check.detail})." for check in broken),
     )
     headline = HEADLINES[decision]
     if not asked and decision != "fail":

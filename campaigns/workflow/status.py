@@ -136,4 +136,4 @@ def doubtful(evaluation: Evaluation) -> Iterator[str]:
         yield f"check, series {check.series}: {check.says}"
     yield from (doubt.says for doubt in found.doubts if doubt.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)
-    yield from (f"check failed: {each.statement} ({each.detail})" for each in broken)
+    yield from (f"not confirmed: {each.statement} ({each.detail})" for each in broken)

@@ -1,15 +1,15 @@
 """Plan: where it measures, how well parameters will be known, what more shots would tell."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
-from matplotlib.ticker import LogLocator, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
 
 from app.report.figures.drawing import in_house_style, legend_above, new_figure
-from app.report.figures.picture import AFTER, BEFORE, INK, QUIET
-from app.report.figures.space import axes_in_space, one_scale
+from app.report.figures.picture import AFTER, AZIMUTH_DEG, BEFORE, ELEVATION_DEG, GRID, INK, QUIET
 from app.report.figures.workspace import ROUND_FACTORS
 from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array
@@ -21,6 +21,11 @@ from campaigns.shots.shot_sets import ShotSet
 POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0
 """Heights of the parts."""
 MOST_TICKS = 12
+INTERVALS = 4
+LABEL_SIZE = 6.5
+LABEL_PAD = -6.0
+ZOOM = 0.98
+BARE = (0.0, 0.0, 0.0, 0.0)
 MARKERS: Mapping[ShotSet, tuple[str, str]] = {
     ShotSet.IDENTIFICATION: ("o", AFTER),
     ShotSet.VALIDATION: ("D", BEFORE),
@@ -69,6 +74,33 @@ def _draw_poses(
     kept_off = f", walls {reach_mm:g} mm off" if restricted.is_restricted else ""
     above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"from above{kept_off}")
     legend_above(figure, above, len(MARKERS) + 2)
+
+
+def axes_in_space(figure: FigureBase, place: tuple[int, int, int]) -> Any:
+    """Axes at a place of the figure, such as (1, 2, 1). Any: mplot3d has no types."""
+    axes: Any = figure.add_subplot(
+        *place, projection="3d", proj_type="ortho", computed_zorder=False
+    )
+    axes.view_init(elev=ELEVATION_DEG, azim=AZIMUTH_DEG)
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis), ("z", axes.zaxis)):
+        axis.set_pane_color(BARE)
+        axis.line.set_color(GRID)
+        axis.set_major_locator(MaxNLocator(INTERVALS))
+        axis.set_label_text(name, style="italic", color=QUIET)
+        axis.labelpad = LABEL_PAD
+        axis.set_tick_params(labelsize=LABEL_SIZE, pad=-2)
+    axes.zaxis.set_ticks_position("upper")
+    axes.zaxis.set_label_position("upper")
+    return axes
+
+
+def one_scale(axes: Any, points: Array) -> None:
+    """Show points (N, 3) and no more, all directions to the same scale."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = np.maximum(high - low, 1.0)
+    axes.set(xlim=(low[0], low[0] + size[0]), ylim=(low[1], low[1] + size[1]))
+    axes.set_zlim(low[2], low[2] + size[2])
+    axes.set_box_aspect(size, zoom=ZOOM)
 
 
 def _draw_std(figure: FigureBase, predicted: Uncertainty) -> None:

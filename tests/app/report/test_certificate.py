@@ -53,6 +53,15 @@ def test_a_whole_head_stands_with_every_fact_and_lacks_nothing(certified) -> Non
     assert "Empty in campaign.yaml" not in text
 
 
+def test_the_method_counts_the_shots_that_were_fitted(whole: PaperCampaign) -> None:
+    method = dict(certificate_sections.facts(evaluate(open_campaign(whole.folder))))["method"]
+    found = gather(whole.campaign).identification
+    fitted, held_out = len(found.fitted.numbers), len(found.unseen.numbers)
+    assert f" parameters from {fitted} shots (estimator points, model " in method
+    assert method.endswith(f"validated on {held_out} pairs that were not fitted")
+    assert fitted < found.shots, "those of validation and drift are not fitted"
+
+
 def test_empty_keys_are_named_and_an_expired_certificate_is_told(certified) -> None:
     expired = TRACKER.model_copy(update={"expires": date(2026, 3, 1)})
     paper = certified(CertificateConfig(number="C-18", tracker=expired))

@@ -13,7 +13,7 @@ from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 from app.report.figures.distances import pair_errors
 from app.report.figures.drawing import new_figure, save, svg_text
 from app.report.figures.picture import AFTER, Picture, ticks
-from app.report.figures.space import axes_in_space, one_scale
+from app.report.figures.plan import axes_in_space, one_scale
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
 from app.report.groups import PairGroup
 from app.report.page import page_of
