@@ -19,7 +19,14 @@ from drivers.emscon.client import (
     refused,
 )
 from drivers.emscon.own_result import OwnResult
-from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
+from drivers.errors import (
+    BeamBroken,
+    DeviceNotReady,
+    DeviceRefused,
+    NoReflector,
+    NotAMeasurement,
+    WireError,
+)
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
 from drivers.ports import Clock
@@ -240,7 +247,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
             return present is not None  # else nobody could tell whether it is back again
         try:
             self._move(Command.CHANGE_FACE)
-        except BeamBroken:
+        except (BeamBroken, DeviceNotReady):
             raise
         except DeviceRefused:  # it has one face, or cannot turn over by itself
             if face == FACE_1:

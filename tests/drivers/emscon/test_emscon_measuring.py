@@ -150,12 +150,6 @@ class TestMeasure:
         with pytest.raises(errors.DeviceNotReady):
             station.tracker.measure()
 
-    def test_measuring_before_preparing_is_refused(self):
-        station = Station().connected()
-        with pytest.raises(errors.DeviceNotReady, match="not prepared"):
-            station.tracker.measure()
-        assert START not in station.instrument.commands()
-
     def test_interrupt_while_measuring_closes_the_wire(self):
         wishes = [False]
         station = Station(cancelled=lambda: wishes[0]).prepared()

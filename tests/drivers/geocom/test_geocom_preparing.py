@@ -1,7 +1,7 @@
 """The GeoCOM driver: what the instrument is brought to before it measures."""
 
 import pytest
-from scripted_geocom import CCR, POINT_MM, Bench
+from scripted_geocom import CCR, Bench
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused
 from drivers.values import Readiness
@@ -83,10 +83,3 @@ def test_instrument_that_was_left_in_its_second_face_is_turned_back(face):
         bench.instrument.refuses(Rpc.AUT_CHANGE_FACE, Result.AUT_MOTOR_ERROR)
         with pytest.raises(DeviceNotReady, match="turning over failed"):
             bench.tracker.prepare(CCR, 1.0)
-
-
-def test_nothing_is_measured_before_it_is_prepared():
-    bench = Bench().connected()
-    for call in (bench.tracker.measure, lambda: bench.tracker.go_to(POINT_MM)):
-        with pytest.raises(DeviceNotReady, match="not prepared"):
-            call()

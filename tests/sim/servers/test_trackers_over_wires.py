@@ -117,6 +117,21 @@ def test_reflector_that_is_not_there_is_a_broken_beam_until_it_is_found(speaks):
 
 
 @both
+def test_nothing_is_measured_or_moved_before_it_is_prepared(speaks):
+    with served(speaks) as (cell, connected):
+        tracker = connected()
+        for call in (
+            tracker.measure,
+            lambda: tracker.go_to(tuple(place_mm(cell))),
+            lambda: tracker.find_reflector(2000.0),
+            lambda: tracker.use_face(2),
+        ):
+            with pytest.raises(DeviceNotReady, match="not prepared"):
+                call()
+        assert not cell.tracker.taken
+
+
+@both
 def test_both_faces_see_the_reflector_to_both_sides_and_it_is_prepared_in_the_first(speaks):
     with served(speaks, two_face_arcsec=(60.0, 0.0)) as (cell, connected):
         tracker = connected()
