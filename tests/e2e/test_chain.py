@@ -146,6 +146,7 @@ def test_a_second_run_has_nothing_to_do(pkmcal, measured):
     assert (measured / "campaign.db").read_bytes() == before
 
 
+@pytest.mark.long
 def test_a_run_told_to_begin_anew_measures_all_again_and_says_where_the_tracker_stands(
     pkmcal, tiny
 ):

@@ -59,6 +59,7 @@ def test_the_question_names_the_controller_that_is_written_to(pkmcal, exported, 
     assert not list(exported.glob("controller-before-*"))
 
 
+@pytest.mark.long
 def test_the_wrong_stage_is_refused_and_gone_on_with_anyway(pkmcal, exported):
     distances = ("--only", "distances", "--yes")
     refused = pkmcal("validate", exported, "--stage", "after", *distances)

@@ -42,6 +42,7 @@ def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured,
     assert "Simulated" not in page
 
 
+@pytest.mark.long
 def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tmp_path):
     rows = [row for row in rows_of(shots) if row["pair"]]
     points, joints = tmp_path / "points.txt", tmp_path / "joints.csv"

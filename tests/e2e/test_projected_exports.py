@@ -15,7 +15,9 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(
-    scope="module", params=["delta", "linear-delta", pytest.param("h4", marks=pytest.mark.long)]
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.long) for name in ("delta", "h4")]
+    + ["linear-delta"],
 )
 def campaign(request, tmp_path_factory):
     """A member's noisy shots, identified with a share of the pairs unseen; its folder and name."""

@@ -17,6 +17,7 @@ TRACKER = f"""tracker:
 BAR = {"name": "bar", "length_mm": 1000.0, "std_mm": 0.005, "nests": ["bar-1", "bar-2"]}
 
 
+@pytest.mark.long
 def test_a_bar_between_nests_names_a_scale_of_100_ppm(pkmcal, tmp_path):
     scenario = tmp_path / "nests.yaml"
     scenario.write_text(shipped_text("paper-simulation").replace("tracker:\n", TRACKER))
