@@ -16,8 +16,7 @@ PLAN = (
 SOON_S = 200.0
 
 
-@pytest.mark.parametrize("measured", [1, 3, 6, 9])
-@pytest.mark.parametrize("searches", [True, False])
+@pytest.mark.parametrize(("measured", "searches"), [(1, True), (3, False), (6, True), (9, False)])
 def test_it_is_named_soon_and_waited_for_no_longer(
     tmp_path: Path, measured: int, searches: bool
 ) -> None:
