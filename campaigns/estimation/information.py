@@ -362,7 +362,11 @@ class Uncertainty:
     def total_array(self) -> Array:
         """Covariance (F, F) as positions turned out to have it, with what shots have in common."""
         shared = (np.outer(each, each) for each in map(np.array, self.common.values()))
-        return np.asarray(sum(shared, self.hold_out_ratio**2 * self.array))
+        return np.asarray(sum(shared, self.as_turned_out(self.array)))
+
+    def as_turned_out(self, covariance_matrix: Array) -> Array:
+        """A covariance as hold-out pairs show that positions have it."""
+        return np.asarray(self.hold_out_ratio**2 * covariance_matrix)
 
     @property
     def full_rank(self) -> bool:

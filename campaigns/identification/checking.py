@@ -70,7 +70,7 @@ class StoredCalibration:
     def covariance(self) -> Array:
         """Covariance of the known parameters as positions turned out to have it, mm and rad."""
         units = self.space.units(self.known.names)
-        return np.asarray(self.known.hold_out_ratio**2 * self.known.array * np.outer(units, units))
+        return self.known.as_turned_out(self.known.array * np.outer(units, units))
 
     @property
     def with_expected_changes(self) -> Array:

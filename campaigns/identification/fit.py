@@ -53,10 +53,6 @@ class PointFit:
         chi2 = float(np.sum(misfit_mm * explained))
         return information.chi_square_test(chi2, found.noise.dof, found.noise.sigma0)
 
-    def linearized(self) -> variance_components.LinearizedShots:
-        """All shots about the estimate, those left out too."""
-        return linearized(self.observations, self.found.x)
-
     def covariance_mm2(self) -> Array:
         """Covariances of the points, the robot's scatter included, (N, 3, 3)."""
         return covariance_of(self.observations, self.found.x, self.scatter)

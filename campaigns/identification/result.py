@@ -372,7 +372,7 @@ class IdentificationResult:
         if self.nest_covariance_mm2 is None or self.covariance is None:
             return None
         places = np.array([[each.x_mm, each.y_mm, each.z_mm] for each in self.nests.values()])
-        known_mm2 = self.covariance.hold_out_ratio**2 * np.array(self.nest_covariance_mm2)
+        known_mm2 = self.covariance.as_turned_out(np.array(self.nest_covariance_mm2))
         return tuple(self.nests), places, known_mm2
 
     def nominal_flat(self) -> dict[str, float]:
