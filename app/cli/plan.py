@@ -43,7 +43,8 @@ def command(
         written = _write(terminal, campaign, programs)
         terminal.document(written | tell_next(terminal, campaign))
         return
-    planned = plan(campaign, options)
+    with terminal.telling("choosing poses, checking every way between them"):
+        planned = plan(campaign, options)
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:

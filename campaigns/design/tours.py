@@ -140,24 +140,40 @@ def _nearest_neighbour(joints: Array, pairs: Index, start: Array) -> Index:
 
 
 def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
-    improved = True
-    while improved:
-        improved = False
-        for first in range(len(pairs) - 1):
-            gains = _gains_rad(pairs, joints, start, first)
+    looked_at = np.ones(max(len(pairs) - 1, 0), dtype=np.bool_)
+    ends = np.ascontiguousarray(joints[pairs].transpose(1, 2, 0))
+    while looked_at.any():
+        near_changes = np.zeros_like(looked_at)
+        for first in np.flatnonzero(looked_at).tolist():
+            gains = _gains_rad(ends, start, first)
             best = int(np.argmax(gains))
             if gains[best] > LEAST_GAIN_RAD:
-                stretch = slice(first, first + best + 2)
+                last = first + best + 1
+                stretch = slice(first, last + 1)
                 pairs[stretch] = pairs[stretch][::-1, ::-1]
-                improved = True
+                ends[:, :, stretch] = ends[::-1, :, stretch][:, :, ::-1]
+                for join in (first, last):
+                    near_changes[max(join - 1, 0) : join + 2] = True
+        if not near_changes.any():
+            # elsewhere hardly anything is left to find, but all of it is looked at once more
+            near_changes[:] = not looked_at.all()
+        looked_at = near_changes
     return pairs
 
 
-def _gains_rad(pairs: Index, joints: Array, start: Array, first: int) -> Array:
-    """Shortening of the way if the pairs from `first` to each later one are reversed."""
-    before = joints[pairs[first - 1, 1]] if first else start
-    entry, exits = joints[pairs[first, 0]], joints[pairs[first + 1 :, 1]]
-    after = joints[pairs[first + 2 :, 0]]
-    gains = travel_rad(before, entry) - travel_rad(before, exits)
-    gains[:-1] += travel_rad(exits[:-1], after) - travel_rad(entry, after)
+def _gains_rad(ends: Array, start: Array, first: int) -> Array:
+    """Shortening of the way if the pairs from `first` to each later one are reversed.
+
+    By the joints of the pairs' ends, (2, n, M).
+    """
+    entries, exits = ends
+    before = exits[:, first - 1] if first else start
+    entry, leaving, after = entries[:, first, None], exits[:, first + 1 :], entries[:, first + 2 :]
+    gains = travel_rad(before, entries[:, first]) - _travel_by_joint(before[:, None], leaving)
+    gains[:-1] += _travel_by_joint(leaving[:, :-1], after) - _travel_by_joint(entry, after)
     return gains
+
+
+def _travel_by_joint(from_rad: Array, to_rad: Array) -> Array:
+    """Travel of joints (n, M), which are faster to compare in this order."""
+    return np.asarray(np.abs(to_rad - from_rad).max(axis=0))
