@@ -50,20 +50,17 @@ class RobotlineSession(ServedSession):
             self._controller.stop(now_s)
 
     def _reply(self, line: bytes, now_s: float) -> wire.RobotlineReply | None:
+        outcome: wire.Answer | Refused
         try:
             request = self._grammar.decode_request(line)
+            outcome = self._obey(request.command, now_s)
         except BadRequest as bad:
             return bad.reply
-        outcome = self._outcome(request.command, now_s)
+        except Refusal as refusal:
+            outcome = Refused(refusal.code, refusal.text.replace("°", " deg"))
         return wire.RobotlineReply(
             request.sequence, self._grammar.verb_of(request.command), outcome
         )
-
-    def _outcome(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
-        try:
-            return self._obey(command, now_s)
-        except Refusal as refusal:
-            return Refused(refusal.code, refusal.text.replace("°", " deg"))
 
     def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
         match command:
