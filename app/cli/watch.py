@@ -3,6 +3,7 @@
 import os
 import threading
 from contextlib import suppress
+from time import monotonic
 from typing import Annotated
 
 import typer
@@ -17,6 +18,7 @@ from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
 
 EVERY_S = 0.3
+"""Or as long as the last look took: of a processor it has no more than half."""
 POLITE = 10
 """Added to the process's niceness: a run on the same machine comes first."""
 Host = Annotated[
@@ -59,8 +61,17 @@ def command(
         os.nice(POLITE)
 
     def read() -> None:
+        pause_s = EVERY_S
         with followed(folder, utc_now) as follower:
-            follow(follower.news, news, lambda: over.wait(EVERY_S))
+
+            def look() -> dict[str, object] | None:
+                nonlocal pause_s
+                began_s = monotonic()
+                state = follower.news()
+                pause_s = max(EVERY_S, monotonic() - began_s)
+                return state
+
+            follow(look, news, lambda: over.wait(pause_s))
 
     threads = [
         threading.Thread(target=read, name="follower", daemon=True),

@@ -8,6 +8,7 @@ from pathlib import Path
 from app.monitor.live_state import View, Watched, live_state
 from campaigns.campaign import open_campaign
 from campaigns.errors import CampaignError
+from campaigns.estimation.incremental_fit import next_size
 from campaigns.files.lock import lock_holder
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
@@ -27,8 +28,8 @@ from campaigns.workflow.status import campaign_status
 
 MARKS = (SeriesStarted, SeriesFinished, SessionStarted, SessionStopped, Finding)
 """Records with which a campaign may reach another stage."""
-SHOTS_BETWEEN_FITS = 8
-"""Identification shots that make the uncertainty worth fitting anew."""
+SHOTS_BETWEEN_FITS, GROWTH = 8, 0.25
+"""Identification shots that make the uncertainty worth fitting anew, and of many the share."""
 
 
 class Follower:
@@ -45,6 +46,8 @@ class Follower:
         self._monitored: object = None
         self._status_of: object = None
         self._told = ("", "")
+        self._marks = self._counted = 0
+        """Marks among so many records."""
 
     def close(self) -> None:
         """Close the journal."""
@@ -91,6 +94,7 @@ class Follower:
         if self._journal is None or self._file != (stat.st_dev, stat.st_ino):
             self.close()
             self._campaign = open_campaign(self._folder)
+            self._marks = self._counted = 0
             self._journal, self._file = self._campaign.journal_reader(), (stat.st_dev, stat.st_ino)
         return self._journal
 
@@ -100,8 +104,9 @@ class Follower:
 
     def _status(self, entries: Sequence[Entry[Record]]) -> tuple[str, str]:
         """Phase and next command, worked out anew only when a stage has begun or ended."""
-        marks = sum(isinstance(each.record, MARKS) for each in entries)
-        of = (marks, self._file, self._plan_time())
+        self._marks += sum(isinstance(each.record, MARKS) for each in entries[self._counted :])
+        self._counted = len(entries)
+        of = (self._marks, self._file, self._plan_time())
         if of != self._status_of:
             found = campaign_status(self._campaign)
             self._status_of = of
@@ -127,14 +132,14 @@ class Follower:
         of = (self._file, series.number, self._plan_time())
         if of != self._monitored:
             self._known, self._monitored, self._monitor = [], of, self._monitor_of_plan()
-        outcomes = [shot.outcome for shot in series.shots]
         identifying = ShotSet.IDENTIFICATION.value
         count = sum(shot.intent.purpose == identifying for shot in series.shots)
         before = self._known[-1].shots if self._known else 0
         if self._monitor is not None and (
-            count - before >= SHOTS_BETWEEN_FITS or (series.finished and count > before)
+            count >= max(before + SHOTS_BETWEEN_FITS, next_size(before, GROWTH))
+            or (series.finished and count > before)
         ):
-            found = self._monitor.fitted(outcomes)
+            found = self._monitor.fitted(shot.outcome for shot in series.shots)
             self._known += [found] if found is not None else []
         return tuple(self._known)
 

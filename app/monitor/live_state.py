@@ -1,12 +1,14 @@
 """Live state of a campaign, as the page in the hall shows it: pure, from what its journal says.
 
-Everything is plain data. Positions are on a map as the tracker sees the workspace: metres to the
-right and up, from the middle of the workspace.
+Everything is plain data, and no more of it for a long plan than fits on a screen. Positions are on
+a map as the tracker sees the workspace: metres to the right and up, from its middle.
 """
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -15,16 +17,24 @@ from campaigns.arrays import Array
 from campaigns.evaluation.time_series import time_series
 from campaigns.files.lock import Holder
 from campaigns.journal import records
-from campaigns.journal.views import Entry, Series
-from campaigns.measuring.run_state import ParameterUncertainty, time_left_s
+from campaigns.journal.views import AcceptedShot, Entry, Series
+from campaigns.measuring.run_state import LATEST_SHOTS, ParameterUncertainty, time_left_s
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.planning.plan_file import PlannedShot
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from drivers.values import Pose, Vector3
 
 EVENTS = 8
+MOST_PLACES = 600
+"""Of shots on the map, about; of more, some that are spread over all."""
+MOST_LOST = 50
+"""Places of a lost beam, the latest."""
+MOST_POINTS = 300
+"""Of a curve, about."""
 LOST = ("beam broken", "suspended")
 SKIPPED = ("shot skipped", "shots left out")
+TELL_DRIFT = {ShotSet.DRIFT.value, ShotSet.NEST.value}
 LONGEST_PAUSE_S = 600.0
 """A longer time between two shots was no part of the work's pace."""
 MM_PER_M = 1000.0
@@ -84,7 +94,8 @@ def live_state(
     total = max(len(planned) - len(skipped), len(done)) if planned else None
     colour, state, detail = _activity(own, watched)
     times = [each.measured_utc for each in done.values()]
-    drift = time_series("", shots_of_journal(series.shots, mechanism)) if done and series else None
+    visits = [*_visits(series.shots)] if series else []
+    drift = time_series("", shots_of_journal(visits, mechanism)) if visits else None
     latest = watched.entries[-1].at_utc if watched.entries else None
     return {
         "name": name,
@@ -142,9 +153,9 @@ def _shots_of(record: records.Record, kinds: Iterable[str]) -> tuple[int, ...]:
 
 def _end_utc(times: Sequence[str], total: int | None, now_utc: datetime) -> list[str] | None:
     """Earliest and latest end by the pace of the shots so far; None while there is none."""
-    at = sorted(datetime.fromisoformat(text) for text in times)
-    gaps = np.diff([each.timestamp() for each in at])
-    left = None if total is None else total - len(at)
+    at = [datetime.fromisoformat(text).timestamp() for text in sorted(times)[-LATEST_SHOTS:]]
+    gaps = np.diff(at)
+    left = None if total is None else total - len(times)
     ends = time_left_s(gaps[gaps < LONGEST_PAUSE_S].tolist(), left) if left is not None else None
     if ends is None:
         return None
@@ -168,27 +179,32 @@ def _map(
     poses = {shot.shot: (shot.pose, shot.purpose.value) for shot in planned}
     poses |= {each.shot: (each.target, each.purpose) for each in intents}
     last = intents[-1].shot if intents else None
-    for shot, (pose, purpose) in poses.items():
+    every = 1 + len(poses) // MOST_PLACES
+    for place, (shot, (pose, purpose)) in enumerate(poses.items()):
         state = "done" if shot in done else "skipped" if shot in skipped else "left"
         if shot == last and shot not in done:
             state = "now"
+        if place % every and state in {"done", "left"}:
+            continue
         yield {"shot": shot, "set": purpose, "state": state, "at": view.place(pose)}
 
 
 def _lost_at(own: Sequence[Entry[records.Record]]) -> Iterable[Pose]:
     """Targets on the way to which, or at which, the beam was lost."""
     target: Pose | None = None
+    found: deque[Pose] = deque(maxlen=MOST_LOST)
     for each in own:
         if isinstance(each.record, records.Intent):
             target = each.record.target
         elif isinstance(each.record, records.Event) and each.record.kind in LOST and target:
-            yield target
+            found.append(target)
+    return found
 
 
 def _events(own: Sequence[Entry[records.Record]]) -> Iterable[dict[str, str]]:
     """What the operator should know, the latest first."""
-    told = [(each.at_utc, _text(each.record)) for each in own]
-    for at_utc, text in reversed([each for each in told if each[1]][-EVENTS:]):
+    told = ((each.at_utc, _text(each.record)) for each in reversed(own))
+    for at_utc, text in islice((each for each in told if each[1]), EVENTS):
         yield {"at_utc": at_utc, "text": text[:SHORT]}
 
 
@@ -202,7 +218,17 @@ def _text(record: records.Record) -> str:
             return ""
 
 
+def _visits(shots: Sequence[AcceptedShot]) -> Iterable[AcceptedShot]:
+    """Shots that tell drift: its own, those of nests, and the first, from which time counts."""
+    first = min((each.measured_utc for each in shots), default="")
+    for each in shots:
+        if each.intent.purpose in TELL_DRIFT or each.measured_utc == first:
+            yield each
+
+
 def _pairs(x: Array, y: Array) -> list[list[float]]:
+    every = 1 + len(x) // MOST_POINTS
+    x, y = (np.append(each[:-1:every], each[-1:]) for each in (x, y))
     return [[round(float(a), 3), round(float(b), 5)] for a, b in zip(x, y, strict=True)]
 
 

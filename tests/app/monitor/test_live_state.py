@@ -6,10 +6,14 @@ from pathlib import Path
 import pytest
 from paper_campaign import CENTRE, MECHANISM, new_campaign
 
+from app.monitor import live_state as live_state_module
 from app.monitor.live_state import View, Watched, live_state
+from campaigns.evaluation.time_series import time_series
 from campaigns.files.lock import Holder
 from campaigns.journal import records
+from campaigns.journal.journal import read_journal
 from campaigns.planning.plan_file import write_plan
+from campaigns.shots.shots import shots_of_journal
 from drivers.values import Pose
 
 SOMEBODY = Holder(1, "cell-pc", "2026-03-02T08:00:00+00:00")
@@ -80,6 +84,31 @@ def test_a_lost_beam_and_a_skipped_shot_are_on_the_map(told):
     assert [s["shot"] for s in state["map"] if s["state"] == "skipped"] == [7, 8]
     assert state["total"] == 8
     assert [event["text"] for event in state["events"]] == [skipped.text, "lost"]
+
+
+def test_of_a_long_plan_no_more_is_told_than_fits_on_a_screen(told, monkeypatch):
+    skipped = records.Event("shot skipped", "shot 8 cannot be measured", (8,))
+    lost = [records.Event("beam broken", f"lost {number}") for number in range(9)]
+    whole = told(more=(intent(6), skipped, *lost))
+    for name in ("MOST_PLACES", "MOST_LOST", "MOST_POINTS"):
+        monkeypatch.setattr(live_state_module, name, 2)
+    few = told(more=(intent(6), skipped, *lost))
+    for state in (whole, few):
+        assert (state["done"], state["total"], len(state["events"])) == (6, 9, 8)
+        marked = [(s["shot"], s["state"]) for s in state["map"] if s["state"] in {"now", "skipped"}]
+        assert marked == [(6, "now"), (8, "skipped")]
+    assert [len(state["map"]) for state in (whole, few)] == [10, 3]
+    assert [len(state["lost"]) for state in (whole, few)] == [9, 2]
+
+
+def test_drift_is_that_of_all_shots_of_the_series(told, tmp_path):
+    state = told(shots=10)
+    with read_journal(tmp_path / "c" / "campaign.db") as journal:
+        (series,) = journal.series()
+    every = time_series("", shots_of_journal(series.shots, MECHANISM))
+    assert [at_s for at_s, _ in state["drift"]] == pytest.approx(every.drift_s, abs=1e-3)
+    assert [mm for _, mm in state["drift"]] == pytest.approx(every.drift_mm, abs=1e-5)
+    assert len(state["drift"]) > 1
 
 
 def test_the_map_is_as_the_tracker_sees_it():
