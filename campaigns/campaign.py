@@ -87,7 +87,7 @@ class Campaign:
             raise ConfigInvalid(
                 f"{self.folder} is an offline campaign, without a controller and a tracker to "
                 "connect to",
-                remedy=f"`pkmcal import {self.folder} FILE`imports what was measured, with "
+                remedy=f"`pkmcal import {self.folder} FILE` imports what was measured, with "
                 "--stage before or after a validation; what `pkmcal export` writes is put into the "
                 f"controller by hand; `pkmcal status {self.folder}` says what is next",
             )

@@ -3,14 +3,12 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.estimation.information import Uncertainty
-from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
@@ -115,14 +113,6 @@ def warm_uncertainty(robot: RobotFile, degC: float, known: Uncertainty) -> Uncer
     return known.carried(
         {each: {n: rise * (v - cold.get(n, 0.0)) for n, v in by[each].items()} for each in by}
     )
-
-
-def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> None:
-    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`.
-
-    A file that could not be replaced is left as it was.
-    """
-    write_text_unless_there(path, robot.document.text, overwrite=overwrite)
 
 
 def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:

@@ -129,6 +129,14 @@ def validation_steps(
         replace(step, planned=replace(step.planned, shot=number))
         for number, step in enumerate(steps)
     )
+    if (
+        robot.correct is not None
+        and not numbered[0].approach
+        and not robot.first_reason(centre[None])
+    ):
+        # of the first pose nobody would know from which side the joints come
+        via = tuple(robot.joints(centre[None])[0].tolist())
+        numbered = (replace(numbered[0], approach=(via,)), *numbered[1:])
     _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
     return robot.corrected(numbered), notes
 

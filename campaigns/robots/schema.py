@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, create_model
 
+from campaigns.errors import ConfigInvalid
 from campaigns.files.ranges import RISING, Length, Place, PlaceRange, Point
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
@@ -149,8 +150,17 @@ class RobotContents(FileModel):
 
 
 def contents_model(word: object) -> type[RobotContents]:
-    """Model of the files of a mechanism by its word, or one that refuses an unknown word."""
-    mechanism = find_mechanism(word)
+    """Model of the files of a mechanism by its word, or one that refuses an unknown word.
+
+    Raises `ConfigInvalid` where a package offers that word and gives something else.
+    """
+    try:
+        mechanism = find_mechanism(word)
+    except (TypeError, ImportError, AttributeError) as error:
+        raise ConfigInvalid(
+            f"mechanism {shown(str(word))}: its package gives no mechanism ({error})",
+            remedy="update or mend that package",
+        ) from error
     if mechanism is not None:
         return _model_of(mechanism)
     return create_model(

@@ -36,7 +36,12 @@ POSES = "poses"
 
 Warm = Annotated[
     float | None,
-    Option("Of a robot whose parts are so warm, by identified expansions.", metavar="DEG"),
+    Option(
+        "Of a robot whose parts are so warm, by identified expansions.",
+        metavar="DEG",
+        least=-50.0,
+        most=150.0,
+    ),
 ]
 
 

@@ -52,7 +52,7 @@ def export(
     identified = identified_robot(campaign, degC)
     form = form_of(identified.robot.provenance, str(path))
     with recorded(campaign, path, identified.robot.parameters, form=form):
-        parameter_file.write_compensated(path, identified, overwrite=overwrite)
+        write_text_unless_there(path, identified.document.text, overwrite=overwrite)
     return path, identified.robot
 
 

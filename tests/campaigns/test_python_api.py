@@ -5,7 +5,7 @@ import pytest
 
 import campaigns
 from campaigns import Shots, find_robot, identify, plan, sample_workspace
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import ConfigInvalid, OptionsInvalid
 from campaigns.robots.robot import RobotFile
 
 PACKAGE = """
@@ -102,6 +102,9 @@ def test_another_packages_mechanism_is_taken_in_robot_files(offered):
     assert repr(robot) == "<RobotFile: delta, nominal own-delta>"
 
 
-def test_a_package_that_offers_no_mechanism_is_refused(offered):
-    with pytest.raises(TypeError, match="own_mechanism:OTHER is 'no mechanism', must be a Closed"):
-        find_robot(offered("OTHER"))
+@pytest.mark.parametrize(
+    ("offers", "said"), [("OTHER", "is 'no mechanism', must be a Closed"), ("NONE", "NONE")]
+)
+def test_a_package_that_offers_no_mechanism_is_refused(offered, offers, said):
+    with pytest.raises(ConfigInvalid, match=f"gives no mechanism .*{said}"):
+        find_robot(offered(offers))

@@ -8,12 +8,7 @@ from par4_space import NAMES
 from tested_journal import plain_journal
 
 from campaigns import errors
-from campaigns.controllers.export import (
-    compensated_robot,
-    latest_identification,
-    warm_robot,
-    write_compensated,
-)
+from campaigns.controllers.export import compensated_robot, latest_identification, warm_robot
 from campaigns.estimation.information import Uncertainty
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
@@ -82,8 +77,8 @@ def test_exported_parameters_and_deviations_are_read_back(
     tmp_path: Path, nominal: RobotDocument
 ) -> None:
     path = tmp_path / "out.yaml"
-    write_compensated(
-        path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=False
+    path.write_text(
+        compensated_robot("press 4", nominal, finding(nominal)).document.text, encoding="utf-8"
     )
     robot = read_robot(path).robot
     old = dict(nominal.robot.parameters)
@@ -167,17 +162,6 @@ def test_result_for_another_nominal_robot_is_not_exported(nominal: RobotDocument
         compensated_robot("press 4", other, finding(nominal))
 
 
-def test_existing_file_is_not_overwritten_unasked(tmp_path: Path, nominal: RobotDocument) -> None:
-    path = tmp_path / "out.yaml"
-    path.write_text("mine", encoding="utf-8")
-    robot = compensated_robot("press 4", nominal, finding(nominal))
-    with pytest.raises(errors.OutputExists):
-        write_compensated(path, robot, overwrite=False)
-    assert path.read_text("utf-8") == "mine"
-    write_compensated(path, robot, overwrite=True)
-    assert read_robot(path).robot == robot.robot
-
-
 def test_latest_identification_counts(tmp_path: Path, nominal: RobotDocument) -> None:
     with plain_journal(tmp_path) as journal:
         with pytest.raises(errors.ShotsMissing, match="nothing has been identified"):
@@ -211,7 +195,7 @@ def test_expansions_are_stated_for_a_temperature_and_give_a_warm_robot(
 ) -> None:
     by = {"source": "temperature", "time_constant": None, "reference_degC": 20.0}
     path, found = tmp_path / "out.yaml", warm_finding(nominal, **by)
-    write_compensated(path, compensated_robot("press 4", nominal, found), overwrite=False)
+    path.write_text(compensated_robot("press 4", nominal, found).document.text, encoding="utf-8")
     robot = read_robot(path).robot
     assert robot.digest() == compensated_robot("press 4", nominal, finding(nominal)).robot.digest()
     assert (robot.expansions, robot.reference_degC) == ({"arm_expansion_ppm": 20.0}, 20.0)

@@ -2,12 +2,18 @@
 
 import errno
 import os
+from functools import partial
 
 import pytest
 from small_files import files_no_larger_than
 
 from campaigns.errors import OutputExists, WriteFailed
-from campaigns.files.text_file import make_folder, replace_text, write_new_text
+from campaigns.files.text_file import (
+    make_folder,
+    replace_text,
+    write_new_text,
+    write_text_unless_there,
+)
 
 
 def names_in(folder):
@@ -48,9 +54,12 @@ def test_write_that_the_system_cuts_short_leaves_the_old_file_intact(tmp_path):
 def test_existing_file_is_not_overwritten_unasked(tmp_path):
     path = tmp_path / "shots.csv"
     write_new_text(path, "mine\n")
-    with pytest.raises(OutputExists):
-        write_new_text(path, "theirs\n")
+    for write in (write_new_text, partial(write_text_unless_there, overwrite=False)):
+        with pytest.raises(OutputExists):
+            write(path, "theirs\n")
     assert path.read_text() == "mine\n"
+    write_text_unless_there(path, "theirs\n", overwrite=True)
+    assert path.read_text() == "theirs\n"
 
 
 def test_link_is_written_through_and_stays_a_link(tmp_path):

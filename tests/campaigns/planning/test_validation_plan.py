@@ -12,6 +12,7 @@ from small_plans import LIMITS, planned
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.errors import PlanInvalid
+from campaigns.mechanisms.mechanism import KinematicSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Step
 from campaigns.planning.validation_plan import APPROACHES_MM, Planned, Reachable, validation_steps
@@ -200,6 +201,18 @@ def test_corrected_poses_bring_the_nominal_controller_to_the_joints_of_the_wante
         joints = NOMINAL.inverse(row).values_or_raise()[0]
         np.testing.assert_allclose(joints, step.planned.joints, atol=1e-9)
     assert all(step.corrected is None for step in steps()[0])
+
+
+def test_joints_come_to_every_corrected_pose_from_a_known_side() -> None:
+    sides = list[np.ndarray]()
+
+    def correct(poses: np.ndarray, approach: np.ndarray | None) -> KinematicSolution:
+        sides.extend([] if approach is None else [approach])
+        return KinematicSolution.where(np.ones(len(poses), dtype=bool), poses.copy())
+
+    steps(robot=Reachable(NOMINAL, LIMITS, correct=correct))
+    (taken,) = sides
+    assert (np.abs(taken) == 1.0).all()
 
 
 def test_small_robot_comes_to_the_repeated_pose_from_less_far_and_says_so() -> None:
