@@ -5,7 +5,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -24,11 +24,12 @@ from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.calibration_check import RecordedCheck, read_check
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
+    Check,
     IdentificationVerdict,
     campaign_verdict,
+    same_digest,
 )
 from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
-from campaigns.evaluation.integrity import Check, same_digest
 from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
 from campaigns.evaluation.simulated_devices import simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
@@ -288,14 +289,11 @@ def gather(campaign: Campaign) -> Evidence:
         campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
     )
     programs = {"run": _program(campaign, plan)}
+    files = partial(
+        Evidence, campaign=campaign, plan=plan, parameter_file=parameters, programs=programs
+    )
     if not campaign.journal_path.exists():
-        return Evidence(
-            campaign=campaign,
-            plan=plan,
-            parameter_file=parameters,
-            programs=programs,
-            unreadable=tuple(unreadable),
-        )
+        return files(unreadable=tuple(unreadable))
     with campaign.journal_reader() as journal:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
@@ -317,8 +315,7 @@ def gather(campaign: Campaign) -> Evidence:
         written = next(written_sets(journal), None)
         if written is not None:
             programs["after"] = current_program(campaign.folder, "after", lambda: written.digest)
-        return Evidence(
-            campaign=campaign,
+        return files(
             journal=facts,
             before=_measured(campaign, _chosen(all_series, STAGES["before"])),
             run=run[0] if run else None,
@@ -326,14 +323,11 @@ def gather(campaign: Campaign) -> Evidence:
             identification=identification,
             loaded=loaded,
             checked=_latest(entries, "check", read_check, unreadable),
-            plan=plan,
-            parameter_file=parameters,
             sets=KnownSets.of(
                 campaign.robot,
                 (each.record for each in entries if isinstance(each.record, Finding)),
             ),
             written=written,
-            programs=programs,
             unreadable=tuple(unreadable),
         )
 

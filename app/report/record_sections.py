@@ -7,8 +7,8 @@ from markupsafe import Markup
 
 from app.report.rendering import moment
 from campaigns.evaluation.base_motion import FEWEST
+from campaigns.evaluation.campaign_verdict import Check
 from campaigns.evaluation.diagnostics import NESTS, Doubt
-from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words

@@ -256,6 +256,13 @@ def position_std_mm(jacobian: Array, covariance_matrix: Array) -> Array:
     return np.asarray(np.sqrt(variance.reshape(len(jacobian), -1).sum(axis=1)))
 
 
+def length_with_std(vector: Array, covariance_matrix: Array) -> tuple[float, float]:
+    """Length of a vector (3,), and its standard uncertainty; of none, in the worst direction."""
+    length = float(np.linalg.norm(vector))
+    along = vector / length if length > 0.0 else np.linalg.eigh(covariance_matrix)[1][:, -1]
+    return length, float(np.sqrt(along @ covariance_matrix @ along))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkspaceSample:
     """Sample of poses, and how their positions follow parameters."""

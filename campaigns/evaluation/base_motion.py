@@ -11,7 +11,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.estimation import information
-from campaigns.estimation.information import ChiSquareTest, chi_square_test
+from campaigns.estimation.information import ChiSquareTest, chi_square_test, length_with_std
 from campaigns.estimation.rigid_transforms import frame_jacobian
 from campaigns.evaluation.decision import COVERAGE, Decision
 
@@ -59,8 +59,9 @@ def base_motion(older: NestPlaces, newer: NestPlaces, about_mm: Array) -> BaseMo
     left = float(np.sum((seen - white @ found) ** 2))
     rigid = chi_square_test(left, seen.size - found.size)
     moved = chi_square_test(float(found @ np.linalg.solve(covariance, found)), found.size)
-    turned_rad, turned_u_rad = _length(found[:3], covariance[:3, :3])
-    moved_mm, moved_u_mm = _length(found[3:], covariance[3:, 3:])
+    turned_rad, turned_std_rad = length_with_std(found[:3], covariance[:3, :3])
+    moved_mm, moved_std_mm = length_with_std(found[3:], covariance[3:, 3:])
+    moved_u_mm, turned_u_rad = COVERAGE * moved_std_mm, COVERAGE * turned_std_rad
     decision, says = _answer(moved, rigid, f"{moved_mm:.3f} ± {moved_u_mm:.3f} mm")
     x_mm, y_mm, z_mm = found[3:].tolist()
     return BaseMotion(
@@ -82,13 +83,6 @@ def _only(names: Sequence[str], places: NestPlaces) -> tuple[Array, Array]:
     rows = np.array([places[0].index(name) for name in names])
     every = (3 * rows[:, None] + np.arange(3)).ravel()
     return places[1][rows], places[2][np.ix_(every, every)]
-
-
-def _length(vector: Array, covariance: Array) -> tuple[float, float]:
-    """Length of a vector (3,), and U along it; for none, that of the worst direction."""
-    length = float(np.linalg.norm(vector))
-    along = vector / length if length > 0.0 else np.linalg.eigh(covariance)[1][:, -1]
-    return length, COVERAGE * float(np.sqrt(along @ covariance @ along))
 
 
 def _answer(moved: ChiSquareTest, rigid: ChiSquareTest, size: str) -> tuple[Decision, str]:

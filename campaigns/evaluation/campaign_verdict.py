@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from campaigns.evaluation.decision import Decision, Requirement, decide_all
-from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.validation import ValidationVerdict
 
 RULE = (
@@ -22,6 +21,26 @@ HEADLINES: Mapping[Decision, str] = {
 NOTHING_ASKED = "No limit is asked for, so there is none to be kept or broken."
 NONE_ASKED_FOR = "no limit asked for"
 """Stands in place of a decision where nothing but a limit is lacking."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Statement about the files, and whether it holds; None: there is nothing to compare."""
+
+    statement: str
+    holds: bool | None
+    detail: str
+    decides: bool = True
+    """Whether nothing can pass when it does not hold."""
+
+
+def same_digest(statement: str, one: str | None, other: str | None) -> Check:
+    """Check that two digests agree."""
+    if not one or not other:
+        return Check(statement, None, "nothing to compare")
+    if one == other:
+        return Check(statement, holds=True, detail=f"sha256 {one[:16]}…")
+    return Check(statement, holds=False, detail=f"sha256 {one[:16]}… is not {other[:16]}…")
 
 
 @dataclass(frozen=True, slots=True)

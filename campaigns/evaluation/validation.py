@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
 from campaigns.estimation import point_sets
+from campaigns.estimation.information import length_with_std
 from campaigns.estimation.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
 from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
 from campaigns.robots.reduced_form import ReducedForm
@@ -172,7 +173,8 @@ class RepeatabilityTest:
         if not self.in_base:
             return None
         of_mean = self._scatter_of_mean_mm(away / length) if length > 0.0 else 0.0
-        return _length(away, self.instrument_mm2).with_scatter(of_mean)
+        instrument = MeasuredLength(*length_with_std(away, self.instrument_mm2))
+        return instrument.with_scatter(of_mean)
 
     @property
     def components(self) -> tuple[MeasuredLength, ...] | None:
@@ -429,7 +431,7 @@ def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> 
         return None
     first, second = point_sets.farthest_apart(points_mm)
     together = covariance_mm2[first] + covariance_mm2[second]
-    moved = _length(points_mm[first] - points_mm[second], together)
+    moved = MeasuredLength(*length_with_std(points_mm[first] - points_mm[second], together))
     return RotationTest(np.asarray(commanded[:, -1]), point_sets.away_from_mean(points_mm), moved)
 
 
@@ -576,13 +578,4 @@ def _most_mm(length: MeasuredLength) -> float:
 def _longest(away_mm: Array, covariance_mm2: Array) -> MeasuredLength:
     """The longest of vectors (N, 3)."""
     worst = int(np.argmax(np.linalg.norm(away_mm, axis=1)))
-    return _length(away_mm[worst], covariance_mm2[worst])
-
-
-def _length(vector_mm: Array, covariance_mm2: Array) -> MeasuredLength:
-    """The length of a vector (3,) and its standard deviation; for none, that of the worst axis."""
-    length = float(np.linalg.norm(vector_mm))
-    if length == 0.0:
-        return MeasuredLength(0.0, float(np.sqrt(np.linalg.eigvalsh(covariance_mm2)[-1])))
-    along = vector_mm / length
-    return MeasuredLength(length, float(np.sqrt(along @ covariance_mm2 @ along)))
+    return MeasuredLength(*length_with_std(away_mm[worst], covariance_mm2[worst]))

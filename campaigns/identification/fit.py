@@ -53,10 +53,6 @@ class PointFit:
         chi2 = float(np.sum(misfit_mm * explained))
         return information.chi_square_test(chi2, found.noise.dof, found.noise.sigma0)
 
-    def covariance_mm2(self) -> Array:
-        """Covariances of the points, the robot's scatter included, (N, 3, 3)."""
-        return covariance_of(self.observations, self.found.x, self.scatter)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
@@ -246,10 +242,8 @@ def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
         found = estimate(fitted.problem, count, loss, known_variance=False, exclude=exclude)
         return Fit(fitted, found, None)
     sigma0, numbers = points.found.noise.sigma0 or 1.0, points.observations.numbers
-    covariance = {
-        number: sigma0**2 * each
-        for number, each in zip(numbers, points.covariance_mm2(), strict=True)
-    }
+    whole = sigma0**2 * covariance_of(points.observations, points.found.x, points.scatter)
+    covariance = dict(zip(numbers, whole, strict=True))
     wrong = np.array(numbers)[~points.found.kept].tolist() if exclude else ()
     fitted = distance_observations(inputs, covariance, frozenset(wrong))
     found = estimate(

@@ -142,19 +142,12 @@ def _added(space: ParameterSpace, model: Model) -> set[str]:
     return {*space.thermal} if model is Model.EXTENDED else set()
 
 
-def _whole(
-    space: ParameterSpace,
-    model: Model,
-    freed: Sequence[str],
-    fixed: Sequence[str],
-    priors: Sequence[str],
-) -> ParameterSelection:
+def _whole(space: ParameterSpace, model: Model, *chosen: Sequence[str]) -> ParameterSelection:
     """Parameters of all that a model may end with."""
     more = {name for each in extensions(space, model).values() for name in each}
     more |= {*space.free_by_default} | _added(space, model)
     by_default = tuple(name for name in space.model if name in more)
-    names = space.model
-    return select_parameters(space, freed, fixed, priors, names=names, by_default=by_default)
+    return select_parameters(space, *chosen, names=space.model, by_default=by_default)
 
 
 def asked_of(model: Model) -> str | None:

@@ -9,7 +9,7 @@ import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation import information
-from campaigns.estimation.information import ChiSquareTest, chi_square_test, position_std_mm
+from campaigns.estimation.information import ChiSquareTest, chi_square_test, length_with_std
 from campaigns.estimation.point_sets import away_from_best_line, longest_mm
 from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
 from campaigns.estimation.rigid_transforms import frame_jacobian, small_rotation
@@ -130,10 +130,9 @@ def nest_doubts(stand: StandMotion | None, shots: Shots, left_mm: float) -> Iter
     most = int(np.argmax(sizes_mm))
     if stand.motion.beyond or stand.rigid.beyond:
         own = slice(6 * most + 3, 6 * most + 6)
-        along = stand.moved[None, None, most, 3:] / sizes_mm[most]
-        std_mm = float(position_std_mm(along, stand.covariance[own, own])[0])
-        kind, between = "stand" if stand.compensates else "loose", stand.between[most]
-        yield nests_told(kind, float(sizes_mm[most]), std_mm, between)
+        moved = length_with_std(stand.moved[most, 3:], stand.covariance[own, own])
+        kind = "stand" if stand.compensates else "loose"
+        yield nests_told(kind, *moved, stand.between[most])
     drift = shots.of_set(ShotSet.DRIFT)
     ways = drift.points_in_tracker_mm - drift.points_in_tracker_mm[:1]
     far = int(np.argmax([0.0, *np.linalg.norm(ways[1:], axis=1)]))

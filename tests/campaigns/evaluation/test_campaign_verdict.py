@@ -8,11 +8,11 @@ from paper_campaign import PaperCampaign
 from campaigns.evaluation.campaign_verdict import (
     NONE_ASKED_FOR,
     CampaignVerdict,
+    Check,
     IdentificationVerdict,
     campaign_verdict,
 )
 from campaigns.evaluation.gains import gains, worse_than_before
-from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.validation import ValidationResult, validation_verdict
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.settings.sections import AcceptanceConfig

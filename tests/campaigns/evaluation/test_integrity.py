@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
-from campaigns.evaluation.integrity import Check
+from campaigns.evaluation.campaign_verdict import Check
 from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.journal.records import SeriesStarted
 
