@@ -11,28 +11,30 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.residuals import CLOSE_ENOUGH_MM, FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.configuration import Configuration
-from campaigns.mechanisms.mechanism import Kinematics
 
 
 class RobotStack:
-    """C robots with free parameters of their own, else as the nominal one, at joints (N, n).
+    """Robots of parameters (C, P), of which some are free, at joints (N, n).
 
     `near` are poses (C, t, N) near theirs.
     """
 
     def __init__(
         self,
-        nominal: Kinematics,
+        mechanism: ClosedChain,
+        p: Array,
         free: Index,
         joints: Array,
         near: Array,
         converged_mm: float = CLOSE_ENOUGH_MM,
     ) -> None:
-        self._nominal, self._free, self._joints = nominal, free, joints
+        self._mechanism, self._p, self._free, self._joints = mechanism, p, free, joints
         self._converged_mm = converged_mm
-        self._poses, (count, tasks, shots) = near.copy(), near.shape
-        self._about = np.tile(self.start, (count, 1))
+        self.poses, (count, tasks, shots) = near.copy(), near.shape
+        """Those last asked for, (C, t, N)."""
+        self._about = self.start
         self._by_x = np.zeros((count, tasks, shots, len(free)))
         self.by_joints = np.zeros((count, 3, shots, joints.shape[1]))
         """∂point/∂joints where Jacobians were last asked for, (C, 3, N, n)."""
@@ -40,48 +42,51 @@ class RobotStack:
 
     @property
     def start(self) -> Array:
-        """The nominal robot's free parameters, (F,)."""
-        return self._nominal.p[self._free]
+        """Free parameters of the robots as they were given, (C, F)."""
+        return self._p[:, self._free]
 
     def positions_mm(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Positions (R, 3, N) of these robots with parameters (R, F); which have all of them."""
-        tasks, shots = self._poses.shape[1:]
+        tasks, shots = self.poses.shape[1:]
         further = (x - self._about[rows])[:, :, None]
         expected = self._by_x[rows].reshape(len(rows), -1, x.shape[1]) @ further
-        near = self._poses[rows] + expected.reshape(len(rows), tasks, shots)
-        configuration = self._configuration(x)
+        near = self.poses[rows] + expected.reshape(len(rows), tasks, shots)
+        configuration = self._configuration(x, rows)
         start = near.swapaxes(1, 2).reshape(-1, tasks)
         solution = configuration.assemble(start, self._converged_mm)
         poses = solution.values.reshape(len(rows), shots, tasks).swapaxes(1, 2)
-        self._poses[rows], self._about[rows], self._last = poses, x, (rows, configuration)
+        self.poses[rows], self._about[rows], self._last = poses, x, (rows, configuration)
         found = solution.found.reshape(len(rows), -1).all(axis=1)
         return poses[:, :3], np.asarray(found)
 
     def jacobian(self, x: Array, rows: Index) -> tuple[Array, Array]:
         """Positions (R, 3, N) where they were last asked for, and derivatives, (R, 3, N, F)."""
-        poses, last = self._poses[rows], self._last
-        if (x == x[0]).all() and (poses == poses[0]).all():  # as where all begin
-            last, x, here = None, x[:1], poses[:1]
-        else:
-            here = poses
-        is_last = last is not None and np.array_equal(last[0], rows)
-        configuration = last[1] if last and is_last else self._configuration(x)
-        flat = here.swapaxes(1, 2).reshape(-1, here.shape[1])
+        poses, here, last, p = self.poses[rows], rows, self._last, self._p[rows]
+        if all((each == each[0]).all() for each in (x, poses, p)):  # as where all begin
+            here, x = rows[:1], x[:1]
+        is_last = last is not None and np.array_equal(last[0], here)
+        configuration = last[1] if last and is_last else self._configuration(x, here)
+        flat = self.poses[here].swapaxes(1, 2).reshape(-1, poses.shape[1])
         by_all = configuration.jacobian(flat, extended=False).transpose(1, 2, 0)
         self._by_x[rows] = self._by_robot(by_all[:, self._free], len(x))
-        by_joints = by_all[:3, self._nominal.mechanism.parameters.offsets]
+        by_joints = by_all[:3, self._mechanism.parameters.offsets]
         self.by_joints[rows] = self._by_robot(by_joints, len(x))
         return poses[:, :3], self._by_x[rows][:, :3]
 
-    def _configuration(self, x: Array) -> Configuration:
-        robots = np.tile(self._nominal.p[:, None], len(x))
-        robots[self._free] = x.T
-        return self._nominal.mechanism.configuration(robots, np.tile(self._joints, (len(x), 1)))
+    def _configuration(self, x: Array, rows: Index) -> Configuration:
+        p = self._p[rows].T
+        p[self._free] = x.T
+        return self._mechanism.configuration(p, np.tile(self._joints, (len(x), 1)))
 
     @staticmethod
     def _by_robot(columns: Array, robots: int) -> Array:
         """Columns (t, F, R N) as (R, t, N, F)."""
         return columns.reshape(*columns.shape[:2], robots, -1).transpose(2, 0, 3, 1)
+
+
+def with_frames(parameters: Array) -> Array:
+    """Unknowns (C, F + 6) of parameters (C, F), frames as they are guessed."""
+    return np.pad(parameters, ((0, 0), (0, FRAME_COLUMNS)))
 
 
 class PointStack:
@@ -100,8 +105,7 @@ class PointStack:
 
     def start(self) -> Array:
         """Nominal parameters and guessed frames, (C, F + 6)."""
-        unknowns = np.append(self.robots.start, np.zeros(FRAME_COLUMNS))
-        return np.tile(unknowns, (len(self._points_mm), 1))
+        return with_frames(self.robots.start)
 
     def rotations(self, x: Array, rows: Index) -> Array:
         """From base to tracker, (R, 3, 3)."""

@@ -31,24 +31,34 @@ class FitStack:
     """Fits of C campaigns; rows that were given up say nothing else."""
 
     x: Array
-    """(C, P), parameters first."""
+    """Parameters, mm and rad, (C, F)."""
     covariance: Array
-    """(C, P, P)"""
+    """(C, F, F)"""
     plain: Mask
     """Rows that were not given up, (C,)."""
 
 
 def fit_stack(inputs: Inputs, points_mm: Array) -> FitStack:
     """Fits of campaigns with the same inputs but for their points (C, N, 3)."""
+    count, free = len(points_mm), len(inputs.selection.free)
     if not _may_be_plain(inputs):
-        count, free = len(points_mm), len(inputs.selection.free)
-        return FitStack(
-            np.zeros((count, free)), np.zeros((count, free, free)), np.zeros(count, dtype=bool)
-        )
-    points = _fit_points(inputs, points_mm)
-    if inputs.options.estimator is Estimator.POINTS:
-        return points
-    return _fit_distances(inputs, points_mm, points)
+        return _given_up(count, free)
+    try:
+        found = _fit_points(inputs, points_mm)
+        if inputs.options.estimator is Estimator.DISTANCES:
+            found = _fit_distances(inputs, points_mm, found)
+    except ValueError:  # points that fix no frame, a covariance that is none, a lost rank
+        if count == 1:
+            return _given_up(count, free)
+        each = [fit_stack(inputs, points_mm[row, None]) for row in range(count)]
+        parts = ((one.x, one.covariance, one.plain) for one in each)
+        return FitStack(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return FitStack(found.x[:, :free], found.covariance[:, :free, :free], found.plain)
+
+
+def _given_up(count: int, free: int) -> FitStack:
+    x, plain = np.zeros((count, free)), np.zeros(count, dtype=bool)
+    return FitStack(x, np.zeros((count, free, free)), plain)
 
 
 def _may_be_plain(inputs: Inputs) -> bool:
@@ -120,8 +130,9 @@ def _fit_distances(inputs: Inputs, points_mm: Array, points: FitStack) -> FitSta
 
 
 def _robots(inputs: Inputs, rows: Index, near: Array) -> RobotStack:
-    places = inputs.nominal.mechanism.parameters.places(inputs.selection.free)
-    return RobotStack(inputs.nominal, places, inputs.shots.joints[rows], near)
+    mechanism, p = inputs.nominal.mechanism, np.tile(inputs.nominal.p, (len(near), 1))
+    places = mechanism.parameters.places(inputs.selection.free)
+    return RobotStack(mechanism, p, places, inputs.shots.joints[rows], near)
 
 
 def _solved(problem: ProblemStack, start: Array, block: int) -> tuple[StackSolution, FitStack]:

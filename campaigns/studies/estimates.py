@@ -2,17 +2,21 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import predict_distances, predict_points
+from campaigns.estimation.information import covariance, predict_distances, predict_points
 from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residual_stacks import RobotStack
-from campaigns.estimation.tracker_noise import distance_variance_mm2, point_covariance_mm2
+from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack, with_frames
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.tracker_noise import (
+    distance_variance_mm2,
+    inverse_roots,
+    point_covariance_mm2,
+)
 from campaigns.identification.fit import fit_shots
 from campaigns.identification.fit_stack import fit_stack
 from campaigns.identification.observations import Inputs
@@ -51,23 +55,85 @@ def estimated(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
     """Rows with an estimate each, or with why there is none."""
     setup = task.setup
     at_nominal = setup.nominal.forward(setup.shots.joints)
-    near = at_nominal.values_or_raise()
-    robot_of = cache(partial(true_robot, setup, near))  # without tolerances there is one
+    found = true_robots(setup, at_nominal.values_or_raise(), task.truths)
     robots, points, rows = list[TrueRobot](), list[Array](), dict[int, study.CampaignRow]()
-    for number, truth in zip(task.numbers, task.truths.tolist(), strict=True):
-        try:
-            robot = robot_of(tuple(truth))
+    for number, robot in zip(task.numbers, found, strict=True):
+        if isinstance(robot, str):
+            rows[number] = study.CampaignRow(number, failure=robot)
+        else:
             points.append(robot.measured_mm(np.random.default_rng([setup.seed, number])))
             robots.append(robot)
-        except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
-            rows[number] = study.CampaignRow(number, failure=str(error))
     drawn = (number for number in task.numbers if number not in rows)
-    for number, found in zip(drawn, estimates(setup, robots, points, at_nominal), strict=True):
-        if isinstance(found, str):
-            rows[number] = study.CampaignRow(number, failure=found)
+    for number, each in zip(drawn, estimates(setup, robots, points, at_nominal), strict=True):
+        if isinstance(each, str):
+            rows[number] = study.CampaignRow(number, failure=each)
         else:
-            rows[number] = study.CampaignRow(number, estimate=found)
+            rows[number] = study.CampaignRow(number, estimate=each)
     return tuple(rows[number] for number in task.numbers)
+
+
+def true_robots(setup: study.StudySetup, near: Array, truths: Array) -> Iterator[TrueRobot | str]:
+    """True robots of parameters (C, P), of level plates all at once, or why one is none.
+
+    `near` are poses (N, t) near theirs.
+    """
+    different, places = np.unique(truths, axis=0, return_inverse=True)
+    known = [*_different_robots(setup, near, different)]  # without tolerances there is one
+    yield from (known[place] for place in places.tolist())
+
+
+def _different_robots(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRobot | str]:
+    try:
+        yield from [*_stacked(setup, near, p)]
+    except (NoSolution, np.linalg.LinAlgError):
+        if len(p) > 1:
+            for one in p:
+                yield from _different_robots(setup, near, one[None])
+            return
+        try:
+            yield true_robot(setup, near, tuple(p[0].tolist()))
+        except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
+            yield str(error)
+
+
+def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRobot]:
+    """True robots; raises `NoSolution`, and `LinAlgError` where one has no bound."""
+    mechanism, shots, every = setup.nominal.mechanism, setup.shots, np.arange(len(p))
+    places, instrument = mechanism.parameters.places(setup.free), setup.options.instrument
+    if p[:, len(mechanism.parameters.names) :].any() or places.max() >= len(
+        mechanism.parameters.names
+    ):
+        raise NoSolution("only of level plates and perfect transmissions")
+    start = np.tile(near.T, (len(p), 1, 1))
+    robots = RobotStack(mechanism, p, places, shots.joints, start, CONVERGED_MM)
+    positions, seen = robots.positions_mm(robots.start, every)
+    if not seen.all():
+        raise NoSolution("a robot cannot take a shot")
+    points_mm = setup.tracker_from_base.apply(positions.swapaxes(1, 2))
+    in_base_axes_mm = points_mm @ setup.tracker_from_base.rotation
+    stated, noise_mm2 = (
+        point_covariance_mm2(each.reshape(-1, 3), instrument).reshape(*each.shape, 3)
+        for each in (points_mm, in_base_axes_mm)
+    )
+    if setup.estimator is Estimator.POINTS:
+        whitening, still = inverse_roots(noise_mm2), Transform(np.eye(3), np.zeros(3))
+        by_component = np.ascontiguousarray(np.moveaxis(whitening, 1, -1))
+        of_points = PointStack(robots, positions, by_component, [still] * len(p))
+        jacobian = of_points.jacobian(with_frames(robots.start), every)
+        rows = study.fitted_rows(shots)
+        by_shot = jacobian.reshape(len(p), 3, len(shots), -1)[:, :, rows]
+        jacobian = by_shot.reshape(len(p), 3 * len(rows), -1)
+    else:
+        first, second = shots.whole_pairs(ShotSet.IDENTIFICATION).rows.T
+        each_of = zip(in_base_axes_mm, noise_mm2, strict=True)
+        variance = np.array([distance_variance_mm2(*each, first, second) for each in each_of])
+        of_pairs = DistanceStack(robots, first, second, variance, 1.0 / np.sqrt(variance))
+        jacobian = of_pairs.jacobian(robots.start, every)
+    bound = np.sqrt(np.diagonal(covariance(jacobian), axis1=1, axis2=2))[:, : len(places)]
+    roots = np.linalg.cholesky(stated)
+    for row in every.tolist():
+        true, poses = Kinematics(mechanism, p[row]), robots.poses[row].T
+        yield TrueRobot(true, points_mm[row], roots[row], bound[row], poses, setup.noise)
 
 
 def true_robot(setup: study.StudySetup, near: Array, values: tuple[float, ...]) -> TrueRobot:
@@ -117,7 +183,8 @@ def estimates(
     stack = fit_stack(inputs, np.array(points_mm))
     rows = setup.shots.whole_pairs(ShotSet.VALIDATION).rows.T.ravel()
     near = np.array([robot.poses[rows].T for robot in robots])
-    unseen = RobotStack(setup.nominal, places, setup.shots.joints[rows], near, CONVERGED_MM)
+    mechanism, p = setup.nominal.mechanism, np.tile(setup.nominal.p, (len(robots), 1))
+    unseen = RobotStack(mechanism, p, places, setup.shots.joints[rows], near, CONVERGED_MM)
     x = np.where(stack.plain[:, None], stack.x[:, :free], unseen.start)
     unseen_mm, seen = unseen.positions_mm(x, np.arange(len(robots)))
     for row, (robot, points) in enumerate(zip(robots, points_mm, strict=True)):

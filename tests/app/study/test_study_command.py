@@ -189,8 +189,8 @@ def test_screen_names_every_parameter_of_one_combination_and_the_worst_of_severa
     )
     assert all(name in one for name in FREE_BY_DEFAULT)
     assert "stated σ are true, as far as 5 campaigns tell" in one
-    assert "\n points" in several
-    assert "\n distances" in several
+    assert "\npoints" in several
+    assert "\ndistances" in several
     assert "arm2" not in several.split("stated σ")[0]
     for line in (one + several).splitlines():
         if not line.startswith(

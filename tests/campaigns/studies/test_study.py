@@ -16,7 +16,7 @@ from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.engine import ResultTable, run_task
-from campaigns.studies.estimates import estimates, true_robot
+from campaigns.studies.estimates import estimates, true_robot, true_robots
 from campaigns.studies.study import CampaignRow, StudyTask, indistinguishable, planned_shots
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
 
@@ -227,6 +227,21 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
     np.testing.assert_allclose(studied.errors, values - true, atol=1e-9)
     if estimator is Estimator.POINTS:
         assert found.chi2.believable == (louder == 1.0)
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_true_robots_are_the_same_in_any_company(setup, estimator):
+    own = with_options(setup, estimator=estimator)
+    near, truths = NOMINAL.forward(setup.shots.joints).values_or_raise(), robots(3)
+    truths[1, [NAMES.index(f"arm{arm}.forearm_mm") for arm in range(4)]] = 1.0
+    first, impossible, last = true_robots(own, near, truths)
+    assert impossible.startswith("no assembly")
+    for robot, truth in ((first, truths[0]), (last, truths[2])):
+        (alone,) = true_robots(own, near, truth[None])
+        by_one = true_robot(own, near, tuple(truth))
+        for found in ("points_mm", "scatter_mm", "bound", "poses"):
+            np.testing.assert_array_equal(getattr(robot, found), getattr(alone, found))
+            np.testing.assert_allclose(getattr(robot, found), getattr(by_one, found), atol=1e-9)
 
 
 def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
