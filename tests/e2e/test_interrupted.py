@@ -251,10 +251,11 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         screen.type("q")
         screen.read_until("Go on where it was? [y/N]")
         screen.type("n\n")
-        screen.read_until("takes up where it was")
+        screen.read_until("resumes it")
         assert process.wait(PATIENCE_S) == 130
     with read_journal(planned / "campaign.db") as journal:
-        notes = [e.record.text for e in journal.records_of(Event) if "operator" in e.record.text]
+        events = [entry.record for entry in journal.records_of(Event)]
+        notes = [event.text for event in events if event.kind == "operator note"]
         endings = [e.record.how for e in journal.records_of(SessionStopped)]
     assert endings == ["interrupted", "interrupted"], "told to go on once"
     assert [text.split(" measured")[0].split()[0] for text in notes] == [
@@ -370,5 +371,5 @@ def test_ctrl_c_at_the_question_means_no(screen_and_run):
     process.send_signal(signal.SIGINT)
     screen.read_until("Go on where it was? [y/N]")
     process.send_signal(signal.SIGINT)
-    screen.read_until("takes up where it was")
+    screen.read_until("resumes it")
     assert process.wait(PATIENCE_S) == 130

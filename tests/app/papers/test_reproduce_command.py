@@ -224,6 +224,6 @@ def test_interrupted_run_keeps_what_is_finished(said, folder, no_cells):
     no_cells(stopped_at_the_second)
     ended = said("--to", folder, "--seeds", 5)
     assert ended.code == 130
-    assert "the results of finished seeds are kept → the same command goes on" in ended.error_line
+    assert "finished seeds are kept → the same command runs the others" in ended.error_line
     assert len(kept(folder)) == 10
     assert not (folder / reproduce.PAGE).exists()
