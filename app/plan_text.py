@@ -11,6 +11,7 @@ from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.design.sample_size import diminishing_returns_from
 from campaigns.design.tours import EVEN_SHARE
 from campaigns.estimation.information import Uncertainty
+from campaigns.evaluation.decision import COVERAGE
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_uncertainty import Forecast
 from campaigns.workflow.planning import PlannedCampaign
@@ -49,8 +50,14 @@ def told_lines(forecast: Forecast) -> Iterator[str]:
         std_mm = forecast.position_std_mm
         yield (
             f"positions in the workspace ±{std_mm.mean():.4f} mm on average, "
-            f"±{std_mm.max():.4f} mm at most"
+            f"±{std_mm.max():.4f} mm at most (1 σ)"
         )
+        if (total_mm := forecast.total_position_std_mm) is not None:
+            yield (
+                "their U (k = 2), errors common to all shots included: "
+                f"{COVERAGE * total_mm.mean():.4f} mm on average, "
+                f"{COVERAGE * total_mm.max():.4f} mm at most"
+            )
         indices = ", ".join(f"{name} {value:.3g}" for name, value in seen.indices.items())
         yield f"observability: condition {seen.condition:.0f}, {indices}"
     shares = ", ".join(f"{share:.0%}" for share in forecast.from_below)
@@ -99,7 +106,9 @@ def forecast_document(planned: PlannedCampaign) -> dict[str, object]:
     """All of it, for programs."""
     forecast = planned.forecast
     predicted, seen = forecast.predicted, forecast.seen
+    total_mm = forecast.total_position_std_mm
     assert seen is not None, "it is a plan's"
+    assert total_mm is not None, "it is a plan's"
     return {
         "placement": planned.placement,
         "model": planned.model.value,
@@ -114,6 +123,8 @@ def forecast_document(planned: PlannedCampaign) -> dict[str, object]:
         "position_error_mm": {
             "mean": finite(float(forecast.position_std_mm.mean())),
             "max": finite(float(forecast.position_std_mm.max())),
+            "total_mean": finite(float(total_mm.mean())),
+            "total_max": finite(float(total_mm.max())),
         },
         "observability": seen.indices | {"condition": finite(seen.condition)},
         "from_below": list(forecast.from_below),

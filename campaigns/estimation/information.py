@@ -605,6 +605,46 @@ def predict_distances(
     return _predicted(jacobian, jacobian)
 
 
+def common_by_points(
+    kinematics: Kinematics,
+    free: tuple[str, ...],
+    joints: Array,
+    poses: Array,
+    covariance_mm2: Array,
+    shifts_mm: Mapping[str, Array],
+) -> dict[str, Array]:
+    """Changes (F,) of parameters, mm and rad, by shifts (N, 3) of all points."""
+    jacobian = whitened(point_jacobian(kinematics, free, joints, poses), covariance_mm2)
+    shifts = {
+        name: whitened(each[:, :, None], covariance_mm2).ravel() for name, each in shifts_mm.items()
+    }
+    return _changes(jacobian.reshape(-1, jacobian.shape[-1]), len(free), shifts)
+
+
+def common_by_distances(
+    kinematics: Kinematics,
+    free: tuple[str, ...],
+    joints: Array,
+    poses: Array,
+    pairs: Index,
+    shifts_mm: Mapping[str, Array],
+) -> dict[str, Array]:
+    """The same by distances of pairs (M, 2) of the points (N, 3), which count alike."""
+    first, second = pairs.T
+    towards = directions(poses[:, :3], first, second)
+    shifts = {
+        name: np.einsum("mi,mi->m", towards, each[second] - each[first])
+        for name, each in shifts_mm.items()
+    }
+    return _changes(distance_jacobian(kinematics, free, joints, poses, pairs), len(free), shifts)
+
+
+def _changes(jacobian: Array, parameters: int, shifts: Mapping[str, Array]) -> dict[str, Array]:
+    """Changes of the first unknowns by shifts (M,) of what a Jacobian (M, P) is of."""
+    changes = np.linalg.lstsq(jacobian, np.stack([*shifts.values()], axis=1), rcond=None)[0]
+    return dict(zip(shifts, changes[:parameters].T, strict=True))
+
+
 def _predicted(jacobian: Array, alone: Array) -> tuple[Array, Observability]:
     """From a whitened Jacobian (M, P), and that of the parameters alone, (M, F)."""
     try:

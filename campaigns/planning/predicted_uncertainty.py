@@ -16,6 +16,8 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     Uncertainty,
     WorkspaceSample,
+    common_by_distances,
+    common_by_points,
     predict_distances,
     predict_points,
 )
@@ -44,7 +46,9 @@ class Forecast:
     shots: int
     predicted: Uncertainty
     position_std_mm: Array
-    """Of positions of the workspace's sample, the frame best fitted, (N,)."""
+    """Of positions of the workspace's sample, the frame best fitted, (N,): the random part."""
+    total_position_std_mm: Array | None = None
+    """A plan's with errors common to all shots; None of a number of shots on a curve."""
     seen: Observability | None = None
     """What a plan's shots see of the parameters alone; None of a number of shots on a curve."""
     from_below: tuple[float, ...] = ()
@@ -55,7 +59,7 @@ class Forecast:
     @classmethod
     def of(cls, shots: int, predicted: Uncertainty, sample: WorkspaceSample) -> "Forecast":
         """Forecast of a number of shots."""
-        return cls(shots, predicted, predicted.of_positions(sample))
+        return cls(shots, predicted, predicted.random.of_positions(sample))
 
 
 def plan_forecast(
@@ -68,9 +72,12 @@ def plan_forecast(
     """Forecast of a plan by the nominal robot and the tracker's place (3,) in the base frame."""
     predicted, seen = predicted_uncertainty(shots, kinematics, tracker_mm, setup)
     counted = sum(shot.purpose is ShotSet.IDENTIFICATION for shot in shots)
+    if predicted.full_rank:
+        predicted = replace(predicted, common=_common(shots, kinematics, tracker_mm, setup))
     found = Forecast.of(counted, predicted, sample)
     return replace(
         found,
+        total_position_std_mm=predicted.of_positions(sample),
         seen=seen,
         from_below=plan_approach_shares(shots),
         ratio_std_ppm=_ratio_std_ppm(shots, kinematics, tracker_mm, setup),
@@ -107,6 +114,28 @@ def predicted_uncertainty(
         found, seen = predict_distances(kinematics, free, joints, poses, pairs, alike)
     units, count = kinematics.mechanism.parameters.units(free), len(free)
     return Uncertainty.of(free, units, found[:count, :count], source="predicted"), seen
+
+
+def _common(
+    shots: Sequence[PlannedShot], kinematics: Kinematics, tracker_mm: Array, setup: EstimationSetup
+) -> dict[str, tuple[float, ...]]:
+    """Changes of each parameter, mm and deg, by one σ of each error common to all shots.
+
+    The instrument stands upright in the base frame.
+    """
+    joints, poses = joints_of(shots), poses_of(shots)
+    pairs, free = pairs_of(shots, ShotSet.IDENTIFICATION), setup.free
+    seen_mm = poses[:, :3] - tracker_mm
+    shifts = tracker_noise.common_shifts_mm(seen_mm, setup.uncertainty)
+    if setup.estimator is Estimator.POINTS:
+        rows = pairs.ravel()
+        noise = tracker_noise.point_covariance_mm2(seen_mm[rows], setup.uncertainty)
+        own = {name: each[rows] for name, each in shifts.items()}
+        found = common_by_points(kinematics, free, joints[rows], poses[rows], noise, own)
+    else:
+        found = common_by_distances(kinematics, free, joints, poses, pairs, shifts)
+    units = kinematics.mechanism.parameters.units(free)
+    return {name: tuple((each / units).tolist()) for name, each in found.items()}
 
 
 def plan_approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:

@@ -94,6 +94,19 @@ def test_a_nearer_tracker_tells_more(plan, rows):
     assert near.predicted.largest("mm") < 0.8 * far.predicted.largest("mm")
 
 
+@pytest.mark.parametrize("means", [MEANS, BY_DISTANCES], ids=lambda means: means.estimator)
+def test_a_wrong_scale_of_the_tracker_scales_all_positions(plan, poses, rows, means):
+    forecast = predicted_uncertainty.plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
+    moved_mm = forecast.predicted.common_of_positions(rows)["scale"]
+    scaled_mm = means.uncertainty.scale * (poses[:, :3] - poses[:, :3].mean(axis=0))
+    assert scaled_mm.max() > 1e-4
+    np.testing.assert_allclose(
+        moved_mm, np.sign(np.sum(moved_mm * scaled_mm)) * scaled_mm, atol=1e-6
+    )
+    assert (forecast.total_position_std_mm > forecast.position_std_mm).all()
+    assert forecast.position_std_mm == pytest.approx(forecast.predicted.random.of_positions(rows))
+
+
 @pytest.mark.parametrize(("means", "shots"), [(MEANS, 12), (BY_DISTANCES, 40)])
 def test_too_few_shots_tell_nothing_for_sure(rows, means, shots):
     forecast = predicted_uncertainty.plan_forecast(
