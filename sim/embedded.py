@@ -26,6 +26,19 @@ which a place was approached.
 """
 
 
+def tracker_sessions(cell: Cell) -> Mapping[str, SessionFactory]:
+    """Sessions of its tracker, by the protocol in which it is spoken to."""
+    tracker = cell.tracker
+    station, instrument = GeocomStation(tracker), EmsconInstrument(tracker)
+    return {
+        "emscon": lambda send, already_open: EmsconSession(
+            tracker, send, instrument=instrument, is_second=already_open > 0, faults=cell.faults
+        ),
+        "geocom": lambda send, _: GeocomSession(station, send),
+        "pointline": lambda send, _: PointlineSession(tracker, send),
+    }
+
+
 class EmbeddedCell:
     """A context manager: inside it, a controller and a tracker answer at their URLs.
 
@@ -45,13 +58,18 @@ class EmbeddedCell:
         self.cell = cell
         self.clock = clock
         self._follows = isinstance(cell.controller, FollowingController)
-        self._station = GeocomStation(cell.tracker)
-        self._instrument = EmsconInstrument(cell.tracker)
-        speaking = self._speaking(tracker_speaks)
+        sessions = tracker_sessions(cell)
+        if tracker_speaks not in sessions:
+            raise SimError(
+                f"no simulated tracker speaks '{tracker_speaks}'",
+                remedy=f"use {' or '.join(sessions)}",
+            )
         look_every_s = LOOK_EVERY_S / clock.real_s(1.0) if self._follows else math.inf
         self._server = CellServer(clock, cell.faults, look=cell.advance, look_every_s=look_every_s)
         try:
-            self.tracker_url = self._server.serve_tcp(speaking, "tracker", tracker_port)
+            self.tracker_url = self._server.serve_tcp(
+                sessions[tracker_speaks], "tracker", tracker_port
+            )
             self.controller_url = self._controller_url(controller_on, controller_port)
         except BaseException:
             self._server.stop()
@@ -89,19 +107,3 @@ class EmbeddedCell:
         if controller_on == "pty":
             return self._server.serve_pty(robotline, "controller")
         return self._server.serve_tcp(robotline, "controller", port)
-
-    def _speaking(self, protocol: str) -> SessionFactory:
-        """Sessions of a tracker that speaks it."""
-        tracker, instrument, faults = self.cell.tracker, self._instrument, self.cell.faults
-        sessions: Mapping[str, SessionFactory] = {
-            "emscon": lambda send, already_open: EmsconSession(
-                tracker, send, instrument=instrument, is_second=already_open > 0, faults=faults
-            ),
-            "geocom": lambda send, _: GeocomSession(self._station, send),
-            "pointline": lambda send, _: PointlineSession(tracker, send),
-        }
-        if protocol not in sessions:
-            raise SimError(
-                f"no simulated tracker speaks '{protocol}'", remedy=f"use {' or '.join(sessions)}"
-            )
-        return sessions[protocol]

@@ -18,10 +18,9 @@ from geocompy.geo.gctypes import GeoComCode
 
 from sim.cell import Cell
 from sim.clock import ScaledClock
+from sim.embedded import tracker_sessions
 from sim.faults import FaultScript
 from sim.scenarios.scenario import load_scenario
-from sim.servers.geocom_server import GeocomSession
-from sim.servers.geocom_station import GeocomStation
 from sim.servers.server import CellServer
 
 pytestmark = pytest.mark.peer
@@ -36,10 +35,9 @@ def served(wire):
     scenario = load_scenario("realistic")
     seen_by_none = scenario.tracker.model_copy(update={"beam_locked": False})
     cell = Cell(scenario.model_copy(update={"tracker": seen_by_none}))
-    station = GeocomStation(cell.tracker)
     server = CellServer(ScaledClock(SPEED_UP), FaultScript((), {}))
     serve = server.serve_pty if wire == "pty" else server.serve_tcp
-    url = serve(lambda send, _already_open: GeocomSession(station, send), "tracker")
+    url = serve(tracker_sessions(cell)["geocom"], "tracker")
     with server:
         yield cell, url
 

@@ -17,13 +17,9 @@ from drivers.ports import SystemClock
 from drivers.transport import open_transport
 from sim.cell import Cell
 from sim.clock import ScaledClock
+from sim.embedded import tracker_sessions
 from sim.faults import Counted, Fault, FaultScript
 from sim.scenarios.scenario import load_scenario
-from sim.servers.emscon_instrument import EmsconInstrument
-from sim.servers.emscon_server import EmsconSession
-from sim.servers.geocom_server import GeocomSession
-from sim.servers.geocom_station import GeocomStation
-from sim.servers.pointline_server import PointlineSession
 from sim.servers.server import CellServer
 
 CCR = "CCR-1.5in"
@@ -43,19 +39,10 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     scenario = load_scenario("realistic")
     changed = scenario.tracker.model_copy(update=tracker)
     cell = Cell(scenario.model_copy(update={"tracker": changed}))
-    clock, station = ScaledClock(speed_up), GeocomStation(cell.tracker)
-    instrument = EmsconInstrument(cell.tracker)
-
-    def session(send, already_open):
-        if speaks == "geocom":
-            return GeocomSession(station, send)
-        if speaks == "pointline":
-            return PointlineSession(cell.tracker, send)
-        is_second = already_open > 0
-        return EmsconSession(cell.tracker, send, instrument=instrument, is_second=is_second)
-
+    clock = ScaledClock(speed_up)
     server = CellServer(clock, FaultScript(faults, {}))
-    url = (server.serve_pty if wire == "pty" else server.serve_tcp)(session, "tracker")
+    serve = server.serve_pty if wire == "pty" else server.serve_tcp
+    url = serve(tracker_sessions(cell)[speaks], "tracker")
     make = {
         "emscon": partial(EmsconTracker, clock=SystemClock(), instrument_clock=clock),
         "geocom": partial(GeocomTracker, clock=SystemClock(), first_transaction=20_000),
