@@ -2,7 +2,7 @@
 
 import os
 import threading
-from contextlib import suppress
+from contextlib import closing, suppress
 from time import monotonic
 from typing import Annotated
 
@@ -10,7 +10,7 @@ import typer
 
 from app.console import terminal_of
 from app.interrupt import awaited_signal
-from app.monitor.follower import followed
+from app.monitor.follower import Follower
 from app.monitor.live_state import utc_now
 from app.monitor.server import LiveServer, News, follow
 from app.options import Folder, Json
@@ -62,7 +62,7 @@ def command(
 
     def read() -> None:
         pause_s = EVERY_S
-        with followed(folder, utc_now) as follower:
+        with closing(Follower(folder, utc_now)) as follower:
 
             def look() -> dict[str, object] | None:
                 nonlocal pause_s

@@ -1,7 +1,6 @@
 """Follower of a journal that another process writes: what is new, as the live page is told it."""
 
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 
@@ -149,8 +148,3 @@ class Follower:
             return work.uncertainty_monitor()
         except CampaignError:
             return None
-
-
-def followed(folder: Path, now_utc: Callable[[], datetime]) -> "closing[Follower]":
-    """Follower that is closed at the end of a block; raises `ConfigInvalid`."""
-    return closing(Follower(folder, now_utc))

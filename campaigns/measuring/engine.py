@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from math import dist, inf
 
@@ -11,13 +10,11 @@ from campaigns.estimation.incremental_fit import next_size
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
-from campaigns.measuring.reacquisition import Reacquisition
-from campaigns.measuring.recovery import (
+from campaigns.measuring.reacquisition import (
     ELSEWHERE,
     LOOK_AT_THE_DRIVES,
     NOT_MOVING,
-    Recovery,
-    recovery,
+    Reacquisition,
 )
 from campaigns.measuring.reference_poses import (
     ReferenceNoise,
@@ -38,7 +35,6 @@ from campaigns.measuring.shot_taker import (
 from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
 from campaigns.measuring.station import StationMonitor
 from campaigns.measuring.stopping_rule import early_stop, in_ranges, in_words, may_stop
-from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.measuring.wishes import Wish
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
@@ -47,23 +43,14 @@ from drivers.errors import RobotStateUnknown
 
 LOOK_S = 0.1
 """How often a pause looks at faults and wishes."""
+SUSPECTS = 3
+"""First shots that are measured again when a later one contradicts them."""
 MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
 NOISE_GROWTH = 0.25
 """Share by which the shots have grown when the scatter of poses is worth estimating anew."""
 MOST_DEFERRED = 0.2
 """Share of a plan's groups that cannot be measured and still let the run go on."""
-
-
-@dataclass(frozen=True, slots=True)
-class Monitors:
-    """What the engine watches from shot to shot, beside the gate."""
-
-    drift: DriftMonitor
-    air: TemperatureMonitor
-    uncertainty: UncertaintyMonitor
-    station: StationMonitor | None
-    """None where nobody said where the tracker stands."""
 
 
 class Engine:
@@ -74,13 +61,17 @@ class Engine:
         session: Session,
         shot_taker: ShotTaker,
         reacquisition: Reacquisition,
-        monitors: Monitors,
+        drift: DriftMonitor,
+        air: TemperatureMonitor,
+        station: StationMonitor | None,
     ) -> None:
+        """`station` is None where nobody said where the tracker stands."""
         self._session = session
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._shot_taker = shot_taker
         self._reacquisition = reacquisition
-        self._monitors = monitors
+        self._drift, self._air, self._station = drift, air, station
+        self._uncertainty = session.work.uncertainty_monitor()
         self._plan = groups(session.work.steps)
         self._stability = StabilityCheck(session, shot_taker)
         self._references: tuple[ReferencePose, ...] = ()
@@ -184,7 +175,7 @@ class Engine:
             if not isinstance(lost, ShotFailed):
                 raise
             if isinstance(lost, ShotRefused):
-                first = self._obey(recovery(self._gate, lost.refused), lost)
+                first = self._recover(lost)
                 if first is not None:
                     return (*first, group)
             self._defer(group, error, lost)
@@ -246,24 +237,24 @@ class Engine:
         self._run_state.rest()
         self._log.announce(Event("operator note", "the operator goes on"))
 
-    def _obey(self, action: Recovery, lost: ShotRefused) -> tuple[Group, ...] | None:
+    def _recover(self, lost: ShotRefused) -> tuple[Group, ...] | None:
         """The groups to measure anew before the refused one is; None: it is the one at fault.
 
-        Raises `GateRefused` when the beam cannot be brought back onto the robot's reflector.
+        By the shots that count it is they that are wrong, the refused one, or the beam. Raises
+        `GateRefused` when the beam cannot be brought back onto the robot's reflector.
         """
         refused = lost.refused
-        if action.void:
+        if standing := self._gate.standing(refused):
+            why = _of_one_point((*standing, refused))
             first = dict.fromkeys(
-                self._void_first(each, f"{action.why}: a reflector that stands elsewhere")
-                for each in action.void
+                self._void_first(each, f"{why}: a reflector that stands elsewhere")
+                for each in standing
                 if each.shot in {outcome.shot for outcome in self._gate.accepted}
             )
             if not self._reacquisition.look_back(refused.point_in_tracker_mm):
-                raise GateRefused(
-                    f"{action.why}: {ELSEWHERE}, or {NOT_MOVING}", remedy=LOOK_AT_THE_DRIVES
-                )
+                raise GateRefused(f"{why}: {ELSEWHERE}, or {NOT_MOVING}", remedy=LOOK_AT_THE_DRIVES)
             return tuple(first)
-        for suspect in action.suspects:
+        for suspect in self._gate.suspects(refused)[:SUSPECTS]:
             if (wrong := self._compare(suspect, refused)) is not None:
                 return (wrong,)
         looked = self._looked_back[refused.shot]
@@ -303,11 +294,8 @@ class Engine:
                 raise lost.__cause__
             one_point = self._reacquisition.poses_of_one_point()
             if isinstance(lost, ShotRefused) and len(one_point) > 1:
-                raise GateRefused(
-                    f"shots {in_ranges(sorted(each.shot for each in one_point))} have one point, "
-                    f"although the encoders moved between them: {ELSEWHERE}, or {NOT_MOVING}",
-                    remedy=LOOK_AT_THE_DRIVES,
-                ) from error
+                problem = f"{_of_one_point(one_point)}: {ELSEWHERE}, or {NOT_MOVING}"
+                raise GateRefused(problem, remedy=LOOK_AT_THE_DRIVES) from error
             raise error
         self._tell_skipped(group, "set aside, to be tried once more at the end", error)
 
@@ -362,9 +350,8 @@ class Engine:
         self._run_state.accept(seconds, outcome.residual_mm, drift_mm)
         if step.planned.purpose is ShotSet.DRIFT:
             self._tell_settling()
-        station = self._monitors.station
-        seen = station.events(self._gate.accepted) if station else ()
-        for event in (*self._monitors.air.events(outcome.weather), *seen):
+        seen = self._station.events(self._gate.accepted) if self._station else ()
+        for event in (*self._air.events(outcome.weather), *seen):
             self._log.announce(event)
 
     def _tell_settling(self) -> None:
@@ -387,7 +374,7 @@ class Engine:
 
     def _drift_mm(self, outcome: Outcome) -> float | None:
         """How far a drift shot is from the first one; one too far is rejected and ends the run."""
-        drift = self._monitors.drift
+        drift = self._drift
         moved_mm = drift.moved_mm(outcome.point_in_tracker_mm)
         if moved_mm is None:
             return None
@@ -407,7 +394,7 @@ class Engine:
         event = Event("shot voided", f"shot {wrong.shot} does not count: {why}")
         self._log.announce(event)
         group = next((g for g in self._plan if wrong.shot in shots_of(g)), ())
-        self._monitors.drift.reset(wrong.point_in_tracker_mm)
+        self._drift.reset(wrong.point_in_tracker_mm)
         counted = {outcome.shot for outcome in self._gate.accepted}
         pair = group[0].planned.pair if group else None
         shots = tuple(shot for shot in shots_of(group) if shot in counted) or (wrong.shot,)
@@ -430,21 +417,26 @@ class Engine:
         if change:
             self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
             self._gate.reset([shot.shot for shot in self._gate.accepted])
-            self._monitors.drift.reset()
+            self._drift.reset()
             self._update(None)
         elif len(references) > 1:
             self._references = references
 
     def _update_at_once(self) -> None:
         """By the running fit of the shots that count."""
-        monitor, gate = self._monitors.uncertainty, self._gate
+        monitor, gate = self._uncertainty, self._gate
         self._update_due = next_size(len(gate.accepted))
         self._update(monitor.after(gate.accepted, gate.linearized(monitor.setup.free)))
 
     def _update_by_a_fit(self) -> None:
         """By a fit to the end, as `identify` will tell it, which takes a little time."""
-        self._update(self._monitors.uncertainty.fitted(self._gate.accepted))
+        self._update(self._uncertainty.fitted(self._gate.accepted))
 
     def _update(self, known: ParameterUncertainty | None) -> None:
         self._known = known
         self._run_state.update(known)
+
+
+def _of_one_point(outcomes: Sequence[Outcome]) -> str:
+    shots = in_ranges(sorted(each.shot for each in outcomes))
+    return f"shots {shots} have one point, although the encoders moved between them"

@@ -15,7 +15,6 @@ import numpy as np
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.journal.records import BeamStart, Event, EventKind, Outcome
 from campaigns.measuring.monitors import STANDING_MM, is_same_pose
-from campaigns.measuring.recovery import ELSEWHERE, LOOK_AT_THE_DRIVES, NOT_MOVING
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.measuring.wishes import Wish
@@ -23,6 +22,12 @@ from campaigns.measuring.work import Session
 from drivers.errors import BeamBroken, LimitViolation
 from drivers.values import Vector3
 
+NOT_MOVING = "the robot does not move although its encoders say so"
+ELSEWHERE = "the tracker is on a reflector that stands elsewhere"
+LOOK_AT_THE_DRIVES = (
+    "see whether the robot moves (couplings, brakes, drives), and put the beam onto its reflector "
+    "by hand; then run again: it resumes"
+)
 LOOK_AGAIN_S = 1.0
 TOLD_AFTER_S = (30.0, 300.0, 3000.0)
 """When the operator is told again that the beam is still broken.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.measuring import resume
-from campaigns.measuring.engine import Engine, Monitors
+from campaigns.measuring.engine import Engine
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.nests import NestPointer
@@ -138,14 +138,14 @@ def _measure(
     work = session.work
     reacquisition = Reacquisition(session, starts)
     shots = [step.planned for step in work.steps]
-    monitors = Monitors(
+    engine = Engine(
+        session,
+        ShotTaker(session, reacquisition, NestPointer(session, found.kept)),
+        reacquisition,
         DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
         TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
-        work.uncertainty_monitor(),
         StationMonitor(work.station, work.robot.kinematics, shots) if work.station else None,
     )
-    shot_taker = ShotTaker(session, reacquisition, NestPointer(session, found.kept))
-    engine = Engine(session, shot_taker, reacquisition, monitors)
     wanted = engine.wanted(_without_skipped(session, found.left))
     if wanted and found.kept:
         engine.check_unmoved()

@@ -10,7 +10,7 @@ from contextlib import closing
 import pytest
 from paper_campaign import new_campaign
 
-from app.monitor.follower import followed
+from app.monitor.follower import Follower
 from app.monitor.live_state import utc_now
 from app.monitor.server import LiveServer, News, follow
 
@@ -89,7 +89,7 @@ def test_the_hall_needs_the_token_and_loopback_its_own_name(serve):
 
 def test_a_follower_tells_what_is_new_and_nothing_twice(tmp_path):
     paper = new_campaign(tmp_path / "c")
-    with followed(paper.folder, utc_now) as follower:
+    with closing(Follower(paper.folder, utc_now)) as follower:
         assert follower.news()["state"] == "nothing was measured yet"
         assert follower.news() is None
         paper.measure("before", paper.plan(1, 0), finished=False, stopped=False)
@@ -106,7 +106,7 @@ def test_a_follower_tells_what_is_new_and_nothing_twice(tmp_path):
 def test_a_journal_that_cannot_be_read_is_said_and_the_follower_lives_on(tmp_path):
     paper = new_campaign(tmp_path / "c")
     paper.measure("before", paper.plan(1, 0))
-    with followed(paper.folder, utc_now) as follower:
+    with closing(Follower(paper.folder, utc_now)) as follower:
         assert follower.news()["done"] == 4
         other = paper.folder / "other.db"
         with closing(sqlite3.connect(other)) as database:
