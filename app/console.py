@@ -74,7 +74,7 @@ def _typed_line(stop_requested: Callable[[], bool]) -> str:
         piece = os.read(sys.stdin.fileno(), TYPED_BYTES)
         typed += piece
         if not piece or len(typed) > TYPED_BYTES:
-            raise LinkDown("nobody answers: the terminal was closed", remedy="run it again")
+            raise LinkDown("no answer: the terminal was closed", remedy="run it again")
     return typed.partition(b"\n")[0].decode("utf-8", errors="replace").strip()
 
 

@@ -35,7 +35,7 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
         terminal.say(f"U: k = 2. {LEFT_AND_RIGHT}")
         terminal.say("Then measure and identify again.")
     elif not found.refused:
-        terminal.say("no part is off by what a mechanic could mend")
+        terminal.say("no part is off by an amount that a mechanic could adjust")
     if found.left:
         terminal.say("Leave alone:", "bold")
     for why, parts in found.left.items():

@@ -100,7 +100,7 @@ def command(
 
 def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck) -> None:
     """Judgement for people and for programs, and the next command."""
-    terminal.rows("Each part, had it alone changed", PARTS, found.parts)
+    terminal.rows("Each part, if it alone had changed", PARTS, found.parts)
     terminal.say(
         f"{found.shots} shots: coordinates misfit by {found.misfit_mm:.4f} mm rms, expected "
         f"{found.expected_mm:.4f} (χ² {found.chi2:.0f} with {found.dof} degrees of freedom)"

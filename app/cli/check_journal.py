@@ -71,7 +71,7 @@ def require_page_of(campaign: Campaign, page: Path) -> None:
     if found is None:
         raise OptionsInvalid(
             f"{page}: does not say which journal it was made from",
-            remedy="name a report of this version, or write it anew with `pkmcal report`",
+            remedy="name a report of this version, or write it again with `pkmcal report`",
         )
     records, digest = int(found["records"]), found["digest"]
     with campaign.journal_reader() as journal:
@@ -79,7 +79,7 @@ def require_page_of(campaign: Campaign, page: Path) -> None:
     if not same:
         raise VerdictBad(
             f"{page} was not made from this journal, or one of them was changed since",
-            remedy="compare the digests under Identities, and write the report anew",
+            remedy="compare the digests under Identities, and write the report again",
         )
 
 

@@ -72,7 +72,7 @@ def command(
         terminal.say(f"not good: {line}", BAD)
     if not against:
         terminal.say(
-            "good: the loaded parameters make the robot better where it never fitted", GOOD
+            "good: the loaded parameters make the robot better at poses that were not fitted", GOOD
         )
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
     following = tell_next(terminal, campaign, reported=True)

@@ -111,7 +111,7 @@ def command(
     if shots:
         path, halves = export_shots(campaign, to, overwrite=overwrite)
         if halves:
-            terminal.note(f"left out, as their partner is missing: shots {halves}")
+            terminal.note(f"left out because their pair is incomplete: shots {halves}")
     else:
         path = _whole_set(terminal, campaign, format_, to, temperature, overwrite=overwrite)
     terminal.say(f"written: {path}")
@@ -146,7 +146,7 @@ def _show(terminal: Terminal, campaign: Campaign, found: ReducedExport) -> None:
         Column("max", lambda row: row[1].max_mm, decimals=4),
     )
     left = found.left.items()
-    terminal.rows("Left of position over the workspace (mm)", columns, left)
+    terminal.rows("Remaining error of position (mm)", columns, left)
     if found.tables is not None:
         terminal.say(
             f"tables of {len(found.tables.wanted)} points, off by {found.tables.left_mm:.4f} mm at "

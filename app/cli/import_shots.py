@@ -152,14 +152,14 @@ def command(
                 campaign, rows, stage, held, name, files, tell=tell, advance=advance, anyway=anyway
             )
     if stage is not None:
-        terminal.say(f"taken in: {len(rows)} shots as '{stage}'")
+        terminal.say(f"imported: {len(rows)} shots as '{stage}'")
         show_validation(terminal, done, campaign)
         return
-    terminal.say(f"taken in: {len(rows)} shots, as series {series}")
+    terminal.say(f"imported: {len(rows)} shots, as series {series}")
     found = evaluate(campaign)
     if found.before is None:
         again = shlex.join(["pkmcal", "import", str(campaign.folder), "FILE", "--stage", "before"])
-        terminal.note(f"pairs measured with the controller's own parameters: {again} takes them in")
+        terminal.note(f"to import pairs measured with the controller's own parameters: {again}")
     taken = {"series": series, "shots": len(rows)}
     terminal.document(taken | tell_next(terminal, campaign, evaluation=found))
 

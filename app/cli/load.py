@@ -127,7 +127,7 @@ def _tell(terminal: Terminal, campaign: Campaign, done: LoadResult) -> None:
         terminal.say(f"nothing was written: the controller holds these already: {done.source}")
     else:
         terminal.say(f"loaded and verified: {done.source}", GOOD)
-        terminal.say(f"what it held before: {done.kept}")
+        terminal.say(f"the previous parameters: {done.kept}")
     if found is not None:
         terminal.say(
             f"distances of {found.pairs} pairs are off by {found.after_mm:.3f} mm on average, "

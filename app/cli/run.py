@@ -92,7 +92,7 @@ def show_preview(
     terminal.say("the plan can be run; nothing was moved")
     if predicted is not None and work.goal is not None:
         whole, shots = predicted
-        terminal.say(f"the whole of it will tell: {certainty(whole)}")
+        terminal.say(f"predicted for the whole plan: {certainty(whole)}")
         terminal.say(f"for goal {work.goal}, {shots} shots to identify from will do")
         answer["goal"] = {"std_mm": work.goal.std_mm, "shots": shots}
         answer["knowledge"] = knowledge(whole)

@@ -55,8 +55,8 @@ def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace)
 
 def _remaining(found: IdentificationResult) -> str:
     if found.estimator is Estimator.DISTANCES:
-        return "What the model leaves of each fitted distance"
-    return "What the model leaves of each fitted coordinate"
+        return "Residuals of the fitted distances"
+    return "Residuals of the fitted coordinates"
 
 
 def _errors(found: IdentificationResult) -> Iterator[tuple[str, BeforeAfter]]:

@@ -187,7 +187,7 @@ def _numbers_of(doubt: Doubt) -> str:
 def _consequence(doubt: Doubt) -> str:
     if doubt.accepted:
         return "accepted all the same"
-    return "told only" if doubt.decision is None else f"verdict: {doubt.decision}"
+    return "no effect" if doubt.decision is None else f"verdict: {doubt.decision}"
 
 
 def _std(found: IdentifiedParameter) -> float | None:

@@ -161,7 +161,7 @@ def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
         yield f"journal, first {found.journal_records} records", found.journal_digest
     if run is not None:
         started = run.series.started
-        of = "shots taken in, as shots.csv" if started.stage == "import" else "plan as measured"
+        of = "imported shots, as shots.csv" if started.stage == "import" else "plan as measured"
         yield of, started.plan_digest
     yield "nominal robot's geometry", evidence.campaign.nominal.robot.digest()
     if evidence.parameter_file is not None:
@@ -184,7 +184,7 @@ def _stage(started: SeriesStarted) -> str:
 
 def _files_of(started: SeriesStarted) -> tuple[tuple[str, str], ...]:
     files = tuple((file.name, file.sha256) for file in imported_files(started))
-    return files or (("not kept by the software that took them in", NOTHING),)
+    return files or (("not recorded by the software that imported them", NOTHING),)
 
 
 def _state(series: Series) -> str:

@@ -123,7 +123,7 @@ def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):
     assert code == 0
     lines = out.splitlines()
     for words in (
-        "What the model leaves of each fitted coordinate",
+        "Residuals of the fitted coordinates",
         "the shots scatter as the tracker states (χ² ",
         "predicted error of position (1 σ): 0.00",
         "verdict: pass",

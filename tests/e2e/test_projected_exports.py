@@ -68,7 +68,7 @@ def test_plain_parameters_of_a_set_without_tilts_are_the_set(campaign, pkmcal):
     np.testing.assert_allclose(plain.kinematics.inverse(poses).values_or_raise(), joints, atol=1e-9)
     assert plain.provenance["projection"]["of"] == full.digest()
     shown = pkmcal("export", folder, "--format", "plain", "--overwrite")
-    assert "Left of position over the workspace (mm)" in shown.out
+    assert "Remaining error of position (mm)" in shown.out
 
 
 def test_targets_of_every_member_are_corrected(campaign, pkmcal, tmp_path):

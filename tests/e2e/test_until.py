@@ -49,7 +49,7 @@ def test_what_no_run_can_do_is_refused_before_anything_moves(pkmcal, planned):
 def test_dry_says_what_the_plan_would_give(pkmcal, planned):
     ended = pkmcal("run", planned, "--dry", "--until", REACHABLE)
     assert ended.code == 0
-    assert "the whole of it will tell: weakest arm" in ended.out
+    assert "predicted for the whole plan: weakest arm" in ended.out
     assert "for goal σ=0.09, " in ended.out
     document = pkmcal("run", planned, "--dry", "--until", REACHABLE, "--json").document
     assert document["shots"] == SHOTS

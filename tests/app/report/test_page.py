@@ -316,15 +316,15 @@ def test_everything_that_an_identification_says_stands_in_words(whole: PaperCamp
     for sentence in (
         "it did not converge after",
         "with rank 22 of 22 and",
-        "about the old values (1 σ, mm and deg): arm0.arm_mm ± 0.25, plate_mm ± 1.",
+        "about the nominal values (1 σ, mm and deg): arm0.arm_mm ± 0.25, plate_mm ± 1.",
         "with tilts 30 −123 – left: no gain",
-        "Cannot be told by these shots, and was held: arm1.x_mm, arm1.y_mm.",
-        "Known by what was given beforehand alone: plate_mm.",
+        "Not determined by these shots, and fixed: arm1.x_mm, arm1.y_mm.",
+        "Known from the priors alone: plate_mm.",
         "shot 3 too far",
         "pair 7 its other shot was lost",
     ):
         assert sentence in text
-    assert "Cannot be told" in missing(shown)
+    assert "Not determined by these shots" in missing(shown)
 
 
 @pytest.mark.parametrize(
@@ -432,7 +432,7 @@ def test_an_import_names_its_files_and_is_never_called_simulated(tmp_path: Path)
     words = words_of(html(paper))
     assert "Simulated" not in words
     assert f"2 points of May.csv {'5e' * 32}" in words
-    assert "1 not kept by the software that took them in" in words
+    assert "1 not recorded by the software that imported them" in words
     assert "plan as measured" not in words
 
 
@@ -446,7 +446,7 @@ def test_every_doubt_stands_with_its_name_sentence_and_numbers(whole: PaperCampa
     for row in (
         "common-scale all lengths grew share 0.0101, p 1e−09 verdict: fail",
         "large-change arm 2 is long beyond 1 accepted all the same",
-        "careful-statement too quiet birge_ratio 0.1, kind stated told only",
+        "careful-statement too quiet birge_ratio 0.1, kind stated no effect",
         "Accepted all the same: arm 2 is long.",
     ):
         assert row in text
@@ -475,7 +475,7 @@ def test_what_nests_tell_stands_with_its_deviation(whole: PaperCampaign) -> None
         ["B<i>", "1.000", "2.000", "3.000", "–"],
     ]
     assert "no motion of stand or robot" not in words_on(found, "tracker")
-    told = "Nests tell of no motion of stand or robot beyond chance."
+    told = "The nests show no significant motion of stand or robot."
     assert told not in words_on(identified(whole, nests=places, doubts=()), "tracker")
     three = {**places, "C": places["A"]}
     assert told in words_on(identified(whole, nests=three, doubts=()), "tracker")
