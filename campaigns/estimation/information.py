@@ -46,8 +46,6 @@ MINIMUM_DOF = 12
 STATED_DOF = 12
 """Degrees of freedom that the stated noise is worth where residuals tell their own variance: as a
 prior it is taken to be known to ± 20 %."""
-
-
 DRAWS = 200
 """Of parameters, by which a standard uncertainty is known to ± 5 %."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array
 from campaigns.estimation.information import SIGNIFICANCE
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -54,8 +54,8 @@ def time_series(name: str, shots: Shots) -> TimeSeries:
     at_s = shots.elapsed_s()
     at_s = np.arange(len(shots), dtype=np.float64) if at_s is None else at_s
     order = shots.order_of_time()
-    known = _where(order, ~np.isnan(shots.temperature_degC))
-    drift = _where(order, np.array([each is ShotSet.DRIFT for each in shots.purposes]))
+    known = order[~np.isnan(shots.temperature_degC)[order]]
+    drift = np.array([row for row in order.tolist() if shots.purposes[row] is ShotSet.DRIFT], int)
     points = shots.points_in_tracker_mm[drift]
     return TimeSeries(
         name,
@@ -99,7 +99,3 @@ def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
         return None
     worst = np.sqrt(np.linalg.eigvalsh(known)[:, -1])
     return float(np.median(worst)), float(worst.max())
-
-
-def _where(order: Index, chosen: Array) -> Index:
-    return np.asarray(order[chosen[order]])
