@@ -24,8 +24,8 @@ from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
 from campaigns.planning.space_zones import restricted_space
-from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
-from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
+from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
+from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
 from drivers.values import Vector3
 
@@ -291,7 +291,7 @@ def open_campaign(folder: Path | str) -> Campaign:
     """
     folder = Path(folder)
     config = read_campaign(folder)
-    campaign = Campaign(folder, config, read_campaign_robot(folder, config))
+    campaign = Campaign(folder, config, read_robot(folder / config.robot))
     campaign.require_nothing_rescued()
     return campaign
 

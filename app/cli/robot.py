@@ -12,9 +12,8 @@ from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import suggestion
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.sizes import Sizes
 from campaigns.robots.robot import write_new_robot
-from campaigns.robots.symmetrical import symmetrical_robot
+from campaigns.robots.symmetrical import Sizes, symmetrical_robot
 
 LONGEST_MM = 100_000.0
 

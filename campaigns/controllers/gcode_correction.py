@@ -18,6 +18,7 @@ from campaigns.controllers.gcode_moves import (
     moves_of,
 )
 from campaigns.errors import TargetsInvalid
+from campaigns.files.csv_file import fixed_text
 from campaigns.mechanisms.mechanism import Axis
 
 TOLERANCE_MM = 0.01
@@ -263,8 +264,4 @@ def _bodies(move: Move, places: Sequence[list[str]]) -> list[str]:
 
 def _place(pose: Array, letters: Sequence[str], task: Sequence[Axis]) -> list[str]:
     each = zip(letters, task, pose.tolist(), strict=True)
-    return [f"{letter}{_number(axis.to_file(value))}" for letter, axis, value in each]
-
-
-def _number(value: float) -> str:
-    return f"{round(value, DECIMALS) + 0.0:.{DECIMALS}f}"
+    return [f"{letter}{fixed_text(axis.to_file(value), DECIMALS)}" for letter, axis, value in each]

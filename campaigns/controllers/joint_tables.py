@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.files.csv_file import csv_text
+from campaigns.files.csv_file import csv_text, fixed_text
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics
 
 SIDES = {"rising": 1.0, "falling": -1.0}
@@ -53,7 +53,7 @@ class JointTables:
         """Joint, and correction where it rises and where it falls, deg or mm."""
         columns = np.stack([self.wanted, *self.corrections[:, :, joint]], axis=1)
         to_file = self.axes[joint].to_file
-        return [tuple(f"{to_file(v) + 0.0:.{DECIMALS}f}" for v in row) for row in columns.tolist()]
+        return [tuple(fixed_text(to_file(v), DECIMALS) for v in row) for row in columns.tolist()]
 
 
 def joint_tables(

@@ -8,12 +8,14 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
 from campaigns.errors import TargetsInvalid
+from campaigns.files.csv_file import fixed_text
 from campaigns.files.wording import shown
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.columns import axis_columns
@@ -24,6 +26,7 @@ UPRIGHT_DEG = 0.01
 UPRIGHT_QUATERNION = 1e-4
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _N = re.compile(NUMBER)
+_number = partial(fixed_text, decimals=DECIMALS)
 Numbers = Mapping[str, float]
 Texts = dict[str, str]
 
@@ -130,10 +133,6 @@ def _unturned(_: float) -> Texts:
     return {}
 
 
-def _number(value: float, decimals: int = DECIMALS) -> str:
-    return f"{round(value, decimals) + 0.0:.{decimals}f}"
-
-
 def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
@@ -176,7 +175,7 @@ def _rapid_turn(values: Numbers) -> tuple[float, Callable[[float], Texts]] | Non
             ) -> Texts:  # bound now: the loop goes on
                 parts = (math.cos(turn / 2.0), math.sin(turn / 2.0))
                 each = zip(names, parts, strict=True)
-                return {f"q{name}": _number(sign * part, 9) for name, part in each}
+                return {f"q{name}": fixed_text(sign * part, 9) for name, part in each}
 
             return math.remainder(angle, 2.0 * math.pi), written
     return None

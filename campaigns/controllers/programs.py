@@ -7,12 +7,13 @@ poses are of the controlled point in the base frame, mm and deg, without a tool 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from campaigns.arrays import Array
 from campaigns.controllers.gcode_moves import ROTARY, axis_letters
-from campaigns.files.csv_file import csv_text, number_text
+from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.planning.plan_file import PlannedShot
@@ -22,7 +23,7 @@ from drivers.bounded_files import is_file
 from drivers.texts import printable
 
 Targets = Literal["poses", "joints"]
-DECIMALS = 6
+_number = partial(fixed_text, decimals=6)
 JOINT_LETTERS = "XYZABC"
 """Letters of joints in G-code, as LinuxCNC's trivial kinematics has them."""
 MINUTE_S = 60.0
@@ -132,10 +133,6 @@ def _about(program: Program, language: str) -> Iterator[str]:
 def _said(shot: PlannedShot) -> str:
     pair = "" if shot.pair is None else f" pair {shot.pair}"
     return f"{shot_name(shot)} {shot.purpose.value}{pair}"
-
-
-def _number(value: float) -> str:
-    return f"{round(value, DECIMALS) + 0.0:.{DECIMALS}f}"
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -7,6 +7,7 @@ parameters and all identified ones leave.
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import scipy
@@ -15,6 +16,7 @@ from campaigns.arrays import Array
 from campaigns.controllers import model_reduction
 from campaigns.errors import ConfigInvalid
 from campaigns.estimation.rigid_transforms import Transform
+from campaigns.files.csv_file import fixed_text
 from campaigns.mechanisms.delta import DELTA
 from campaigns.mechanisms.linear_delta import LINEAR_DELTA
 from campaigns.mechanisms.mechanism import Axis
@@ -22,6 +24,7 @@ from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
 DECIMALS = 6
+_number = partial(fixed_text, decimals=DECIMALS)
 ALTERNATIVES = (
     "`pkmcal load` or --format linuxcnc where a controller takes all parameters, `pkmcal correct` "
     "where it takes none"
@@ -250,10 +253,6 @@ def _drop_mm(forearm_mm: float, out_mm: float) -> float:
             remedy="correct limits.joint in robot.yaml: the switch is taken to be at its upper end",
         )
     return math.sqrt(square)
-
-
-def _number(value: float) -> str:
-    return f"{float(value):.{DECIMALS}f}"
 
 
 _HOMED = (

@@ -33,6 +33,11 @@ def number_text(value: float) -> str:
     return repr(float(value) + 0.0)  # -0.0 becomes 0.0
 
 
+def fixed_text(value: float, decimals: int) -> str:
+    """Write so many decimals, as controllers read them."""
+    return f"{round(float(value), decimals) + 0.0:.{decimals}f}"  # -0.0 becomes 0.0
+
+
 def angle_text(angle_rad: float) -> str:
     """Write an angle in deg, to `ANGLE_DECIMALS`."""
     return number_text(round(math.degrees(angle_rad), ANGLE_DECIMALS))

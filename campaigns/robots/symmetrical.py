@@ -1,18 +1,25 @@
-"""Robot files made from sizes: parameters, limits and a centre of the workspace, explained."""
+"""Robot files of symmetrical robots, made from the sizes that people know, and explained.
+
+These are the radii of base and platform, and lengths of parts. Only the difference of the radii
+counts for a platform that keeps its direction, so a mechanism's parameters have the platform
+contracted into the arms' places: P_i less b_i.
+"""
 
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from campaigns.errors import ConfigInvalid
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Interval, Kinematics, Limits
-from campaigns.mechanisms.sizes import Sizes, lengths_needed, symmetrical
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.robot import RobotDocument, parse_robot, shipped_of
 from campaigns.robots.schema import SCHEMA
 
+UPRIGHT_DEG = 90.0
+FIRST_OF_THREE_DEG = 0.0
+FIRST_OF_FOUR_DEG = 225.0
 COMMENT_WIDTH = 97
 CONTRACTED = (
     "The platform keeps its direction, so where its joints sit on it cannot be told from where the "
@@ -25,6 +32,20 @@ TYPICAL_LIMITS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Sizes of a robot whose arms stand evenly around its base."""
+
+    base_mm: float
+    """Radius on which motors or rails stand."""
+    platform_mm: float
+    """Radius of the forearms' lower ends, or half of the way between the two of a part."""
+    lengths_mm: Mapping[str, float]
+    """Of arms and platform, by field: `arm_mm`, `forearm_mm` …"""
+    first_deg: float | None = None
+    """Direction of the first arm about z, if not the usual one."""
+
+
 def symmetrical_robot(
     mechanism: ClosedChain, name: str, sizes: Sizes, joint: Interval | None = None
 ) -> RobotDocument:
@@ -33,7 +54,7 @@ def symmetrical_robot(
     Raises `ConfigInvalid` for a length that is missing or too much, and for sizes that do not fit.
     """
     _check_lengths(mechanism, sizes.lengths_mm)
-    flat = symmetrical(mechanism, sizes)
+    flat = _symmetrical(mechanism, sizes)
     like = shipped_of(mechanism).robot
     limits = like.limits if joint is None else replace(like.limits, joint=joint)
     kinematics = Kinematics.of(mechanism, flat)
@@ -46,7 +67,9 @@ def symmetrical_robot(
 
 
 def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> None:
-    needed = lengths_needed(mechanism)
+    space = mechanism.parameters
+    fields = (*space.arm_fields, *space.platform_fields)
+    needed = [field.name for field in fields if field.quantity == "length"]
     options = {field: f"--{field.removesuffix('_mm')}" for field in (*needed, *lengths_mm)}
     for field in needed:
         if field not in lengths_mm:
@@ -105,3 +128,33 @@ def _body(
         *turns,
         f"  forearm_swing_deg: {round(math.degrees(limits.forearm_swing_rad), 9)}",
     ]
+
+
+def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
+    """Parameters by name, mm and deg; raises `KeyError` for a length that is missing."""
+    space = mechanism.parameters
+    usual = FIRST_OF_FOUR_DEG if space.platform_fields else FIRST_OF_THREE_DEG
+    first = usual if sizes.first_deg is None else sizes.first_deg
+    flat: dict[str, float] = {}
+    for arm in range(space.arms):
+        direction_deg = (first + 360.0 * arm / space.arms) % 360.0
+        x_mm, y_mm = _contracted_mm(math.radians(direction_deg), sizes, bool(space.platform_fields))
+        on_rail = mechanism.joints[arm].unit == "mm"
+        values = {
+            "x_mm": x_mm,
+            "y_mm": y_mm,
+            "azimuth_deg": 0.0 if on_rail else direction_deg,
+            "elevation_deg": UPRIGHT_DEG,
+        } | dict(sizes.lengths_mm)
+        for field in space.arm_fields:
+            at = values[field.name] if field.quantity == "length" else values.get(field.name, 0.0)
+            flat[f"arm{arm}.{field.name}"] = at
+    return flat | {each.name: sizes.lengths_mm[each.name] for each in space.platform_fields}
+
+
+def _contracted_mm(direction_rad: float, sizes: Sizes, of_two_parts: bool) -> tuple[float, float]:  # noqa: FBT001
+    """X and y of an arm's place less those of its plate joint, seen from its part's middle."""
+    x, y = math.cos(direction_rad), math.sin(direction_rad)
+    aside = math.copysign(sizes.platform_mm, x) if of_two_parts else sizes.platform_mm * x
+    ahead = 0.0 if of_two_parts else sizes.platform_mm * y
+    return round(sizes.base_mm * x - aside, 9), round(sizes.base_mm * y - ahead, 9)

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
-from campaigns.robots.robot import RobotDocument, read_robot
+from campaigns.robots.robot import RobotDocument
 from campaigns.settings import sections
 from campaigns.settings.certificate import CertificateConfig
 from campaigns.settings.space import SpaceConfig
@@ -126,11 +126,6 @@ def new_config(settings: Mapping[str, object]) -> CampaignConfig:
     Needs at least `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
     """
     return yaml_file.checked_settings(settings, "new campaign", CampaignConfig)
-
-
-def read_campaign_robot(directory: Path, config: CampaignConfig) -> RobotDocument:
-    """Read the nominal robot that a campaign names; raises `ConfigInvalid`."""
-    return read_robot(directory / config.robot)
 
 
 def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocument) -> None:

@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 
 from campaigns.errors import ConfigInvalid, OutputExists, WriteFailed
 from campaigns.files.yaml_file import FileModel, checked, commented_yaml, parse_document
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import find_robot, read_robot
 from campaigns.settings.config import (
     SCHEMA,
     CampaignConfig,
     new_config,
     read_campaign,
-    read_campaign_robot,
     write_new_campaign,
 )
 
@@ -51,7 +50,7 @@ def test_new_campaign_reads_back_as_it_was_told(tmp_path):
     config = new_config(TOLD | {"gate": {"attempts": 5}, "people": {"operator": "A. Smith"}})
     write_new_campaign(tmp_path / "spring", config, PROTOTYPE)
     assert read_campaign(tmp_path / "spring") == config
-    assert read_campaign_robot(tmp_path / "spring", config).robot == PROTOTYPE.robot
+    assert read_robot(tmp_path / "spring" / config.robot).robot == PROTOTYPE.robot
 
 
 def test_zones_of_a_new_campaign_read_back_as_they_were_told(tmp_path):
@@ -144,7 +143,7 @@ def test_missing_robot_file_is_named(tmp_path):
     write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
     (tmp_path / "robot.yaml").unlink()
     with pytest.raises(ConfigInvalid, match=r"robot\.yaml: there is no such file"):
-        read_campaign_robot(tmp_path, read_campaign(tmp_path))
+        read_robot(tmp_path / read_campaign(tmp_path).robot)
 
 
 @pytest.mark.parametrize(
