@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from operator import itemgetter
 
 from app.console import WARNING, Terminal
@@ -14,6 +15,7 @@ from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_uncertainty import Forecast
+from campaigns.planning.stands import Stand
 from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
@@ -203,3 +205,37 @@ def plan_line(checked: CheckedPlan) -> str:
     sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
     took = interval((checked.seconds, checked.seconds))
     return f"{len(checked.shots)} shots ({sets}), about {took}"
+
+
+def stands_table(stands: Sequence[Stand]) -> tuple[str, tuple[str, ...], list[Row]]:
+    """Map of the stands: a row a direction, a column a distance."""
+    distances = sorted({round(stand.distance_mm) for stand in stands})
+    by_place = {(stand.direction_deg, round(stand.distance_mm)): stand for stand in stands}
+    rows = [
+        (f"{direction:.0f}°", *(_stand_text(by_place.get((direction, mm))) for mm in distances))
+        for direction in sorted({direction for direction, _ in by_place})
+    ]
+    title = "Stands about the workspace's centre: largest σ of a position, µm"
+    return title, ("from x to y", *(f"{mm / 1e3:g} m" for mm in distances)), rows
+
+
+def _stand_text(stand: Stand | None) -> str:
+    if stand is None:
+        return "robot"
+    if stand.unseen:
+        return f"{stand.unseen} unseen"
+    return f"{1e3 * stand.position_std_mm:.1f}" if stand.position_std_mm < math.inf else "untold"
+
+
+def best_stand_lines(best: Stand) -> Iterator[str]:
+    """Best stand, as it is written into campaign.yaml."""
+    place = ", ".join(f"{each:.0f}" for each in best.place_mm)
+    std = f"±{best.position_std_mm:.4f} mm" if best.position_std_mm < math.inf else "untold"
+    unseen = f", {best.unseen} shots unseen" if best.unseen else ""
+    yield f"best: tracker.place_mm: [{place}], positions {std} at most{unseen}"
+    yield "a plan made for that stand may tell more: write it into campaign.yaml and plan anew"
+
+
+def stand_document(stand: Stand) -> dict[str, object]:
+    """Stand for programs."""
+    return asdict(stand) | {"position_std_mm": finite(stand.position_std_mm)}

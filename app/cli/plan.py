@@ -6,14 +6,25 @@ import typer
 
 from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
-from app.options import Folder, Json, Plot
-from app.plan_text import forecast_document, plan_line, plate_warning, refusals_lines, show_forecast
+from app.options import Folder, Json, Plot, WhereTracker
+from app.plan_text import (
+    best_stand_lines,
+    forecast_document,
+    plan_line,
+    plate_warning,
+    refusals_lines,
+    show_forecast,
+    stand_document,
+    stands_table,
+)
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
+from campaigns.planning.stands import best_stand
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import PlannedCampaign, plan
+from campaigns.workflow.planning import where_tracker as compared_stands
 from campaigns.workflow.programs import write_programs
 
 
@@ -23,6 +34,7 @@ def command(
     options: PlanOptions,
     programs: ProgramOptions,
     *,
+    where_tracker: WhereTracker = False,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
@@ -39,9 +51,11 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
-        written = _write(terminal, campaign, programs)
-        terminal.document(written | tell_next(terminal, campaign))
+    has_more = programs.program is not None or where_tracker
+    if has_more and campaign.plan_path.exists() and options == PlanOptions() and not plot:
+        compared = _compare(terminal, campaign, options) if where_tracker else {}
+        written = _write(terminal, campaign, programs) if programs.program else {}
+        terminal.document(compared | written | tell_next(terminal, campaign))
         return
     with terminal.telling("choosing poses, checking every way between them"):
         planned = plan(campaign, options)
@@ -56,7 +70,8 @@ def command(
     if planned.note:
         terminal.note(planned.note, WARNING)
     written = _write(terminal, campaign, programs) if programs.program else {}
-    document = plan_document(campaign, planned) | written
+    compared = _compare(terminal, campaign, options) if where_tracker else {}
+    document = plan_document(campaign, planned) | compared | written
     terminal.document(document | tell_next(terminal, campaign))
 
 
@@ -71,6 +86,20 @@ def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> d
             f"joints that it commands: {each.joints_path}"
         )
     return {"programs": [asdict(each) for each in written]}
+
+
+def _compare(terminal: Terminal, campaign: Campaign, options: PlanOptions) -> dict[str, object]:
+    """Stands of the tracker compared for plan.csv, said and as a part of what `--json` prints."""
+    with terminal.telling("comparing stands of the tracker"):
+        stands = compared_stands(campaign, campaign.read_plan(), options)
+    if not stands:
+        terminal.say("every stand that is compared lies in the robot", WARNING)
+        return {"stands": [], "best_stand": None}
+    terminal.table(*stands_table(stands))
+    best = best_stand(stands)
+    for line in best_stand_lines(best):
+        terminal.say(line)
+    return {"stands": [stand_document(each) for each in stands], "best_stand": stand_document(best)}
 
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:

@@ -172,12 +172,8 @@ def _check_centre(region: FeasibleRegion) -> None:
 
 def _check_tracker(region: FeasibleRegion) -> None:
     """Raise `PlanInvalid` for a tracker in the robot, also where its place was given in metres."""
-    robot, place = region.kinematics, region.view_from_mm
-    sample = sample_workspace(robot, region.limits, region.centre)
-    if sample is None:
-        return
-    hull = scipy.spatial.ConvexHull(np.vstack([sample[:, :3], base_mm(robot)])).equations
-    if (hull[:, :3] @ place + hull[:, -1]).max() > TRACKER_CLEARANCE_MM:
+    place = region.view_from_mm
+    if tracker_clearance_mm(region, place[None])[0] > TRACKER_CLEARANCE_MM:
         return
     hint = ", as if it were given in metres" if 0.0 < np.linalg.norm(place) < FARTHEST_M else ""
     raise PlanInvalid(
@@ -185,6 +181,17 @@ def _check_tracker(region: FeasibleRegion) -> None:
         f"plate goes (limit {TRACKER_CLEARANCE_MM:g} mm away){hint}",
         remedy="correct tracker.place_mm: [x, y, z] in mm, seen from the robot's base",
     )
+
+
+def tracker_clearance_mm(region: FeasibleRegion, places_mm: Array) -> Array:
+    """Distance of places (N, 3) from the robot, (N,), below 0 in it; infinite without a pose."""
+    sample = sample_workspace(region.kinematics, region.limits, region.centre)
+    if sample is None:
+        return np.full(len(places_mm), np.inf)
+    hull = scipy.spatial.ConvexHull(
+        np.vstack([sample[:, :3], base_mm(region.kinematics)])
+    ).equations
+    return np.asarray((places_mm @ hull[:, :3].T + hull[:, -1]).max(axis=1))
 
 
 def _in_words(place_mm: Array) -> str:

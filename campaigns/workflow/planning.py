@@ -1,5 +1,6 @@
 """Planning of a campaign: poses chosen, checked and written, and what they will tell."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,14 +20,21 @@ from campaigns.planning.optimal_plan import (
     make_optimal_plan,
 )
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.plan_file import write_beside_older
-from campaigns.planning.plans import Placement, make_plan, with_nests
+from campaigns.planning.plan_file import PlannedShot, plan_model, write_beside_older
+from campaigns.planning.plans import (
+    TRACKER_CLEARANCE_MM,
+    Placement,
+    make_plan,
+    tracker_clearance_mm,
+    with_nests,
+)
 from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     Forecast,
     judged_positions,
     plan_forecast,
 )
+from campaigns.planning.stands import Stand, compare_stands, places_about
 from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
 from campaigns.workflow.work import free_parameters
 
@@ -68,6 +76,32 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
         shots = planned.checked.shots
         write_beside_older(campaign.plan_path, shots, campaign.robot.mechanism)
     return planned
+
+
+def where_tracker(
+    campaign: Campaign, shots: Sequence[PlannedShot], options: PlanOptions | None = None
+) -> tuple[Stand, ...]:
+    """Stands of the tracker about the robot, at the height that campaign.yaml has, for a plan.
+
+    Those in the robot are left out. Raises `OptionsInvalid` and `PlanInvalid`.
+    """
+    _, request = _settled(campaign, options or PlanOptions(), plan_model(shots))
+    robot, tracker, space = campaign.robot, campaign.config.tracker, campaign.space
+    centre_mm = campaign.centre[:3]
+    places = places_about(centre_mm, tracker.place_mm[2])
+    clear = tracker_clearance_mm(campaign.region, places) > TRACKER_CLEARANCE_MM
+    sample = judged_positions(robot, campaign.centre, space, request.free, shots)
+    return compare_stands(
+        shots,
+        robot.kinematics,
+        campaign.view,
+        places[clear],
+        tracker.reflector_facing,
+        space,
+        EstimationSetup(request.estimator, request.free, request.uncertainty),
+        sample,
+        centre_mm,
+    )
 
 
 def _largest(campaign: Campaign, options: PlanOptions) -> PlannedCampaign:

@@ -332,3 +332,18 @@ def test_a_plate_whose_size_nobody_said_is_warned_of():
     assert "space.plate_radius_mm" in plate_warning(RestrictedSpace((floor,)))
     assert plate_warning(RestrictedSpace((floor,), 100.0)) == ""
     assert plate_warning(UNRESTRICTED) == ""
+
+
+def test_stands_are_compared_for_the_plan_that_is_there(campaign, capsys, monkeypatch):
+    monkeypatch.setattr("campaigns.planning.stands.DIRECTIONS_DEG", (0, 90))
+    assert run_command(["plan", str(campaign.folder), "--shots", "40"]) == 0
+    plan = campaign.plan_path.read_bytes()
+    capsys.readouterr()
+    assert run_command(["plan", str(campaign.folder), "--where-tracker", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert campaign.plan_path.read_bytes() == plan
+    assert "best: tracker.place_mm: [" in captured.err
+    document = json.loads(captured.out)
+    assert len(document["stands"]) == 12
+    assert document["best_stand"] in document["stands"]
+    assert min(each["unseen"] for each in document["stands"]) == document["best_stand"]["unseen"]
