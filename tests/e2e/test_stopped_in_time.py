@@ -9,12 +9,14 @@ import random
 import signal
 import threading
 import time
+from functools import partial
 
 import psutil
 import pytest
 from command_line import change, ended, started
 from relay import Relay
 
+from drivers.robotline.robot import LineRobot, RobotlineDeadlines
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
@@ -169,9 +171,10 @@ def assert_says_first_what_to_do(unknown):
     assert not [line for line in before if line.startswith("run: ")], "nothing of how it ended"
 
 
-@pytest.mark.usefixtures("impatient")
-def test_a_stop_that_nobody_confirms_says_first_what_to_do(wires, planned, pkmcal):
+def test_a_stop_that_nobody_confirms_says_first_what_to_do(wires, planned, pkmcal, monkeypatch):
     controller, _ = wires
+    soon = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=1.0)
+    monkeypatch.setattr("drivers.robotline.robot.LineRobot", partial(LineRobot, deadlines=soon))
 
     def stop_it():
         controller.await_heard_s(b" MOVEJ ", within_s=PATIENCE_S)
