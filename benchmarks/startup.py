@@ -4,14 +4,19 @@ python -m benchmarks.startup [--runs N] [--json]
 
 `pkmcal --help` and `pkmcal identify` on a measured campaign (60 pairs, from shots of the paper's
 Table I), and identify's own solution inside it, by the wall's clock; `pkmcal report` of the same by
-processor time. Median and least of several runs; the least, disturbed the least by others on the
-machine, has to keep the limit.
+processor time, and `identify` by that of a bare import of numpy and scipy.optimize. Median and
+least of several runs; the least, disturbed the least by others on the machine, has to keep the
+limit.
 """
 
 import json
 import resource
 import statistics
+import subprocess
+import sys
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from benchmarks.shared.programs import pkmcal
@@ -19,6 +24,9 @@ from benchmarks.shared.yardstick import Figure, Report, main
 
 SHOTS = Path(__file__).parents[1] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 LIMITS_S = {"--help": 0.3, "identify": 1.0, "solution within identify": 0.01, "report": 1.5}
+BARE = (sys.executable, "-c", "import numpy, scipy.optimize")
+OVER_BARE = {"standard": 1.5, "auto": 1.9}
+"""Most of an identification's processor time by model, over that of a bare import."""
 UNDECIDED = 1
 """Exit code: computed, but not decided."""
 
@@ -30,7 +38,13 @@ def measure(runs: int) -> Report:
         pkmcal("import", campaign, str(SHOTS))
         words, expected = ("identify", campaign, "--json"), (0, UNDECIDED)
         answers = [pkmcal(*words, expected=expected) for _ in range(runs)]
-        drawn_s = [_processor_s("report", campaign) for _ in range(runs)]
+        drawn_s = [_processor_s(partial(pkmcal, "report", campaign)) for _ in range(runs)]
+        commands: dict[str, Callable[[], object]] = {
+            model: partial(pkmcal, *words, "--model", model, expected=expected)
+            for model in OVER_BARE
+        }
+        commands["bare"] = partial(subprocess.run, BARE, check=True)
+        rounds = [{name: _processor_s(run) for name, run in commands.items()} for _ in range(runs)]
     helped_s = [pkmcal("--help")[0] for _ in range(runs)]
     solved_s = [json.loads(answer)["seconds"] for _, answer in answers]
     times_s = (helped_s, [seconds for seconds, _ in answers], solved_s, drawn_s)
@@ -38,13 +52,18 @@ def measure(runs: int) -> Report:
     for (name, limit), runs_s in zip(LIMITS_S.items(), times_s, strict=True):
         figures.append(Figure(f"{name}, median", statistics.median(runs_s), "s"))
         figures.append(Figure(f"{name}, least", min(runs_s), "s", highest=limit))
+    for model, limit in OVER_BARE.items():
+        ratios = [each[model] / each["bare"] for each in rounds]
+        name = f"identify --model {model} over a bare import"
+        figures.append(Figure(f"{name}, median", statistics.median(ratios)))
+        figures.append(Figure(f"{name}, least", min(ratios), highest=limit))
     return Report(figures)
 
 
-def _processor_s(*words: str) -> float:
+def _processor_s(run: Callable[[], object]) -> float:
     """Processor time of a command."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    pkmcal(*words)
+    run()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
