@@ -50,7 +50,7 @@ class CountedWork:
     ) -> None:
         self._console, self._now_s, self._quiet_s = console, now_s, quiet_s
         self._what, self._total = what, total
-        self._before = self._done = self._told = done
+        self._before = self._done = done
         self._began_s = self._told_s = now_s()
         self._bars = _Bars(console)
         self._bar = self._bars.add_task(what, total=max(total, 1), completed=done, text=self)
@@ -69,39 +69,18 @@ class CountedWork:
         pace = state_and_rate(self._done, self._total, self._before, seconds)
         return " · ".join(filter(None, [pace, self.news]))
 
-    @contextmanager
-    def paused(self) -> Iterator[None]:
-        """Time without the bar, for questions and answers."""
-        self._bars.stop()
-        try:
-            yield
-        finally:
-            self._bars.start()
-
     def advance(self, more: int = 1) -> None:
-        """So many more are done."""
+        """So many more are done; where there is no bar, a line now and then says so."""
         self._done += more
         self._bars.update(self._bar, completed=self._done)
-        self._say_if_due()
-
-    def line(self) -> str:
-        """The line for where there is no terminal."""
-        return f"{self._what}: {self}"
+        if self._bars.disable and self._now_s() - self._told_s >= self._quiet_s:
+            self._told_s = self._now_s()
+            self.say(f"{self._what}: {self}")
 
     def say(self, text: str, style: str = "dim") -> None:
         """Print a line that stays, above the bar."""
         line = Text(printable(text), style)  # the style is not the bar's
         self._console.print(line, soft_wrap=True)
-
-    def _say_if_due(self) -> None:
-        """Where there is no bar, print a line if one is due."""
-        if self._bars.disable and self._is_due():
-            self._told_s, self._told = self._now_s(), self._done
-            self.say(self.line())
-
-    def _is_due(self) -> bool:
-        """Whether the last line was long enough ago."""
-        return self._now_s() - self._told_s >= self._quiet_s
 
 
 class _Bars(Bars):
