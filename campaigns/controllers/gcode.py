@@ -102,11 +102,6 @@ def parse_gcode(text: str, name: str) -> Iterator[Block]:
         raise TargetsInvalid(f"{name}: holds no G-code", remedy="check that it is the right file")
 
 
-def block_text(words: list[str], comments: tuple[str, ...] = ()) -> str:
-    """Text of a new line, without its end."""
-    return " ".join([*words, *comments])
-
-
 def _block(body: str, ending: str, number: int, name: str) -> Block:
     if _MESSAGE.match(body):
         return Block(number, body, ending)

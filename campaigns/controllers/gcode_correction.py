@@ -8,7 +8,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
-from campaigns.controllers.gcode import Block, block_text, parse_gcode
+from campaigns.controllers.gcode import Block, parse_gcode
 from campaigns.controllers.gcode_moves import (
     AXIS_LETTERS,
     MOTIONS,
@@ -96,7 +96,8 @@ def correct_gcode(
     stds: list[float] = []
     moves, before = 0, None
     while lines := tuple(islice(program, LINES)):
-        usual = usual or _block_of(lines[0]).ending or "\n"
+        first = lines[0]
+        usual = usual or (first.block if isinstance(first, Move) else first).ending or "\n"
         some = [line for line in lines if isinstance(line, Move)]
         ends: list[Array] = []
         if some:
@@ -216,10 +217,6 @@ def _some_std(correction: TargetCorrection, wanted: Array) -> list[float]:
     return list(map(float, correction.std_mm(wanted[:: max(1, len(wanted) // STD_POSES)])))
 
 
-def _block_of(line: Move | Block) -> Block:
-    return line.block if isinstance(line, Move) else line
-
-
 def _written(
     lines: Sequence[Move | Block],
     ends: Sequence[Array],
@@ -233,7 +230,14 @@ def _written(
         if isinstance(line, Block):
             yield line.text
             continue
-        bodies = _bodies(line, [_place(pose, letters, task) for pose in next(poses_of)])
+        places = [
+            [
+                f"{a}{fixed_text(t.to_file(v), DECIMALS)}"
+                for a, t, v in zip(letters, task, pose, strict=True)
+            ]
+            for pose in next(poses_of).tolist()
+        ]
+        bodies = _bodies(line, places)
         yield from (body + usual for body in bodies[:-1])
         yield bodies[-1] + line.block.ending
 
@@ -258,10 +262,6 @@ def _bodies(move: Move, places: Sequence[list[str]]) -> list[str]:
         line = [*(before if number == 0 else repeated), motion, *place]
         line += beside if number == 0 else []
         line += after if number == last else []
-        bodies.append(block_text(line, move.block.comments if number == 0 else ()))
+        line += move.block.comments if number == 0 else []
+        bodies.append(" ".join(line))
     return bodies
-
-
-def _place(pose: Array, letters: Sequence[str], task: Sequence[Axis]) -> list[str]:
-    each = zip(letters, task, pose.tolist(), strict=True)
-    return [f"{letter}{fixed_text(axis.to_file(value), DECIMALS)}" for letter, axis, value in each]
