@@ -60,7 +60,7 @@ def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
     residual = np.array(residual)
     (count, unknowns), measured = x.shape, residual.shape[1]
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    jacobians = np.empty((count, measured, unknowns))
+    jacobians = np.zeros((count, measured, unknowns))
     active, evaluations = every[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
         jacobian = problem.jacobian(_of(x, active), active)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.point_sets import TINY_MM
 from campaigns.estimation.residuals import CLOSE_ENOUGH_MM, FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.mechanisms.closed_chain import ClosedChain
@@ -169,7 +170,8 @@ class DistanceStack:
         """Derivatives by parameters, (R, M, F)."""
         positions, by_x = self.robots.jacobian(x, rows)
         between = self._between(positions)
-        along = between * (self._whitening[rows] / np.linalg.norm(between, axis=1))[:, None]
+        lengths = np.maximum(np.linalg.norm(between, axis=1), TINY_MM)
+        along = between * (self._whitening[rows] / lengths)[:, None]
         return np.asarray(np.sum(along[..., None] * self._between(by_x), axis=1))
 
     def _between(self, each: Array) -> Array:

@@ -89,3 +89,13 @@ def test_points_that_fix_no_frame_give_up_their_own_row_alone():
     found = fit_stack(inputs, points_mm)
     assert found.plain.tolist() == [False, *whole.plain[1:].tolist()]
     np.testing.assert_array_equal(found.x[1:], whole.x[1:])
+
+
+def test_points_that_are_none_and_a_pair_at_one_place_change_no_other_row():
+    inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.DISTANCES)
+    points_mm[0, 1], points_mm[1] = points_mm[0, 0], np.nan
+    found = fit_stack(inputs, points_mm)
+    assert found.plain.tolist()[:2] == [False, False]
+    alone = fit_stack(inputs, points_mm[2:])
+    np.testing.assert_array_equal(found.plain[2:], alone.plain)
+    np.testing.assert_array_equal(found.x[2:], alone.x)
