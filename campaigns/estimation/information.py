@@ -473,7 +473,7 @@ class Uncertainty:
         jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
         shifts_mm = {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
         for name, changes in self.unseen.items():
-            shifts_mm[f"{name}, unseen"] = jacobian @ np.array(changes) / LIMIT_PER_STD
+            shifts_mm[f"unseen {name}"] = jacobian @ np.array(changes) / LIMIT_PER_STD
         return shifts_mm
 
     def correlations(self) -> Array:

@@ -95,7 +95,7 @@ def test_positions_are_as_sure_as_stated_beside_a_reflectors_constant_that_goes_
     assert 0.2 < part < 1.0
     assert np.linalg.norm(moved) == pytest.approx(part * np.linalg.norm(limit), rel=0.01)
     positions = known.position_std_mm
-    most_mm = 3**0.5 * positions.common["reflector, unseen"]
+    most_mm = 3**0.5 * positions.common["unseen reflector"]
     assert 2.0 * positions.mean < most_mm < 2.0 * positions.total_mean
 
 
