@@ -98,6 +98,13 @@ class PlanOptions(Selection):
         ),
     ] = 0.0
     """Known from earlier campaigns; not in the tracker's σ."""
+    inaccurate: Annotated[
+        bool,
+        Option(
+            "The robot may be 5 mm and 3° off: keep further off singularities, so that it can take "
+            "all poses. Parameters are told less well."
+        ),
+    ] = False
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
 
     def __post_init__(self) -> None:

@@ -35,6 +35,9 @@ POSE_RESERVE_RAD = float(np.radians(1.0))
 SPACE_RESERVE_MM = 2.0
 """Planned poses keep off the walls of zones by this: a robot that stands there may read itself a
 little beyond."""
+INACCURATE_MARGIN = 0.4
+"""Singularity margin of planned poses for a robot that may be 5 mm and 3° off: with the usual one
+every third such robot cannot take some of 120 poses, with this one all of them can."""
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
@@ -79,6 +82,8 @@ class PlanRequest:
     space: RestrictedSpace = UNRESTRICTED
     tells_backlash: bool = False
     """Joints come evenly from both sides: for a model that what gears do may be added to."""
+    inaccurate: bool = False
+    """The robot may be 5 mm and 3° off: poses keep further off singularities."""
 
     def ordered(self, joints: Array, pairs: Index, start: Array, fitted: int) -> Index:
         """Tour of the pairs (M, 2) that this asks for, the first rows being fitted."""
@@ -88,9 +93,10 @@ class PlanRequest:
         return balance_approaches(joints, pairs, start, counted, EVENLY)
 
 
-def with_reserve(robot: RobotFile) -> Limits:
+def with_reserve(robot: RobotFile, *, inaccurate: bool = False) -> Limits:
     """Limits of a robot drawn in, for planning."""
-    return robot.limits.drawn_in(
+    least = max(robot.limits.singularity_margin, INACCURATE_MARGIN if inaccurate else 0.0)
+    return replace(robot.limits, singularity_margin=least).drawn_in(
         joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
         task=POSE_RESERVE_RAD,
         swing_rad=POSE_RESERVE_RAD,
@@ -126,7 +132,8 @@ def make_plan(
     Raises `PlanInvalid` when the workspace holds too few poses that can be taken and seen.
     """
     kinematics = robot.kinematics
-    region = region_of(kinematics, with_reserve(robot), view, request.centre, request.space)
+    limits = with_reserve(robot, inaccurate=request.inaccurate)
+    region = region_of(kinematics, limits, view, request.centre, request.space)
     _check_centre(region)
     _check_tracker(region)
     try:

@@ -177,7 +177,11 @@ def _settled(
     until_mm = None if options.until is None else _goal_mm(options.until, lengths)
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
     request = OptimalRequest(
-        plan=replace(campaign.plan_request(most), tells_backlash=model in MAY_HAVE_GEARS),
+        plan=replace(
+            campaign.plan_request(most),
+            tells_backlash=model in MAY_HAVE_GEARS,
+            inaccurate=options.inaccurate,
+        ),
         uncertainty=replace(campaign.instrument, robot_scatter_mm=options.scatter_mm),
         free=free,
         estimator=options.estimator,

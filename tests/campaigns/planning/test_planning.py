@@ -53,6 +53,24 @@ def test_default_plan_has_what_was_asked_for_in_pairs_with_drift_shots_between(
     assert {shot.pose for shot in of(default_plan, ShotSet.DRIFT)} == {MIDDLE}
 
 
+def test_a_plan_for_an_inaccurate_robot_holds_poses_that_one_far_off_can_take(
+    default_plan: tuple[PlannedShot, ...],
+) -> None:
+    careful = plan(replace(REQUEST, inaccurate=True))
+    rng = np.random.default_rng(1)
+    free = PAR4.parameters.places(PAR4.parameters.free_by_default)
+    most = np.where(PAR4.parameters.is_angle[free], np.radians(3.0), 5.0)
+    lost = {"usual": 0, "careful": 0}
+    for _ in range(20):
+        p = NOMINAL.p.copy()
+        p[free] += rng.uniform(-most, most)
+        robot = replace(NOMINAL, p=p)
+        for name, shots in (("usual", default_plan), ("careful", careful)):
+            lost[name] += not robot.forward(plans.joints_of(shots)).found.all()
+    assert lost["usual"] > 2
+    assert lost["careful"] == 0
+
+
 @pytest.mark.parametrize(("pairs", "visits"), [(5, 3), (20, 3), (80, 9)])
 def test_unless_told_the_drift_pose_is_visited_once_in_ten_pairs(pairs: int, visits: int) -> None:
     tour, here = np.arange(2 * pairs).reshape(-1, 2), (CENTRE, np.zeros(4))
