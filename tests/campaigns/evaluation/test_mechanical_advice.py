@@ -1,6 +1,7 @@
 """The mechanic's list, for changes that are known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from campaigns.evaluation.mechanical_advice import (
     Dimensions,
     mechanical_advice,
 )
+from campaigns.identification.result import RippleRate
 from campaigns.robots.robot import find_robot
 from campaigns.robots.schema import Mechanics
+from campaigns.workflow.advising import dimensions_of
 
 ROBOT = replace(
     find_robot("par4-prototype").robot,
@@ -105,3 +108,12 @@ def test_a_model_in_doubt_gives_no_dimensions():
     assert found.refusal("pass", (nests_told("stand", 0.3, 0.01, (3, 4)),)) == ""
     assert "robot" in found.refusal("pass", (nests_told("robot", 0.3, 0.01, (3, 4)),))
     assert replace(found, hidden={}).refusal("pass", ()) == UNTESTED
+
+
+def test_repairs_are_worked_out_with_ripples_as_often_as_they_were_found_to_come():
+    rate = RippleRate("ripples_per_turn", 31.2, 0.01, 1e-9)
+    found = SimpleNamespace(
+        covariance=None, parameters={}, coverage_factor_95=2.0, hidden={}, ripples=rate
+    )
+    assert ROBOT.mechanism.rate == 0.0
+    assert dimensions_of(ROBOT, found).robot.kinematics.mechanism.rate == 31.2
