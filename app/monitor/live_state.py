@@ -132,6 +132,8 @@ def _activity(own: Sequence[Entry[records.Record]], watched: Watched) -> tuple[C
         match each.record:
             case records.SeriesFinished():
                 return "green", "finished", ""
+            case records.SessionStopped() if watched.series.finished:
+                return "green", "finished", ""
             case records.SessionStopped(how=how, reason=reason):
                 return ("green" if how == "finished" else "amber"), "stopped", reason
             case records.Event(kind=kind, text=text) if kind in LOST and watched.held_by:

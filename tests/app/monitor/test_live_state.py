@@ -60,7 +60,7 @@ def test_shots_done_and_left_and_the_end_by_the_clock(told):
     [
         ((), None, {}, "red", "ended without a word"),
         ((), None, {"stopped": True}, "green", "stopped"),
-        ((), None, {"stopped": True, "finished": True}, "green", "stopped"),
+        ((), None, {"stopped": True, "finished": True}, "green", "finished"),
         ((), SOMEBODY, {"finished": True}, "green", "finished"),
         ((records.Event("beam broken", "lost"),), SOMEBODY, {}, "red", "the beam is broken"),
         (
