@@ -1,5 +1,7 @@
 """`run --until`: ends early, says what is known, and leaves nothing else out."""
 
+import pytest
+
 from campaigns.journal.journal import read_journal
 from campaigns.shots.shot_sets import ShotSet
 
@@ -57,8 +59,18 @@ def test_dry_says_what_the_plan_would_give(pkmcal, planned):
     assert not (planned / "campaign.db").exists()
 
 
-def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned):
-    words = ("--until", "σ=0.1", "--estimator", "distances", "--json")
+SURPLUS = "refined shots tell more than the goal needs: 24 are planned where 20 do"
+
+
+@pytest.mark.parametrize(
+    ("goal", "estimator"),
+    [
+        pytest.param("σ=0.05", "points", marks=pytest.mark.xfail(reason=SURPLUS, strict=True)),
+        ("σ=0.1", "distances"),
+    ],
+)
+def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned, goal, estimator):
+    words = ("--until", goal, "--estimator", estimator, "--json")
     made = pkmcal("plan", planned, *words, "--candidates", "300").document
     dry = pkmcal("run", planned, "--dry", *words)
     assert dry.code == 0, dry.err
