@@ -1,4 +1,4 @@
-"""What shots tell, by how they are placed, and what planning costs: the table of docs/model.md.
+"""What shots tell, by how they are placed, and what planning costs: the table of docs/planning.md.
 
 python -m benchmarks.planning [--repeats N] [--json]
 
