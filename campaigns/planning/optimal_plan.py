@@ -256,11 +256,7 @@ def choose_measurements(
     """
     if request.until_mm is not None:
         rows = _fewest_measurements(options, request.until_mm, rng)
-        found = options.only(rows)
-        moved = found.refined(max(1, MEASUREMENTS_MOVED // len(rows)), rng)
-        # a criterion may fall while the worst length's σ rises
-        still_met = moved.worst_length_mm <= request.until_mm
-        return moved if still_met else found
+        return _fewest_refined(options, rows, request.until_mm, rng)
     count = request.plan.identification_shots // options.poses_each
     starts = exchanged_starts(options.candidates, options.criterion, count, rng)
     listed = starts[: max(1, MEASUREMENTS_REFINED // count)]
@@ -270,6 +266,33 @@ def choose_measurements(
         refined = (each.refined(min(rounds, most), rng) for each in designs)
         designs = sorted(refined, key=lambda each: each.value)[:kept]
     return designs[0]
+
+
+def _fewest_refined(
+    options: CandidateSet, rows: Index, until_mm: float, rng: np.random.Generator
+) -> CandidateSet:
+    """The fewest measurements that meet a goal once refined, no more than those that do as chosen.
+
+    By halving: refined measurements tell more, so fewer of them may do.
+    """
+    best, count = options.only(rows), len(rows)
+    too_few = max(sample_size.minimum_count(options.candidates, options.step), count // 2)
+    too_few -= too_few % options.step + options.step
+    tried = count
+    while tried > too_few:
+        if tried != len(rows):
+            starts = exchanged_starts(options.candidates, options.criterion, tried, rng)
+            rows = starts[0].chosen
+        moved = options.only(rows).refined(max(1, MEASUREMENTS_MOVED // tried), rng)
+        # a criterion may fall while the worst length's σ rises
+        if moved.worst_length_mm <= until_mm:
+            best, count = moved, tried
+        elif tried == count:
+            return best
+        else:
+            too_few = tried
+        tried = (too_few + count) // 2 // options.step * options.step
+    return best
 
 
 def _fewest_measurements(options: CandidateSet, until_mm: float, rng: np.random.Generator) -> Index:
