@@ -329,7 +329,7 @@ class Uncertainty:
     common: dict[str, tuple[float, ...]] = field(default_factory=dict)
     """What all shots have in common and none can tell: by name the change of each parameter by one
     standard deviation of it, mm and deg. `matrix` has no part of it."""
-    unseen: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    undetected: dict[str, tuple[float, ...]] = field(default_factory=dict)
     """What may be wrong with the tracker and yet pass every test of the shots: by name the change
     of each parameter at that limit (external reliability), mm and deg. Of positions alone."""
 
@@ -384,11 +384,13 @@ class Uncertainty:
         places = [self.names.index(name) for name in kept]
         rows = tuple(map(tuple, self.array[np.ix_(places, places)].tolist()))
         units = tuple(self.units[place] for place in places) if self.units else ()
-        common, unseen = (
+        common, undetected = (
             {name: tuple(changes[place] for place in places) for name, changes in each.items()}
-            for each in (self.common, self.unseen)
+            for each in (self.common, self.undetected)
         )
-        return replace(self, names=kept, matrix=rows, units=units, common=common, unseen=unseen)
+        return replace(
+            self, names=kept, matrix=rows, units=units, common=common, undetected=undetected
+        )
 
     def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
         """The same once some have been added to others: by a name, others' derivatives by it."""
@@ -398,16 +400,16 @@ class Uncertainty:
         for column, name in enumerate(self.names):
             whole[:, column] += [by.get(name, {}).get(each, 0.0) for each in self.names]
         rows = tuple(map(tuple, (whole @ self.array @ whole.T).tolist()))
-        common, unseen = (
+        common, undetected = (
             {name: tuple((whole @ changes).tolist()) for name, changes in each.items()}
-            for each in (self.common, self.unseen)
+            for each in (self.common, self.undetected)
         )
-        return replace(self, matrix=rows, common=common, unseen=unseen)
+        return replace(self, matrix=rows, common=common, undetected=undetected)
 
     @property
     def random(self) -> "Uncertainty":
         """The part of it that differs from shot to shot, by which coverage is judged."""
-        return replace(self, common={}, unseen={})
+        return replace(self, common={}, undetected={})
 
     def std(self) -> dict[str, float]:
         """Standard uncertainty (1 σ) by name, mm and deg, of the random part."""
@@ -472,8 +474,8 @@ class Uncertainty:
         """
         jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
         shifts_mm = {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
-        for name, changes in self.unseen.items():
-            shifts_mm[f"unseen {name}"] = jacobian @ np.array(changes) / LIMIT_PER_STD
+        for name, changes in self.undetected.items():
+            shifts_mm[f"undetected {name}"] = jacobian @ np.array(changes) / LIMIT_PER_STD
         return shifts_mm
 
     def correlations(self) -> Array:

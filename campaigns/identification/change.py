@@ -73,7 +73,7 @@ class Tested:
     hidden: tuple[tuple[str, Array], ...] = ()
     """By cause: changes of the free parameters, (F, k), mm and rad, that it may hide."""
 
-    def unseen(self, units: Array) -> dict[str, tuple[float, ...]]:
+    def undetected(self, units: Array) -> dict[str, tuple[float, ...]]:
         """Those by what is wrong with the tracker, in the parameters' units (F,), by its name."""
         return {
             cause: tuple((changes[:, 0] / units).tolist())

@@ -275,7 +275,7 @@ def repaired_estimate(
     units, count = space.units(names), len(names)
     sigma0 = found.noise.sigma0 or 1.0
     known = Uncertainty.of(names, units, found.covariance[:count, :count], sigma0=sigma0)
-    known = replace(known, common=stored.known.common, unseen=stored.known.unseen)
+    known = replace(known, common=stored.known.common, undetected=stored.known.undetected)
     return found, known, fitted.points
 
 

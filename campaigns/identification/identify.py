@@ -139,7 +139,7 @@ def _result(
     told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
     uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm)
     if uncertainty is not None and options.estimator is Estimator.POINTS:
-        uncertainty = replace(uncertainty, unseen=told.unseen(space.units(free)))
+        uncertainty = replace(uncertainty, undetected=told.undetected(space.units(free)))
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)

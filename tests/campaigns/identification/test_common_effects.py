@@ -70,7 +70,7 @@ def test_positions_are_the_less_sure_the_less_the_tracker_is_and_both_parts_are_
         for each in (exact, replace(exact, scale=100 * PPM))
     ]
     assert told[0].mean == pytest.approx(told[1].mean, rel=1e-9)
-    parts = [mm for name, mm in told[0].common.items() if "unseen" not in name]
+    parts = [mm for name, mm in told[0].common.items() if "undetected" not in name]
     assert parts == [0.0] * len(parts)
     from_middle = workspace()[:, :3] - workspace()[:, :3].mean(axis=0)
     size_mm = np.linalg.norm(from_middle, axis=1).mean()
@@ -90,12 +90,12 @@ def test_positions_are_as_sure_as_stated_beside_a_reflectors_constant_that_goes_
     assert unseen.verdict == "pass"
     std = np.array([*known.covariance.std().values()])
     moved = [unseen.flat()[name] - known.flat()[name] for name in known.covariance.names] / std
-    limit = np.array(known.covariance.unseen["reflector"]) / std
+    limit = np.array(known.covariance.undetected["reflector"]) / std
     part = abs(moved @ limit) / (limit @ limit)
     assert 0.2 < part < 1.0
     assert np.linalg.norm(moved) == pytest.approx(part * np.linalg.norm(limit), rel=0.01)
     positions = known.position_std_mm
-    most_mm = 3**0.5 * positions.common["unseen reflector"]
+    most_mm = 3**0.5 * positions.common["undetected reflector"]
     assert 2.0 * positions.mean < most_mm < 2.0 * positions.total_mean
 
 
