@@ -278,7 +278,9 @@ def test_a_screen_that_is_resized_is_drawn_anew_and_s_skips_a_shot(planned):
         screen.read_for(0.9)
         assert 50 < max(screen.widths) <= 80
         screen.resize(*narrow)
-        screen.read_for(1.5)
+        give_up = time.monotonic() + PATIENCE_S
+        while max(screen.widths) > 50 and time.monotonic() < give_up:
+            screen.read_for(0.5)
         assert 20 < max(screen.widths) <= 50
         assert len(screen.widths) <= 20
     with read_journal(planned / "campaign.db") as journal:
@@ -338,7 +340,7 @@ def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so
     process.send_signal(signal.SIGCONT)
     screen.read_until("Go on where it was? [y/N]")
     screen.type("y\n")
-    screen.read_until("4 of 8 shots")
+    screen.read_until("8 of 8 shots")  # not each is drawn
     out, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, "loaded and verified" in out) == (0, True)
     assert loads(exported) == ["load begun", "load"]
