@@ -278,6 +278,7 @@ def test_a_screen_that_is_resized_is_drawn_anew_and_s_skips_a_shot(planned):
         screen.read_for(0.9)
         assert 50 < max(screen.widths) <= 80
         screen.resize(*narrow)
+        screen.read_for(1.5)
         give_up = time.monotonic() + PATIENCE_S
         while max(screen.widths) > 50 and time.monotonic() < give_up:
             screen.read_for(0.5)
