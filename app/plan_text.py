@@ -224,13 +224,15 @@ def _stand_text(stand: Stand | None) -> str:
         return "robot"
     if stand.unseen:
         return f"{stand.unseen} unseen"
-    return f"{1e3 * stand.position_std_mm:.1f}" if stand.position_std_mm < math.inf else "untold"
+    return (
+        f"{1e3 * stand.position_std_mm:.1f}" if stand.position_std_mm < math.inf else "undetermined"
+    )
 
 
 def best_stand_lines(best: Stand) -> Iterator[str]:
     """Best stand, as it is written into campaign.yaml."""
     place = ", ".join(f"{each:.0f}" for each in best.place_mm)
-    std = f"±{best.position_std_mm:.4f} mm" if best.position_std_mm < math.inf else "untold"
+    std = f"±{best.position_std_mm:.4f} mm" if best.position_std_mm < math.inf else "undetermined"
     unseen = f", {best.unseen} shots unseen" if best.unseen else ""
     yield f"best: tracker.place_mm: [{place}], positions {std} at most{unseen}"
     yield "a plan made for that stand may tell more: write it into campaign.yaml and plan anew"

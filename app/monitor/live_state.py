@@ -145,7 +145,11 @@ def _activity(own: Sequence[Entry[records.Record]], watched: Watched) -> tuple[C
             case _:
                 continue
     if watched.held_by is None:
-        return "red", "ended without a word", "the process that measured is gone; the run continues"
+        return (
+            "red",
+            "ended without a word",
+            "the process that measured is gone; its command resumes",
+        )
     return "green", "measuring", ""
 
 
