@@ -118,6 +118,7 @@ def forecast_document(planned: PlannedCampaign) -> dict[str, object]:
         "criterion": planned.criterion,
         "seed": planned.seed,
         "predicted_std": {name: finite(std) for name, std in predicted.std().items()},
+        "predicted_total_std": {name: finite(std) for name, std in predicted.total_std().items()},
         "worst": {
             "length_mm": finite(predicted.largest("mm")),
             "angle_deg": finite(predicted.largest("deg")),

@@ -14,6 +14,7 @@ from rich.progress import Progress as Bars
 from rich.text import Text
 
 from app.run_screen import answer_to, run_screen
+from campaigns.evaluation.decision import COVERAGE
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress, RunObserver
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
@@ -154,7 +155,8 @@ class RunDisplay(RunObserver):
         if isinstance(error[1], RobotStateUnknown):
             self.say(PRESS_THE_EMERGENCY_STOP, "bold red")
         if self._progress is not None:
-            for line in (summary(self._progress), *_known(self._progress)):
+            known = () if self._progress.state is EngineState.FINISHED else _known(self._progress)
+            for line in (summary(self._progress), *known):
                 self.say(f"{self._what}: {line}")
 
     @contextmanager
@@ -305,7 +307,10 @@ def summary(progress: Progress) -> str:
 def certainty(known: ParameterUncertainty) -> str:
     """Uncertainty of the parameters: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
     std = f"{known.weakest_std:.3f} mm" if known.unit == "mm" else f"{known.weakest_std:.4f}°"
-    return f"weakest {known.weakest} ±{std} · position ±{known.position_std_mm:.3f} mm"
+    told = f"weakest {known.weakest} ±{std} · position ±{known.position_std_mm:.3f} mm"
+    if known.total_position_std_mm is None:
+        return told
+    return f"{told} (1 σ), U {COVERAGE * known.total_position_std_mm:.3f} mm (k = 2)"
 
 
 def _figures(progress: Progress) -> list[str]:

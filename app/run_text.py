@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import TypeAlias
 
 from app.console import BAD, GOOD, WARNING, Terminal
-from app.progress import interval
+from app.progress import certainty, interval
 from campaigns.campaign import Campaign
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.session import RunResult
@@ -35,6 +35,8 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
         terminal.say(f"not measured: {in_words(shots)}: {reason}", WARNING)
     if ran.settling is not None:
         terminal.say(ran.settling.text, "" if ran.settling.shots else WARNING)
+    if ran.known is not None:
+        terminal.say(f"known by {ran.known.shots} shots: {certainty(ran.known)}")
     if ran.goal is None:
         return
     if ran.good:

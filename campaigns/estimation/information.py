@@ -345,18 +345,23 @@ class Uncertainty:
         hold_out_ratio: float = 1.0,
         source: Source = "fitted",
         common: Mapping[str, Array] | None = None,
+        undetected: Mapping[str, Array] | None = None,
         beside: Iterable[Array] = (),
     ) -> "Uncertainty":
         """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,).
 
-        Changes (F,): `common` by what all shots have in common, `beside` by one σ of other errors.
+        Changes (F,): `common` by what all shots have in common, `undetected` by as much of the
+        tracker's errors as passes every test of them, `beside` by one σ of other errors.
         """
         matrix = sum((np.outer(each, each) for each in beside), covariance_matrix)
         matrix = matrix / np.outer(units, units)
         rows = tuple(map(tuple, matrix.tolist()))
         words = tuple("mm" if unit == 1.0 else "deg" for unit in units.tolist())
-        shared = {name: tuple((each / units).tolist()) for name, each in (common or {}).items()}
-        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words, shared)
+        shared, hidden = (
+            {name: tuple((each / units).tolist()) for name, each in (changes or {}).items()}
+            for changes in (common, undetected)
+        )
+        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words, shared, hidden)
 
     @property
     def array(self) -> Array:

@@ -8,17 +8,24 @@ told if they are significant after it (forward selection).
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
+from campaigns.estimation import error_columns
 from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, SIGNIFICANCE
+from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.tracker_noise import inverse_roots
+from campaigns.mechanisms.mechanism import Kinematics
 
+OF_THE_TRACKER = ("reflector", "transit axis")
+"""Groups of what is wrong with the instrument, which no robot can take up rightly."""
 GENERAL = "joints"
 """Name of the group of what no other group stands for."""
 LEAST_FREEDOM = 30
@@ -92,6 +99,53 @@ class LackOfFit:
         return math.exp(self.log_p)
 
 
+def error_groups(
+    points: PointResiduals, x: Array, encoders: Array, approach: Array
+) -> Iterator[Group]:
+    """Groups of columns at the unknowns x, a cause each, in the tracker's axes and in mm.
+
+    Of encoders (N, n) that came by `approach` (N, n), 0 where that is not known.
+    """
+    model, parameters = points.model, points.parameters(x)
+    space, rate = model.mechanism.parameters, model.mechanism.transmission.ripple_rate
+    is_revolute = model.mechanism.joints[0].is_revolute
+    rotations, joints = points.rotations(x), model.arm_joints(parameters)
+    by_joints = rotations @ model.by_joints(parameters)
+    measured_mm, positions_mm = points.points_in_tracker_mm, model.positions_mm(parameters)
+    arms = np.arange(joints.shape[1])
+    if is_revolute:
+        yield Group("eccentricity", harmonic(by_joints, joints), np.repeat(arms, 2))
+    if rate:
+        name = "ripple" if is_revolute else "period"
+        columns = harmonic(by_joints, rate * encoders)
+        yield Group(name, columns, np.repeat(arms, 2), period=2.0 * np.pi / rate)
+    yield Group("ratio", error_columns.of_joints(by_joints, joints), arms)
+    if approach.any():
+        yield Group("backlash", error_columns.backlash(by_joints, approach), arms)
+    free = {space.geometry[place] for place in model.free.tolist() if place < len(space.geometry)}
+    azimuths = tuple(name for name in space.of_field("azimuth_deg") if name not in free)
+    # a turn of all arms is the frame's and the mounts': one direction less
+    azimuths = azimuths[len(azimuths) < space.arms :]
+    if azimuths:
+        columns = rotations @ model.by_geometry(parameters, space.places(azimuths))
+        if len(azimuths) == space.arms:
+            columns = columns - columns.mean(axis=2, keepdims=True)
+        own = np.array([space[name].arm for name in azimuths])
+        yield Group("azimuths", columns, own, azimuths)
+    beside = {*space.free_by_default, *free}
+    parts = tuple(name for name in space.free_in_full if name not in beside)
+    if parts:
+        own = np.array([space[name].arm for name in parts])
+        columns = rotations @ model.by_geometry(parameters, space.places(parts))
+        yield Group("parts", columns, own, parts)
+    up, reach_mm = rotations[:, :, 2], np.hypot(*positions_mm.T[:2]).max()
+    yield Group("yielding", error_columns.yielding(by_joints, up), arms)
+    yield Group("sag", error_columns.sag_by_reach(up, positions_mm, float(reach_mm)))
+    yield Group("reflector", error_columns.reflector_constant(measured_mm))
+    yield Group("transit axis", error_columns.transit_axis(measured_mm))
+    yield Group(GENERAL, error_columns.smooth(joints))
+
+
 def lacks_of_fit(
     shots: FittedShots, groups: Sequence[Group], drives: Drives | None = None
 ) -> Iterator[LackOfFit]:
@@ -135,6 +189,40 @@ def external_reliability(
         size = math.sqrt(scipy.special.ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
         moved = inverse @ (group.columns.reshape(len(flat), -1) @ solved.along)
         yield group.name, sigma0 * size * moved
+
+
+def undetected_by_points(
+    kinematics: Kinematics,
+    free: tuple[str, ...],
+    joints: Array,
+    poses: Array,
+    approach: Array,
+    tracker_mm: Array,
+    covariance_mm2: Array,
+) -> dict[str, Array]:
+    """Changes (F,) of parameters by the tracker's errors that points will hide, mm and rad.
+
+    Points have covariances (N, 3, 3) and scatter by them; the tracker (3,) has the base frame's
+    axes.
+    """
+    model = PositionModel(kinematics, kinematics.mechanism.parameters.places(free), joints, poses)
+    whitening, base = inverse_roots(covariance_mm2), Transform(np.eye(3), -tracker_mm)
+    points = PointResiduals(model, poses[:, :3] - tracker_mm, whitening, base)
+    x = points.start()
+    jacobian = points.jacobian(x).reshape(len(poses), 3, -1)
+    groups = tuple(
+        replace(each, columns=whitening @ each.columns)
+        for each in error_groups(points, x, joints, approach)
+        if each.name != GENERAL
+    )
+    shots = FittedShots.of(np.zeros((len(poses), 3)), jacobian)
+    found = external_reliability(shots, jacobian, groups)
+    return undetected({name: changes[: len(free)] for name, changes in found})
+
+
+def undetected(hidden: Mapping[str, Array]) -> dict[str, Array]:
+    """Changes (F,) by what is wrong with the tracker, of those (F, k) that causes may hide."""
+    return {cause: hidden[cause][:, 0] for cause in OF_THE_TRACKER if cause in hidden}
 
 
 def best_period(shots: FittedShots, drives: Drives) -> Group:

@@ -4,7 +4,7 @@ All shots that are not gross take part, those that were left out of the fit and 
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -32,6 +32,7 @@ from campaigns.estimation.lack_of_fit import (
     SHORTEST_RAD,
     Group,
     LackOfFit,
+    error_groups,
     external_reliability,
     lacks_of_fit,
 )
@@ -47,8 +48,6 @@ from campaigns.shots.warmth import TIME_CONSTANTS
 
 Columns = TypeVar("Columns", Group, Cause)
 
-OF_THE_TRACKER = ("reflector", "transit axis")
-"""Groups of what is wrong with the instrument, which no robot can take up rightly."""
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
 RARE = math.log(0.01)
@@ -70,16 +69,8 @@ class Tested:
     swapped: tuple[tuple[int, int], ...] = ()
     off_from: tuple[int, int] | None = None
     """Number of shots that are off, and the first of the last shots that hold them all."""
-    hidden: tuple[tuple[str, Array], ...] = ()
+    hidden: Mapping[str, Array] = field(default_factory=dict)
     """By cause: changes of the free parameters, (F, k), mm and rad, that it may hide."""
-
-    def undetected(self, units: Array) -> dict[str, tuple[float, ...]]:
-        """Those by what is wrong with the tracker, in the parameters' units (F,), by its name."""
-        return {
-            cause: tuple((changes[:, 0] / units).tolist())
-            for cause, changes in self.hidden
-            if cause in OF_THE_TRACKER
-        }
 
 
 def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
@@ -91,8 +82,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     swapped = tuple(_swapped(shots))
     apart = shots.out.copy()
     apart[[row for pair in swapped for row in pair]] = False
-    gross = shots.size > GROSS
-    gross[[row for pair in swapped for row in pair]] = True
+    gross = _gross(shots, swapped)
     in_line = ~gross | (apart & ~isolated(~shots.out))
     late = last_together(apart)
     if late is None and (last := last_together(apart[shots.fitted])) is not None:
@@ -102,7 +92,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     smooth = steps = _Rows(shots, np.flatnonzero(~gross))
     if in_line.sum() > len(smooth.rows):
         steps = _Rows(shots, np.flatnonzero(in_line))
-    groups = tuple(_groups(shots))
+    groups = tuple(shots.groups())
     lacks, change = _most_significant(smooth, steps, groups)
     numbers = shots.numbers
     between = off = None
@@ -113,15 +103,32 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     elif not lacks and late is not None:
         off = int(apart.sum()), numbers[late]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
-    return Tested(lacks, change, between, named, off, tuple(_hidden(smooth, groups)))
+    return Tested(lacks, change, between, named, off, _hidden(smooth, groups))
 
 
-def _hidden(smooth: "_Rows", groups: tuple[Group, ...]) -> Iterator[tuple[str, Array]]:
+def hidden(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Mapping[str, Array]:
+    """What causes may hide in the parameters, as `tested` finds it, without the tests."""
+    try:
+        shots = _all_shots(inputs, points, near)
+    except (NoSolution, np.linalg.LinAlgError):
+        return {}
+    smooth = _Rows(shots, np.flatnonzero(~_gross(shots, tuple(_swapped(shots)))))
+    return _hidden(smooth, tuple(shots.groups()))
+
+
+def _gross(shots: "_AllShots", swapped: tuple[tuple[int, int], ...]) -> Mask:
+    """Shots that show no cause, (N,): gross errors, and neighbours that are swapped."""
+    gross = shots.size > GROSS
+    gross[[row for pair in swapped for row in pair]] = True
+    return np.asarray(gross)
+
+
+def _hidden(smooth: "_Rows", groups: tuple[Group, ...]) -> dict[str, Array]:
     """External reliability of the free parameters against each cause that has a name."""
     named = tuple(each for each in groups if each.name != GENERAL)
     white, free = smooth.white(smooth.shots.linearized.jacobian), len(smooth.shots.parameters)
-    for name, changes in external_reliability(smooth.fit, white, smooth.of(named)):
-        yield name, changes[:free]
+    found = external_reliability(smooth.fit, white, smooth.of(named))
+    return {name: changes[:free] for name, changes in found}
 
 
 def isolated(kept: Mask) -> Mask:
@@ -166,10 +173,10 @@ class _AllShots:
         """Encoders' readings, (N, n)."""
         return self.everything.shots.joints
 
-    @cached_property
-    def joints(self) -> Array:
-        """Joints of the arms, (N, n)."""
-        return self.everything.model.arm_joints(self.parameters)
+    def groups(self) -> Iterator[Group]:
+        """Groups of columns, a cause each."""
+        shots = self.everything.shots
+        return error_groups(self.everything.points, self.x, shots.joints, shots.approach)
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -319,48 +326,6 @@ def _changed(causes: tuple[Cause, ...], change: Change, steps: _Rows) -> Array:
     if change.kind == "drift":
         since = drifted(places / len(places), change.time_constant)
     return np.asarray(cause.columns * since[:, None, None])
-
-
-def _groups(shots: _AllShots) -> Iterator[Group]:
-    """Groups of columns of all shots, a cause each."""
-    by_joints, joints, space = shots.linearized.by_joints, shots.joints, shots.space
-    data = shots.everything.points
-    measured_mm, positions_mm = data.points_in_tracker_mm, data.model.positions_mm(shots.parameters)
-    arms = np.arange(joints.shape[1])
-    if shots.is_revolute:
-        columns = error_columns.harmonic(by_joints, joints)
-        yield Group("eccentricity", columns, np.repeat(arms, 2))
-    if shots.rate:
-        name = "ripple" if shots.is_revolute else "period"
-        columns = error_columns.harmonic(by_joints, shots.rate * shots.encoders)
-        yield Group(name, columns, np.repeat(arms, 2), period=2.0 * np.pi / shots.rate)
-    yield Group("ratio", error_columns.of_joints(by_joints, joints), arms)
-    if shots.everything.shots.knows_approach:
-        approach = shots.everything.shots.approach
-        yield Group("backlash", error_columns.backlash(by_joints, approach), arms)
-    free = {
-        space.geometry[place] for place in data.model.free.tolist() if place < len(space.geometry)
-    }
-    azimuths = tuple(name for name in space.of_field("azimuth_deg") if name not in free)
-    # a turn of all arms is the frame's and the mounts': one direction less
-    azimuths = azimuths[len(azimuths) < space.arms :]
-    if azimuths:
-        columns = shots.by_parameters(azimuths)
-        if len(azimuths) == space.arms:
-            columns = columns - columns.mean(axis=2, keepdims=True)
-        own = np.array([space[name].arm for name in azimuths])
-        yield Group("azimuths", columns, own, azimuths)
-    beside = {*space.free_by_default, *free}
-    parts = tuple(name for name in space.free_in_full if name not in beside)
-    if parts:
-        own = np.array([space[name].arm for name in parts])
-        yield Group("parts", shots.by_parameters(parts), own, parts)
-    up, reach_mm = data.rotations(shots.x)[:, :, 2], np.hypot(*positions_mm.T[:2]).max()
-    yield Group("yielding", error_columns.yielding(by_joints, up), arms)
-    yield Group("sag", error_columns.sag_by_reach(up, positions_mm, float(reach_mm)))
-    yield Group("reflector", error_columns.reflector_constant(measured_mm))
-    yield Group("transit axis", error_columns.transit_axis(measured_mm))
-    yield Group(GENERAL, error_columns.smooth(joints))
 
 
 def part_causes(

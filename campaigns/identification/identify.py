@@ -137,9 +137,7 @@ def _result(
     if for_causes and judged is None and options.outliers is not Outliers.KEEP:
         judged = plain_fit(inputs)  # also where coordinates take no part in the fit
     told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
-    uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm)
-    if uncertainty is not None and options.estimator is Estimator.POINTS:
-        uncertainty = replace(uncertainty, undetected=told.undetected(space.units(free)))
+    uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm, told.hidden)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
@@ -327,7 +325,7 @@ def _hidden(told: Tested, inputs: Inputs) -> dict[str, dict[str, float]]:
     units = inputs.nominal.mechanism.parameters.units(free)
     return {
         cause: dict(zip(free, (np.linalg.norm(by, axis=1) / units).tolist(), strict=True))
-        for cause, by in told.hidden
+        for cause, by in told.hidden.items()
     }
 
 

@@ -29,7 +29,7 @@ class EngineState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ParameterUncertainty:
-    """How surely the identification shots so far tell the parameters: 1 σ."""
+    """How surely the identification shots so far tell the parameters: 1 σ, of the random part."""
 
     shots: int
     weakest: str
@@ -50,6 +50,9 @@ class ParameterUncertainty:
     """Of `weakest_std`, mm or deg."""
     weakest_words: str = ""
     """The parameter known worst as people call it: `forearm of arm 3`."""
+    total_position_std_mm: float | None = None
+    """Of the same positions with errors common to all shots, as `identify` will state them; None
+    while a run's shots are not fitted to the end."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation import information
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.variance_components import LinearizedShots
+from campaigns.identification.change import hidden
 from campaigns.identification.fit import Fit, PointFit, fit_shots
 from campaigns.identification.hold_out import unseen_pairs
 from campaigns.identification.observations import Inputs
@@ -22,7 +23,11 @@ from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import pairs_of, poses_of
-from campaigns.planning.predicted_uncertainty import EstimationSetup, predicted_uncertainty
+from campaigns.planning.predicted_uncertainty import (
+    EstimationSetup,
+    predicted_uncertainty,
+    with_common_errors,
+)
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, outcomes_covariance_mm2, shots_of_outcomes
 from drivers.values import Vector3
@@ -106,7 +111,9 @@ class UncertaintyMonitor:
             or noise.dof < information.MINIMUM_DOF
         ):
             return None
-        known = fit.uncertainty(free, unseen_pairs(inputs, fit).tested)
+        unseen = unseen_pairs(inputs, fit)
+        causes = {} if fit.points is None else hidden(inputs, fit.points, unseen.identified)
+        known = fit.uncertainty(free, unseen.tested, self.setup.uncertainty, hidden=causes)
         identified = fit.observations.model.kinematics(found.x[: len(free)])
         there = self.poses[identified.inverse(self.poses).found]
         if known is None or not len(there):
@@ -135,7 +142,12 @@ class UncertaintyMonitor:
             return None
         at_mm = np.array(tracker_mm)
         found, _ = predicted_uncertainty(shots, self.kinematics, at_mm, self.setup)
-        return self._in_words(len(shots), found, self.workspace) if found.full_rank else None
+        if not found.full_rank:
+            return None
+        if count is None:
+            every = tuple(self.planned.values())
+            found = with_common_errors(found, every, self.kinematics, at_mm, self.setup)
+        return self._in_words(len(shots), found, self.workspace)
 
     def _identifies(self, outcome: Outcome) -> bool:
         planned = self.planned.get(outcome.shot)
@@ -176,12 +188,13 @@ class UncertaintyMonitor:
             weakest,
             std[weakest],
             known.largest("mm"),
-            float(known.of_positions(sample).mean()),
+            float(known.random.of_positions(sample).mean()),
             0.0 if noise is None else noise.birge_ratio or 0.0,
             known.sigma0,
             known.sigma0 > 1.0 or robot_scatters,
             space[weakest].unit,
             space[weakest].words,
+            float(known.of_positions(sample).mean()) if known.common else None,
         )
 
 

@@ -21,9 +21,10 @@ from campaigns.estimation.information import (
     predict_distances,
     predict_points,
 )
+from campaigns.estimation.lack_of_fit import undetected_by_points
 from campaigns.estimation.observability import Observability
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.mechanisms.transmission import GAIN
+from campaigns.mechanisms.transmission import GAIN, approach_along
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.robots.robot import RobotFile
@@ -72,8 +73,7 @@ def plan_forecast(
     """Forecast of a plan by the nominal robot and the tracker's place (3,) in the base frame."""
     predicted, seen = predicted_uncertainty(shots, kinematics, tracker_mm, setup)
     counted = sum(shot.purpose is ShotSet.IDENTIFICATION for shot in shots)
-    if predicted.full_rank:
-        predicted = replace(predicted, common=_common(shots, kinematics, tracker_mm, setup))
+    predicted = with_common_errors(predicted, shots, kinematics, tracker_mm, setup)
     found = Forecast.of(counted, predicted, sample)
     return replace(
         found,
@@ -116,26 +116,48 @@ def predicted_uncertainty(
     return Uncertainty.of(free, units, found[:count, :count], source="predicted"), seen
 
 
-def _common(
-    shots: Sequence[PlannedShot], kinematics: Kinematics, tracker_mm: Array, setup: EstimationSetup
-) -> dict[str, tuple[float, ...]]:
-    """Changes of each parameter, mm and deg, by one σ of each error common to all shots.
+def with_common_errors(
+    predicted: Uncertainty,
+    shots: Sequence[PlannedShot],
+    kinematics: Kinematics,
+    tracker_mm: Array,
+    setup: EstimationSetup,
+) -> Uncertainty:
+    """The same with errors common to all shots of a plan, as an identification will state them.
 
-    The instrument stands upright in the base frame.
+    The instrument stands upright in the base frame. Not of parameters that are not all known.
     """
+    if not predicted.full_rank:
+        return predicted
     joints, poses = joints_of(shots), poses_of(shots)
     pairs, free = pairs_of(shots, ShotSet.IDENTIFICATION), setup.free
     seen_mm = poses[:, :3] - tracker_mm
     shifts = tracker_noise.common_shifts_mm(seen_mm, setup.uncertainty)
+    undetected = dict[str, Array]()
     if setup.estimator is Estimator.POINTS:
         rows = pairs.ravel()
         noise = tracker_noise.point_covariance_mm2(seen_mm[rows], setup.uncertainty)
         own = {name: each[rows] for name, each in shifts.items()}
         found = common_by_points(kinematics, free, joints[rows], poses[rows], noise, own)
+        unseen = pairs_of(shots, ShotSet.VALIDATION).ravel()
+        tested = np.sort(np.concatenate([rows, unseen]))
+        undetected = undetected_by_points(
+            kinematics,
+            free,
+            joints[tested],
+            poses[tested],
+            approach_along(joints)[tested],
+            tracker_mm,
+            tracker_noise.point_covariance_mm2(seen_mm[tested], setup.uncertainty),
+        )
     else:
         found = common_by_distances(kinematics, free, joints, poses, pairs, shifts)
     units = kinematics.mechanism.parameters.units(free)
-    return {name: tuple((each / units).tolist()) for name, each in found.items()}
+    common, hidden = (
+        {name: tuple((each / units).tolist()) for name, each in changes.items()}
+        for changes in (found, undetected)
+    )
+    return replace(predicted, common=common, undetected=hidden)
 
 
 def plan_approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:

@@ -57,6 +57,11 @@ TOLD = [
     (news, replace(LOST, beam_lost_s=45.0), "suspended validation 3 · BEAM LOST for 45 s"),
     (news, replace(LOST, beam_lost_s=720.0), "suspended validation 3 · BEAM LOST for 12 min"),
     (certainty, KNOWN, "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"),
+    (
+        certainty,
+        replace(KNOWN, total_position_std_mm=0.0114),
+        "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm (1 σ), U 0.023 mm (k = 2)",
+    ),
     (certainty, OF_AN_ANGLE, "weakest arm3.joint_offset_deg ±0.0021° · position ±0.006 mm"),
     (summary, DONE, "59 of 59 shots · finished · residual 0.010 mm · drift 0.002 mm"),
     (pace, (120, 1000, 20, 1.0), "120/1000 · 100/s · 9 s left"),

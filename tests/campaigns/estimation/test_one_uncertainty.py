@@ -93,6 +93,17 @@ def test_a_plan_foretells_what_is_identified(good: Told, forecast: Forecast) -> 
     assert forecast.position_std_mm.max() == pytest.approx(good.found.position_std_mm.max, rel=1e-3)
 
 
+def test_a_plan_foretells_what_all_shots_have_in_common(good: Told, forecast: Forecast) -> None:
+    found, total_mm = good.found.position_std_mm, forecast.total_position_std_mm
+    assert total_mm.mean() == pytest.approx(found.total_mean, rel=0.1)
+    assert total_mm.max() == pytest.approx(found.total_max, rel=0.1)
+    assert total_mm.mean() > 1.5 * forecast.position_std_mm.mean()
+    assert {*forecast.predicted.undetected} == {*good.found.covariance.undetected} != set()
+    foreseen = work(PLAN).uncertainty_monitor().predicted(TRACKER_MM)
+    assert foreseen.position_std_mm == pytest.approx(forecast.position_std_mm.mean(), rel=1e-9)
+    assert foreseen.total_position_std_mm == pytest.approx(total_mm.mean(), rel=1e-9)
+
+
 @pytest.mark.parametrize("case", ["good", "doubtful"])
 def test_a_run_states_what_is_identified(case: str, request: pytest.FixtureRequest) -> None:
     told: Told = request.getfixturevalue(case)
@@ -100,6 +111,7 @@ def test_a_run_states_what_is_identified(case: str, request: pytest.FixtureReque
     assert run.weakest_std == pytest.approx(found.std()[run.weakest], rel=1e-9)
     assert run.length_std_mm == pytest.approx(found.covariance.largest("mm"), rel=1e-9)
     assert run.position_std_mm == pytest.approx(found.position_std_mm.mean, rel=1e-9)
+    assert run.total_position_std_mm == pytest.approx(found.position_std_mm.total_mean, rel=1e-9)
     assert run.scale == found.chi2.scale == found.covariance.sigma0
 
 
