@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
@@ -49,6 +49,8 @@ class Campaign:
     folder: Path
     config: CampaignConfig
     nominal: RobotDocument
+    _opened: list[JournalReader] = field(default_factory=list, repr=False, compare=False)
+    """Journal as it was opened last, of which the next reader need not read the same again."""
 
     @property
     def robot(self) -> RobotFile:
@@ -207,6 +209,9 @@ class Campaign:
 
     def _own(self, journal: JournalT) -> JournalT:
         try:
+            for before in self._opened:
+                journal.take_over(before)
+            self._opened[:] = [journal]
             self.require_own(journal.series())
         except BaseException:
             journal.close()

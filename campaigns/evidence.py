@@ -299,6 +299,7 @@ def gather(campaign: Campaign) -> Evidence:
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)
         through = identification.journal_records if identification else None
+        through_then = None if through is None else journal.digest(through=through)
         facts = JournalFacts(
             all_series,
             tuple(
@@ -308,7 +309,7 @@ def gather(campaign: Campaign) -> Evidence:
             ),
             journal.digest(),
             journal.last_number(),
-            None if through is None else journal.digest(through=through),
+            through_then,
             _unended_load(journal, unreadable),
         )
         run = _measured(campaign, _identified_series(all_series, identification))

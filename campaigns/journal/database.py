@@ -57,6 +57,8 @@ def _remedy(error: sqlite3.Error) -> str:
 
 APPLICATION_ID = 0x706B6D63  # "pkmc"
 VERSION = 2
+CHAINED = 2
+"""Version from which records have digests."""
 
 Upgraders = Mapping[int, tuple[str, ...]]
 """Version → the statements that bring a file of that version to the next one."""
@@ -222,7 +224,7 @@ def missing_rules(connection: sqlite3.Connection) -> list[str]:
     """Names of the indexes and triggers that a journal of this version has, and this one lacks."""
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as whole:
         whole.execute(_RECORD_TABLE)
-        for rule in (*_RULES, *(_CHAIN if version(connection) > 1 else ())):
+        for rule in (*_RULES, *(_CHAIN if version(connection) >= CHAINED else ())):
             whole.execute(rule)
         wanted, found = _names(whole), _names(connection)
     return sorted(wanted - found)
@@ -235,14 +237,14 @@ def _names(connection: sqlite3.Connection) -> set[str]:
 
 def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]:
     """All records as stored, in their order, and the last one that has a digest, of one moment."""
-    chained = version(connection) > 1
+    chained = version(connection) >= CHAINED
     digest = "digest" if chained else "NULL"
     query = (
         f"SELECT id, at_utc, kind, series, shot, attempt, body, {digest} FROM record ORDER BY id"  # noqa: S608 - one of two words
     )
     connection.execute("BEGIN")
     try:
-        rows: list[Row] = connection.execute(query).fetchall()
+        rows: list[Row] = _fetched(connection, query)
         stated = (
             connection.execute("SELECT record, digest FROM chain_end").fetchone()
             if chained
@@ -252,6 +254,26 @@ def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]
         if connection.in_transaction:
             connection.execute("ROLLBACK")
     return rows, EMPTY if stated is None else ChainEnd(*stated)
+
+
+def _fetched(connection: sqlite3.Connection, query: str) -> list[Row]:
+    """Rows of a query; what is no UTF-8 in them becomes surrogates, which no digest takes."""
+    try:
+        return connection.execute(query).fetchall()
+    except sqlite3.OperationalError as error:
+        if hasattr(error, "sqlite_errorcode"):  # SQLite's own, not one of decoding
+            raise
+    connection.text_factory = _text  # which takes longer
+    return connection.execute(query).fetchall()
+
+
+def stored_digest(connection: sqlite3.Connection, number: int) -> str | None:
+    """Digest that a record has in the file; None without one."""
+    if version(connection) < CHAINED:
+        return None
+    query = "SELECT digest FROM record WHERE id = ?"
+    found: tuple[str | None] | None = connection.execute(query, (number,)).fetchone()
+    return found and found[0]
 
 
 def verified_end(connection: sqlite3.Connection, path: Path) -> ChainEnd:
@@ -362,7 +384,6 @@ def _connect(
         connection = sqlite3.connect(
             address, uri=True, isolation_level=None, timeout=_LOCK_PATIENCE_S
         )
-        connection.text_factory = _text
         try:
             prepare(connection)
         except BaseException:

@@ -12,7 +12,7 @@ from typing import Self, TypeVar
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal import records as kinds
-from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, digest_after
+from campaigns.journal.digest_chain import EMPTY, ChainEnd, JournalDamaged, digest_after
 from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
@@ -42,6 +42,10 @@ class JournalReader:
         self._series: tuple[Series, ...] = ()
         self._series_of = 0
         """Number of records that they are of."""
+        self._read_to = EMPTY
+        """End of the chain over what is known."""
+        self._hashed = 0, hashlib.sha256()
+        """Number of records that went into the digest, and the digest."""
         self._end = self._verified()
 
     def __enter__(self) -> Self:
@@ -60,10 +64,24 @@ class JournalReader:
         with database.sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
 
+    def take_over(self, other: "JournalReader") -> None:
+        """Take over what another one has read, where the chain proves that this file holds it."""
+        number, digest = other._read_to.number, other._read_to.digest
+        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
+            stored = database.stored_digest(self._connection, number)
+        if stored == digest and number <= self._end.number:
+            self._known, self._read_to = other._known[:number], other._read_to
+            if other._hashed[0] <= number:
+                self._hashed = other._hashed
+            if other._series_of == number:
+                self._series, self._series_of = other._series, number
+
     def records(self, series: int | None = None) -> tuple[Entry[kinds.Record], ...]:
         """Return all records, or those of one series, in their order."""
         for row in self._rows(after=len(self._known)):
             self._known.append(self._entry(row))
+        if len(self._known) == self._end.number:
+            self._read_to = self._end
         return tuple(each for each in self._known if series is None or each.series == series)
 
     def records_of(
@@ -107,10 +125,14 @@ class JournalReader:
 
     def digest(self, *, through: int | None = None) -> str:
         """Return the SHA-256 (hex) over the records as stored, all or up to place `through`."""
-        digest = hashlib.sha256()
-        for row in self._rows():
-            if through is None or row[0] <= through:
-                digest.update(json.dumps(row, ensure_ascii=False).encode() + b"\n")
+        done, before = self._hashed
+        if through is not None and through < done:
+            done, before = 0, hashlib.sha256()
+        digest = before.copy()
+        for row in self._rows(after=done, through=through):
+            digest.update(json.dumps(row, ensure_ascii=False).encode() + b"\n")
+            done = row[0]
+        self._hashed = done, digest
         return digest.hexdigest()
 
     def _verified(self) -> ChainEnd:
@@ -120,10 +142,13 @@ class JournalReader:
             close_refused(self._connection, self._path)
             raise
 
-    def _rows(self, after: int = 0) -> list[_Row]:
-        query = "SELECT id, at_utc, kind, series, body FROM record WHERE id > ? ORDER BY id"
+    def _rows(self, after: int, through: int | None = None) -> list[_Row]:
+        query = (
+            "SELECT id, at_utc, kind, series, body FROM record"
+            " WHERE id > ?1 AND id <= ifnull(?2, id) ORDER BY id"
+        )
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            return self._connection.execute(query, (after,)).fetchall()
+            return self._connection.execute(query, (after, through)).fetchall()
 
     def _entry(self, row: _Row) -> Entry[kinds.Record]:
         number, at_utc, kind, series, body = row
@@ -193,8 +218,7 @@ class Journal(JournalReader):
                 yield
         except BaseException as error:
             self._end, self._file = before, OwnFile(self._path)  # pages may be in the log already
-            del self._known[before.number :]
-            self._series, self._series_of = (), 0
+            self._forget(before.number)
             self._failed |= isinstance(error, JournalFailed)
             raise
         finally:
@@ -210,7 +234,7 @@ class Journal(JournalReader):
         written, self._failed = self._end, True  # until it is open again
         self.close()
         self._connection = database.connect_to_write(self._path, create=False)
-        self._known, self._series, self._series_of = [], (), 0
+        self._forget(0)
         self._end = self._verified()
         if self._end != written:
             raise JournalDamaged(
@@ -218,6 +242,11 @@ class Journal(JournalReader):
                 "written: it is another file, or records were lost"
             )
         self._file, self._failed = OwnFile(self._path), False
+
+    def _forget(self, after: int) -> None:
+        """Forget what was read after so many records."""
+        self._known, self._series, self._series_of = self._known[:after], (), 0
+        self._read_to, self._hashed = EMPTY, (0, hashlib.sha256())
 
     def _append(self, record: kinds.Record, series: int | None) -> None:
         text = self._text(record)

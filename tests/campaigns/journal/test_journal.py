@@ -236,6 +236,42 @@ def test_the_digest_depends_on_every_record_and_can_be_taken_back_in_time(
     assert journal.digest() != digest
     assert journal.digest(through=place) == digest
     assert journal.digest(through=place - 1) != digest
+    assert journal.digest(through=place) == digest
+
+
+def test_what_was_read_is_taken_over_by_a_later_reader_of_the_same_journal(
+    journal: Journal, run: int, path: Path
+) -> None:
+    appended(journal, run, intent(1), outcome(1))
+    with read_journal(path) as before, read_journal(path) as alone:
+        told = before.records()
+        before.digest()
+        appended(journal, run, intent(2), outcome(2))
+        with read_journal(path) as reader:
+            reader.take_over(before)
+            assert all(now is then for now, then in zip(reader.records(), told, strict=False))
+            assert reader.records() == alone.records()
+            assert reader.series() == alone.series()
+            assert reader.digest() == alone.digest()
+            assert reader.digest(through=2) == alone.digest(through=2)
+
+
+def test_nothing_is_taken_over_from_a_journal_that_went_another_way(
+    journal: Journal, run: int, tmp_path: Path
+) -> None:
+    appended(journal, run, intent(1), outcome(1))
+    other = tmp_path / "other.db"
+    with open_journal(other, now_utc=ticking(), create=True) as another:
+        appended(another, another.start_series(beginning()), intent(1), outcome(1, x_mm=1000.5))
+        told, digest = another.records(), another.digest()
+        journal.records(), journal.digest()
+        another.take_over(journal)
+        assert another.records() == told
+        assert another.digest() == digest
+        with read_journal(other) as reader:
+            reader.take_over(journal)
+            assert reader.records() == told
+            assert reader.digest() == digest
 
 
 @pytest.mark.parametrize(
@@ -265,7 +301,8 @@ def test_the_database_itself_refuses_what_would_change_history(
     before = journal.digest()
     with closing(sqlite3.connect(path)) as other, pytest.raises(sqlite3.IntegrityError):
         other.execute(tampering)
-    assert journal.digest() == before
+    with read_journal(path) as reader:
+        assert reader.digest() == before
 
 
 def test_a_place_between_two_records_cannot_be_filled_later(journal: Journal, path: Path) -> None:
