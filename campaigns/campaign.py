@@ -210,7 +210,7 @@ class Campaign:
     def _own(self, journal: JournalT) -> JournalT:
         try:
             for before in self._opened:
-                journal.take_over(before)
+                journal.take_over(before.read_so_far())
             self._opened[:] = [journal]
             self.require_own(journal.series())
         except BaseException:

@@ -18,6 +18,10 @@ from campaigns.journal.views import AcceptedShot, Entry, Series
 
 RecordT = TypeVar("RecordT", bound=kinds.Record)
 _Row = tuple[int, str, str, int | None, str]
+_Read = tuple[
+    ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], tuple[int, "hashlib._Hash"]
+]
+"""End of the chain that was read to, the records, the series of so many, and their digest."""
 
 
 def read_journal(path: Path) -> "JournalReader":
@@ -64,17 +68,23 @@ class JournalReader:
         with database.sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
 
-    def take_over(self, other: "JournalReader") -> None:
+    def read_so_far(self) -> _Read:
+        """Return what is known up to a place of the chain, for another reader to take over."""
+        series = (self._series, self._series_of)
+        return self._read_to, self._known[: self._read_to.number], series, self._hashed
+
+    def take_over(self, read: _Read) -> None:
         """Take over what another one has read, where the chain proves that this file holds it."""
-        number, digest = other._read_to.number, other._read_to.digest
+        end, known, series, hashed = read
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            stored = database.stored_digest(self._connection, number)
-        if stored == digest and number <= self._end.number:
-            self._known, self._read_to = other._known[:number], other._read_to
-            if other._hashed[0] <= number:
-                self._hashed = other._hashed
-            if other._series_of == number:
-                self._series, self._series_of = other._series, number
+            stored = database.stored_digest(self._connection, end.number)
+        if stored != end.digest or end.number > self._end.number:
+            return
+        self._read_to, self._known = end, known
+        if series[1] == end.number:
+            self._series, self._series_of = series
+        if hashed[0] <= end.number:
+            self._hashed = hashed
 
     def records(self, series: int | None = None) -> tuple[Entry[kinds.Record], ...]:
         """Return all records, or those of one series, in their order."""
