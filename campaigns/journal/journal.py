@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
@@ -16,11 +16,14 @@ from campaigns.journal.digest_chain import EMPTY, ChainEnd, JournalDamaged, dige
 from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
+if TYPE_CHECKING:
+    from hashlib import _Hash
+
 RecordT = TypeVar("RecordT", bound=kinds.Record)
 _Row = tuple[int, str, str, int | None, str]
-_Read = tuple[
-    ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], tuple[int, "hashlib._Hash"]
-]
+_Hashed = tuple[int, "_Hash"]
+"""Number of records that went into a digest, and the digest."""
+_Read = tuple[ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], _Hashed]
 """End of the chain that was read to, the records, the series of so many, and their digest."""
 
 
@@ -48,8 +51,7 @@ class JournalReader:
         """Number of records that they are of."""
         self._read_to = EMPTY
         """End of the chain over what is known."""
-        self._hashed = 0, hashlib.sha256()
-        """Number of records that went into the digest, and the digest."""
+        self._hashed: _Hashed = 0, hashlib.sha256()
         self._end = self._verified()
 
     def __enter__(self) -> Self:
