@@ -5,8 +5,10 @@ No file may cost more than its reader is worth: not a folder or pipe of that nam
 """
 
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer
@@ -58,10 +60,23 @@ def is_there(path: Path) -> bool:
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
     """Contents of a file; raises `FileRefused`, before reading when it is no file or too large."""
+    with open_file(path) as file:
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise FileRefused(
+            f"{path}: has more than {most_bytes / MEGABYTE:g} MB, the most that is read of it",
+            remedy="check that it is the right file",
+        )
+    return data
+
+
+@contextmanager
+def open_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to be read; raises `FileRefused`, before reading when it is no file."""
     try:
         _check_kind(path)
         with path.open("rb") as file:
-            data = file.read(most_bytes + 1)
+            yield file
     except FileNotFoundError as error:
         raise FileMissing(f"{path}: there is no such file", remedy="check its name") from error
     except (OSError, ValueError) as error:  # a ValueError is about a name with a NUL
@@ -70,12 +85,6 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
             f"{path}: cannot be read ({reason})",
             remedy="check that it is a file and that this user may read it",
         ) from error
-    if len(data) > most_bytes:
-        raise FileRefused(
-            f"{path}: has more than {most_bytes / MEGABYTE:g} MB, the most that is read of it",
-            remedy="check that it is the right file",
-        )
-    return data
 
 
 def _check_kind(path: Path) -> None:

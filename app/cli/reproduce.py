@@ -137,7 +137,7 @@ def measure(
                 "stopped by the operator; the results of finished seeds are kept",
                 remedy="the same command runs the others",
             ) from stopped
-    results = tuple(known[key] for key in keys.values() if key in known)
+    results = tuple(table.rows(key for key in keys.values() if key in known))
     return results, tuple((job.task, why) for job, why in lost)
 
 

@@ -4,8 +4,10 @@ import asyncio
 import importlib
 import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
+from itertools import islice
 from queue import Empty, Queue
 from typing import Any
 
@@ -14,6 +16,8 @@ from campaigns.errors import OptionsInvalid
 
 LOGS = ("distributed", "distributed.client", "asyncio")
 """Of the client; each has a level of its own."""
+AHEAD = 8
+"""Tasks that the cluster has of a study for each of its threads: it need not hold a million."""
 ANEW = 3
 """How often a task is given to the cluster anew when its result has gone."""
 
@@ -79,49 +83,87 @@ def _connected(scheduler: str, within_s: float) -> Any:
 def _from_cluster(
     client: Any, tasks: Sequence[Task], work: Work[Task, Outcome], result_s: float, empty_s: float
 ) -> Results[Outcome]:
-    """Results as they come; what the cluster keeps of a task goes with its future.
-
-    Dask gives up whatever was with a worker that died, some times over. That may be others than
-    the one that kills, so all of them are tried again one by one. Of a result that died with its
-    worker the news can come before the loss is noticed: it is not waited for, but computed anew.
-    """
+    """Results as they come; what the cluster keeps of a task goes with its future."""
     places: dict[Any, int] = {}
-    ended: Queue[Any] = Queue()
-    gone: Counter[int] = Counter()
     suspects: list[int] = []
-    alone: set[int] = set()
+    ended: Queue[Any] = Queue()
+    waiting = iter(range(len(tasks)))
 
     def submit(place: int) -> None:
         future = client.submit(tried, work, place, tasks[place], pure=False)
         places[future] = place
         future.add_done_callback(ended.put)
 
-    with client:
-        for place in range(len(tasks)):
+    def refill() -> int:
+        """As many tasks as the cluster's threads, which come and go, now have use for."""
+        most = AHEAD * max(_threads(client), 1)
+        for place in islice(waiting, most - len(places)):
             submit(place)
-        while places or suspects:
-            if not places:
-                alone.add(suspects[0])
-                submit(suspects.pop(0))
-            try:
-                future = ended.get(timeout=empty_s)
-            except Empty:
-                if client.nthreads():
-                    continue
-                left = (*places.values(), *suspects)
-                yield from (Result(place, lost="the cluster has no workers left") for place in left)
-                return
-            place = places.pop(future)
-            result: Result[Outcome] | None = _result_of(future, place, result_s)
-            if future.status == "error" and place not in alone:
-                suspects.append(place)
-            elif result is not None:
-                yield result
-            elif gone[place] < ANEW:
-                gone[place] += 1
-                submit(place)
-            else:
-                yield Result(place, lost="its result was lost on the cluster again and again")
+        return most
+
+    why = "the cluster has no workers left"
+    with client:
+        try:
+            if tasks:
+                next_ended = partial(_next, ended, empty_s, client)
+                yield from _as_they_come(places, suspects, submit, refill, next_ended, result_s)
+        except OSError:
+            why = "the cluster's scheduler no longer answers"
+    left = (*places.values(), *suspects, *waiting)
+    yield from (Result(place, lost=why) for place in left)
+
+
+def _as_they_come(
+    places: dict[Any, int],
+    suspects: list[int],
+    submit: Callable[[int], None],
+    refill: Callable[[], int],
+    next_ended: Callable[[], Any],
+    result_s: float,
+) -> Results[Any]:
+    """Results until nothing is left, or no worker; raises `OSError` when no scheduler is there.
+
+    Dask gives up whatever was with a worker that died, some times over. That may be others than
+    the one that kills, so all of them are tried again one by one. Of a result that died with its
+    worker the news can come before the loss is noticed: it is not waited for, but computed anew.
+    """
+    gone: Counter[int] = Counter()
+    alone: set[int] = set()
+    ahead = refill()
+    while places or suspects:
+        if not places:
+            alone.add(suspects[0])
+            submit(suspects.pop(0))
+        if (future := next_ended()) is None:
+            return
+        place = places.pop(future)
+        result = _result_of(future, place, result_s)
+        if future.status == "error" and place not in alone:
+            suspects.append(place)
+        elif result is not None:
+            yield result
+        elif gone[place] < ANEW:
+            gone[place] += 1
+            submit(place)
+        else:
+            yield Result(place, lost="its result was lost on the cluster again and again")
+        if 2 * len(places) <= ahead:
+            ahead = refill()
+
+
+def _threads(client: Any) -> int:
+    """Threads of all workers, as the scheduler counts them; raises `OSError`."""
+    return sum(client.nthreads().values())
+
+
+def _next(ended: Queue[Any], empty_s: float, client: Any) -> Any:
+    """Future that has ended; None when there are no workers to end any."""
+    while True:
+        try:
+            return ended.get(timeout=empty_s)
+        except Empty:
+            if not _threads(client):
+                return None
 
 
 def _result_of(future: Any, place: int, within_s: float) -> Result[Any] | None:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from statistics import median
+
+import numpy as np
 
 from app.console import WARNING, Terminal
 from app.study.running import Studied
 from app.study.setup import Combination
 from app.study.summary_texts import NAMED, PERCENT, common_document, labels_of, shortcomings
+from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.summary import ParameterSummary, StudySummary, summarise
@@ -99,18 +101,20 @@ def _summary(studied: Studied) -> StudySummary:
 
 
 def _unseen_relative(one: Studied, first: Studied) -> float | None:
-    mine, others = _unseen_by_number(one), _unseen_by_number(first)
-    ratios = [mine[number] / others[number] for number in mine.keys() & others.keys()]
-    return median(ratios) if ratios else None
+    (mine, mine_mm), (others, others_mm) = _unseen_by_number(one), _unseen_by_number(first)
+    _, own, their = np.intersect1d(mine, others, assume_unique=True, return_indices=True)
+    return float(np.median(mine_mm[own] / others_mm[their])) if len(own) else None
 
 
-def _unseen_by_number(studied: Studied) -> dict[int, float]:
-    """Mean unseen errors above zero."""
-    return {
-        row.campaign: row.estimate.unseen_mean_mm
+def _unseen_by_number(studied: Studied) -> tuple[Array, Array]:
+    """Numbers of campaigns with mean unseen errors above zero, and these."""
+    found = (
+        (row.campaign, row.estimate.unseen_mean_mm)
         for row in studied.rows
         if row.estimate is not None and row.estimate.unseen_mean_mm
-    }
+    )
+    numbers, means_mm = np.fromiter(found, dtype=(np.float64, 2)).T
+    return numbers, means_mm
 
 
 def _word(name: str) -> Column[Compared]:

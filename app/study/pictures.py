@@ -12,7 +12,8 @@ from app.report.figures.drawing import in_house_style, new_figure
 from app.report.figures.picture import AFTER, BEFORE, GRID, INK, QUIET
 from app.study.errors import Compared
 from campaigns.estimation.information import CONFIDENCE
-from campaigns.studies.summary import estimates, normal_scores
+from campaigns.studies.study import chunks
+from campaigns.studies.summary import CHUNK, normal_scores
 
 Line = Literal["-", "--", ":", "-."]
 
@@ -76,9 +77,10 @@ def _handles(compared: Sequence[Compared], looks: Sequence[Look]) -> list[Line2D
 def _scores(axes: Axes, one: Compared, look: Look) -> None:
     """How often which error in stated σ was found, all parameters together."""
     colour, _, line = look
-    scores = normal_scores(one.combination.setup, one.studied.rows)
-    counts = np.histogram(scores, SCORES)[0]
-    density = counts / (scores.size * np.diff(SCORES))
+    setup, count = one.combination.setup, one.summary.campaigns * len(one.summary.parameters)
+    found = (normal_scores(setup, some) for some in chunks(one.studied.rows, CHUNK))
+    counts = sum(np.histogram(scores, SCORES)[0] for scores in found)
+    density = counts / (count * np.diff(SCORES))
     axes.stairs(density, SCORES, color=colour, linestyle=line, linewidth=1.1)
 
 
@@ -91,7 +93,7 @@ def _standard_normal(axes: Axes) -> None:
 
 def _unseen(axes: Axes, one: Compared, look: Look) -> None:
     """In which share of campaigns the mean error of hold-out distances stays below."""
-    found = [estimate.unseen_mean_mm for estimate in estimates(one.studied.rows)]
+    found = (row.estimate.unseen_mean_mm for row in one.studied.rows if row.estimate is not None)
     means = [mean for mean in found if mean is not None]
     if not means:
         return

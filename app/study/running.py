@@ -1,14 +1,14 @@
 """Runs what tables of results lack: it goes to workers, and what comes back is kept."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Generic
 
 from app.progress import CountedWork
 from app.study.results import Task, Work, Workers
-from app.study.setup import Combination, study_tasks
-from campaigns.studies.engine import ResultTable, Row, run_task
+from app.study.setup import Combination, numbers_of_tasks, simulated
+from campaigns.studies.engine import ResultTable, Row
 from campaigns.studies.study import CampaignRow
 
 Counting = Callable[[int, int], CountedWork]
@@ -55,15 +55,21 @@ def run_jobs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studied:
-    """All rows of a combination, by number, and how many were lost on the way."""
+    """The wanted campaigns of a combination, and how many were lost on the way."""
 
     combination: Combination
-    rows: tuple[CampaignRow, ...]
+    wanted: range
     computed: int
     """How many of them were not in the table before."""
     lost: int
     reasons: tuple[str, ...]
     """Why, each one once."""
+
+    @property
+    def rows(self) -> Iterator[CampaignRow]:
+        """Rows by number, each read from the table when it is asked for."""
+        table = self.combination.table
+        return table.rows(number for number in self.wanted if number in table.places)
 
 
 def run_study(
@@ -77,23 +83,21 @@ def run_study(
     tables = [combination.table for combination in combinations]
     begun = [len(table.read()) for table in tables]
     jobs = [
-        Job(each.table, task, len(task.numbers))
+        Job(each.table, (each.setup, each.scenario, some), len(some))
         for each in combinations
-        for task in study_tasks(
-            each.setup, each.scenario, [n for n in wanted if n not in each.table.rows]
-        )
+        for some in numbers_of_tasks(n for n in wanted if n not in each.table.places)
     ]
     total = len(combinations) * len(wanted)
     counted = counting(total, total - sum(job.count for job in jobs))
-    lost = run_jobs(jobs, run_task, workers, tables, counted)
+    lost = run_jobs(jobs, simulated, workers, tables, counted)
     studied = []
     for each, before in zip(combinations, begun, strict=True):
         own = [(job.count, reason) for job, reason in lost if job.table is each.table]
         studied.append(
             Studied(
                 each,
-                tuple(each.table.rows[n] for n in wanted if n in each.table.rows),
-                len(each.table.rows) - before,
+                wanted,
+                len(each.table.places) - before,
                 sum(count for count, _ in own),
                 tuple(dict.fromkeys(reason for _, reason in own)),
             )

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, islice, product
+from itertools import chain, product
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +27,7 @@ from campaigns.planning.plans import joints_of
 from campaigns.settings.option import Option
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import study
-from campaigns.studies.engine import ResultTable
+from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.perturbations import KINDS, PERTURBATIONS
 from sim.factory import build_of, true_geometry
 from sim.geometry import geometry_of
@@ -347,11 +347,23 @@ def study_tasks(
     setup: study.StudySetup, scenario: Scenario, numbers: Iterable[int]
 ) -> Iterator[study.StudyTask]:
     """The campaigns of these numbers, some at a time, each with a robot of its own."""
-    left, sample = iter(numbers), datum_sample(setup.nominal)
-    while some := tuple(islice(left, CAMPAIGNS_A_TASK)):
+    sample = datum_sample(setup.nominal)
+    for some in numbers_of_tasks(numbers):
         robots = (_drawn(setup, scenario, number) for number in some)
         truths = [datum_parameters(setup.nominal, robot, sample).p for robot in robots]
         yield study.StudyTask(setup, some, np.array(truths))
+
+
+def numbers_of_tasks(numbers: Iterable[int]) -> Iterator[tuple[int, ...]]:
+    """The numbers of the campaigns that make a task."""
+    return study.chunks(numbers, CAMPAIGNS_A_TASK)
+
+
+def simulated(
+    task: tuple[study.StudySetup, Scenario, tuple[int, ...]],
+) -> tuple[study.CampaignRow, ...]:
+    """Rows of campaigns of these numbers; whoever computes them draws their robots too."""
+    return tuple(chain.from_iterable(map(run_task, study_tasks(*task))))
 
 
 def uncertainty_of(noise: Noise) -> TrackerUncertainty:

@@ -163,6 +163,7 @@ def _kept_words(found: VerdictStatistics) -> str:
 def sized_verdicts(studied: Sequence[Studied]) -> Iterator[SizedVerdicts]:
     """Verdicts of each combination: of all its campaigns, then of each size."""
     for one in studied:
-        yield SizedVerdicts(one, "", verdict_statistics(one.rows))
-        for size, found in by_size(one.rows).items():
+        rows = [*one.rows]
+        yield SizedVerdicts(one, "", verdict_statistics(rows))
+        for size, found in by_size(rows).items():
             yield SizedVerdicts(one, size, found)

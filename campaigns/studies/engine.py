@@ -1,28 +1,35 @@
 """The engine of every study: truth × perturbation × method → rows, and the tables they are kept in.
 
 Rows are appended as they come and sorted at the end; what a table holds is not computed again.
+No table is held in memory.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import chain, islice, zip_longest
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, BinaryIO, Generic, TypeVar
 
 from pydantic import TypeAdapter
 from pydantic_core import from_json
 
 from campaigns.errors import OutputExists, WriteFailed
-from campaigns.files.text_file import read_text, replace_text
+from campaigns.files.text_file import replace_text
 from campaigns.studies.estimates import estimated
 from campaigns.studies.study import CampaignRow, StudyTask
 from campaigns.studies.verdicts import judged
-from drivers.bounded_files import MEGABYTE, is_there
+from drivers.bounded_files import MEGABYTE, FileRefused, is_there, open_file
 
-MOST_BYTES = 50 * MEGABYTE
-"""Of a table: some 30 000 campaigns with two dozen parameters each."""
+MOST_LINE_BYTES = MEGABYTE
+"""Of a table's line, some hundred times what a campaign needs; a table is as long as its study."""
+LINE_END = b"\n"
 key_of = attrgetter("key")
+adapter_of = cache(TypeAdapter[Any])
+"""Made once for a class: that takes as long as a campaign."""
 ANOTHER = "name another folder with --to, or move this file away"
 
 
@@ -37,7 +44,7 @@ Row = TypeVar("Row")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResultTable(Generic[Row]):
-    """File of rows, a line of JSON each, and those of its rows that were read or added.
+    """File of rows, a line of JSON each; in memory is only where each row lies in it.
 
     Its first line is `head`, if there is one: `study` in it tells one study from others.
     """
@@ -47,37 +54,44 @@ class ResultTable(Generic[Row]):
     """Class of the rows."""
     command: str
     head: Mapping[str, Any] | None = None
-    rows: dict[Any, Row] = field(default_factory=dict)
-    """By key."""
+    places: dict[Any, int] = field(default_factory=dict)
+    """By key: the byte at which its row begins, of those that were read or added."""
 
-    def read(self) -> Mapping[Any, Row]:
+    def read(self) -> Mapping[Any, int]:
         """Take up what is there already, the last row of each key, but for one that was cut off.
 
         Raises `OutputExists` for a file that holds anything else.
         """
         if not is_there(self.path):
-            return self.rows
-        text = read_text(self.path, OutputExists, if_missing="name another", most_bytes=MOST_BYTES)
-        lines = enumerate(text.split("\n")[:-1], start=1)
+            return self.places
+        lines = self._read_lines()
         if self.head is not None:
-            self._check_head(next(lines, (1, ""))[1])
-        adapter = TypeAdapter(self.kind)
-        for number, line in lines:
+            self._check_head(next(lines, (0, b""))[1])
+        for number, (place, line) in enumerate(lines, start=1 if self.head is None else 2):
+            if not line.endswith(LINE_END):
+                break
             try:
-                self._take([adapter.validate_json(line)])
+                row = self._adapter.validate_json(line)
             except ValueError as error:
                 raise OutputExists(
                     f"{self.path}:{number}: is no result of `{self.command}`",
                     remedy="delete the line, or name another folder with --to",
                 ) from error
-        return self.rows
+            self.places[key_of(row)] = place
+        return self.places
+
+    def rows(self, keys: Iterable[Any]) -> Iterator[Row]:
+        """Rows of these keys, each read when it is asked for; raises `OutputExists`."""
+        for line in self._lines_of(keys):
+            yield self._adapter.validate_json(line)
 
     def add(self, rows: Iterable[Row]) -> None:
         """Append rows to what was written; raises `WriteFailed`."""
-        taken = self._take(rows)
         try:
-            with self.path.open("a", encoding="utf-8", newline="") as file:
-                file.write(self._lines(taken))
+            with self.path.open("ab") as file:
+                for row in rows:
+                    self.places[key_of(row)] = file.tell()
+                    file.write(self._adapter.dump_json(row, exclude_none=True) + LINE_END)
         except OSError as error:
             raise WriteFailed(
                 f"{self.path}: cannot be written ({error.strerror})",
@@ -85,20 +99,58 @@ class ResultTable(Generic[Row]):
             ) from error
 
     def write(self) -> None:
-        """Write all rows anew, by key; raises `WriteFailed`."""
+        """Write all rows anew, by key, unless they lie so; raises `OutputExists`, `WriteFailed`."""
         head = "" if self.head is None else json.dumps(self.head, ensure_ascii=False) + "\n"
-        replace_text(self.path, head + self._lines(self.rows[key] for key in sorted(self.rows)))
+        keys = sorted(self.places)
+        if is_there(self.path):
+            found = (place for place, _ in islice(self._read_lines(), bool(head), None))
+            if all(a == b for a, b in zip_longest((self.places[key] for key in keys), found)):
+                return
+        begins = [len(head.encode())]
 
-    def _take(self, rows: Iterable[Row]) -> list[Row]:
-        taken = list(rows)
-        self.rows.update((key_of(row), row) for row in taken)
-        return taken
+        def lines() -> Iterator[str]:
+            for line in self._lines_of(keys):
+                begins.append(begins[-1] + len(line))
+                yield line.decode()
 
-    def _lines(self, rows: Iterable[Row]) -> str:
-        adapter = TypeAdapter(self.kind)
-        return "".join(adapter.dump_json(row, exclude_none=True).decode() + "\n" for row in rows)
+        replace_text(self.path, chain([head], lines() if keys else ()))
+        self.places.update(zip(keys, begins, strict=False))  # the last one is the end
 
-    def _check_head(self, line: str) -> None:
+    @property
+    def _adapter(self) -> TypeAdapter[Row]:
+        """What reads and writes rows."""
+        return adapter_of(self.kind)  # type: ignore[arg-type]  # mypy thinks no class hashable
+
+    def _lines_of(self, keys: Iterable[Any]) -> Iterator[bytes]:
+        """Lines of these rows with their ends."""
+        with self._opened() as file:
+            for key in keys:
+                file.seek(self.places[key])
+                yield file.readline()
+
+    def _read_lines(self) -> Iterator[tuple[int, bytes]]:
+        """Every line with its end, and at which byte it begins; the last one may be cut off."""
+        place = 0
+        with self._opened() as file:
+            while line := file.readline(MOST_LINE_BYTES):
+                if len(line) == MOST_LINE_BYTES and not line.endswith(LINE_END):
+                    raise OutputExists(
+                        f"{self.path}: a line has more than {MOST_LINE_BYTES / MEGABYTE:g} MB, the "
+                        "most that is read of one",
+                        remedy=ANOTHER,
+                    )
+                yield place, line
+                place += len(line)
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
+        try:
+            with open_file(self.path) as file:
+                yield file
+        except FileRefused as error:
+            raise OutputExists(error.problem, remedy=error.remedy) from error
+
+    def _check_head(self, line: bytes) -> None:
         """Raise `OutputExists` before any row is looked at."""
         head = self.head or {}
         try:

@@ -1,8 +1,10 @@
 """What the campaigns of a study share, which of them make a task, and what comes of each."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from campaigns.shots.shots import Shots
 from campaigns.studies.perturbations import KINDS, Perturbation
 from campaigns.version import VERSION
 
+Value = TypeVar("Value")
 WRONG_SIGMAS, WRONG_POSITION = 4.0, 2.0
 """How far off a parameter may be in σ, and positions in what is stated, under a "pass"."""
 
@@ -220,6 +223,13 @@ class CampaignRow:
     def key(self) -> int:
         """Order in a table."""
         return self.campaign
+
+
+def chunks(values: Iterable[Value], most: int) -> Iterator[tuple[Value, ...]]:
+    """The values in their order, so many at a time; the last ones may be fewer."""
+    left = iter(values)
+    while some := tuple(islice(left, most)):
+        yield some
 
 
 def planned_shots(shots: Sequence[PlannedShot]) -> Shots:

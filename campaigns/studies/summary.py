@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +13,12 @@ from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.information import CONFIDENCE, STATED_DOF, coverage_factor
-from campaigns.studies.study import CampaignEstimate, CampaignRow, StudySetup
+from campaigns.studies.study import CampaignEstimate, CampaignRow, StudySetup, chunks
 
 LEAST_CAMPAIGNS = 2
 QUANTILES = (0.5, 0.95)
+CHUNK = 5000
+"""Campaigns that are looked at at once: some 20 MB."""
 FALSE_ALARM = 0.01
 """Chance that any parameter of an honest study lies outside its `Chance`."""
 
@@ -87,26 +89,31 @@ class StudySummary:
         return tuple(p for p in self.parameters if p.ratio < ratio or p.covered > covered)
 
 
-def summarise(setup: StudySetup, rows: Sequence[CampaignRow]) -> StudySummary:
-    """Summary of a study; raises `ShotsMissing` when fewer than two campaigns gave an estimate."""
-    found = estimates(rows)
-    if len(found) < LEAST_CAMPAIGNS:
-        reasons = {row.failure for row in rows if row.failure}
+def summarise(setup: StudySetup, rows: Iterable[CampaignRow]) -> StudySummary:
+    """Summary of a study; raises `ShotsMissing` when fewer than two campaigns gave an estimate.
+
+    Rows are taken some at a time; of all campaigns at once only errors of hold-out distances.
+    """
+    count, reasons, parts, unseen_mm = 0, set[str](), list[Array](), list[Array]()
+    for some in chunks(rows, CHUNK):
+        count += len(some)
+        reasons |= {row.failure for row in some if row.failure}
+        if found := estimates(some):
+            parts.append(_part(setup, found))
+            ends = [(one.unseen_mean_mm, one.unseen_max_mm) for one in found]
+            unseen_mm.append(np.array(ends, dtype=np.float64))
+    known = sum(map(len, unseen_mm))
+    if known < LEAST_CAMPAIGNS:
         raise ShotsMissing(
-            f"{len(found)} of {len(rows)} campaigns could be identified",
+            f"{known} of {count} campaigns could be identified",
             remedy=f"ask for more campaigns, or look into: {'; '.join(sorted(reasons)) or '-'}",
         )
-    return StudySummary(
-        len(found),
-        len(rows) - len(found),
-        _parameters(setup, found),
-        chance(setup, len(found)),
-        _quantiles([estimate.unseen_mean_mm for estimate in found]),
-        _quantiles([estimate.unseen_max_mm for estimate in found]),
-    )
+    of_mean, of_max = map(_quantiles, np.concatenate(unseen_mm).T)
+    parameters = _parameters(setup, np.array(parts))
+    return StudySummary(known, count - known, parameters, chance(setup, known), of_mean, of_max)
 
 
-def estimates(rows: Sequence[CampaignRow]) -> list[CampaignEstimate]:
+def estimates(rows: Iterable[CampaignRow]) -> list[CampaignEstimate]:
     """Estimates of the campaigns that have one."""
     return [row.estimate for row in rows if row.estimate is not None]
 
@@ -132,7 +139,7 @@ def _variance_is_estimated(setup: StudySetup) -> bool:
     return setup.estimator is Estimator.DISTANCES and setup.options.weights is Weights.EQUAL
 
 
-def normal_scores(setup: StudySetup, rows: Sequence[CampaignRow]) -> Array:
+def normal_scores(setup: StudySetup, rows: Iterable[CampaignRow]) -> Array:
     """Errors over their stated σ, (C, F): standard normal when those are honest.
 
     What would be Student's distribution is carried over to the normal one, quantile by quantile.
@@ -163,21 +170,44 @@ def chance(setup: StudySetup, campaigns: int) -> Chance:
     )
 
 
-def _parameters(
-    setup: StudySetup, found: Sequence[CampaignEstimate]
-) -> tuple[ParameterSummary, ...]:
+def _part(setup: StudySetup, found: Sequence[CampaignEstimate]) -> Array:
+    """Sums over some campaigns, (8, F), that those over all are formed of.
+
+    Their number; of errors the mean and the squares about it; stated variances; intervals that hold
+    the truth; squared bounds; of errors over the bound the mean and the squares about it.
+    """
     errors, stated, bound = (
         np.array(values)
         for values in zip(*((one.errors, one.std, one.bound) for one in found), strict=True)
     )
+    over_bound = errors / bound
+    return np.array(
+        [
+            np.full(errors.shape[1], len(errors)),
+            errors.mean(axis=0),
+            len(errors) * errors.var(axis=0),
+            np.sum(stated**2, axis=0),
+            np.sum(np.abs(errors) <= interval_factor(setup) * stated, axis=0),
+            np.sum(bound**2, axis=0),
+            over_bound.mean(axis=0),
+            len(errors) * over_bound.var(axis=0),
+        ]
+    )
+
+
+def _parameters(setup: StudySetup, parts: Array) -> tuple[ParameterSummary, ...]:
+    """Of all campaigns, from parts of them (K, 8, F)."""
+    count, errors, squares, stated, covered, bound, over, over_squares = parts.swapaxes(0, 1)
+    total = count.sum(axis=0)
+    bias, variance = _pooled(count, errors, squares)
     columns = np.column_stack(
         [
-            errors.mean(axis=0),
-            errors.std(axis=0, ddof=1),
-            np.sqrt(np.mean(stated**2, axis=0)),
-            (np.abs(errors) <= interval_factor(setup) * stated).mean(axis=0),
-            np.sqrt(np.mean(bound**2, axis=0)),
-            (errors / bound).var(axis=0, ddof=1),
+            bias,
+            np.sqrt(variance),
+            np.sqrt(stated.sum(axis=0) / total),
+            covered.sum(axis=0) / total,
+            np.sqrt(bound.sum(axis=0) / total),
+            _pooled(count, over, over_squares)[1],
         ]
     )
     return tuple(
@@ -185,9 +215,21 @@ def _parameters(
     )
 
 
-def _quantiles(values: Sequence[float | None]) -> tuple[float, ...] | None:
-    known = [value for value in values if value is not None]
-    return tuple(np.quantile(known, QUANTILES).tolist()) if len(known) == len(values) else None
+def _pooled(count: Array, means: Array, squares: Array) -> tuple[Array, Array]:
+    """Mean and variance (F,) of samples told by means and sums of squares about them, (K, F).
+
+    Chan, Golub and LeVeque (1983).
+    """
+    total = count.sum(axis=0)
+    mean = (count * means).sum(axis=0) / total
+    scatter = squares.sum(axis=0) + (count * (means - mean) ** 2).sum(axis=0)
+    return mean, scatter / (total - 1.0)
+
+
+def _quantiles(values_mm: Array) -> tuple[float, ...] | None:
+    """None where campaigns lack a value."""
+    known = not np.isnan(values_mm).any()
+    return tuple(np.quantile(values_mm, QUANTILES).tolist()) if known else None
 
 
 @dataclass(frozen=True, slots=True)

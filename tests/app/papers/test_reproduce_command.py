@@ -27,7 +27,8 @@ def keep(folder, found):
 
 
 def kept(folder):
-    return trials.trial_table(folder / reproduce.RESULTS).read()
+    table = trials.trial_table(folder / reproduce.RESULTS)
+    return dict(zip(table.read(), table.rows(table.places), strict=True))
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from lose_a_worker import COUNT
 from poisoned_work import FAULT, POISON, harmless, work
 
 from app.main import run_command
-from app.study.cluster import cluster_results
+from app.study.cluster import AHEAD, cluster_results
 from app.study.results import Result
 from app.study.workers import local_results, workers_of
 from campaigns.errors import OptionsInvalid
@@ -151,6 +151,8 @@ class FakeClient:
     def __init__(self, ends, workers=1):
         self._ends = ends
         self._workers = workers
+        self._gone = False
+        self.submitted = 0
         self.closed = False
 
     def __call__(self, address, **options):
@@ -171,15 +173,19 @@ class FakeClient:
             raise TimeoutError
 
     def nthreads(self):
+        if self._gone:
+            raise OSError("timed out")
         return {f"tcp://worker{n}": 1 for n in range(self._workers)}
 
     def submit(self, work, *arguments, pure):
         assert not pure, "Dask would take equal tasks for one"
+        self.submitted += 1
         result = work(*arguments)
         ends = self._ends.setdefault(result.place, ["finished"])
         end = ends.pop(0) if len(ends) > 1 else ends[0]
         if end == "never":
             self._workers = 0
+        self._gone = end == "gone"
         return Future(result, end)
 
 
@@ -192,7 +198,7 @@ class Future:
         self.status = {"cancelled": "cancelled", KILLED: "error"}.get(end, "finished")
 
     def add_done_callback(self, call):
-        if self._end != "never":
+        if self._end not in {"never", "gone"}:
             call(self)
 
     def result(self, timeout):
@@ -270,6 +276,22 @@ def test_cluster_whose_workers_have_all_gone_is_not_waited_for(from_cluster):
     results = from_cluster(task3=["never"])
     assert results[3] == Result(3, lost="the cluster has no workers left")
     assert numbers(results[:3]) == [0, 1, 2, 3, 4, 5]
+
+
+def test_scheduler_that_has_gone_costs_what_was_left(from_cluster):
+    results = from_cluster(task3=["gone"])
+    assert numbers(results[:1]) == [0, 1]
+    assert {each.lost for each in results[1:]} == {"the cluster's scheduler no longer answers"}
+    assert [each.place for each in results] == [0, 1, 2, 3]
+
+
+def test_cluster_is_given_no_more_tasks_than_its_threads_have_use_for(pretend):
+    client, many = FakeClient({}, workers=2), tasks(100)
+    pretend(client)
+    most = 2 * AHEAD
+    for done, _ in enumerate(cluster_results(many, "tcp://there:8786", harmless, **HASTY)):
+        assert min(done + most // 2, 100) <= client.submitted <= done + most
+    assert client.submitted == 100
 
 
 def test_cluster_without_workers_is_said_before_anything_begins(pretend):

@@ -155,9 +155,8 @@ def test_rows_do_not_depend_on_how_campaigns_are_divided_and_are_kept(setup, tmp
     told = one(doubts=("hold-out", "lack-of-fit"), stated_mm=None, change="place")
     rows = (*both, CampaignRow(2, verdict=told), CampaignRow(3, failure="no robot, at all"))
     table.add(rows)
-    table.rows.clear()
-    table.read()
-    assert (*table.rows.values(),) == rows
+    table.places.clear()
+    assert (*table.rows(table.read()),) == rows
 
 
 def test_digest_tells_perturbations_apart(setup):

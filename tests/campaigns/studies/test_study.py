@@ -1,6 +1,7 @@
 """Simulated campaigns: the same numbers wherever they are computed, kept and judged honestly."""
 
-from dataclasses import replace
+import tracemalloc
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.engine import ResultTable, run_task
+from campaigns.studies.engine import MOST_LINE_BYTES, ResultTable, run_task
 from campaigns.studies.estimates import estimates, true_robot, true_robots
 from campaigns.studies.study import CampaignRow, StudyTask, indistinguishable, planned_shots
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
@@ -279,6 +280,15 @@ def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup):
     assert 0.4 < quieter / stated < 0.6
 
 
+def test_summary_is_the_same_by_parts(setup, outcomes, monkeypatch):
+    at_once = summarise(setup, outcomes)
+    monkeypatch.setattr("campaigns.studies.summary.CHUNK", 7)
+    by_parts = summarise(setup, iter(outcomes))
+    assert by_parts.unseen_mean_mm == at_once.unseen_mean_mm
+    for one, other in zip(by_parts.parameters, at_once.parameters, strict=True):
+        assert astuple(one)[1:] == pytest.approx(astuple(other)[1:], rel=1e-12)
+
+
 def test_study_of_failures_is_refused_with_their_reason(setup):
     failures = [CampaignRow(number, failure="the mechanism broke") for number in range(3)]
     with pytest.raises(ShotsMissing, match=r"0 of 3 campaigns.*the mechanism broke"):
@@ -328,7 +338,7 @@ def test_pairs_of_two_plans_with_the_same_numbers_stay_apart(plan):
 
 def begin(table):
     """As a study begins, or goes on: what is there, taken up by a new process."""
-    fresh = replace(table, rows={})
+    fresh = replace(table, places={})
     fresh.read()
     fresh.write()
     return fresh
@@ -347,7 +357,9 @@ def test_table_gives_back_what_was_written(table, outcomes):
     failed = CampaignRow(151, failure="no assembly for row 3 of 80")
     table.add([outcomes[4], failed])
     table.add([outcomes[2]])
-    assert begin(table).rows == {2: outcomes[2], 4: outcomes[4], 151: failed}
+    again = begin(table)
+    assert [*again.rows([151, 2, 4])] == [failed, outcomes[2], outcomes[4]]
+    assert {*again.places} == {2, 4, 151}
 
 
 def test_table_is_the_same_in_whatever_order_rows_came(table, outcomes):
@@ -367,9 +379,38 @@ def test_row_that_was_cut_off_is_computed_again(table, outcomes):
     whole = table.path.read_text(encoding="utf-8")
     table.path.write_text(whole[:-40], encoding="utf-8")
     again = begin(table)
-    assert list(again.rows) == [0, 1]
+    assert list(again.places) == [0, 1]
     again.add([outcomes[2]])
     assert table.path.read_text(encoding="utf-8") == whole
+
+
+def test_table_in_order_is_not_written_again(table, outcomes):
+    table.add(outcomes[:3])
+    before = table.path.stat().st_ino
+    begin(table)
+    assert table.path.stat().st_ino == before
+    table.add(outcomes[4:2:-1])
+    again = begin(table)
+    assert table.path.stat().st_ino != before
+    assert (*again.rows(range(5)),) == outcomes[:5]
+    places = [again.places[number] for number in range(5)]
+    assert places == sorted(places)
+
+
+def test_memory_holds_no_table(table, outcomes):
+    table.add(replace(outcomes[0], campaign=number) for number in reversed(range(1000)))
+    tracemalloc.start()
+    again = begin(table)
+    assert sum(1 for _ in again.rows(range(1000))) == 1000
+    largest = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert largest < 0.4 * table.path.stat().st_size
+
+
+def test_line_without_end_is_not_read(table):
+    table.path.write_bytes(table.path.read_bytes() + b" " * MOST_LINE_BYTES)
+    with pytest.raises(OutputExists, match="a line has more than 1 MB"):
+        begin(table)
 
 
 @pytest.mark.parametrize(
