@@ -149,8 +149,8 @@ class PositionModel:
         if self._last is None or not np.array_equal(x, self._last[0]):
             p = self._replaced(x)
             configuration = self._mechanism.configuration(p, self._joints, self._approach)
-            tilt = None if self._last is None else self._last[1].last_tilt
-            poses = configuration.assemble(self._near(x), CLOSE_ENOUGH_MM, tilt).values_or_raise()
+            about = None if self._expansion is None else self._expansion[0][1].tilt_elimination
+            poses = configuration.assemble(self._near(x), CLOSE_ENOUGH_MM, about).values_or_raise()
             self._last = np.array(x), configuration, poses
         return self._last
 

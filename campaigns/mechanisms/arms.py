@@ -46,7 +46,10 @@ class Arms(ABC):
 
     @abstractmethod
     def by_fields(self, forearms_mm: Array) -> Array:
-        """∂F_i of the closures by arm i's own fields and extensions, (n, k, N)."""
+        """∂F_i of the closures by arm i's own fields and extensions, (…, n, k, N).
+
+        Of forearms (3, …, n, N): all but the columns of their own lengths are linear in them.
+        """
 
     @abstractmethod
     def swing_rad(self, forearms_mm: Array) -> Array:
@@ -170,19 +173,19 @@ class RotaryArms(Arms):
 
     @override
     def by_fields(self, forearms_mm: Array) -> Array:
-        """∂F_i by x, y, z, azimuth, joint offset, arm, forearm and axis tilt, (n, 8, N)."""
+        """∂F_i by x, y, z, azimuth, joint offset, arm, forearm and axis tilt, (…, n, 8, N)."""
         cos, sin = self.cos, self.sin
         out, aside, down = in_frames(self.frames, forearms_mm)
         arm_mm, tilt_rad = self.arm_mm, self.axis_tilt_rad
         across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
-        _, arms, rows = forearms_mm.shape
-        jacobian = np.empty((arms, len(CRANK_FIELDS) + 1, rows))
-        jacobian[:, :3] = -2.0 * forearms_mm.swapaxes(0, 1)
-        jacobian[:, 3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
-        jacobian[:, 4] = 2.0 * arm_mm * (sin * out - cos * down)
-        jacobian[:, 5] = -2.0 * (cos * out + sin * down)
-        jacobian[:, 6] = -2.0 * self.forearm_mm
-        jacobian[:, 7] = -2.0 * arm_mm * sin * aside
+        _, *of, rows = forearms_mm.shape
+        jacobian = np.empty((*of, len(CRANK_FIELDS) + 1, rows))
+        jacobian[..., :3, :] = -2.0 * np.moveaxis(forearms_mm, 0, -2)
+        jacobian[..., 3, :] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
+        jacobian[..., 4, :] = 2.0 * arm_mm * (sin * out - cos * down)
+        jacobian[..., 5, :] = -2.0 * (cos * out + sin * down)
+        jacobian[..., 6, :] = -2.0 * self.forearm_mm
+        jacobian[..., 7, :] = -2.0 * arm_mm * sin * aside
         return jacobian
 
     @override
@@ -257,10 +260,11 @@ def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:
 
 
 def in_frames(frames: Array, vectors: Array) -> Array:
-    """Vectors of the arms (3, n, N) along their frames' axes (3, 3, n, 1 or N), (3, n, N)."""
+    """Vectors of the arms (3, …, n, N) along their frames' axes (a, 3, n, 1 or N), (a, …, n, N)."""
     # einsum takes ten times as long
     x, y, z = vectors
-    return np.asarray(frames[:, 0] * x + frames[:, 1] * y + frames[:, 2] * z)
+    axes = frames.reshape(*frames.shape[:2], *(1,) * (x.ndim - 2), *frames.shape[2:])
+    return np.asarray(axes[:, 0] * x + axes[:, 1] * y + axes[:, 2] * z)
 
 
 def _columns(values: Array) -> tuple[Array, Array, Array, Array, Array]:

@@ -466,8 +466,8 @@ class ClosedChain:
         matrix = np.empty((len(f), len(poses), poses.shape[1]))
         matrix[:, :COORDINATES] = forearms.swapaxes(0, 1)
         if self._has_turn:
-            by_turn = self.platform.by_turn(limbs.platform, poses.T, forearms)
-            matrix[:, COORDINATES] = 0.5 * by_turn
+            by_turn = self.platform.joints_by_turn(limbs.platform, poses.T)
+            matrix[:, COORDINATES] = (forearms * by_turn).sum(axis=0)
         step, determinant = solve_rows(matrix, -f)
         return step, determinant, f / limbs.forearm_mm
 

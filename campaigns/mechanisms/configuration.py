@@ -5,9 +5,8 @@ moves the plate's joints. Seen from the measured point that is the level chain w
 the other way: a few rounds of tilt and pose agree to rounding.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -15,10 +14,12 @@ from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.mechanism import KinematicSolution
 from campaigns.mechanisms.parasitic_rotation import (
+    TYPICAL_JOINT_MM,
     RodPairs,
     TiltedForearms,
     displacement,
     inverse_of_three,
+    turned_further,
 )
 
 if TYPE_CHECKING:
@@ -33,13 +34,22 @@ TILT_ROUNDS = 30
 ROUNDS_AT_ONCE = 10
 """From poses and tilts near by; where these don't settle, a level plate is assembled first."""
 TILT_SETTLED_PER_MM = 0.001
-"""Last step of poses and tilts in turn over the square of that of poses alone.
-
-Each leaves a thousandth; that of poses alone leaves its square over the forearm's length.
-"""
+"""What the last step of poses and tilts may leave, over the square of that of poses alone: as that
+leaves its square over the forearm's length."""
 TILT_CLOSED_MM = 1e-4
 NEARLY_MM = 1e-1
 """Step at which a level plate is near enough to be tilted."""
+CONTRACTION = 0.2
+"""Part of a step that the next one with the same derivatives may have at most."""
+FIRST_CONTRACTION = 1e-3
+"""That of the first step, where it is so short that the poses expected were near."""
+SETTLED_SHARE = 1e-6
+"""Of that step: what is left of it leads no fit astray, whose next steps are far shorter."""
+
+
+TiltElimination: TypeAlias = tuple[Array, Array, Array, Array, Array]
+"""Of a Jacobian: the plate's tilt (3, N), and as `_tilting_jacobian` has them -(F_z + C H_z)⁻¹
+(t, n, N), C (n, 3, N), H_s⁻¹ (3, 3, N) and H_z (3, t, N)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,21 +83,23 @@ class Configuration:
     """(1 or N,)"""
     _assembled: list[tuple[Array, Array]] = field(default_factory=list)
     """Poses last assembled, and the plate's tilt there."""
+    _eliminated: list[TiltElimination] = field(default_factory=list)
 
     @property
-    def last_tilt(self) -> Array | None:
-        """Tilt of the plate where it was last assembled, for `assemble` of joints near these."""
-        return self._assembled[0][1] if self._assembled else None
+    def tilt_elimination(self) -> TiltElimination | None:
+        """That of the last Jacobian, for `assemble` of a robot near; None where none was needed."""
+        return self._eliminated[0] if self._eliminated else None
 
     def assemble(
         self,
         near: Array | None = None,
         converged_mm: float = CONVERGED_MM,
-        tilt: Array | None = None,
+        about: TiltElimination | None = None,
     ) -> KinematicSolution:
-        """Poses (N, t) of the joints, from poses and a tilt near them.
+        """Poses (N, t) of the joints, from poses near them.
 
-        A step below `converged_mm` is the last one.
+        A step below `converged_mm` is the last one. `about` is of the robot whose Jacobian said
+        where they are near.
         """
         limbs = self._limbs()
         if self.pairs.are_level:
@@ -97,8 +109,12 @@ class Configuration:
         if near is None:
             level = self.chain.assemble(limbs, None, NEARLY_MM)
             return self._tilted(level, gibbs, settled_mm)
-        at_once = KinematicSolution.where(np.ones(len(near), dtype=bool), near.copy())
-        start_tilt = gibbs if tilt is None else tilt
+        every, start, start_tilt = np.ones(len(near), dtype=bool), near.copy(), gibbs
+        if about is not None:
+            start, start_tilt, settled = self._continued(limbs, near, about, settled_mm)
+            if settled:
+                return KinematicSolution.where(every, start)
+        at_once = KinematicSolution.where(every, start)
         found = self._tilted(at_once, start_tilt, settled_mm, at_once=True)
         if found.found.all():
             return found
@@ -123,16 +139,15 @@ class Configuration:
         """A_iB_i at poses (N, t) of the plate as it tilts there."""
         return self.pairs.state(*self._seen(self.arms.elbows_mm, poses), self.tilt(poses))
 
-    def by_pose(self, poses: Array, forearms_mm: Array, on_plate_mm: Array | None = None) -> Array:
-        """∂F/∂pose, (N, n, t), from forearms (3, n, N), and these as seen from a tilted plate."""
+    def by_pose(self, poses: Array, forearms_mm: Array) -> Array:
+        """∂F/∂pose, (N, n, t), from forearms (3, n, N) to a level plate."""
         chain = self.chain
         _, arms, rows = forearms_mm.shape
         jacobian = np.zeros((rows, arms, len(chain.task)))
         jacobian[:, :, :COORDINATES] = 2.0 * forearms_mm.T
         if len(chain.task) > COORDINATES:
-            seen = forearms_mm if on_plate_mm is None else on_plate_mm
-            by_turn = chain.platform.by_turn(self.platform, poses, seen)
-            jacobian[:, :, COORDINATES] = by_turn.T
+            by_turn = chain.platform.joints_by_turn(self.platform, poses)
+            jacobian[:, :, COORDINATES] = 2.0 * (forearms_mm * by_turn).sum(axis=0).T
         return jacobian
 
     def jacobian(self, poses: Array, *, extended: bool = True) -> Array:
@@ -155,69 +170,39 @@ class Configuration:
         dF = F_z dz + F_s ds + F_p dp and dH alike give ds, and with C = -F_s H_s⁻¹
         dz = -(F_z + C H_z)⁻¹ (F_p + C H_p).
         """
-        state = self.tilted_forearms(poses)
-        by_forearms = state.normal_by_forearms()
-        back = state.rotated_back(state.forearms_mm)
-        by_pose = self.by_pose(poses, state.forearms_mm, back)
-        by_turn = state.normal_by_turn(by_forearms)
-        eliminated = -_product(state.closures_by_turn().swapaxes(0, 1), inverse_of_three(by_turn))
-        turned = [state.rotated_back(each) for each in by_forearms]
-        normal_by_pose = [
-            0.5 * self.by_pose(poses, *each).sum(axis=1).T
-            for each in zip(by_forearms, turned, strict=True)
-        ]
-        by_pose += _product(eliminated, np.stack(normal_by_pose)).transpose(2, 0, 1)
-        by_closure = _inverse(by_pose)
+        state, platform = self.tilted_forearms(poses), self.chain.platform
+        tasks = len(self.chain.task)
+        own_turn = None
+        if tasks > COORDINATES:
+            own_turn = state.rotated(platform.joints_by_turn(self.platform, poses))
+        closures, normal = state.by_pose_and_turn(own_turn)
+        by_turn = inverse_of_three(normal[:, tasks:])
+        eliminated = -_product(closures[tasks:].swapaxes(0, 1), by_turn)
+        by_pose = closures[:tasks].swapaxes(0, 1) + _product(eliminated, normal[:, :tasks])
+        by_closure = _inverse(by_pose.transpose(2, 0, 1))
         by_normal = _product(by_closure, eliminated)
-        # derivatives by fields are linear in the forearms: one call for both
-        seen = zip(
-            self._weighted(by_closure, by_normal, state.forearms_mm, by_forearms),
-            self._weighted(by_closure, by_normal, back, turned),
-            strict=True,
-        )
+        by_pose = normal[:, :tasks]
+        self._eliminated[:] = [(self.tilt(poses), by_closure, eliminated, by_turn, by_pose)]
+        by_misfit, by_forearm = state.sensitivities(by_closure, by_normal)
         by_all, by_arms, by_plate, beyond = self._columns(by_closure)
-        fields = by_arms.shape[2]
-        for row, (forearms, on_plate) in enumerate(seen):
-            own = self.arms.by_fields(forearms)
-            by_arms[row], beyond[row, :-1] = own[:, :fields], own[:, fields:].swapaxes(0, 1)
-            by_plate[row] = self._by_platform(poses, on_plate).sum(axis=1)
-        self._add_own(state, by_closure, by_normal, by_arms, beyond)
-        return by_all.transpose(2, 0, 1)
-
-    @staticmethod
-    def _weighted(
-        by_closure: Array, by_normal: Array, forearms_mm: Array, rows: Sequence[Array] | Array
-    ) -> list[Array]:
-        """Forearms (3, n, N) of each task coordinate whose derivatives are that coordinate's."""
-        first, second, third = rows
-        return [
-            closure * forearms_mm
-            + (0.5 * balance[0]) * first
-            + (0.5 * balance[1]) * second
-            + (0.5 * balance[2]) * third
-            for closure, balance in zip(by_closure, by_normal, strict=True)
-        ]
-
-    def _add_own(
-        self,
-        state: TiltedForearms,
-        by_closure: Array,
-        by_normal: Array,
-        by_arms: Array,
-        beyond: Array,
-    ) -> None:
-        """Add what does not go through the forearms: lengths, and the directions of bars."""
-        by_own = (_product(by_normal, each) for each in state.by_own_parameters())
-        by_azimuth, by_forearm, by_axis_tilt, by_skew = by_own
+        own, fields = self.arms.by_fields(by_forearm), by_arms.shape[2]
+        by_arms[:], beyond[:, :-1] = own[:, :, :fields], own[:, :, fields:].swapaxes(1, 2)
+        for place, moved in enumerate(platform.joints_by_fields(self.platform, poses)):
+            each = by_forearm * state.rotated(moved)[:, None]
+            by_plate[:, place] = 2.0 * each.sum(axis=(0, 2))
+        # what does not go through the forearms: lengths, and the directions of bars
+        of_own = state.by_own_parameters(by_misfit, by_normal)
+        by_azimuth, by_length, by_axis_tilt, beyond[:, -1] = of_own
         if self.chain.plate.outward_rad is None:
             by_arms[:, :, AZIMUTH] += by_azimuth
-        lengths = -2.0 * by_closure * self.pairs.forearm_mm
-        by_arms[:, :, FOREARM] = lengths + by_forearm
+        by_arms[:, :, FOREARM] = by_length - 2.0 * by_closure * self.pairs.forearm_mm
         beyond[:, -2] += by_axis_tilt
-        beyond[:, -1] = by_skew
+        return by_all.transpose(2, 0, 1)
 
     def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
-        return self.chain.platform.by_fields(self.platform, poses, forearms_mm)
+        """∂F by the platform's fields, (f, n, N), from forearms (3, n, N) to a level plate."""
+        moved = self.chain.platform.joints_by_fields(self.platform, poses)
+        return np.asarray(2.0 * (forearms_mm * moved).sum(axis=1))
 
     def _by_all(self, by_closure: Array, own: Array, by_platform: Array) -> Array:
         """d(pose)/dp (t, G, N) of parameters that enter their own arm's closure alone."""
@@ -262,6 +247,38 @@ class Configuration:
         return replace(limbs, elbows_mm=limbs.elbows_mm - displacement(gibbs, seen)), gibbs
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
+    def _continued(
+        self, limbs: Limbs, near: Array, about: TiltElimination, settled_mm: float
+    ) -> tuple[Array, Array, bool]:
+        """Poses (N, t) and Gibbs vectors (3, N) by steps with the derivatives of another robot.
+
+        And whether they settled, all of them: where steps shrink fast, no pose on their way is
+        singular, so that the assembly mode stays.
+        """
+        gibbs, by_closure, eliminated, by_turn, by_pose = about
+        poses, last_mm, contraction = np.ascontiguousarray(near.T), np.inf, FIRST_CONTRACTION
+        while contraction < CONTRACTION:
+            state = self.pairs.state(*self._seen(limbs.elbows_mm, poses.T), gibbs)
+            normal = state.normal_equations()
+            closures = state.closures() + _applied(eliminated, normal)
+            step = _applied(by_closure, closures)
+            turn = -_applied(by_turn, normal + _applied(by_pose, step))
+            poses, gibbs = poses + step, turned_further(gibbs, turn)
+            turned_mm = TYPICAL_JOINT_MM * np.abs(turn).max()
+            size_mm = max(float(np.abs(step[:COORDINATES]).max()), float(turned_mm))
+            if last_mm == np.inf:
+                settled_mm = max(settled_mm, SETTLED_SHARE * size_mm)
+            else:
+                contraction = size_mm / last_mm
+            last_mm = size_mm
+            if size_mm * contraction <= settled_mm:
+                values = np.ascontiguousarray(poses.T)
+                self._assembled[:] = [(values, gibbs)]
+                wanted = self.chain.is_wanted(limbs, poses, limbs.assembly_sign)
+                return values, gibbs, bool(wanted.all())
+        return np.ascontiguousarray(poses.T), gibbs, False
+
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _tilted(
         self, level: KinematicSolution, gibbs: Array, settled_mm: float, *, at_once: bool = False
     ) -> KinematicSolution:
@@ -271,21 +288,29 @@ class Configuration:
             return level
         limbs, poses = self._limbs().rows(found), level.values[found]
         gibbs = gibbs[:, found]
-        step_mm = np.full(len(poses), np.inf)
+        last_mm, settled = 0.0, False
         for _ in range(ROUNDS_AT_ONCE if at_once else TILT_ROUNDS):
             moved, gibbs = self._moved(limbs, poses, gibbs)
             step, determinant, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
             poses = poses + step.T
             step_mm = np.abs(step[:COORDINATES]).max(axis=0)
-            if not step_mm.max() > settled_mm:
+            size_mm = float(np.fmax.reduce(step_mm))  # of lost rows it is NaN
+            settled = size_mm**2 <= settled_mm * last_mm
+            if settled:
                 break
+            last_mm = size_mm
         values = np.full_like(level.values, np.nan)
         values[found] = poses
         if found.all():
             self._assembled[:] = [(values, gibbs)]
         wanted = self.chain.is_wanted(limbs, np.ascontiguousarray(poses.T), determinant)
-        found[found] = wanted & (step_mm < (settled_mm if at_once else TILT_CLOSED_MM))
+        found[found] = wanted & (settled if at_once else step_mm < TILT_CLOSED_MM)
         return KinematicSolution.where(found, values)
+
+
+def _applied(matrices: Array, vectors: Array) -> Array:
+    """Products (a, N) of matrices (a, b, N) and vectors (b, N)."""
+    return np.asarray((matrices * vectors).sum(axis=1))
 
 
 def _product(one: Array, other: Array) -> Array:

@@ -108,19 +108,19 @@ class LinearArms(Arms):
 
     @override
     def by_fields(self, forearms_mm: Array) -> Array:
-        """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm, rail, bar tilt, (n, 9, N).
+        """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm, rail, bar tilt, (…, n, 9, N).
 
         The last are 0: the bar on a carriage turns about its middle.
         """
         along, aside, upward, across = self._along_rails(forearms_mm)
-        _, arms, rows = forearms_mm.shape
-        jacobian = np.zeros((arms, len(RAIL_FIELDS) + 2, rows))
-        jacobian[:, :3] = -2.0 * forearms_mm.swapaxes(0, 1)
-        jacobian[:, 3] = -2.0 * self.travel_mm * aside
-        jacobian[:, 4] = -2.0 * self.travel_mm * upward
-        jacobian[:, 5] = -2.0 * along
-        jacobian[:, 6] = -2.0 * self.forearm_mm
-        jacobian[:, 7] = -2.0 * self.travel_mm * across
+        _, *of, rows = forearms_mm.shape
+        jacobian = np.zeros((*of, len(RAIL_FIELDS) + 2, rows))
+        jacobian[..., :3, :] = -2.0 * np.moveaxis(forearms_mm, 0, -2)
+        jacobian[..., 3, :] = -2.0 * self.travel_mm * aside
+        jacobian[..., 4, :] = -2.0 * self.travel_mm * upward
+        jacobian[..., 5, :] = -2.0 * along
+        jacobian[..., 6, :] = -2.0 * self.forearm_mm
+        jacobian[..., 7, :] = -2.0 * self.travel_mm * across
         return jacobian
 
     @override
@@ -135,7 +135,7 @@ class LinearArms(Arms):
         return np.asarray(np.abs(self._along_rails(forearms_mm)[0] / self.forearm_mm).T)
 
     def _along_rails(self, forearms_mm: Array) -> Array:
-        """Forearms (3, n, N) along e_i and its derivatives, (4, n, N)."""
+        """Forearms (3, …, n, N) along e_i and its derivatives, (4, …, n, N)."""
         return in_frames(self.rails, forearms_mm)
 
     @override

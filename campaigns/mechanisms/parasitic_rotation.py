@@ -107,16 +107,22 @@ class RodPairs:
         weights = state.weights
         matrix = np.einsum("kin,lin->kln", weights, weights)
         step = _solved(matrix, -state.normal_equations())
-        return _turned_further(gibbs, step), step
+        return turned_further(gibbs, step), step
 
     def state(self, forearms_mm: Array, seen_mm: Array, gibbs: Array) -> "TiltedForearms":
         """Forearms of the tilted plate, with what its normal equations need."""
         r_minus_i = rotation_minus_identity(gibbs)
-        moved = forearms_mm + applied(r_minus_i, seen_mm)
+        moved_mm = applied(r_minus_i, seen_mm)
+        forearms_mm = forearms_mm + moved_mm
         across = applied(r_minus_i, self.plate_bars) + (self.plate_bars - self.motor_axes)
-        misfit = _dot(moved, across) / self.forearm_mm - self.skew
-        weights = _cross(self.plate_bars / self.forearm_mm, moved)
-        return TiltedForearms(self, r_minus_i, seen_mm, moved, across, misfit, weights)
+        misfit = _dot(forearms_mm, across) / self.forearm_mm - self.skew
+        joints_mm, weights = seen_mm + moved_mm, self.crossed(forearms_mm)
+        return TiltedForearms(self, r_minus_i, joints_mm, forearms_mm, across, misfit, weights)
+
+    def crossed(self, vectors: Array) -> Array:
+        """v_i × y_i / L_i, (3, …, n, N), of vectors y (3, …, n or 1, N): bars are horizontal."""
+        (bar_x, bar_y), (x, y, z) = self.plate_bars[:2] / self.forearm_mm, vectors
+        return np.array([bar_y * z, -bar_x * z, bar_x * y - bar_y * x])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +132,8 @@ class TiltedForearms:
     pairs: RodPairs
     r_minus_i: Array
     """R - 1, (3, 3, N)."""
-    seen_mm: Array
+    joints_mm: Array
+    """Plate joints seen from the measured point (3, n, N)."""
     forearms_mm: Array
     """g_i (3, n, N)."""
     across: Array
@@ -136,70 +143,86 @@ class TiltedForearms:
     weights: Array
     """v_i × g_i / L_i (3, n, N): how a tilt moves a misfit, to first order."""
 
+    def closures(self) -> Array:
+        """|g_i|² - L_i² (n, N), zero at the plate's pose."""
+        return np.asarray(_dot(self.forearms_mm, self.forearms_mm) - self.pairs.forearm_mm**2)
+
     def normal_equations(self) -> Array:
         """Σ weights · misfit (3, N), zero at the plate's tilt."""
         return np.asarray((self.weights * self.misfit).sum(axis=1))
 
-    def closures_by_turn(self) -> Array:
-        """∂|g_i|²/∂φ, (3, n, N)."""
-        arms = self.seen_mm + applied(self.r_minus_i, self.seen_mm)
-        return np.asarray(2.0 * _cross(arms, self.forearms_mm))
+    def rotated(self, vectors: Array) -> Array:
+        """R y, (3, n, N), of vectors y (3, n, N)."""
+        return np.asarray(vectors + applied(self.r_minus_i, vectors))
 
-    def normal_by_forearms(self) -> Array:
-        """∂(normal equations)/∂g_i, (3, 3, n, N): a vector by component for each of them."""
-        length, (x, y, _) = self.pairs.forearm_mm, self.pairs.plate_bars
-        by_forearms = self.weights[:, None] * (self.across / length)
-        scaled = self.misfit / length
-        # the cross product by v_i, which is horizontal
-        by_forearms[0, 2] += y * scaled
-        by_forearms[1, 2] -= x * scaled
-        by_forearms[2, 1] += x * scaled
-        by_forearms[2, 0] -= y * scaled
-        return by_forearms
+    def by_pose_and_turn(self, by_turn_of_half: Array | None) -> tuple[Array, Array]:
+        """Derivatives of closures (t + 3, n, N) and normal equations (3, t + 3, N).
 
-    def normal_by_turn(self, by_forearms: Array) -> Array:
-        """∂(normal equations)/∂φ, (3, 3, N)."""
-        arms = self.seen_mm + applied(self.r_minus_i, self.seen_mm)
-        by_joint = _cross(arms[:, None], by_forearms.swapaxes(0, 1)).sum(axis=2)
-        bars = self.across + self.pairs.motor_axes
-        by_bar = _cross(bars, self.forearms_mm / self.pairs.forearm_mm)
-        turned = np.einsum("kin,lin->kln", self.weights, by_bar)
-        return np.asarray(by_joint.swapaxes(0, 1) + turned)
+        By the pose, then by φ. `by_turn_of_half` (3, n, N) are those of the plate joints by the
+        pose's own turn, where it has one.
+        """
+        tasks = 3 if by_turn_of_half is None else 4
+        moved = np.zeros((3, tasks + 3, *self.misfit.shape))
+        moved[DIAGONAL] = 1.0
+        if by_turn_of_half is not None:
+            moved[:, 3] = by_turn_of_half
+        (x, y, z), turned = self.joints_mm, moved[:, tasks:]  # φ × R c
+        turned[1, 0], turned[2, 0] = -z, y
+        turned[0, 1], turned[2, 1] = z, -x
+        turned[0, 2], turned[1, 2] = -y, x
+        closures = 2.0 * _dot(self.forearms_mm[:, None], moved)
+        misfits = _dot(self.across[:, None], moved)
+        misfits[tasks:] += _cross(self.across + self.pairs.motor_axes, self.forearms_mm)
+        misfits /= self.pairs.forearm_mm
+        normal = self.weights[:, None] * misfits + self.misfit * self.pairs.crossed(moved)
+        return closures, np.asarray(normal.sum(axis=2))
 
-    def rotated_back(self, vectors: Array) -> Array:
-        """Rᵀ y, (3, n, N), of vectors y (3, n, N)."""
-        return np.asarray(vectors + applied(self.r_minus_i.swapaxes(0, 1), vectors))
+    def sensitivities(self, by_closure: Array, by_normal: Array) -> tuple[Array, Array]:
+        """Derivatives of task coordinates by misfits (t, n, N), and half those by forearms.
 
-    def by_own_parameters(self) -> tuple[Array, Array, Array, Array]:
-        """∂(normal equations) by azimuth, forearm, axis tilt and skew, elbows held.
+        The latter are (3, t, n, N), from those by closures (t, n, N) and normal equations
+        (t, 3, N).
+        """
+        by_misfit = (by_normal[:, :, None] * self.weights).sum(axis=1)
+        by_forearm = (self.across / self.pairs.forearm_mm)[:, None] * by_misfit
+        by_forearm -= self.misfit * self.pairs.crossed(by_normal.swapaxes(0, 1)[:, :, None])
+        by_forearm *= 0.5
+        by_forearm += self.forearms_mm[:, None] * by_closure
+        return by_misfit, by_forearm
 
-        (3, n, N) each.
+    def by_own_parameters(self, by_misfit: Array, by_normal: Array) -> tuple[Array, ...]:
+        """Derivatives of task coordinates by azimuth, forearm, axis tilt and skew, elbows held.
+
+        (t, n, N) each, but for what closures do; from those by misfits and normal equations.
         """
         length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
         level = np.hypot(axes[0], axes[1])
         by_azimuth = np.stack([-bars[1], bars[0], np.zeros_like(bars[0])])
         across = by_azimuth * (1.0 - level) + applied(self.r_minus_i, by_azimuth)
-        weighted = _cross(by_azimuth, self.forearms_mm) * self.misfit
-        azimuth = self.weights * _dot(self.forearms_mm, across) + weighted
+        weighted = _cross(by_azimuth, self.forearms_mm) * (self.misfit / length)
+        azimuth = by_misfit * (_dot(self.forearms_mm, across) / length)
+        azimuth += (by_normal[:, :, None] * weighted).sum(axis=1)
         by_tilt = -axes[2] * bars
         by_tilt[2] = level
         return (
-            azimuth / length,
-            -self.weights * (2.0 * self.misfit + self.pairs.skew) / length,
-            -self.weights * _dot(self.forearms_mm, by_tilt) / length,
-            -self.weights,
+            azimuth,
+            -by_misfit * ((2.0 * self.misfit + self.pairs.skew) / length),
+            -by_misfit * (_dot(self.forearms_mm, by_tilt) / length),
+            -by_misfit,
         )
 
 
 def rotation_minus_identity(gibbs: Array) -> Array:
     """R - 1 (3, 3, N) of Gibbs vectors (3, N)."""
-    square = (gibbs * gibbs).sum(axis=0)
+    (x, y, z), square = gibbs, (gibbs * gibbs).sum(axis=0)
     r_minus_i = gibbs[:, None] * gibbs
-    r_minus_i[DIAGONAL] -= square
-    x, y, z = gibbs
-    r_minus_i[(0, 1, 2), (1, 2, 0)] -= np.stack([z, x, y])
-    r_minus_i[(1, 2, 0), (0, 1, 2)] += np.stack([z, x, y])
-    return np.asarray(r_minus_i * (2.0 / (1.0 + square)))
+    for axis in range(3):
+        r_minus_i[axis, axis] -= square
+    for (row, column), turn in (((2, 1), x), ((0, 2), y), ((1, 0), z)):
+        r_minus_i[row, column] += turn
+        r_minus_i[column, row] -= turn
+    r_minus_i *= 2.0 / (1.0 + square)
+    return np.asarray(r_minus_i)
 
 
 def applied(matrices: Array, vectors: Array) -> Array:
@@ -230,7 +253,7 @@ def inverse_of_three(matrices: Array) -> Array:
     return np.asarray(columns / _dot(a, columns[:, 0]))
 
 
-def _turned_further(gibbs: Array, turn_rad: Array) -> Array:
+def turned_further(gibbs: Array, turn_rad: Array) -> Array:
     """Gibbs vectors of rotations followed by small turns (their Gibbs vectors half as long)."""
     half = 0.5 * turn_rad
     return np.asarray((gibbs + half + _cross(half, gibbs)) / (1.0 - _dot(half, gibbs)))

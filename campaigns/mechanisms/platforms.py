@@ -70,12 +70,12 @@ class Platform(ABC):
         """B_i in the base frame, (N, n, 3), at poses (N, t)."""
 
     @abstractmethod
-    def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
-        """∂F_i of the closures by the turn, (n, N), from forearms (3, n, N)."""
+    def joints_by_turn(self, values: Array, poses: Array) -> Array:
+        """∂B_i by the turn, (3, n, N), at poses (N, t)."""
 
     @abstractmethod
-    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
-        """∂F_i by each field, (f, n, N)."""
+    def joints_by_fields(self, values: Array, poses: Array) -> Array:
+        """∂B_i by each field, (f, 3, n, N)."""
 
 
 class TranslatingPlatform(Platform):
@@ -90,14 +90,14 @@ class TranslatingPlatform(Platform):
         return np.repeat(poses[..., None, :3], self.arms, axis=-2)
 
     @override
-    def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
+    def joints_by_turn(self, values: Array, poses: Array) -> Array:
         """Never asked: there is no turn."""
         raise NotImplementedError
 
     @override
-    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
+    def joints_by_fields(self, values: Array, poses: Array) -> Array:
         """Derivatives by no fields: there are none."""
-        return np.empty((0, *forearms_mm.shape[1:]))
+        return np.empty((0, 3, self.arms, len(poses)))
 
 
 class TwoPartPlatform(Platform):
@@ -141,19 +141,20 @@ class TwoPartPlatform(Platform):
         return joints
 
     @override
-    def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
-        """∂F_i/∂θ, (4, N): nothing for arms that end in the controlled point."""
-        return self._along(forearms_mm, values[0] * self.apart_by_turn(poses[:, 3]))
+    def joints_by_turn(self, values: Array, poses: Array) -> Array:
+        """∂B_i/∂θ, (3, 4, N): nothing for arms that end in the controlled point."""
+        return self._shared(values[0] * self.apart_by_turn(poses[:, 3]))
 
     @override
-    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
-        """∂F_i by the way between the parts, (1, 4, N)."""
-        return self._along(forearms_mm, self.apart(poses[:, 3]))[None]
+    def joints_by_fields(self, values: Array, poses: Array) -> Array:
+        """∂B_i by the way between the parts, (1, 3, 4, N)."""
+        return self._shared(self.apart(poses[:, 3]))[None]
 
-    def _along(self, forearms_mm: Array, apart: Array) -> Array:
-        """∂F_i by a motion of part 2 away from part 1 (2, N), (4, N)."""
-        along = forearms_mm[0] * apart[0] + forearms_mm[1] * apart[1]
-        return np.asarray(2.0 * self._shares[:, None] * along)
+    def _shared(self, apart: Array) -> Array:
+        """Motions of the joints (3, 4, N) by one of part 2 away from part 1, (2, N)."""
+        moved = np.zeros((3, self.arms, apart.shape[1]))
+        np.multiply(self._shares[:, None], apart[:, None], out=moved[:2])
+        return moved
 
 
 class HingedPlate(TwoPartPlatform):

@@ -126,6 +126,21 @@ def test_a_model_without_backlash_has_none():
     assert (standard.arm_joints(standard.nominal) == joints).all()
 
 
+@pytest.mark.parametrize("size", 10.0 ** np.arange(-7, 2))
+def test_poses_followed_from_other_parameters_are_those_of_the_new_ones(size):
+    joints = reachable_joints(LEANING, 30, seed=66, limits=WELL_INSIDE)
+    followed = model(LEANING, joints, None)
+    about, rng = followed.nominal, np.random.default_rng(67)
+    unit = np.array([1.0 if name.endswith("_mm") else 0.01 for name in FREE_IF_EXTENDED])
+    x = about + size * unit * rng.uniform(-1.0, 1.0, len(about))
+    followed.jacobian(about)
+    afresh = followed.kinematics(x).forward(joints).values_or_raise()[:, :3]
+    moved_mm = np.abs(afresh - followed.positions_mm(about)).max()
+    assert np.abs(followed.positions_mm(x) - afresh).max() < 1e-10 + 1e-6 * moved_mm
+    known = model(followed.kinematics(x), joints, None)
+    assert followed.jacobian(x) == pytest.approx(known.jacobian(known.nominal), rel=1e-6, abs=1e-6)
+
+
 def test_derivative_of_the_position_by_each_backlash_is_that_of_its_joint_both_ways():
     joints = reachable_joints(LEANING, 4, seed=64, limits=WELL_INSIDE)
     tried = model(LEANING, joints, approaches(4), ALL)
