@@ -105,6 +105,13 @@ class PlanOptions(Selection):
             "all poses. Parameters are told less well."
         ),
     ] = False
+    after_identify: Annotated[
+        bool,
+        Option(
+            "For the robot as it was identified: poses that it can take, those that tell most of "
+            "it, σ with its own scatter."
+        ),
+    ] = False
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
 
     def __post_init__(self) -> None:

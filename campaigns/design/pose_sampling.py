@@ -45,6 +45,8 @@ class FeasibleRegion:
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
     space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED
+    commanded: "FeasibleRegion | None" = None
+    """Region where another model of the robot, as its nominal one, must be at the same joints."""
 
     @property
     def extent(self) -> Array:
@@ -84,7 +86,14 @@ class FeasibleRegion:
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
             <= self.acceptance_rad
         )
-        return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
+        found = self.kinematics.feasibility(self.limits, poses)
+        allowed = np.asarray(found.feasible & seen)
+        if self.commanded is not None:
+            rows = np.flatnonzero(allowed)
+            there = self.commanded.kinematics.forward(found.joints[rows], near=poses[rows])
+            allowed[rows] = there.found
+            allowed[rows[there.found]] = self.commanded.allows(there.values[there.found])
+        return allowed
 
     def refusals(self, count: int, rng: np.random.Generator) -> restricted_space.Refusals:
         """Refusals by the space among so many poses that can be taken and seen.

@@ -212,8 +212,7 @@ def make_optimal_plan(
     wanted = request.plan
     others = plans.make_plan(robot, view, replace(wanted, identification_shots=0), rng)
     unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
-    limits = plans.with_reserve(robot, inaccurate=wanted.inaccurate)
-    region = plans.region_of(robot.kinematics, limits, view, wanted.centre, wanted.space)
+    region = plans.requested_region(robot, view, wanted)
     try:
         options = draw_candidates(region, request, rng)
         _check_shots(options, request)

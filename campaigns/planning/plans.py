@@ -84,6 +84,8 @@ class PlanRequest:
     """Joints come evenly from both sides: for a model that what gears do may be added to."""
     inaccurate: bool = False
     """The robot may be 5 mm and 3° off: poses keep further off singularities."""
+    commanded: FeasibleRegion | None = None
+    """Region by the robot's nominal model, where the plan is for another one of it."""
 
     def ordered(self, joints: Array, pairs: Index, start: Array, fitted: int) -> Index:
         """Tour of the pairs (M, 2) that this asks for, the first rows being fitted."""
@@ -109,6 +111,7 @@ def region_of(
     view: View,
     centre: Pose,
     space: RestrictedSpace = UNRESTRICTED,
+    commanded: FeasibleRegion | None = None,
 ) -> FeasibleRegion:
     """Region where poses may be placed."""
     facing = np.array(view.facing)
@@ -120,7 +123,15 @@ def region_of(
         facing / np.linalg.norm(facing),
         view.acceptance_rad,
         space.with_margin(SPACE_RESERVE_MM),
+        commanded,
     )
+
+
+def requested_region(robot: RobotFile, view: View, request: PlanRequest) -> FeasibleRegion:
+    """Region where the poses of a plan may be placed."""
+    limits = with_reserve(robot, inaccurate=request.inaccurate)
+    own = robot.kinematics, limits, view, request.centre, request.space
+    return region_of(*own, request.commanded)
 
 
 def make_plan(
@@ -132,8 +143,7 @@ def make_plan(
     Raises `PlanInvalid` when the workspace holds too few poses that can be taken and seen.
     """
     kinematics = robot.kinematics
-    limits = with_reserve(robot, inaccurate=request.inaccurate)
-    region = region_of(kinematics, limits, view, request.centre, request.space)
+    region = requested_region(robot, view, request)
     _check_centre(region)
     _check_tracker(region)
     try:
@@ -267,6 +277,17 @@ def with_nests(
             found += [replace(length, nest=name) for name in bar]
         found += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in alone]
     return tuple(replace(shot, shot=number) for number, shot in enumerate(found))
+
+
+def commanded_to(shots: Sequence[PlannedShot], kinematics: Kinematics) -> tuple[PlannedShot, ...]:
+    """Shots at the same joints, their poses those by another model; raises `NoSolution`."""
+    joints, of = np.unique(joints_of(shots), axis=0, return_inverse=True)
+    near = np.empty((len(joints), len(kinematics.mechanism.task)))
+    near[of] = poses_of(shots)
+    poses = kinematics.forward(joints, near).values_or_raise()
+    return tuple(
+        replace(shot, pose=pose_of(poses[row])) for shot, row in zip(shots, of.flat, strict=True)
+    )
 
 
 def joints_of(shots: Sequence[PlannedShot]) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.campaign import Campaign
+from campaigns.controllers.export import compensated_robot, latest_identification
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
 from campaigns.errors import OptionsInvalid, PlanInvalid
@@ -24,7 +25,9 @@ from campaigns.planning.plan_file import PlannedShot, plan_model, write_beside_o
 from campaigns.planning.plans import (
     TRACKER_CLEARANCE_MM,
     Placement,
+    commanded_to,
     make_plan,
+    region_of,
     tracker_clearance_mm,
     with_nests,
 )
@@ -68,7 +71,8 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
     """Make, check and write a plan; an older one is kept.
 
     For the full model unless told otherwise, or for the standard one where that takes more shots.
-    Raises `OptionsInvalid`, `PlanInvalid` or `WriteFailed`.
+    Raises `OptionsInvalid`, `PlanInvalid` or `WriteFailed`; for the identified robot `ShotsMissing`
+    where nothing was identified, and `VerdictBad` where that did not pass.
     """
     options = options or PlanOptions()
     planned = _largest(campaign, options)
@@ -121,8 +125,19 @@ def _largest(campaign: Campaign, options: PlanOptions) -> PlannedCampaign:
 
 
 def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCampaign:
-    """Plan for a model, checked; nothing is written."""
+    """Plan for a model, checked; nothing is written.
+
+    Where it is for the identified robot, its poses are those of the nominal one at the same joints:
+    runs and controllers take a plan by the nominal robot, and command joints.
+    """
+    nominal = campaign
+    if options.after_identify:
+        campaign, options = _as_identified(nominal, options)
     placement, request = _settled(campaign, options, model)
+    if campaign is not nominal:
+        robot, wanted = nominal.robot, request.plan
+        own = robot.kinematics, robot.limits, nominal.view, wanted.centre, wanted.space
+        request = replace(request, plan=replace(wanted, commanded=region_of(*own)))
     seed = campaign.config.plan.seed if options.seed is None else options.seed
     rng = np.random.default_rng(seed)
     curve: tuple[tuple[int, Uncertainty], ...] = ()
@@ -133,7 +148,8 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
     named = None if model is Model.STANDARD else model  # such a plan is as plans always were
     asked, config = tuple(options.words()), campaign.config
     shots = tuple(replace(shot, model=named, asked=asked) for shot in shots)
-    checked = campaign.checked_plan(with_nests(shots, config.nests, config.known_lengths))
+    commanded = shots if campaign is nominal else commanded_to(shots, nominal.robot.kinematics)
+    checked = nominal.checked_plan(with_nests(commanded, config.nests, config.known_lengths))
     robot, view, space = campaign.robot, campaign.view, campaign.space
     sample = judged_positions(robot, campaign.centre, space, request.free, shots)
     setup = EstimationSetup(request.estimator, request.free, request.uncertainty)
@@ -150,6 +166,19 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
         model,
         lines_mm=_fitting_lines_mm(campaign),
     )
+
+
+def _as_identified(campaign: Campaign, options: PlanOptions) -> tuple[Campaign, PlanOptions]:
+    """The same with the robot as it was identified last, and options with its own scatter.
+
+    Identified anew from the plan's shots alone, it is not known beside them: no prior is assumed.
+    """
+    with campaign.journal_reader() as journal:
+        found = latest_identification(journal)
+    robot = compensated_robot(campaign.config.name, campaign.nominal, found)
+    scatter = found.robot_scatter
+    scatter_mm = options.scatter_mm or (scatter.point_mm if scatter else 0.0)
+    return replace(campaign, nominal=robot), replace(options, scatter_mm=scatter_mm)
 
 
 def _fitting_lines_mm(campaign: Campaign) -> tuple[float, float, float] | None:
