@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion, sample_workspace
@@ -15,6 +16,7 @@ from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
+from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.digest_chain import ChainEnd
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.own_file import rescued_copies, take_rescued
@@ -139,6 +141,20 @@ class Campaign:
         """
         robot = self.robot
         return sample_workspace(robot.kinematics, robot.limits, self.centre, self.space)
+
+    @property
+    def identification_settings(self) -> dict[str, JsonValue]:
+        """Settings that an identification's verdict rests on, unless they are as by default.
+
+        Limits are not: they may be set late, and it says itself where it rests on them.
+        """
+        keys = {"space", "known_lengths"}
+        return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
+
+    def outdated(self, found: RecordedIdentification) -> tuple[str, ...]:
+        """Keys of settings that are others than those by which this identification was judged."""
+        limits_mm = self.config.acceptance.distances_mm
+        return found.outdated_by(self.identification_settings, limits_mm)
 
     @property
     def instrument(self) -> TrackerUncertainty:

@@ -543,6 +543,11 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
     statement = "the journal is unchanged up to the identification"
     journal_now = None if journal is None else journal.identified_digest
     yield same_digest(statement, journal_now, found.journal_digest)
+    statement = "campaign.yaml says what it said when the identification was judged by it"
+    if outdated := evidence.campaign.outdated(found):
+        yield Check(statement, holds=False, detail=f"{', '.join(outdated)} changed since")
+    else:
+        yield Check(statement, holds=True, detail="as then")
     file, loaded = evidence.parameter_file, evidence.loaded
     statement = "the parameter file contains the identified parameters"
     yield same_digest(statement, None if file is None else file.digest(), parameters)

@@ -390,7 +390,7 @@ def state_of(
         campaign.robot.digest(),
     ):
         return state
-    if last > found.journal_records:
+    if last > found.journal_records or campaign.outdated(found):
         return state
     if found.verdict == "pass":
         passed = replace(state, verdict="pass", check=_to_answer(evidence, found))

@@ -1,6 +1,6 @@
 """Doubts: findings that speak against taking a result, each with its name and its numbers."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +27,7 @@ COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR 
     "reflector-constant",
 )
 EXTRAPOLATION, KNOWN_LENGTH, NESTS, RATE = ("extrapolation", "known-length", "nests", "ripple-rate")
+UNMEASURED = "unmeasured-length"
 MOST_BEYOND = 0.05
 """Share of the workspace that may be so far from all shots."""
 PPM = 1e6
@@ -96,6 +97,11 @@ class Doubt:
         return self.decision is not None and not self.accepted
 
     @property
+    def by_limits(self) -> bool:
+        """Whether it would affect the verdict, were acceptance limits of distances not met."""
+        return self.name in {LACK, HOLD_OUT} and self.decision is None
+
+    @property
     def of_model(self) -> bool:
         """Whether parameters may not be dimensions: the robot changed, or is more than its model.
 
@@ -103,7 +109,7 @@ class Doubt:
         """
         if self.name == NESTS:
             return self.numbers.get("kind") == "robot"
-        return self.name not in {CAREFUL, LARGE_CHANGE, REFLECTOR, SWAPPED, RATE}
+        return self.name not in {CAREFUL, LARGE_CHANGE, REFLECTOR, SWAPPED, RATE, UNMEASURED}
 
 
 def parameter_doubts(
@@ -364,6 +370,13 @@ def scale_doubt(scale: TrackerScale, worst: str) -> Doubt:
         remedy = "measure them again, or correct known_lengths in campaign.yaml"
     numbers = {"ppm": ppm, "std_ppm": std_ppm, "p": scale.p, "scatter_p": scale.scatter_p}
     return Doubt(KNOWN_LENGTH, f"{what}: {remedy}", "fail", dict(numbers))
+
+
+def unmeasured_told(names: Iterable[str]) -> Doubt:
+    """Known lengths that no pair measured, which is only told."""
+    which = ", ".join(names)
+    says = f"of known_lengths {which} was not measured: it tells nothing of the tracker's scale"
+    return Doubt(UNMEASURED, says)
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:

@@ -163,7 +163,7 @@ def _result(
     doubts = (
         *_doubts(inputs, fit, held_out, parameters, covariance, tests),
         *diagnostics.region_doubts(region),
-        *known_length_doubts(lengths),
+        *known_length_doubts(lengths, options.known_lengths),
         *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
         *_rate_told(ripples),

@@ -9,7 +9,7 @@ from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.information import TrackerScale
 from campaigns.estimation.tracker_noise import TrackerUncertainty, distance_variance_mm2
-from campaigns.evaluation.diagnostics import Doubt, scale_doubt
+from campaigns.evaluation.diagnostics import Doubt, scale_doubt, unmeasured_told
 from campaigns.settings.sections import KnownLengthConfig, bar_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -72,8 +72,13 @@ def known_lengths(
     return KnownLengths(tuple(MeasuredKnownLength(*row) for row in rows), scale)
 
 
-def known_length_doubts(found: KnownLengths | None) -> Iterator[Doubt]:
-    """Doubt where chance and the data sheet do not explain what they say."""
+def known_length_doubts(
+    found: KnownLengths | None, known: Sequence[KnownLengthConfig]
+) -> Iterator[Doubt]:
+    """Doubts where chance and the data sheet do not explain them, and where nobody measured one."""
+    measured = {each.name for each in found.lengths} if found else set[str]()
+    if unmeasured := [bar.name for bar in known if bar.name not in measured]:
+        yield unmeasured_told(unmeasured)
     if found is not None and not found.scale.believable:
         worst = max(found.lengths, key=lambda each: abs(each.residual_mm / each.std_mm))
         says = f"{worst.name}, pair {worst.pair}, is off by {worst.residual_mm:+.3f} mm"

@@ -21,7 +21,7 @@ from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.base_motion import NestPlaces
 from campaigns.evaluation.decision import Decision
-from campaigns.evaluation.diagnostics import Doubt
+from campaigns.evaluation.diagnostics import Doubt, limits_met
 from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
@@ -439,6 +439,9 @@ class RecordedIdentification(IdentificationResult):
     """Of all records before it."""
     journal_records: int
     at_utc: str
+    settings: dict[str, JsonValue] | None = None
+    """Those of campaign.yaml that its verdict rests on, by key, unless they are as by default; None
+    in results of older software."""
     pedigree: Pedigree | None = None
     """Of a repaired set, whose residuals and hold-out pairs stay those of its campaign."""
 
@@ -447,6 +450,18 @@ class RecordedIdentification(IdentificationResult):
         """Result with its provenance."""
         values = {each.name: getattr(found, each.name) for each in fields(found)}
         return cls(**values | provenance)
+
+    def outdated_by(
+        self, settings: Mapping[str, JsonValue], limits_mm: Mapping[str, float]
+    ) -> tuple[str, ...]:
+        """Keys of settings by which it would be judged otherwise than it was."""
+        then = settings if self.settings is None else self.settings
+        keys = sorted({*then, *settings})
+        changed = [key for key in keys if then.get(key) != settings.get(key)]
+        by_limits = any(doubt.by_limits for doubt in self.doubts)
+        if by_limits and self.unseen_mm and not limits_met(self.unseen_mm.after, limits_mm):
+            changed.append("acceptance")
+        return tuple(changed)
 
 
 @cache

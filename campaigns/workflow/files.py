@@ -10,6 +10,7 @@ from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
 from campaigns.controllers.robot_description import robot_description
+from campaigns.errors import VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
@@ -31,6 +32,12 @@ def identified_robot(campaign: Campaign, degC: DegC = None) -> RobotDocument:
     with campaign.journal_reader() as journal:
         found = parameter_file.latest_identification(journal)
         measured = next((s for s in journal.series() if s.number == found.series), None)
+    if outdated := campaign.outdated(found):
+        raise VerdictBad(
+            f"{', '.join(outdated)} in campaign.yaml changed since the identification, which rests "
+            "on it",
+            remedy="identify again, or write it as it was",
+        )
     controller = measured.started.robot if measured else None
     identified = parameter_file.compensated_robot(
         campaign.config.name, campaign.nominal, found, controller

@@ -65,6 +65,7 @@ def identify(
             journal_digest=journal.digest(),
             journal_records=journal.last_number(),
             at_utc=now_utc(),
+            settings=campaign.identification_settings,
         )
         journal.append(Finding("identification", recorded.document()))
     return recorded

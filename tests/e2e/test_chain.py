@@ -14,7 +14,8 @@ DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 PLAN_KEYS = {
     *NEXT,
     *("model", "fitting_lines_mm"),
-    *("shots", "pairs", "predicted_std", "observability", "seconds_estimated", "path"),
+    *("shots", "pairs", "predicted_std", "predicted_total_std", "observability"),
+    *("seconds_estimated", "path"),
     *("placement", "estimator", "criterion", "seed", "worst", "position_error_mm"),
     *("from_below", "curve", "space"),
 }
@@ -26,7 +27,7 @@ IDENTIFICATION_KEYS = {
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
-    "pedigree",
+    *("pedigree", "settings"),
     *("series", "model", "asked", "obstacles", "known_lengths", "region", "hidden", "nests"),
     "nest_covariance_mm2",
 }

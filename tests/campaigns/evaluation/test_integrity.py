@@ -6,8 +6,12 @@ import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
 from campaigns.evaluation.campaign_verdict import Check
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.journal.records import SeriesStarted
+from campaigns.next_step import next_step, state_of
+from campaigns.settings.sections import AcceptanceConfig, KnownLengthConfig
+from campaigns.settings.space import SpaceConfig
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +37,8 @@ def restarted(evidence: Evidence, **changes: object) -> Evidence:
 
 def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
     found = {check.statement: check.holds for check in checks(evidence)}
-    assert len(found) == 8
-    assert list(found.values()) == [True] * 7 + [None]  # the paper journal holds no settings
+    assert len(found) == 9
+    assert list(found.values()) == [True] * 8 + [None]  # the paper journal holds no settings
 
 
 def test_files_of_another_campaign_are_found(evidence: Evidence) -> None:
@@ -77,6 +81,50 @@ def test_limits_changed_after_the_validation_are_found_and_decide_nothing(
     (found,) = [check for check in checks(then) if check.holds is False]
     assert found.statement.startswith("the limits")
     assert not found.decides
+
+
+def reconfigured(evidence: Evidence, **changes: object) -> Evidence:
+    """With a campaign.yaml that says otherwise now."""
+    campaign = evidence.campaign
+    config = campaign.config.model_copy(update=changes)
+    return replace(evidence, campaign=replace(campaign, config=config))
+
+
+def judged_now(evidence: Evidence, **changes: object) -> Evidence:
+    """Of an identification by today's settings, with changes."""
+    settings = evidence.campaign.identification_settings
+    found = replace(evidence.identification, settings=settings, **changes)
+    return replace(evidence, identification=found)
+
+
+def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(
+    evidence: Evidence,
+) -> None:
+    judged = judged_now(evidence)
+    assert broken(judged) == []
+    bar = KnownLengthConfig(name="bar", length_mm=1000.0, std_mm=0.005)
+    for changes in ({"space": SpaceConfig(z_lowest_mm=-700.0)}, {"known_lengths": (bar,)}):
+        changed = reconfigured(judged, **changes)
+        (found,) = [check for check in checks(changed) if check.holds is False]
+        assert found.detail == f"{next(iter(changes))} changed since"
+        assert Evaluation(changed).verdict.decision == "not decided"
+        assert next_step(state_of(Evaluation(changed))).command[0] == "identify"
+        # older software recorded no settings
+        older = replace(changed, identification=evidence.identification)
+        assert broken(older) == []
+
+
+def test_a_pass_by_limits_that_are_gone_is_none(evidence: Evidence) -> None:
+    let_pass = Doubt("lack-of-fit", "backlash; acceptance limits are met all the same")
+    judged = judged_now(evidence, doubts=(let_pass,))
+    kept = AcceptanceConfig(distance_mean_mm=5.0, distance_max_mm=9.0)
+    assert broken(reconfigured(judged, acceptance=kept)) == []
+    for limits in (AcceptanceConfig(), AcceptanceConfig(distance_max_mm=1e-6)):
+        (found,) = [
+            each for each in checks(reconfigured(judged, acceptance=limits)) if each.holds is False
+        ]
+        assert found.detail == "acceptance changed since"
+        assert Evaluation(reconfigured(judged, acceptance=limits)).verdict.decision != "pass"
 
 
 def test_an_empty_campaign_has_nothing_to_compare(tmp_path) -> None:

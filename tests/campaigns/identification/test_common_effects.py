@@ -16,7 +16,7 @@ from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     point_covariance_mm2,
 )
-from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
+from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH, UNMEASURED
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
@@ -159,6 +159,13 @@ def test_a_pair_whose_length_nobody_tells_is_refused():
     data = with_bars(CLEAN, places=2)
     with pytest.raises(ShotsInvalid, match="pair 81 is of the set known-length"):
         found_with(data, known_lengths=(BAR.model_copy(update={"pairs": (80,)}),))
+
+
+def test_a_known_length_that_nobody_measured_is_told_and_decides_nothing():
+    other = BAR.model_copy(update={"name": "other", "pairs": (999,)})
+    found = found_with(with_bars(CLEAN), known_lengths=(BAR, other))
+    assert doubt(found, UNMEASURED).says.startswith("of known_lengths other was not measured")
+    assert found.verdict == "pass"
 
 
 def test_a_pass_names_the_region_that_it_is_for():
