@@ -29,7 +29,7 @@ from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
-from campaigns.studies.study import Noise, StudySetup, StudyTask, planned_shots
+from campaigns.studies.study import MANY_CAMPAIGNS, Noise, StudySetup, StudyTask, planned_shots
 from campaigns.studies.summary import StudySummary, summarise
 from drivers.values import vector
 
@@ -244,6 +244,7 @@ def study(
         tracker_from_base=Transform(np.eye(3), -batch(tracker_mm, AXES, "tracker_mm")[0]),
         seed=seed,
         noise=noise,
+        is_long=campaigns >= MANY_CAMPAIGNS,
     )
     places = space.places(known)
     std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])

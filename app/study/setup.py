@@ -313,6 +313,7 @@ def study_setup(
         ),
         tracker_from_base=base_from_tracker.inverted(),
         seed=asked.seed,
+        is_long=asked.campaigns >= study.MANY_CAMPAIGNS,
     )
     _check_enough(setup, plan)
     return setup

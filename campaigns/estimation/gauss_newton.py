@@ -33,8 +33,8 @@ class ProblemStack(Protocol):
         """Residuals (R, M) of these rows at unknowns (R, P), and which of them have an answer."""
         ...
 
-    def jacobian(self, x: Array, rows: Index) -> Array:
-        """(R, M, P) where residuals were last asked for."""
+    def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
+        """Steps (R, P) from residuals (R, M) where they were last asked for, as `normal_step`."""
         ...
 
 
@@ -46,8 +46,6 @@ class StackSolution:
     """(C, P)"""
     residual: Array
     """(C, M)"""
-    jacobian: Array
-    """(C, M, P), from which the last step was taken: it is too short to change them."""
     converged: Mask
     evaluations: int
     """Of residuals, by the row that took most."""
@@ -60,12 +58,9 @@ def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
     residual = np.array(residual)
     (count, unknowns), measured = x.shape, residual.shape[1]
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    jacobians = np.zeros((count, measured, unknowns))
     active, evaluations = every[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
-        jacobian = problem.jacobian(_of(x, active), active)
-        jacobians[active] = jacobian
-        step, length, regular = _step(jacobian, _of(residual, active))
+        step, length, regular = problem.step(_of(x, active), _of(residual, active), active)
         further = _of(x, active) + step
         left, found = problem.residual(further, active)
         evaluations += 1
@@ -81,7 +76,7 @@ def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
         x[kept], residual[kept], last[kept] = further[good], left[good], length[good]
         converged[active[good & settled]] = True
         active = active[good & ~settled]
-    return StackSolution(x, residual, jacobians, converged, evaluations)
+    return StackSolution(x, residual, converged, evaluations)
 
 
 def _of(stack: Array, rows: Index) -> Array:
@@ -89,7 +84,7 @@ def _of(stack: Array, rows: Index) -> Array:
     return stack if len(rows) == len(stack) else stack[rows]
 
 
-def _step(jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
+def normal_step(jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
     """Steps (R, P), their lengths in the space of the residuals, and which are to be trusted.
 
     By the normal equations of columns of unit length: their rounding may bend a step, but not

@@ -146,14 +146,27 @@ def covariance(jacobian: Array) -> Array:
 
     Raises `LinAlgError` when the rank of one is lost.
     """
-    count, norms = jacobian.shape[-1], np.linalg.norm(jacobian, axis=-2)
+    norms = np.linalg.norm(jacobian, axis=-2)
     scaled = jacobian / np.where(norms > 0.0, norms, 1.0)[..., None, :]
-    triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
-    spread = np.linalg.svd(triangle, compute_uv=False)
-    rank = int(np.sum(spread > RANK_TOLERANCE * spread[..., :1], axis=-1).min())
-    if rank < count:
-        raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
-    root = np.linalg.inv(triangle) / norms[..., None]
+    return covariance_of_triangle(np.asarray(np.linalg.qr(scaled, mode="r")), norms)
+
+
+def covariance_of_triangle(triangle: Array, norms: Array) -> Array:
+    """The same of the triangle (…, P, P) of the Jacobian's columns over their norms (…, P)."""
+    count, pivots = triangle.shape[-1], np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))
+    if pivots.min(initial=np.inf) > RANK_TOLERANCE:
+        inverse = np.linalg.inv(triangle)
+        condition = np.linalg.norm(triangle, axis=(-2, -1)) * np.linalg.norm(inverse, axis=(-2, -1))
+        is_known = bool((condition < 1.0 / RANK_TOLERANCE).all())  # spreads are no farther apart
+    else:
+        is_known = False
+    if not is_known:
+        spread = np.linalg.svd(triangle, compute_uv=False)
+        rank = int(np.sum(spread > RANK_TOLERANCE * spread[..., :1], axis=-1).min())
+        if rank < count:
+            raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
+        inverse = np.linalg.inv(triangle)
+    root = inverse / norms[..., None]
     return np.asarray(root @ root.swapaxes(-1, -2))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import STEPS, gauss_newton
+from campaigns.estimation.gauss_newton import STEPS, gauss_newton, normal_step
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -258,8 +258,9 @@ class _AsStack:
         except NoSolution:
             return np.ones((len(rows), self.rows)), np.zeros(len(rows), dtype=bool)
 
-    def jacobian(self, x: Array, rows: Index) -> Array:
-        return self.problem.jacobian(x[0]).reshape(len(rows), self.rows, -1)
+    def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
+        jacobian = self.problem.jacobian(x[0])
+        return normal_step(jacobian.reshape(len(rows), self.rows, -1), residual)
 
 
 def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array]:

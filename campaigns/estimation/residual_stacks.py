@@ -4,22 +4,47 @@ Of level plates and perfect transmissions. Arrays lie by campaign and component,
 rows are what the processor is fast at.
 """
 
-from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from types import ModuleType
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.gauss_newton import normal_step
 from campaigns.estimation.point_sets import TINY_MM
 from campaigns.estimation.residuals import CLOSE_ENOUGH_MM, FRAME_COLUMNS
-from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.configuration import Configuration
+from campaigns.mechanisms.closure_coefficients import (
+    Closures,
+    are_combinations,
+    closures,
+    ends_by_platform,
+    joint_functions,
+    owners,
+)
+from campaigns.mechanisms.configuration import CONVERGED_MM, Configuration
+from campaigns.mechanisms.mechanism import Kinematics
+
+WITH_TURN = 4
+"""Task coordinates of any mechanism, whether its platform turns or not."""
+
+
+def closure_kernel(robot: Kinematics) -> ModuleType | None:
+    """Compiled loops, where numba is installed and they can express the robot's closures."""
+    if find_spec("numba") is None or not are_combinations(robot):
+        return None
+    try:
+        return import_module("campaigns.estimation.compiled")
+    except (ImportError, RuntimeError):  # numba of another NumPy; nowhere to keep what it compiles
+        return None
 
 
 class RobotStack:
     """Robots of parameters (C, P), of which some are free, at joints (N, n).
 
-    `near` are poses (C, t, N) near theirs.
+    `near` are poses (C, t, N) near theirs. `kernel`: `compiled.py`, where it can be used.
     """
 
     def __init__(
@@ -30,16 +55,29 @@ class RobotStack:
         joints: Array,
         near: Array,
         converged_mm: float = CLOSE_ENOUGH_MM,
+        kernel: ModuleType | None = None,
     ) -> None:
         self._mechanism, self._p, self._free, self._joints = mechanism, p, free, joints
-        self._converged_mm = converged_mm
-        self.poses, (count, tasks, shots) = near.copy(), near.shape
+        self._converged_mm, self.kernel = converged_mm, kernel
+        count, tasks, shots = near.shape
+        self._padded = np.zeros((count, WITH_TURN, shots))
+        self.poses = self._padded[:, :tasks]
         """Those last asked for, (C, t, N)."""
+        self.poses[:] = near
         self._about = self.start
-        self._by_x = np.zeros((count, tasks, shots, len(free)))
-        self.by_joints = np.zeros((count, 3, shots, joints.shape[1]))
-        """∂point/∂joints where Jacobians were last asked for, (C, 3, N, n)."""
         self._last: tuple[Index, Configuration] | None = None
+        if kernel is None:
+            self._by_x = np.zeros((count, tasks, shots, len(free)))
+            self._by_joints = np.zeros((count, 3, shots, joints.shape[1]))
+        else:
+            self._functions = joint_functions(mechanism, joints)
+            self._by_platform = ends_by_platform(mechanism, p[0])
+            self._closed: tuple[Index, Closures] | None = None
+
+    @property
+    def offsets(self) -> Index:
+        """Places of the joints' offsets among the parameters, (n,)."""
+        return self._mechanism.parameters.offsets
 
     @property
     def start(self) -> Array:
@@ -48,6 +86,8 @@ class RobotStack:
 
     def positions_mm(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Positions (R, 3, N) of these robots with parameters (R, F); which have all of them."""
+        if self.kernel is not None:
+            return self._assembled(self.kernel, x, rows)
         tasks, shots = self.poses.shape[1:]
         further = (x - self._about[rows])[:, :, None]
         expected = self._by_x[rows].reshape(len(rows), -1, x.shape[1]) @ further
@@ -70,14 +110,49 @@ class RobotStack:
         flat = self.poses[here].swapaxes(1, 2).reshape(-1, poses.shape[1])
         by_all = configuration.jacobian(flat, extended=False).transpose(1, 2, 0)
         self._by_x[rows] = self._by_robot(by_all[:, self._free], len(x))
-        by_joints = by_all[:3, self._mechanism.parameters.offsets]
-        self.by_joints[rows] = self._by_robot(by_joints, len(x))
+        by_joints = by_all[:3, self.offsets]
+        self._by_joints[rows] = self._by_robot(by_joints, len(x))
         return poses[:, :3], self._by_x[rows][:, :3]
 
-    def _configuration(self, x: Array, rows: Index) -> Configuration:
+    def by_joints(self, rows: Index) -> Array:
+        """∂point/∂joints (R, 3, N, n) where Jacobians were last asked for."""
+        return self._by_joints[rows]
+
+    def closed_at(
+        self, x: Array, rows: Index, places: Index | None = None
+    ) -> tuple[Array | Index, ...]:
+        """Closures where positions were last asked for, and derivatives as the kernel takes them.
+
+        By the free parameters, or by those at these places.
+        """
+        wanted = self._free if places is None else places
+        if places is None and self._closed is not None:
+            last, found = self._closed
+            if len(last) != len(rows):
+                found = tuple(each[np.searchsorted(last, rows)] for each in found)
+        else:
+            found = closures(self._mechanism, self._p_of(x, rows), wanted, self._by_platform)
+        upper, _, lower, *_, by_upper, own_mm = found
+        owner = owners(self._mechanism, wanted)[0]
+        poses = self._padded[rows]
+        return self._functions, upper, lower, by_upper, owner, own_mm, self._by_platform, poses
+
+    def _assembled(self, kernel: ModuleType, x: Array, rows: Index) -> tuple[Array, Mask]:
+        found = closures(self._mechanism, self._p_of(x, rows), self._free, self._by_platform)
+        self._closed, poses = (rows, found), self._padded[rows]
+        is_found = kernel.assemble(self._functions, *found[:6], CONVERGED_MM, poses)
+        self._padded[rows] = poses
+        return poses[:, :3], np.asarray(is_found)
+
+    def _p_of(self, x: Array, rows: Index) -> Array:
+        """Parameters (P, R) of these robots with free ones (R, F)."""
         p = self._p[rows].T
         p[self._free] = x.T
-        return self._mechanism.configuration(p, np.tile(self._joints, (len(x), 1)))
+        return p
+
+    def _configuration(self, x: Array, rows: Index) -> Configuration:
+        joints = np.tile(self._joints, (len(x), 1))
+        return self._mechanism.configuration(self._p_of(x, rows), joints)
 
     @staticmethod
     def _by_robot(columns: Array, robots: int) -> Array:
@@ -93,16 +168,17 @@ def with_frames(parameters: Array) -> Array:
 class PointStack:
     """Whitened coordinates (C, 3, N) of shots, behind the parameters frames that correct guesses.
 
-    `whitening` is lower triangular, (C, 3, 3, N).
+    `whitening` is lower triangular, (C, 3, 3, N); guesses are rotations (C, 3, 3) and translations.
     """
 
     def __init__(
-        self, robots: RobotStack, points_mm: Array, whitening: Array, guesses: Sequence[Transform]
+        self, robots: RobotStack, points_mm: Array, whitening: Array, guesses: tuple[Array, Array]
     ) -> None:
         self.robots = robots
         self._points_mm, self._whitening = points_mm, whitening
-        self._rotation = np.array([guess.rotation for guess in guesses])
-        self._translation_mm = np.array([guess.translation_mm for guess in guesses])
+        self._rotation, self._translation_mm = guesses
+        self.jacobians = _zeros(robots, 3 * points_mm.shape[2], FRAME_COLUMNS)
+        """Those from which steps were last taken, (C, 3 N, F + 6)."""
 
     def start(self) -> Array:
         """Nominal parameters and guessed frames, (C, F + 6)."""
@@ -119,25 +195,40 @@ class PointStack:
         modelled = self.rotations(x, rows) @ positions + translation[:, :, None]
         return self._whitened(modelled - self._points_mm[rows], rows), found
 
+    def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
+        """Step of Gauss-Newton from residuals (R, 3 N), as `normal_step`."""
+        jacobian = self.jacobian(x, rows)
+        self.jacobians[rows] = jacobian
+        return _step(self.robots.kernel, jacobian, residual)
+
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters and frame, (R, 3 N, F + 6)."""
+        turn, by_angle = small_rotation(x[:, -6:-3])
+        rotation, by_angle = self._rotation[rows] @ turn, self._rotation[rows][:, None] @ by_angle
+        if self.robots.kernel is not None:
+            closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows)
+            frames = (rotation, np.ascontiguousarray(by_angle), self._whitening[rows])
+            found = self.robots.kernel.point_jacobians(*closed, *frames)
+            return np.asarray(found.reshape(*found.shape[:2], -1).swapaxes(1, 2))
         positions, by_robot = self.robots.jacobian(x[:, :-FRAME_COLUMNS], rows)
         count, _, shots, free = by_robot.shape
-        turn, by_angle = small_rotation(x[:, -6:-3])
         jacobian = np.zeros((count, 3, shots, x.shape[1]))
-        turned = (self._rotation[rows] @ turn) @ by_robot.reshape(count, 3, -1)
-        jacobian[..., :free] = turned.reshape(by_robot.shape)
-        by_angles = (self._rotation[rows][:, None] @ by_angle) @ positions[:, None]
-        jacobian[..., free : free + 3] = by_angles.transpose(0, 2, 3, 1)
+        jacobian[..., :free] = (rotation @ by_robot.reshape(count, 3, -1)).reshape(by_robot.shape)
+        jacobian[..., free : free + 3] = (by_angle @ positions[:, None]).transpose(0, 2, 3, 1)
         for axis in range(3):
             jacobian[:, axis, :, free + 3 + axis] = 1.0
         return self._whitened(jacobian, rows).reshape(count, -1, x.shape[1])
 
     def whitened_by_joints(self, x: Array, rows: Index) -> Array:
-        """∂point/∂joints where Jacobians were last asked for, (R, 3, N, n)."""
-        by_joints = self.robots.by_joints[rows]
-        turned = self.rotations(x, rows) @ by_joints.reshape(len(rows), 3, -1)
-        return self._whitened(turned.reshape(by_joints.shape), rows)
+        """∂point/∂joints where Jacobians were last asked for, (R, n, 3, N)."""
+        rotation = self.rotations(x, rows)
+        if self.robots.kernel is not None:
+            closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, self.robots.offsets)
+            frames = (rotation, np.empty((len(rows), 0, 3, 3)), self._whitening[rows])
+            return np.asarray(self.robots.kernel.point_jacobians(*closed, *frames))
+        by_joints = self.robots.by_joints(rows)
+        turned = (rotation @ by_joints.reshape(len(rows), 3, -1)).reshape(by_joints.shape)
+        return self._whitened(turned, rows).transpose(0, 3, 1, 2)
 
     def _whitened(self, each: Array, rows: Index) -> Array:
         """Rows (R, 3, N, …) in units of their σ, in place; a vector's as (R, 3 N)."""
@@ -159,6 +250,8 @@ class DistanceStack:
         self.robots = robots
         self._first, self._second = first, second
         self._measured_mm, self._whitening = measured_mm, whitening
+        self.jacobians = _zeros(robots, len(first))
+        """Those from which steps were last taken, (C, M, F)."""
 
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """(R, M); which have an answer."""
@@ -166,8 +259,18 @@ class DistanceStack:
         lengths = np.linalg.norm(self._between(positions), axis=1)
         return self._whitening[rows] * (lengths - self._measured_mm[rows]), found
 
+    def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
+        """Step of Gauss-Newton from residuals (R, M), as `normal_step`."""
+        jacobian = self.jacobian(x, rows)
+        self.jacobians[rows] = jacobian
+        return _step(self.robots.kernel, jacobian, residual)
+
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters, (R, M, F)."""
+        if self.robots.kernel is not None:
+            pairs = (self._first, self._second, self._whitening[rows])
+            found = self.robots.kernel.distance_jacobians(*self.robots.closed_at(x, rows), *pairs)
+            return np.asarray(found.swapaxes(1, 2))
         positions, by_x = self.robots.jacobian(x, rows)
         between = self._between(positions)
         lengths = np.maximum(np.linalg.norm(between, axis=1), TINY_MM)
@@ -177,3 +280,18 @@ class DistanceStack:
     def _between(self, each: Array) -> Array:
         """From first to second shots, (R, 3, M, …) of (R, 3, N, …)."""
         return np.asarray(each[:, :, self._second] - each[:, :, self._first])
+
+
+def _zeros(robots: RobotStack, measured: int, beside: int = 0) -> Array:
+    """Jacobians (C, M, P), their columns in one piece where the kernel makes them."""
+    count, free = robots.start.shape
+    if robots.kernel is None:
+        return np.zeros((count, measured, free + beside))
+    return np.zeros((count, free + beside, measured)).swapaxes(1, 2)
+
+
+def _step(kernel: ModuleType | None, jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
+    if kernel is None:
+        return normal_step(jacobian, residual)
+    step, length, regular = kernel.gauss_newton_steps(jacobian.swapaxes(1, 2), residual)
+    return step, length, regular

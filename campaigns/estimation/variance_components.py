@@ -8,6 +8,7 @@ where the likelihood asks for it.
 
 import math
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 import scipy
@@ -77,15 +78,20 @@ class VarianceComponents:
 NONE = VarianceComponents()
 
 
-def estimate_components(shots: LinearizedShots) -> VarianceComponents:
-    """Components that the likelihood asks for; none with too few shots to tell any."""
+def estimate_components(
+    shots: LinearizedShots, kernel: ModuleType | None = None
+) -> VarianceComponents:
+    """Components that the likelihood asks for; none with too few shots to tell any.
+
+    `kernel`: `compiled.py`, where it can be used.
+    """
     count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
     if count <= unknowns + 2:
         return NONE
     hopeful = [place for place, score in enumerate(_scores(shots)) if score >= HOPELESS_SCORE]
     if not hopeful:
         return NONE
-    likelihood = _RestrictedLikelihood(shots)
+    likelihood = _RestrictedLikelihood(shots, kernel)
     none, found = likelihood.at(NOWHERE, NOWHERE), {}
     for place in hopeful:
         found[place] = likelihood.best_single(place)
@@ -123,19 +129,28 @@ def component_scores(left: Array, leverage: Array, *columns: Array) -> Array:
     """
     found = []
     for each in columns:
-        told = np.einsum("...ikn,...in->...kn", each, left)
         own = np.einsum("...ikn,...jkn->...ijn", each, each)
-        expected = np.einsum("...iin->...", own) - np.einsum("...ijn,...ijn->...", leverage, own)
-        spread = np.sqrt(2.0 * np.sum(own**2, axis=(-3, -2, -1)))
-        found.append((np.sum(told**2, axis=(-2, -1)) - expected) / spread)
+        taken = np.einsum("...ijn,...ijn->...", leverage, own)
+        found.append(component_score(left, each, own, taken))
     return np.array(found)
+
+
+def component_score(left: Array, columns: Array, own: Array, taken: Array) -> Array:
+    """Score of one component, (…), of its columns' products (…, 3, 3, N).
+
+    `taken` is what the fit took of these, (…).
+    """
+    told = np.einsum("...ikn,...in->...kn", columns, left)
+    expected = np.einsum("...iin->...", own) - taken
+    spread = np.sqrt(2.0 * np.sum(own**2, axis=(-3, -2, -1)))
+    return np.asarray((np.sum(told**2, axis=(-2, -1)) - expected) / spread)
 
 
 class _RestrictedLikelihood:
     """2 log L of the logarithms of both standard deviations, in parts of typical stated ones."""
 
-    def __init__(self, shots: LinearizedShots) -> None:
-        self._shots = shots
+    def __init__(self, shots: LinearizedShots, kernel: ModuleType | None = None) -> None:
+        self._shots, self._kernel = shots, kernel
         self._through = shots.by_joints @ shots.by_joints.swapaxes(1, 2)
         typical_mm = math.sqrt(float(np.trace(shots.stated_mm2, axis1=1, axis2=2).mean()) / 3.0)
         lever = math.sqrt(float(np.trace(self._through, axis1=1, axis2=2).mean()) / 3.0)
@@ -143,10 +158,16 @@ class _RestrictedLikelihood:
         scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
         scale = np.where(scale > 0.0, scale, 1.0)
         self._rows = np.concatenate([shots.jacobian / scale, shots.residual_mm[:, :, None]], axis=2)
+        every = (self._rows.T, shots.stated_mm2.T, self._through.T)  # covariances are symmetrical
+        self._by_component = [np.ascontiguousarray(each) for each in every]
 
     def at(self, log_point: float, log_joint: float) -> float:
         """2 log L but for a constant; -∞ where a covariance is none."""
         point, joint = self._std(log_point, log_joint)
+        if self._kernel is not None:
+            of_all = self._kernel.restricted_likelihood(*self._by_component, point**2, joint**2)
+            if math.isfinite(of_all):
+                return float(of_all)
         covariance = self._shots.stated_mm2 + point**2 * np.eye(3) + joint**2 * self._through
         try:
             inverse = inverse_roots(covariance)

@@ -5,13 +5,14 @@ nowhere, a shot apart from the others, noise that is not as stated, scatter of t
 """
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
-from campaigns.estimation.gauss_newton import ProblemStack, StackSolution, gauss_newton
+from campaigns.estimation.gauss_newton import StackSolution, gauss_newton
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack
 from campaigns.estimation.rigid_transforms import fit_transform
@@ -38,19 +39,22 @@ class FitStack:
     """Rows that were not given up, (C,)."""
 
 
-def fit_stack(inputs: Inputs, points_mm: Array) -> FitStack:
-    """Fits of campaigns with the same inputs but for their points (C, N, 3)."""
+def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None) -> FitStack:
+    """Fits of campaigns with the same inputs but for their points (C, N, 3).
+
+    By compiled loops where there is a `kernel`: the same fits but for rounding.
+    """
     count, free = len(points_mm), len(inputs.selection.free)
     if not _may_be_plain(inputs):
         return _given_up(count, free)
     try:
-        found = _fit_points(inputs, points_mm)
+        found = _fit_points(inputs, points_mm, kernel)
         if inputs.options.estimator is Estimator.DISTANCES:
-            found = _fit_distances(inputs, points_mm, found)
+            found = _fit_distances(inputs, points_mm, found, kernel)
     except ValueError:  # points that fix no frame, a covariance that is none, a lost rank
         if count == 1:
             return _given_up(count, free)
-        each = [fit_stack(inputs, points_mm[row, None]) for row in range(count)]
+        each = [fit_stack(inputs, points_mm[row, None], kernel) for row in range(count)]
         parts = ((one.x, one.covariance, one.plain) for one in each)
         return FitStack(*(np.concatenate(part) for part in zip(*parts, strict=True)))
     return FitStack(found.x[:, :free], found.covariance[:, :free, :free], found.plain)
@@ -81,37 +85,63 @@ def _may_be_plain(inputs: Inputs) -> bool:
     )
 
 
-def _fit_points(inputs: Inputs, points_mm: Array) -> FitStack:
+def _fit_points(inputs: Inputs, points_mm: Array, kernel: ModuleType | None) -> FitStack:
     shots, near = inputs.shots, inputs.at_nominal.values
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     measured, every = points_mm[:, rows], np.arange(len(points_mm))
     stated = point_covariance_mm2(measured.reshape(-1, 3), inputs.options.instrument)
     whitening = inverse_roots(stated).reshape(*measured.shape, 3)
-    robots = _robots(inputs, rows, np.tile(near[rows].T, (len(every), 1, 1)))
-    guesses = [fit_transform(near[rows][:, :3], each) for each in measured]
+    robots = _robots(inputs, rows, np.tile(near[rows].T, (len(every), 1, 1)), kernel)
+    frames = [fit_transform(near[rows][:, :3], each) for each in measured]
+    guesses = (
+        np.array([frame.rotation for frame in frames]),
+        np.array([frame.translation_mm for frame in frames]),
+    )
     points, roots = (np.ascontiguousarray(np.moveaxis(e, 1, -1)) for e in (measured, whitening))
     problem = PointStack(robots, points, roots, guesses)
     solution, found = _solved(problem, problem.start(), COORDINATES)
     left = solution.residual.reshape(len(every), 3, -1)
-    by_x = solution.jacobian.reshape(*left.shape, -1)
-    known = by_x @ found.covariance[:, None]
-    leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
     by_joints = problem.whitened_by_joints(found.x, every)
-    own = (whitening.transpose(0, 2, 3, 1), by_joints.swapaxes(2, 3))
-    scores = variance_components.component_scores(left, leverage, *own).max(axis=0)
-    for row in np.flatnonzero(found.plain & ~(scores < variance_components.HOPELESS_SCORE)):
+    scores = _scores(problem, found, left, roots.swapaxes(1, 2), by_joints)
+    hopeful = found.plain & ~(scores < variance_components.HOPELESS_SCORE)
+    for row in np.flatnonzero(hopeful):
         back = np.linalg.inv(whitening[row])
-        by_shot = (np.moveaxis(each[row], 0, 1) for each in (left[..., None], by_x, by_joints))
+        by_x = problem.jacobians[row].reshape(3, -1, found.x.shape[1])
+        by_shot = (left[row].T[:, :, None], by_x.swapaxes(0, 1), by_joints[row].transpose(2, 1, 0))
         misfit, jacobian, through = (back @ each for each in by_shot)
         covariance = stated.reshape(*measured.shape, 3)[row]
         linearized = variance_components.LinearizedShots(
             misfit[:, :, 0], jacobian, covariance, through
         )
-        found.plain[row] = not variance_components.estimate_components(linearized).any
+        found.plain[row] = not variance_components.estimate_components(linearized, kernel).any
     return found
 
 
-def _fit_distances(inputs: Inputs, points_mm: Array, points: FitStack) -> FitStack:
+def _scores(problem: PointStack, found: FitStack, left: Array, *columns: Array) -> Array:
+    """The larger score of the components, (C,), of residuals (C, 3, N).
+
+    Each component's whitened columns are (C, k, 3, N).
+    """
+    kernel, scores = problem.robots.kernel, list[Array]()
+    across = [each.swapaxes(1, 2) for each in columns]
+    if kernel is None:
+        by_x = problem.jacobians.reshape(*left.shape, -1)
+        known = by_x @ found.covariance[:, None]
+        leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
+        scores.extend(variance_components.component_scores(left, leverage, *across))
+    else:
+        _, _, bases, _ = kernel.triangles(np.ascontiguousarray(problem.jacobians.swapaxes(1, 2)))
+        bases = bases.reshape(*bases.shape[:2], *left.shape[1:])
+        for each, turned in zip(columns, across, strict=True):
+            own = np.einsum("ckin,ckjn->cijn", each, each)
+            taken = kernel.taken_squares(bases, np.ascontiguousarray(each))
+            scores.append(variance_components.component_score(left, turned, own, taken))
+    return np.asarray(np.max(scores, axis=0))
+
+
+def _fit_distances(
+    inputs: Inputs, points_mm: Array, points: FitStack, kernel: ModuleType | None
+) -> FitStack:
     """Distances weighed as the tracker states, from where the points' fits ended."""
     pairs = inputs.shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     measured, (first, second) = points_mm[:, pairs.ravel()], np.arange(pairs.size).reshape(-1, 2).T
@@ -122,20 +152,22 @@ def _fit_distances(inputs: Inputs, points_mm: Array, points: FitStack) -> FitSta
         lengths[row] = distances_mm(each, first, second)
         variance[row] = pooled_variance_mm2(distance_variance_mm2(each, stated, first, second))
     near = np.tile(inputs.at_nominal.values[pairs.ravel()].T, (count, 1, 1))
-    robots = _robots(inputs, pairs.ravel(), near)
+    robots = _robots(inputs, pairs.ravel(), near, kernel)
     problem = DistanceStack(robots, first, second, lengths, np.sqrt(1.0 / variance))
     _, found = _solved(problem, points.x[:, :free], 1)
     found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
     return found
 
 
-def _robots(inputs: Inputs, rows: Index, near: Array) -> RobotStack:
+def _robots(inputs: Inputs, rows: Index, near: Array, kernel: ModuleType | None) -> RobotStack:
     mechanism, p = inputs.nominal.mechanism, np.tile(inputs.nominal.p, (len(near), 1))
     places = mechanism.parameters.places(inputs.selection.free)
-    return RobotStack(mechanism, p, places, inputs.shots.joints[rows], near)
+    return RobotStack(mechanism, p, places, inputs.shots.joints[rows], near, kernel=kernel)
 
 
-def _solved(problem: ProblemStack, start: Array, block: int) -> tuple[StackSolution, FitStack]:
+def _solved(
+    problem: PointStack | DistanceStack, start: Array, block: int
+) -> tuple[StackSolution, FitStack]:
     """Fits whose blocks and χ² chance explains, with their covariance."""
     solution = gauss_newton(problem, start)
     count, unknowns = start.shape
@@ -148,5 +180,16 @@ def _solved(problem: ProblemStack, start: Array, block: int) -> tuple[StackSolut
         tested = information.chi_square_test(float(np.sum(sizes[row] ** 2)), dof)
         plain[row] = bool(tested.consistent)
     if plain.any():
-        covariance[plain] = information.covariance(solution.jacobian[plain])
+        covariance[plain] = _covariance(problem.robots.kernel, problem.jacobians[plain])
     return solution, FitStack(solution.x, covariance, plain)
+
+
+def _covariance(kernel: ModuleType | None, jacobians: Array) -> Array:
+    """Covariances (R, P, P) of Jacobians (R, M, P); raises `LinAlgError` for a lost rank."""
+    if kernel is not None:
+        triangle, norms, _, regular = kernel.triangles(
+            np.ascontiguousarray(jacobians.swapaxes(1, 2))
+        )
+        if regular.all():
+            return information.covariance_of_triangle(triangle, norms)
+    return information.covariance(jacobians)

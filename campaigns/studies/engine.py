@@ -18,6 +18,7 @@ from pydantic import TypeAdapter
 from pydantic_core import from_json
 
 from campaigns.errors import OutputExists, WriteFailed
+from campaigns.estimation.residual_stacks import closure_kernel
 from campaigns.files.text_file import replace_text
 from campaigns.studies.estimates import estimated
 from campaigns.studies.study import CampaignRow, StudyTask
@@ -35,7 +36,9 @@ ANOTHER = "name another folder with --to, or move this file away"
 
 def run_task(task: StudyTask) -> tuple[CampaignRow, ...]:
     """Rows of simulated campaigns; one that cannot be identified has a row too."""
-    return judged(task) if task.setup.perturbation else estimated(task)
+    if task.setup.perturbation:
+        return judged(task)
+    return estimated(task, closure_kernel(task.setup.nominal) if task.setup.is_long else None)
 
 
 Row = TypeVar("Row")

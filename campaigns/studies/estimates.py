@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from types import ModuleType
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import covariance, predict_distances, predict_points
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack, with_frames
-from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     inverse_roots,
@@ -51,8 +51,10 @@ class TrueRobot:
         return np.asarray(self.points_mm + np.einsum("nij,nj->ni", self.scatter_mm, draws))
 
 
-def estimated(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
-    """Rows with an estimate each, or with why there is none."""
+def estimated(
+    task: study.StudyTask, kernel: ModuleType | None = None
+) -> tuple[study.CampaignRow, ...]:
+    """Rows with an estimate each, or with why there is none; by compiled loops with a `kernel`."""
     setup = task.setup
     at_nominal = setup.nominal.forward(setup.shots.joints)
     found = true_robots(setup, at_nominal.values_or_raise(), task.truths)
@@ -64,7 +66,9 @@ def estimated(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
             points.append(robot.measured_mm(np.random.default_rng([setup.seed, number])))
             robots.append(robot)
     drawn = (number for number in task.numbers if number not in rows)
-    for number, each in zip(drawn, estimates(setup, robots, points, at_nominal), strict=True):
+    for number, each in zip(
+        drawn, estimates(setup, robots, points, at_nominal, kernel), strict=True
+    ):
         if isinstance(each, str):
             rows[number] = study.CampaignRow(number, failure=each)
         else:
@@ -116,9 +120,9 @@ def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRob
         for each in (points_mm, in_base_axes_mm)
     )
     if setup.estimator is Estimator.POINTS:
-        whitening, still = inverse_roots(noise_mm2), Transform(np.eye(3), np.zeros(3))
-        by_component = np.ascontiguousarray(np.moveaxis(whitening, 1, -1))
-        of_points = PointStack(robots, positions, by_component, [still] * len(p))
+        still = np.tile(np.eye(3), (len(p), 1, 1)), np.zeros((len(p), 3))
+        by_component = np.ascontiguousarray(np.moveaxis(inverse_roots(noise_mm2), 1, -1))
+        of_points = PointStack(robots, positions, by_component, still)
         jacobian = of_points.jacobian(with_frames(robots.start), every)
         rows = study.fitted_rows(shots)
         by_shot = jacobian.reshape(len(p), 3, len(shots), -1)[:, :, rows]
@@ -170,6 +174,7 @@ def estimates(
     robots: Sequence[TrueRobot],
     points_mm: Sequence[Array],
     at_nominal: KinematicSolution,
+    kernel: ModuleType | None = None,
 ) -> Iterator[study.CampaignEstimate | str]:
     """Estimates as identification makes them of points (N, 3) each, or why there is none.
 
@@ -180,11 +185,11 @@ def estimates(
     free, places = len(setup.free), setup.nominal.mechanism.parameters.places(setup.free)
     shots = replace(setup.shots, points_in_tracker_mm=points_mm[0])
     inputs = Inputs(setup.nominal, shots, ParameterSelection(setup.free), setup.options, at_nominal)
-    stack = fit_stack(inputs, np.array(points_mm))
+    stack = fit_stack(inputs, np.array(points_mm), kernel)
     rows = setup.shots.whole_pairs(ShotSet.VALIDATION).rows.T.ravel()
     near = np.array([robot.poses[rows].T for robot in robots])
     mechanism, p = setup.nominal.mechanism, np.tile(setup.nominal.p, (len(robots), 1))
-    unseen = RobotStack(mechanism, p, places, setup.shots.joints[rows], near, CONVERGED_MM)
+    unseen = RobotStack(mechanism, p, places, setup.shots.joints[rows], near, CONVERGED_MM, kernel)
     x = np.where(stack.plain[:, None], stack.x[:, :free], unseen.start)
     unseen_mm, seen = unseen.positions_mm(x, np.arange(len(robots)))
     for row, (robot, points) in enumerate(zip(robots, points_mm, strict=True)):

@@ -29,6 +29,9 @@ Value = TypeVar("Value")
 WRONG_SIGMAS, WRONG_POSITION = 4.0, 2.0
 """How far off a parameter may be in σ, and positions in what is stated, under a "pass"."""
 
+MANY_CAMPAIGNS = 1000
+"""Of a study, from which compiled loops are loaded: that takes as long as a few hundred without."""
+
 Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
 
@@ -75,6 +78,8 @@ class StudySetup:
     """Models among which identification chooses, the standard one first; None: none but one."""
     model: Model = Model.STANDARD
     """Name of that one."""
+    is_long: bool = False
+    """Whether there are so many campaigns that loading compiled loops pays."""
 
     @property
     def fitted(self) -> Shots:

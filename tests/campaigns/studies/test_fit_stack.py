@@ -8,12 +8,14 @@ from family_cases import ALL_MEMBERS
 
 from campaigns.estimation import tracker_noise
 from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.residual_stacks import closure_kernel
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.identification.fit import fit_shots
 from campaigns.identification.fit_stack import fit_stack
 from campaigns.identification.observations import Inputs
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.mechanisms import closure_coefficients
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.study import planned_shots
@@ -48,12 +50,28 @@ def inputs_of(member, estimator):
     return inputs, np.array(points)
 
 
+def kernel_of(member):
+    """What `run_task` of a long study takes; made in the first test that needs it."""
+    found = closure_kernel(member.nominal)
+    if found is None:
+        pytest.skip("numba is not installed: pip install -e '.[fast]'")
+    return found
+
+
+BY_NUMPY, COMPILED = lambda member: None, kernel_of
+WAYS = [
+    pytest.param(BY_NUMPY, id="numpy"),
+    pytest.param(COMPILED, id="compiled", marks=[pytest.mark.peer, pytest.mark.timeout(0)]),
+]
+
+
 @pytest.mark.parametrize("estimator", list(Estimator))
 @pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda member: member.name)
-def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(member, estimator):
+@pytest.mark.parametrize("way", WAYS)
+def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(way, member, estimator):
     inputs, points_mm = inputs_of(member, estimator)
     points_mm[0, 5] += 1.0
-    stack = fit_stack(inputs, points_mm)
+    stack = fit_stack(inputs, points_mm, kernel := way(member))
     assert not stack.plain[0]
     assert stack.plain[1:].any()
     for row in np.flatnonzero(stack.plain):
@@ -66,8 +84,10 @@ def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(member, estimator
         std = np.sqrt(np.diag(covariance))
         off = (stack.covariance[row] - covariance) / np.outer(std, std)
         np.testing.assert_allclose(off, 0.0, atol=1e-7)
-    alone = fit_stack(inputs, points_mm[2:3])
+    alone = fit_stack(inputs, points_mm[2:3], kernel)
     np.testing.assert_array_equal(alone.x[0], stack.x[2])
+    np.testing.assert_array_equal(alone.covariance[0], stack.covariance[2])
+    np.testing.assert_array_equal(fit_stack(inputs, points_mm).plain, stack.plain)
 
 
 def test_what_is_asked_for_beyond_plain_fits_gives_every_row_up():
@@ -82,20 +102,54 @@ def test_what_is_asked_for_beyond_plain_fits_gives_every_row_up():
         assert not fit_stack(asked, points_mm).plain.any()
 
 
-def test_points_that_fix_no_frame_give_up_their_own_row_alone():
+@pytest.mark.parametrize("way", WAYS)
+def test_points_that_fix_no_frame_give_up_their_own_row_alone(way):
     inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.POINTS)
-    whole = fit_stack(inputs, points_mm)
+    whole = fit_stack(inputs, points_mm, kernel := way(ALL_MEMBERS[0]))
     points_mm[0] = [1000.0, 0.0, 0.0]
-    found = fit_stack(inputs, points_mm)
+    found = fit_stack(inputs, points_mm, kernel)
     assert found.plain.tolist() == [False, *whole.plain[1:].tolist()]
     np.testing.assert_array_equal(found.x[1:], whole.x[1:])
 
 
-def test_points_that_are_none_and_a_pair_at_one_place_change_no_other_row():
+@pytest.mark.parametrize("way", WAYS)
+def test_points_that_are_none_and_a_pair_at_one_place_change_no_other_row(way):
     inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.DISTANCES)
     points_mm[0, 1], points_mm[1] = points_mm[0, 0], np.nan
-    found = fit_stack(inputs, points_mm)
+    found = fit_stack(inputs, points_mm, kernel := way(ALL_MEMBERS[0]))
     assert found.plain.tolist()[:2] == [False, False]
-    alone = fit_stack(inputs, points_mm[2:])
+    alone = fit_stack(inputs, points_mm[2:], kernel)
     np.testing.assert_array_equal(found.plain[2:], alone.plain)
     np.testing.assert_array_equal(found.x[2:], alone.x)
+
+
+@pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda member: member.name)
+def test_closures_as_numbers_are_those_of_the_mechanism(member):
+    robot, mechanism = member.perturbed, member.mechanism
+    places = mechanism.parameters.places(mechanism.parameters.names)
+    poses = member.reachable_poses(robot, 5, seed=3)
+    joints = robot.inverse(poses).values_or_raise()
+    p = np.stack([member.nominal.p, robot.p], axis=1)[: len(mechanism.parameters.geometry)]
+    by_platform = closure_coefficients.ends_by_platform(mechanism, robot.p)
+    upper, lengths, lower, *_, by_upper, own_mm = (
+        each[1] for each in closure_coefficients.closures(mechanism, p, places, by_platform)
+    )
+    configuration = mechanism.configuration(p[:, 1], joints)
+    of_joints = closure_coefficients.joint_functions(mechanism, joints)
+    turns = poses[:, 3] if poses.shape[1] > 3 else np.zeros(len(poses))
+    of_turns = closure_coefficients.turn_functions(turns)
+    elbows = np.einsum("aik,kan->ian", upper, of_joints)
+    ends = poses[:, :3].T[:, None] + np.einsum("aik,kn->ian", lower, of_turns)
+    forearms = configuration.forearms_mm(poses)
+    np.testing.assert_allclose(ends - elbows, forearms, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(forearms, axis=0), lengths[:, None] + 0.0 * of_joints[0], atol=1e-6
+    )
+    owner = closure_coefficients.owners(mechanism, places)[0]
+    by_arms = configuration.arms.by_fields(forearms)
+    fields = len(mechanism.parameters.arm_fields)
+    for place in np.flatnonzero(owner >= 0):
+        arm, field = divmod(place, fields)
+        moved = np.einsum("ik,kn->in", by_upper[place], of_joints[:, arm])
+        column = -2.0 * (np.einsum("in,in->n", forearms[:, arm], moved) + own_mm[place])
+        np.testing.assert_allclose(column, by_arms[arm, field], rtol=1e-9, atol=1e-7)

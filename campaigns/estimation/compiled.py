@@ -1,0 +1,476 @@
+"""Inner loops of residual stacks, compiled by numba: the extra `fast`.
+
+Closures |B_i - A_i|² = L_i² of any mechanism come as numbers (`closure_coefficients.py`). Arrays of
+one robot lie by component and shot, whose long rows the compiler turns into vector instructions; a
+mechanism whose platform does not turn has one closure more, which holds that. Rows depend on no
+other row.
+"""
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numba
+import numpy as np
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.gauss_newton import LEAST_PIVOT
+from campaigns.mechanisms.closed_chain import MISFIT_OF_STEP
+
+Function = TypeVar("Function", bound=Callable[..., object])
+CLOSURES = 4
+"""Of every mechanism here, and as many coordinates of a pose."""
+NEWTON_STEPS = 10
+"""More are left to the slower way, which also tries other guesses."""
+
+
+def _compiled(function: Function) -> Function:
+    """The function as machine code, kept on disk; sums may be taken in any order."""
+    ways = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract"}}
+    return cast("Function", numba.njit(**ways)(function))
+
+
+@_compiled
+def _forearms(
+    functions: Array, upper: Array, lower: Array, pose: Array, forearms: Array, by_turn: Array
+) -> None:
+    """Forearms (4, 3, N), and the turn's part of the halved closures' derivatives (4, N)."""
+    _, arms, shots = functions.shape
+    turn, cos, sin = pose[3], np.cos(pose[3]), np.sin(pose[3])
+    for arm in range(arms):
+        first, second = functions[1, arm], functions[2, arm]
+        by_turn[arm] = 0.0
+        for axis in range(3):
+            a, b = upper[arm, axis], lower[arm, axis]
+            for n in range(shots):
+                end = pose[axis, n] + b[0] + b[1] * turn[n] + b[2] * cos[n] + b[3] * sin[n]
+                along = end - (a[0] + a[1] * first[n] + a[2] * second[n])
+                forearms[arm, axis, n] = along
+                by_turn[arm, n] += along * (b[1] - b[2] * sin[n] + b[3] * cos[n])
+    forearms[arms:] = 0.0
+    by_turn[arms:] = 1.0
+
+
+@_compiled
+def _inverted(forearms: Array, by_turn: Array, inverse: Array, determinant: Array) -> None:
+    """Inverses (4, 4, N) of the matrices with rows (forearm, turn's part), and determinants."""
+    for n in range(len(determinant)):
+        a0, a1, a2, a3 = forearms[0, 0, n], forearms[0, 1, n], forearms[0, 2, n], by_turn[0, n]
+        b0, b1, b2, b3 = forearms[1, 0, n], forearms[1, 1, n], forearms[1, 2, n], by_turn[1, n]
+        c0, c1, c2, c3 = forearms[2, 0, n], forearms[2, 1, n], forearms[2, 2, n], by_turn[2, n]
+        d0, d1, d2, d3 = forearms[3, 0, n], forearms[3, 1, n], forearms[3, 2, n], by_turn[3, n]
+        s01, s02, s03 = a0 * b1 - b0 * a1, a0 * b2 - b0 * a2, a0 * b3 - b0 * a3
+        s12, s13, s23 = a1 * b2 - b1 * a2, a1 * b3 - b1 * a3, a2 * b3 - b2 * a3
+        t01, t02, t03 = c0 * d1 - d0 * c1, c0 * d2 - d0 * c2, c0 * d3 - d0 * c3
+        t12, t13, t23 = c1 * d2 - d1 * c2, c1 * d3 - d1 * c3, c2 * d3 - d2 * c3
+        whole = s01 * t23 - s02 * t13 + s03 * t12 + s12 * t03 - s13 * t02 + s23 * t01
+        determinant[n] = whole
+        part = 1.0 / whole
+        inverse[0, 0, n] = (b1 * t23 - b2 * t13 + b3 * t12) * part
+        inverse[0, 1, n] = (a2 * t13 - a1 * t23 - a3 * t12) * part
+        inverse[0, 2, n] = (d1 * s23 - d2 * s13 + d3 * s12) * part
+        inverse[0, 3, n] = (c2 * s13 - c1 * s23 - c3 * s12) * part
+        inverse[1, 0, n] = (b2 * t03 - b0 * t23 - b3 * t02) * part
+        inverse[1, 1, n] = (a0 * t23 - a2 * t03 + a3 * t02) * part
+        inverse[1, 2, n] = (d2 * s03 - d0 * s23 - d3 * s02) * part
+        inverse[1, 3, n] = (c0 * s23 - c2 * s03 + c3 * s02) * part
+        inverse[2, 0, n] = (b0 * t13 - b1 * t03 + b3 * t01) * part
+        inverse[2, 1, n] = (a1 * t03 - a0 * t13 - a3 * t01) * part
+        inverse[2, 2, n] = (d0 * s13 - d1 * s03 + d3 * s01) * part
+        inverse[2, 3, n] = (c1 * s03 - c0 * s13 - c3 * s01) * part
+        inverse[3, 0, n] = (b1 * t02 - b0 * t12 - b2 * t01) * part
+        inverse[3, 1, n] = (a0 * t12 - a1 * t02 + a2 * t01) * part
+        inverse[3, 2, n] = (d1 * s02 - d0 * s12 - d2 * s01) * part
+        inverse[3, 3, n] = (c0 * s12 - c1 * s02 + c2 * s01) * part
+
+
+@_compiled
+def _misfits(forearms: Array, lengths: Array, misfit: Array) -> None:
+    """Halved closures (4, N) of forearms (4, 3, N) and their lengths (n,)."""
+    for arm in range(len(lengths)):
+        (x, y, z), square = forearms[arm], lengths[arm] ** 2
+        for n in range(len(x)):
+            misfit[arm, n] = 0.5 * (x[n] * x[n] + y[n] * y[n] + z[n] * z[n] - square)
+
+
+@_compiled
+def _is_wanted(
+    functions: Array, upper: Array, limit_rad: float, sign: float, pose: Array, determinant: Array
+) -> bool:
+    """Whether platforms hang below their elbows, in the mode of home, and have not turned over."""
+    wanted, arms = True, len(upper)
+    for n in range(len(determinant)):
+        heights = 0.0
+        for arm in range(arms):
+            a = upper[arm, 2]
+            heights += a[0] + a[1] * functions[1, arm, n] + a[2] * functions[2, arm, n]
+        wanted &= arms * pose[2, n] < heights and determinant[n] * sign > 0.0
+        wanted &= abs(pose[3, n]) < limit_rad
+    return wanted
+
+
+@_compiled
+def assemble(
+    functions: Array,
+    upper: Array,
+    lengths: Array,
+    lower: Array,
+    lever_mm: Array,
+    limit_rad: Array,
+    sign: Array,
+    converged_mm: float,
+    poses: Array,
+) -> Mask:
+    """Poses (R, 4, N) moved to those of the closures; which robots have all in the wanted mode."""
+    (robots, _, shots), arms = poses.shape, functions.shape[1]
+    found = np.zeros(robots, dtype=np.bool_)
+    forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
+    inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
+    misfit, step = np.zeros((4, shots)), np.empty((4, shots))
+    for r in range(robots):
+        pose = poses[r]
+        for _ in range(NEWTON_STEPS):
+            _forearms(functions, upper[r], lower[r], pose, forearms, by_turn)
+            _misfits(forearms, lengths[r], misfit)
+            _inverted(forearms, by_turn, inverse, determinant)
+            for axis in range(CLOSURES):
+                of = inverse[axis]
+                for n in range(shots):
+                    own = of[0, n] * misfit[0, n] + of[1, n] * misfit[1, n]
+                    step[axis, n] = -own - of[2, n] * misfit[2, n] - of[3, n] * misfit[3, n]
+                    pose[axis, n] += step[axis, n]
+            longest = 0.0
+            for n in range(shots):
+                way = max(abs(step[0, n]), abs(step[1, n]), abs(step[2, n]))
+                longest = max(longest, way + lever_mm[r] * abs(step[3, n]))
+            if longest < converged_mm:
+                break
+        found[r] = longest < converged_mm and _is_wanted(
+            functions, upper[r], limit_rad[r], sign[r], pose, determinant
+        )
+        for arm in range(arms):
+            for n in range(shots):
+                most_mm2 = MISFIT_OF_STEP * converged_mm * lengths[r, arm]
+                found[r] &= abs(misfit[arm, n]) < most_mm2
+    return found
+
+
+@_compiled
+def _closure_columns(
+    functions: Array, by_upper: Array, owner: Index, own_mm: Array, forearms: Array, columns: Array
+) -> None:
+    """What each arm's parameter adds to its halved closure, with the sign turned, (F, N)."""
+    for place in range(len(owner)):
+        arm = owner[place]
+        if arm >= 0:
+            columns[place] = own_mm[place]
+            first, second = functions[1, arm], functions[2, arm]
+            for axis in range(3):
+                a, along, column = by_upper[place, axis], forearms[arm, axis], columns[place]
+                for n in range(len(column)):
+                    column[n] += along[n] * (a[0] + a[1] * first[n] + a[2] * second[n])
+
+
+@_compiled
+def _columns(
+    functions: Array,
+    by_upper: Array,
+    owner: Index,
+    own_mm: Array,
+    by_lower: Array,
+    pose: Array,
+    forearms: Array,
+    through: Array,
+    closure: Array,
+    jacobian: Array,
+) -> None:
+    """Derivatives (F, k, N) by the parameters of k values moved by closures, (k, 4, N)."""
+    _closure_columns(functions, by_upper, owner, own_mm, forearms, closure)
+    arms = functions.shape[1]
+    turn, cos, sin = pose[3], np.cos(pose[3]), np.sin(pose[3])
+    for place in range(len(owner)):
+        if owner[place] >= 0:
+            for row in range(len(through)):
+                by, own, column = through[row, owner[place]], closure[place], jacobian[place, row]
+                for n in range(len(column)):
+                    column[n] = by[n] * own[n]
+            continue
+        jacobian[place] = 0.0
+        for arm in range(arms):
+            own = closure[place]
+            own[:] = 0.0
+            for axis in range(3):
+                b, along = by_lower[-1 - owner[place], arm, axis], forearms[arm, axis]
+                for n in range(len(own)):
+                    own[n] -= along[n] * (b[0] + b[1] * turn[n] + b[2] * cos[n] + b[3] * sin[n])
+            for row in range(len(through)):
+                by, column = through[row, arm], jacobian[place, row]
+                for n in range(len(column)):
+                    column[n] += by[n] * own[n]
+
+
+@_compiled
+def _whitened(whitening: Array, vectors: Array) -> None:
+    """Vectors (3, N) times lower triangular matrices (3, 3, N), in place."""
+    w, (x, y, z) = whitening, vectors
+    for n in range(len(x)):
+        third = w[2, 0, n] * x[n] + w[2, 1, n] * y[n] + w[2, 2, n] * z[n]
+        y[n] = w[1, 0, n] * x[n] + w[1, 1, n] * y[n]
+        x[n] = w[0, 0, n] * x[n]
+        z[n] = third
+
+
+@_compiled
+def _turned(rotation: Array, vectors: Array, out: Array) -> None:
+    """Vectors (3, N) turned, (3, N)."""
+    x, y, z = vectors
+    for axis in range(3):
+        a, row = rotation[axis], out[axis]
+        for n in range(len(row)):
+            row[n] = a[0] * x[n] + a[1] * y[n] + a[2] * z[n]
+
+
+@_compiled
+def _normal(rows: Array, normal: Array) -> None:
+    """Products (P, P) of rows (P, M) with each other."""
+    for a in range(len(rows)):
+        for b in range(a + 1):
+            one, other, total = rows[a], rows[b], 0.0
+            for n in range(len(one)):
+                total += one[n] * other[n]
+            normal[a, b] = normal[b, a] = total
+
+
+@_compiled
+def _factored(normal: Array, root: Array) -> float:
+    """Cholesky's lower root (P, P) of a matrix; its least pivot, 0 where there is none."""
+    least = np.inf
+    root[:] = 0.0
+    for a in range(len(normal)):
+        for b in range(a + 1):
+            total = normal[a, b]
+            for k in range(b):
+                total -= root[a, k] * root[b, k]
+            if b < a:
+                root[a, b] = total / root[b, b]
+            elif total > 0.0:
+                root[a, a] = np.sqrt(total)
+                least = min(least, root[a, a])
+            else:
+                return 0.0
+    return least
+
+
+@_compiled
+def _scaled_root(rows: Array, scale: Array, root: Array) -> float:
+    """Root of the products of rows (P, M) made unit by `scale`; its least pivot."""
+    normal = np.empty((len(rows), len(rows)))
+    _normal(rows, normal)
+    for a in range(len(rows)):
+        scale[a] = np.sqrt(normal[a, a]) if normal[a, a] > 0.0 else np.inf
+    for a in range(len(rows)):
+        for b in range(len(rows)):
+            normal[a, b] /= scale[a] * scale[b]
+    return _factored(normal, root)
+
+
+@_compiled
+def _step(rows: Array, residual: Array, step: Array) -> tuple[float, bool]:
+    """Gauss-Newton step of a Jacobian's columns (P, M), its length, and whether to trust it."""
+    unknowns = len(rows)
+    scale, root = np.empty(unknowns), np.empty((unknowns, unknowns))
+    regular = _scaled_root(rows, scale, root) > LEAST_PIVOT
+    square = 0.0
+    for a in range(unknowns):
+        total, row = 0.0, rows[a]
+        for n in range(len(row)):
+            total += row[n] * residual[n]
+        total /= scale[a]
+        for k in range(a):
+            total -= root[a, k] * step[k]
+        step[a] = total / root[a, a]
+        square += step[a] * step[a]
+    for a in range(unknowns - 1, -1, -1):
+        total = step[a]
+        for k in range(a + 1, unknowns):
+            total -= root[k, a] * step[k]
+        step[a] = total / root[a, a]
+    for a in range(unknowns):
+        step[a] = -step[a] / scale[a]
+    return np.sqrt(square), regular
+
+
+@_compiled
+def point_jacobians(
+    functions: Array,
+    upper: Array,
+    lower: Array,
+    by_upper: Array,
+    owner: Index,
+    own_mm: Array,
+    by_lower: Array,
+    poses: Array,
+    rotation: Array,
+    by_angle: Array,
+    whitening: Array,
+) -> Array:
+    """Whitened derivatives of points by parameters and, if any angles, frames (R, P, 3, N)."""
+    (robots, _, shots), free, angles = poses.shape, len(owner), by_angle.shape[1]
+    forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
+    inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
+    through, closure = np.empty((3, 4, shots)), np.empty((free, shots))
+    jacobians = np.empty((robots, free + 2 * angles, 3, shots))
+    for r in range(robots):
+        pose, jacobian = poses[r], jacobians[r]
+        _forearms(functions, upper[r], lower[r], pose, forearms, by_turn)
+        _inverted(forearms, by_turn, inverse, determinant)
+        for arm in range(CLOSURES):
+            _turned(rotation[r], inverse[:3, arm], through[:, arm])
+            _whitened(whitening[r], through[:, arm])
+        _columns(
+            functions, by_upper[r], owner, own_mm[r], by_lower, pose, forearms, through, closure,
+            jacobian,
+        )  # fmt: skip
+        for axis in range(angles):
+            _turned(by_angle[r, axis], pose[:3], jacobian[free + axis])
+            _whitened(whitening[r], jacobian[free + axis])
+            for row in range(3):
+                for n in range(shots):
+                    jacobian[free + angles + axis, row, n] = whitening[r, row, axis, n]
+    return jacobians
+
+
+@_compiled
+def distance_jacobians(
+    functions: Array,
+    upper: Array,
+    lower: Array,
+    by_upper: Array,
+    owner: Index,
+    own_mm: Array,
+    by_lower: Array,
+    poses: Array,
+    first: Index,
+    second: Index,
+    whitening: Array,
+) -> Array:
+    """Whitened derivatives (R, F, M) of distances between shots `first` and `second`."""
+    (robots, _, shots), free = poses.shape, len(owner)
+    forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
+    inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
+    closure, of_points = np.empty((free, shots)), np.empty((free, 3, shots))
+    jacobians = np.zeros((robots, free, len(first)))
+    for r in range(robots):
+        pose = poses[r]
+        _forearms(functions, upper[r], lower[r], pose, forearms, by_turn)
+        _inverted(forearms, by_turn, inverse, determinant)
+        _columns(
+            functions, by_upper[r], owner, own_mm[r], by_lower, pose, forearms, inverse[:3],
+            closure, of_points,
+        )  # fmt: skip
+        for m in range(len(first)):
+            a, b, square = first[m], second[m], 0.0
+            for axis in range(3):
+                square += (pose[axis, b] - pose[axis, a]) ** 2
+            for axis in range(3):
+                along = whitening[r, m] * (pose[axis, b] - pose[axis, a]) / np.sqrt(square)
+                for place in range(free):
+                    by = of_points[place, axis]
+                    jacobians[r, place, m] += along * (by[b] - by[a])
+    return jacobians
+
+
+@_compiled
+def gauss_newton_steps(jacobians: Array, residual: Array) -> tuple[Array, Array, Mask]:
+    """Steps (R, P) by Jacobians' columns (R, P, M), their lengths, and which to trust."""
+    robots, unknowns, _ = jacobians.shape
+    steps, lengths = np.empty((robots, unknowns)), np.empty(robots)
+    regular = np.empty(robots, dtype=np.bool_)
+    for r in range(robots):
+        lengths[r], regular[r] = _step(jacobians[r], residual[r], steps[r])
+    return steps, lengths, regular
+
+
+@_compiled
+def triangles(jacobians: Array) -> tuple[Array, Array, Array, Mask]:
+    """QR of Jacobians' columns (R, P, M) made unit: triangles (R, P, P), norms and bases (R, P, M).
+
+    By Cholesky twice, which is as exact as reflections where it is regular: where that is, (R,).
+    """
+    robots, unknowns, measured = jacobians.shape
+    found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
+    bases, regular = np.empty(jacobians.shape), np.empty(robots, dtype=np.bool_)
+    root, again = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
+    size = np.empty(unknowns)
+    for r in range(robots):
+        regular[r] = _scaled_root(jacobians[r], norms[r], root) > LEAST_PIVOT
+        for a in range(unknowns):
+            row, own = bases[r, a], jacobians[r, a]
+            for n in range(measured):
+                row[n] = own[n] / norms[r, a]
+            for b in range(a):
+                part, other = root[a, b], bases[r, b]
+                for n in range(measured):
+                    row[n] -= part * other[n]
+            for n in range(measured):
+                row[n] /= root[a, a]
+        regular[r] &= _scaled_root(bases[r], size, again) > 0.5
+        for a in range(unknowns):
+            for b in range(unknowns):
+                total = 0.0
+                for k in range(b, a + 1):
+                    total += root[a, k] * size[k] * again[k, b]
+                found[r, b, a] = total
+    return found, norms, bases, regular
+
+
+@_compiled
+def taken_squares(bases: Array, columns: Array) -> Array:
+    """What bases (R, P, 3, N) take of the squares of columns (R, k, 3, N) of the shots, (R,)."""
+    robots, count = columns.shape[:2]
+    taken = np.zeros(robots)
+    for r in range(robots):
+        for k in range(count):
+            x, y, z = columns[r, k]
+            for a in range(bases.shape[1]):
+                bx, by, bz = bases[r, a]
+                total = 0.0
+                for n in range(len(x)):
+                    told = bx[n] * x[n] + by[n] * y[n] + bz[n] * z[n]
+                    total += told * told
+                taken[r] += total
+    return taken
+
+
+@_compiled
+def restricted_likelihood(
+    rows: Array, stated_mm2: Array, through: Array, point_mm2: float, joint: float
+) -> float:
+    """2 log L of rows (P + 1, 3, N), the misfit's the last; not a number where that is lost.
+
+    Covariances (3, 3, N) are as stated, with scatter of the points and `through` their joints.
+    """
+    unknowns, _, shots = rows.shape
+    whitening, whitened = np.zeros((3, 3, shots)), rows.copy()
+    logs = 0.0
+    for n in range(shots):
+        c, t = stated_mm2[:, :, n], through[:, :, n]
+        first = 1.0 / np.sqrt(c[0, 0] + point_mm2 + joint * t[0, 0])
+        y = (c[1, 0] + joint * t[1, 0]) * first
+        z = (c[2, 0] + joint * t[2, 0]) * first
+        second = 1.0 / np.sqrt(c[1, 1] + point_mm2 + joint * t[1, 1] - y * y)
+        across = (c[2, 1] + joint * t[2, 1] - z * y) * second
+        third = 1.0 / np.sqrt(c[2, 2] + point_mm2 + joint * t[2, 2] - z * z - across * across)
+        whitening[0, 0, n], whitening[1, 1, n], whitening[2, 2, n] = first, second, third
+        whitening[1, 0, n] = -y * first * second
+        whitening[2, 1, n] = -across * second * third
+        whitening[2, 0, n] = (across * y * second - z) * first * third
+        logs += np.log(first * second * third)
+    for place in range(unknowns):
+        _whitened(whitening, whitened[place])
+    norms, root = np.empty(unknowns), np.empty((unknowns, unknowns))
+    if not _scaled_root(whitened.reshape(unknowns, 3 * shots), norms, root) > LEAST_PIVOT:
+        return np.nan
+    size = -2.0 * logs
+    for place in range(unknowns - 1):
+        size += 2.0 * np.log(root[place, place] * norms[place])
+    return float(-(size + (root[-1, -1] * norms[-1]) ** 2))
