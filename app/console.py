@@ -9,22 +9,23 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from threading import Timer
 from time import monotonic
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 from pydantic_core import to_jsonable_python
 from rich import box
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from app.exits import NotConfirmed
-from app.progress import RunDisplay
 from campaigns.files.table import Column, texts
 from drivers.errors import Cancelled, LinkDown
 from drivers.ports import Prompt
 from drivers.texts import printable
+
+if TYPE_CHECKING:
+    from app.progress import RunDisplay
 
 T = TypeVar("T")
 
@@ -170,7 +171,9 @@ class Terminal:
         return sys.stdin is not None and sys.stdin.isatty()
 
     def prompt(
-        self, display: RunDisplay | None = None, stop_requested: Callable[[], bool] = lambda: False
+        self,
+        display: "RunDisplay | None" = None,
+        stop_requested: Callable[[], bool] = lambda: False,
     ) -> Prompt | None:
         """Way to ask the operator for a line while a run is shown; None: nobody is there."""
         if not self.has_somebody:
@@ -207,6 +210,8 @@ class Terminal:
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:
         """Shows on a terminal, from a second on, what the block is at; gives what changes it."""
+        from rich.live import Live  # with threads and more, for what takes its time
+
         # it draws when it is told something: no thread of its own takes time from the work
         live = Live(Text(text), console=self._talk, transient=True, auto_refresh=False)
         late = Timer(SILENT_S, live.start, (True,))
@@ -220,6 +225,8 @@ class Terminal:
                 late.join()
             live.stop()
 
-    def watching(self, title: str, *, plain: bool = False) -> RunDisplay:
+    def watching(self, title: str, *, plain: bool = False) -> "RunDisplay":
         """Shows a run while the block runs; `plain` by lines."""
+        from app.progress import RunDisplay
+
         return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose, plain=plain)

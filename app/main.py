@@ -5,7 +5,9 @@ import os
 import signal
 import sys
 import traceback
+from collections.abc import Collection
 from importlib import import_module
+from importlib.util import LazyLoader, find_spec, module_from_spec
 from itertools import takewhile
 from typing import Annotated, Any
 
@@ -80,6 +82,9 @@ LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_TH
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
 
+PARTS_FOR_LATER = ("f2py", "ma", "polynomial", "testing")
+"""Parts of NumPy that it has loaded because SciPy imports all of its names; nobody uses them."""
+
 LONGEST_LINE = 950
 """Characters of an error line: what a file or option says in it is cut in the middle."""
 
@@ -107,13 +112,15 @@ class LazyGroup(TyperGroup):
         from app.options import expanded  # with pydantic and more, for commands only
 
         module, _ = COMMANDS[cmd_name]
+        imported = import_module(f"app.cli.{module}")
+        load_parts_later("numpy", PARTS_FOR_LATER)
         alone = typer.Typer(
             add_completion=False,
             pretty_exceptions_enable=False,
             context_settings=SETTINGS,
             rich_markup_mode=None,
         )
-        alone.command(cmd_name)(expanded(import_module(f"app.cli.{module}").command))
+        alone.command(cmd_name)(expanded(imported.command))
         command = typer.main.get_command(alone)
         assert isinstance(command, TyperCommand), "one command makes no group"
         return command
@@ -170,6 +177,7 @@ def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # looked for in every package
     gc.set_threshold(*COLLECTED_AFTER)
     unblock_signals()
     make_streams_last()
@@ -177,6 +185,20 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
     gc.freeze()  # a tenth of a second: nothing need be looked for in what ends as a whole
     sys.exit(code)
+
+
+def load_parts_later(package: str, parts: Collection[str]) -> None:
+    """Have parts of an imported package executed only when something of them is asked for."""
+    if package not in sys.modules:
+        return
+    for part in parts:
+        name = f"{package}.{part}"
+        if name in sys.modules or (spec := find_spec(name)) is None or spec.loader is None:
+            continue
+        spec.loader = LazyLoader(spec.loader)
+        sys.modules[name] = module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        setattr(sys.modules[package], part, module)
 
 
 def run_command(arguments: list[str]) -> int:

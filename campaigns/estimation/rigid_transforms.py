@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from campaigns.arrays import Array
 
@@ -71,17 +70,22 @@ def frame_jacobian(points_mm: Array) -> Array:
 
 
 def paper_angles_rad(transform: Transform) -> Array:
-    """φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,)."""
-    return np.asarray(
-        scipy.spatial.transform.Rotation.from_matrix(transform.rotation).as_euler("ZYX")
-    )
+    """φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,).
+
+    Where γ is ± 90°, φ is 0 or whatever rounding makes of it, and ψ is the rest.
+    """
+    x, y, z = transform.rotation
+    phi = np.arctan2(y[0], x[0])
+    sine, cosine = np.sin(phi), np.cos(phi)
+    unturned_x, unturned_y = cosine * x + sine * y, cosine * y - sine * x
+    gamma = np.arctan2(-z[0], unturned_x[0])
+    return np.array([phi, gamma, np.arctan2(-unturned_y[2], unturned_y[1])])
 
 
 def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
     """R(z, φ) R(y, γ) R(x, ψ) and a translation (paper eqs. 22 and 23), from (3,) each."""
-    return Transform(
-        scipy.spatial.transform.Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm
-    )
+    turn, _ = small_rotation(angles_rad)
+    return Transform(turn, translation_mm)
 
 
 def small_rotation(angles_rad: Array) -> tuple[Array, Array]:

@@ -10,11 +10,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-
-from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+from typing import TYPE_CHECKING
 
 from campaigns.errors import CampaignLocked, WriteFailed
 from drivers.bounded_files import FileRefused, read_bounded
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 LOCK_FILE = "campaign.lock"
 HOLDER_FILE = "campaign.lock.holder"
@@ -69,6 +71,8 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
     Raises `CampaignLocked`, naming the holder, when another process (or another block of this one)
     has it, and `WriteFailed` when the folder cannot be written.
     """
+    from filelock import FileLock, Timeout  # with logging, which a reader does not need
+
     lock = FileLock(folder / LOCK_FILE, timeout=0)
     try:
         _acquire(lock)
@@ -88,11 +92,13 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
         lock.release()
 
 
-def _acquire(lock: BaseFileLock) -> None:
+def _acquire(lock: "BaseFileLock") -> None:
     """Acquire it at once; raises `Timeout`, and `OSError` also where the system has no locks.
 
     There it turns into a file that a process leaves when it is killed, or raises another error.
     """
+    from filelock import SoftFileLock
+
     no_locks = OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
     try:
         with warnings.catch_warnings(action="ignore"):

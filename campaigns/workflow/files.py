@@ -9,7 +9,6 @@ from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
-from campaigns.controllers.robot_description import robot_description
 from campaigns.errors import VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
@@ -108,6 +107,8 @@ def export_description(
 ) -> Path:
     """Write the identified robot as URDF or SDF, which no controller holds; raises as `export`."""
     path = to or campaign.path(f"robot.{language}")
+    from campaigns.controllers.robot_description import robot_description  # dear, seldom asked for
+
     text = robot_description(identified_robot(campaign).robot, language)
     write_text_unless_there(path, text, overwrite=overwrite)
     return path

@@ -192,6 +192,29 @@ def test_nothing_heavy_and_no_command_is_imported_for_help():
     assert not [name for name in imported if name.startswith("app.cli")]
 
 
+def test_a_part_for_later_is_executed_when_something_of_it_is_asked_for(tmp_path, monkeypatch):
+    package = tmp_path / "slow_package"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "part.py").write_text("import slow_package\nslow_package.loaded = value = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    slow_package = import_module("slow_package")
+    main.load_parts_later("slow_package", ("part",))
+    assert not hasattr(slow_package, "loaded")
+    assert slow_package.part.value == slow_package.loaded == 1
+    for name in ("slow_package", "slow_package.part"):
+        monkeypatch.delitem(sys.modules, name)
+
+
+def test_an_identification_leaves_for_later_what_it_does_not_need():
+    """SciPy's optimizer alone takes as long as all of ours."""
+    code = "import app.cli.identify, campaigns.identification.identify, sys; print([*sys.modules])"
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    later = {"scipy.optimize", "scipy.spatial", "filelock", "rich.live", "drivers.wire.robotline"}
+    assert not later & set(ast.literal_eval(done.stdout))
+
+
 def completed(capsys, monkeypatch, **variables):
     """What the shell is told."""
     for name, value in variables.items():
