@@ -1,14 +1,20 @@
 """pkmcal status: where a campaign is, and the one next command."""
 
+from collections.abc import Iterator
 from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+from pydantic_core import to_jsonable_python
 
 from app.console import BAD, GOOD, OPEN, WARNING, terminal_of
-from app.next import next_document
 from app.options import Folder, Json
-from campaigns.campaign import open_campaign
-from campaigns.workflow.status import campaign_status
+from app.remembered import Answer, Line, digests, remember, remembered
+from campaigns.files.lock import lock_holder
+
+if TYPE_CHECKING:
+    from campaigns.workflow.status import CampaignStatus
 
 COLOURS = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 LATEST = 5
@@ -21,22 +27,39 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     Who measures now, which series exist, what is open, what is doubtful, the verdict, and the next
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
-    terminal = terminal_of(context, as_json=json)
+    terminal, held_by = terminal_of(context, as_json=json), lock_holder(folder)
+    lines, document = remembered(folder) or _found(folder)
+    for number, (text, style) in enumerate(lines):
+        terminal.say(text, style)
+        if number == 0 and held_by is not None:
+            terminal.say(f"now: {held_by.says}", WARNING)
+    terminal.document(document | {"measuring": held_by})
+
+
+def _found(folder: Path) -> Answer:
+    """What there is to say, by the campaign's files; raises `CampaignError`."""
+    # all that judges, which a remembered answer spares
+    from app.next import next_document
+    from campaigns.campaign import open_campaign
+    from campaigns.workflow.status import campaign_status
+
+    of = digests(folder)
     found = campaign_status(open_campaign(folder))
-    terminal.say(f"{found.name} ({found.robot}): {found.phase}", "bold")
-    if found.held_by is not None:
-        terminal.say(f"now: {found.held_by.says}", WARNING)
-    for each in found.series[-LATEST:]:
-        terminal.say(f"  series {each.series}, {each.says}")
-    for text in found.open:
-        terminal.say(f"open: {text}", WARNING)
-    for text in found.doubtful:
-        terminal.say(f"doubtful: {text}", WARNING)
-    if found.decision is not None:
-        terminal.say(f"verdict: {found.answer}", COLOURS[found.decision])
-    for way in found.ways:
-        terminal.say(way.says)
-    terminal.say(f"next: {found.next.says}" if found.next else "nothing is left to do")
     document = {each.name: getattr(found, each.name) for each in fields(found)}
     document["measuring"] = document.pop("held_by")
-    terminal.document(document | next_document(found.next, found.ways))
+    document |= next_document(found.next, found.ways)
+    answer = [*_lines(found)], to_jsonable_python(document)
+    remember(folder, of, answer)
+    return answer
+
+
+def _lines(found: "CampaignStatus") -> Iterator[Line]:
+    """Lines of the answer, and how each looks."""
+    yield f"{found.name} ({found.robot}): {found.phase}", "bold"
+    yield from ((f"  series {s.series}, {s.says}", "") for s in found.series[-LATEST:])
+    yield from ((f"open: {text}", WARNING) for text in found.open)
+    yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)
+    if found.decision is not None:
+        yield f"verdict: {found.answer}", COLOURS[found.decision]
+    yield from ((way.says, "") for way in found.ways)
+    yield f"next: {found.next.says}" if found.next else "nothing is left to do", ""

@@ -1,0 +1,92 @@
+"""Answers of commands, remembered by the digests of all files that they rest on, software included.
+
+Kept among the user's caches. Of another journal, plan, setting or version nothing is remembered, so
+nothing that is out of date can be shown; what cannot be read or written counts as not remembered.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from campaigns.version import VERSION
+
+PACKAGES = Path(__file__).parents[1]
+SOFTWARE = ("app", "campaigns", "drivers")
+CACHES = "PKMCAL_CACHE", "XDG_CACHE_HOME"
+"""Variables of the environment that name a folder of caches, the first one first."""
+ANSWER_BYTES = 1_000_000
+MOST_BYTES = 200_000_000
+"""Of all files: more takes longer to read than an answer to find."""
+PASSING = (".lock", ".lock.holder", "-shm")
+"""Ends of names that say nothing of a campaign."""
+
+
+Line = tuple[str, str]
+"""A line of an answer, and how it looks."""
+Answer = tuple[list[Line], dict[str, object]]
+"""Lines for people, and the document for programs."""
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file in a campaign's folder; empty where it cannot be told."""
+    found: dict[str, str] = {"software": _software(), "folder": str(folder)}
+    left = MOST_BYTES
+    try:
+        for path in sorted(folder.iterdir()):
+            if not path.is_file() or path.name.endswith(PASSING):
+                continue
+            left -= path.stat().st_size
+            if left < 0:
+                return {}
+            found[f"file {path}"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return {}
+    return found
+
+
+def remembered(folder: Path) -> Answer | None:
+    """Answer for a campaign whose files are all the same still; None where none is known."""
+    try:
+        place = _place(folder)
+        if place.stat().st_size > ANSWER_BYTES:
+            return None
+        kept = json.loads(place.read_bytes())
+        of, answer = kept["of"], ([(str(a), str(b)) for a, b in kept["lines"]], kept["document"])
+        same = of and isinstance(answer[1], dict) and of == digests(folder)
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError):
+        return None
+    return answer if same else None
+
+
+def remember(folder: Path, of: Mapping[str, str], answer: Answer) -> None:
+    """Keep an answer, if the files are still those that they were before it was looked for."""
+    if not of or of != digests(folder):
+        return
+    lines, document = answer
+    kept = {"of": of, "lines": lines, "document": document}
+    with suppress(OSError, RuntimeError):
+        place = _place(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        fresh = place.with_name(f"{place.name}.{os.getpid()}")
+        fresh.write_text(json.dumps(kept), encoding="utf-8")
+        fresh.replace(place)
+
+
+def _place(folder: Path) -> Path:
+    """File of a campaign's answer; raises `RuntimeError` for a user without a home."""
+    named = (os.environ.get(each) for each in CACHES)
+    caches = Path(next(filter(None, named), None) or Path.home() / ".cache")
+    name = hashlib.sha256(str(folder.resolve()).encode(errors="surrogateescape")).hexdigest()
+    return caches / "pkmcal" / f"{name[:32]}.json"
+
+
+def _software() -> str:
+    """Digest of version, and of names, sizes and times of all modules that an answer is made by."""
+    told = hashlib.sha256(VERSION.encode())
+    for path in sorted(each for name in SOFTWARE for each in (PACKAGES / name).rglob("*.py")):
+        stat = path.stat()
+        told.update(os.fsencode(path) + b" %d %d\n" % (stat.st_size, stat.st_mtime_ns))
+    return told.hexdigest()
