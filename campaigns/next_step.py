@@ -277,7 +277,7 @@ class Unusable:
             return self._identify(diagnostics.ACCEPT[name], first=TAKEN[name])
         if name in AGAIN:
             return self._measure(MEND)
-        if name in FEW:
+        if name in FEW or (name == diagnostics.CHANGE and found.verdict == "not decided"):
             return self._with_few_shots(name)
         if name == diagnostics.CHANGE:
             at = float(numbers.get("before_shot", 0.0))

@@ -17,7 +17,7 @@ import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.f_test import FittedShots, log_p
-from campaigns.estimation.information import EXACT
+from campaigns.estimation.information import EXACT, column_effect
 
 SIGNIFICANCE = 1e-3
 """Chance of a false alarm over all tests of a campaign, at most."""
@@ -35,11 +35,15 @@ LAGS = 4
 """Order of the autoregressive noise that is allowed for."""
 REMEMBERED, MOST_REMEMBERED = 1.65, 0.95
 """Standard deviations of the sum of autocorrelations from which noise has a memory; most of one."""
+AS_WELL = 9.2
+"""χ² of the two coordinates by which a wrong shot is freer than a step; chance in one of 100."""
 FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
 
 CauseKind = Literal["joint", "length", "mount", "frame", "drift", "growth", "shot"]
+OF_PARTS: tuple[CauseKind, ...] = ("joint", "length")
+"""Kinds of causes with one column, which a single wrong shot seldom resembles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +71,7 @@ class Change:
     """By the cause's columns, (m,); of a drift from the first shot to the last."""
     std: Array
     log_p: float
-    """Logarithm of the chance of good shots to show as much anywhere."""
+    """Logarithm of the chance of good shots to show as much anywhere; 0 where one alone does."""
     time_constant: float = math.inf
     """Of a drift."""
 
@@ -121,6 +125,30 @@ def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
         one[alone] = np.eye(3)
         shots = shots.fitted(one)
     return None
+
+
+def outlier_as_step(shots: FittedShots, causes: Sequence[Cause], at: int) -> Change | None:
+    """Step of a part that explains shots from one on as well as its being wrong; else None.
+
+    The shots after it are too few then to say whether one shot is wrong or the robot has changed.
+    Its `log_p` is 0.
+    """
+    one = np.zeros((shots.left.size // 3, 3, 3))
+    one[at] = np.eye(3)
+    without, found = shots.fitted(one), list[tuple[float, Change]]()
+    variance = max(1.0, without.chi2 / max(without.freedom, 1))
+    for cause in causes:
+        if cause.kind not in OF_PARTS:
+            continue
+        after = cause.columns.copy()
+        after[:at] = 0.0
+        size, covariance_matrix, gain = column_effect(shots, after)
+        left, std = shots.chi2 - gain, np.sqrt(variance * np.diag(covariance_matrix))
+        if left <= without.chi2 + variance * AS_WELL:
+            found.append((left, Change(cause.kind, cause.name, at - 1, -size, std, 0.0)))
+    # all parts of an arm move one shot alike: an encoder slips the most often
+    found.sort(key=lambda each: (OF_PARTS.index(each[1].kind), each[0]))
+    return found[0][1] if found else None
 
 
 def memory(left: Array) -> Array:

@@ -161,7 +161,8 @@ def change_doubt(
 ) -> Doubt:
     """Doubt of a change between two shots, by their numbers; growth is told of nominal lengths.
 
-    An encoder's that is smaller than the play of the gears (rad, mm) is only told.
+    An encoder's that is smaller than the play of the gears (rad, mm) is only told. Of one that a
+    single shot shows, near the end, it is not decided whether it is one.
     """
     (before, after), space = numbers, nominal.space
     size = float(change.size[0])
@@ -216,9 +217,12 @@ def change_doubt(
             remedy = f"look for warmth or a loose joint; {alone}"
     if below:
         remedy = "less than the play that the shots show in the gears"
-    return Doubt(
-        CHANGE, f"{what} ({_chance(change.p)}): {remedy}", None if below else "fail", values
-    )
+    decision: Decision | None = None if below else "fail"
+    if change.p >= SIGNIFICANCE:
+        decision = None if below else "not decided"
+        what = f"shot {after} is off, as if {what}, and those after it are too few to tell"
+        return Doubt(CHANGE, f"{what}: measure some again; {remedy}", decision, values)
+    return Doubt(CHANGE, f"{what} ({_chance(change.p)}): {remedy}", decision, values)
 
 
 WARM_UP = "let the robot warm up first, or measure again when it is warm"

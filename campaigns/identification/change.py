@@ -20,6 +20,7 @@ from campaigns.estimation.change_detection import (
     drifted,
     last_together,
     memory,
+    outlier_as_step,
     without_memory,
 )
 from campaigns.estimation.f_test import FittedShots
@@ -52,6 +53,8 @@ GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
 RARE = math.log(0.01)
 """How seldom a forearm of a crank changes its length by a step, for each encoder that slips."""
+LAST = 10
+"""Shots at the end, of which one may be the first after a change that the others hardly show."""
 WORSE = 1.3
 """Scatter of unseen shots over that of fitted ones that is no chance."""
 SWAPPED = 0.1
@@ -102,8 +105,24 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         between = numbers[rows[0]], numbers[rows[1]]
     elif not lacks and late is not None:
         off = int(apart.sum()), numbers[late]
+    elif not lacks and (shown := _shown_by_one(shots, gross, np.flatnonzero(apart))) is not None:
+        change, rows = shown
+        between = numbers[rows[change.after]], numbers[rows[change.after + 1]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
     return Tested(lacks, change, between, named, off, _hidden(smooth, groups))
+
+
+def _shown_by_one(shots: "_AllShots", gross: Mask, apart: Index) -> tuple[Change, Index] | None:
+    """Step that a shot apart may show as well as an error of its own, and the rows tried."""
+    late = apart[apart >= len(shots.out) - LAST]
+    causes = tuple(_causes(shots)) if len(late) else ()
+    for row in late.tolist():
+        rows = np.union1d(np.flatnonzero(~gross), [row])
+        tried = _Rows(shots, rows)
+        at = int(np.searchsorted(rows, row))
+        if (found := outlier_as_step(tried.fit, tried.of(causes), at)) is not None:
+            return found, rows
+    return None
 
 
 def hidden(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Mapping[str, Array]:

@@ -58,7 +58,7 @@ def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVer
     assert workspace is not None, "given to whatever is judged"
     space = nominal.mechanism.parameters
     models = setup.models or {setup.model.value: ParameterSelection(made.free)}
-    options = replace(setup.options, known_lengths=(BAR,))
+    options = replace(setup.options, known_lengths=(BAR,) * made.perturbation.known_length)
     terms = terms_to_add(space, setup.model)
     found = select_model(nominal, made.shots, dict(models), options, terms=terms)
     names = [name for name in found.free if name in space.of_robot]

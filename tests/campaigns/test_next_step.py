@@ -183,6 +183,7 @@ def identifications(place: Place, step: NextStep) -> Iterator[Place]:
     cases += [("fail", diagnostics.CHANGE, change) for change in CHANGES]
     cases += [("not decided", name, "") for name in OPEN]
     cases += [("not decided", diagnostics.LACK, "reflector")]
+    cases += [("not decided", diagnostics.CHANGE, "joint")]
     for verdict, name, change in cases:
         cannot_be = (
             (name == identification.PRIOR and "--prior" not in words)
@@ -309,6 +310,12 @@ def test_model_that_was_looked_through_is_not_advised_again_but_limits_are() -> 
     assert "mean 0.020, largest 0.060 mm" in step.first
     assert "or widen" in unusable(replace(place, limits="tight"), found).way_on().first
     assert not unusable(replace(place, limits="met"), found).way_on().first
+
+
+def test_a_change_that_one_shot_shows_asks_for_more_shots() -> None:
+    place = Place(CampaignState(measured="run"))
+    found = identified(place, "not decided", diagnostics.CHANGE, "joint")
+    assert unusable(place, found).way_on().text == "pkmcal plan DIR --shots 240"
 
 
 def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None:

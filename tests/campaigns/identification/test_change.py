@@ -88,6 +88,28 @@ def test_single_gross_errors_are_no_change():
     assert found.doubts == ()
 
 
+@pytest.mark.parametrize(
+    ("is_last", "across", "verdict"),
+    [(True, False, "not decided"), (True, True, "pass"), (False, False, "pass")],
+)
+def test_a_shot_that_may_be_the_first_after_a_step_is_not_decided(is_last, across, verdict):
+    """The last one, off as an encoder's step has it; not across that, nor where others follow."""
+    data, p, row = noisy(simulated(60, 20, seed=1), 1), NOMINAL.p.copy(), 80
+    records = [1000 if is_last and each == row + 1 else each for each in range(1, len(data) + 1)]
+    p[NOMINAL.mechanism.parameters.offsets[2]] += np.radians(0.05)
+    robots = (NOMINAL, Kinematics(NOMINAL.mechanism, p))
+    old, new = (robot.forward(data.joints[[row]]).values[0, :3] for robot in robots)
+    step = TRACKER_FROM_BASE.rotation @ (new - old)
+    points = data.points_in_tracker_mm.copy()
+    points[row] += np.cross(step, [0.6, 0.0, 0.8]) if across else step
+    data = replace(data, points_in_tracker_mm=points, records=tuple(records))
+    found = identified(data, Estimator.POINTS)
+    assert found.verdict == verdict
+    assert [each.numbers["cause"] for each in found.doubts] == (
+        ["arm2.joint_offset_deg"] if verdict == "not decided" else []
+    )
+
+
 def test_rows_left_out_alone_are_isolated_and_runs_are_not():
     kept = np.array([True, False, True, False, False, True, False])
     assert np.flatnonzero(isolated(kept)).tolist() == [1, 6]

@@ -127,7 +127,8 @@ def test_priors_frame_and_provenance_are_told() -> None:
     told = recorded().document()
     assert told.items() >= PROVENANCE.items()
     assert told["schema"] == "pkmcal/identification/1"
-    assert told.keys() - PROVENANCE.keys() == document().keys() | {"asked", "model", "pedigree"}
+    own = {"asked", "model", "pedigree", "settings"}
+    assert told.keys() - PROVENANCE.keys() == document().keys() | own
 
 
 @pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
