@@ -41,16 +41,22 @@ class BaseMotion:
     rigid_p: float | None
 
 
-def base_motion(older: NestPlaces, newer: NestPlaces, about_mm: Array) -> BaseMotion | None:
+def base_motion(
+    older: NestPlaces, newer: NestPlaces, about_mm: Array, common_mm2: Array | None = None
+) -> BaseMotion | None:
     """Motion by the nests that both have, about a point (3,); None for fewer than three.
 
-    Both covariances count as independent, which those of one campaign and its check are not: what
-    they have in common cancels, and U is rather too large.
+    `common_mm2` (3 n, 3 m) is the covariance of the older places with the newer ones, as those of a
+    check have it by the parameters of its campaign; None: both are independent.
     """
     names = tuple(name for name in older[0] if name in newer[0])
     if len(names) < FEWEST:
         return None
     (before_mm, own), (after_mm, other) = (_only(names, each) for each in (older, newer))
+    if common_mm2 is not None:
+        rows = [3 * np.array([each[0].index(name) for name in names]) for each in (older, newer)]
+        common = common_mm2[np.ix_(*((row[:, None] + np.arange(3)).ravel() for row in rows))]
+        other = other - common - common.T
     root = np.linalg.cholesky(own + other)
     by_motion = -frame_jacobian(before_mm - about_mm).reshape(before_mm.size, -1)
     white = np.linalg.solve(root, by_motion)

@@ -15,9 +15,10 @@ from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.estimation.least_squares import Priors
 from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.estimation.rigid_transforms import frame_jacobian
+from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.estimation.variance_components import VarianceComponents
-from campaigns.evaluation.base_motion import BaseMotion, base_motion
+from campaigns.evaluation.base_motion import BaseMotion, NestPlaces, base_motion
 from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange, judge_check
 from campaigns.evaluation.identification import REPAIR
 from campaigns.identification.change import part_causes
@@ -27,6 +28,7 @@ from campaigns.identification.observations import Observations
 from campaigns.identification.result import Pedigree, PositionStd, RecordedIdentification
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 ROUNDS = 3
@@ -37,8 +39,9 @@ EXPECTED_STD = {"mm": 0.1, "deg": float(np.radians(0.05))}
 """Changes of lengths and joint offsets, mm and rad, which a check's shots shall tell apart."""
 ANY_STD = {"mm": 10.0, "deg": 0.1, "ppm": 0.01}
 """Changes, mm, rad and parts, that a repair takes to be possible: it starts from none."""
-CheckFrame = tuple[PointResiduals, Array, Array]
-"""Coordinates of a check, unknowns with its frame last, and the frame's covariance (6, 6)."""
+CheckFrame = tuple[PointResiduals, Array, Array, Array]
+"""Coordinates of a check, unknowns with its frame last, the frame's covariance (6, 6), and what
+errors of the stored parameters do to the frame, (6, F)."""
 BY_ONE = frozenset({"joint", "length"})
 """Kinds of causes that are a parameter each."""
 
@@ -143,14 +146,55 @@ def _base_moved(
     stored: StoredCalibration, every: Shots, frame: CheckFrame, instrument: TrackerUncertainty
 ) -> BaseMotion | None:
     """Motion of the base since the campaign about the check's middle; None where no nests tell."""
-    older, (points, x, covariance) = stored.found.nest_places(), frame
+    older, (points, x, covariance, by_parameters) = stored.found.nest_places(), frame
     if older is None or not any(every.nests):
         return None
     _, newer = nest_places(every, points, x, covariance, instrument)
     assert newer is not None, "the frame's covariance is known"
     base_from_tracker = points.tracker_from_base(x).inverted()
     about_mm = base_from_tracker.apply(every.on_robot().points_in_tracker_mm).mean(axis=0)
-    return base_motion(older, newer, about_mm)
+    of_campaign = _frame_by_parameters(stored, instrument)
+    common_mm2 = None
+    if of_campaign is not None:
+        moved_before = _nests_by_frame(older) @ of_campaign
+        moved_now = _nests_by_frame(newer) @ by_parameters
+        common_mm2 = moved_before @ stored.covariance @ moved_now.T
+    return base_motion(older, newer, about_mm, common_mm2)
+
+
+def _nests_by_frame(nests: NestPlaces) -> Array:
+    """∂(places of n nests in the base frame)/∂(the frame), (3 n, 6)."""
+    return frame_jacobian(nests[1]).reshape(-1, FRAME_COLUMNS)
+
+
+def _frame_by_parameters(stored: StoredCalibration, instrument: TrackerUncertainty) -> Array | None:
+    """What errors of the parameters did to the campaign's frame, (6, F), mm and rad.
+
+    None where an older result does not say which poses it was fitted to.
+    """
+    modelled, frame, names = stored.found.modelled, stored.found.frame, stored.known.names
+    if modelled is None or frame is None:
+        return None
+    every = np.array(modelled.after)
+    poses = every[[each is ShotSet.IDENTIFICATION for each in modelled.purposes]]
+    readings = stored.kinematics.inverse(poses)
+    poses, joints = poses[readings.found], readings.values[readings.found]
+    in_base = information.point_jacobian(stored.kinematics, names, joints, poses)
+    by_joints = stored.kinematics.jacobian(joints, poses)[:, :3, stored.space.offsets]
+    transform, rotation = frame.tracker_from_base, frame.tracker_from_base.rotation
+    stated = point_covariance_mm2(transform.apply(poses[:, :3]), instrument)
+    noise = stored.scatter.covariance_mm2(stored.known.sigma0**2 * stated, rotation @ by_joints)
+    turned = np.concatenate([frame_jacobian(poses[:, :3]), in_base[:, :, : len(names)]], axis=2)
+    white = information.whitened(rotation @ turned, noise).reshape(3 * len(poses), -1)
+    return _taken_by_frame(white[:, :FRAME_COLUMNS], white[:, FRAME_COLUMNS:])
+
+
+def _taken_by_frame(beside: Array, by_parameters: Array) -> Array:
+    """Change of the frame (6, F) by which it takes up errors of parameters, whitened (3 N, F).
+
+    `beside` (3 N, 6 + k) are the columns of what was fitted, the frame's first.
+    """
+    return np.asarray(np.linalg.lstsq(beside, by_parameters, rcond=None)[0][:FRAME_COLUMNS])
 
 
 def _not_assembled() -> ShotsInvalid:
@@ -175,10 +219,11 @@ def _judged(
     at = flat | {name: flat[name] + by for name, by in moved.items()}
     fitted, x = stored.observations(shots, instrument, at)
     about, points = linearized(fitted, x), fitted.points
+    rotations = points.rotations(x)
 
     def by_parameters(names: tuple[str, ...]) -> Array:
         by_names = fitted.model.by_geometry(points.parameters(x), space.places(names))
-        return np.asarray(points.rotations(x) @ by_names)
+        return np.asarray(rotations @ by_names)
 
     frame = about.jacobian[:, :, -FRAME_COLUMNS:]
     back = np.array([*moved.values()]) * space.units(tuple(moved))
@@ -210,8 +255,11 @@ def _judged(
     columns = np.concatenate([white(frame), *beside_it], axis=2).reshape(misfit.size, -1)
     moved_by = np.linalg.lstsq(columns, white(misfit).ravel(), rcond=None)[0][:FRAME_COLUMNS]
     x[-FRAME_COLUMNS:] += moved_by
-    own = information.covariance(columns)[:FRAME_COLUMNS, :FRAME_COLUMNS]
-    return judged, (points, x, own)
+    of_frame = information.covariance(columns)[:FRAME_COLUMNS, :FRAME_COLUMNS]
+    in_base = frame_jacobian(fitted.model.positions_mm(points.parameters(x)))
+    columns[:, :FRAME_COLUMNS] = white(rotations @ in_base).reshape(misfit.size, -1)
+    by_stored = white(own.reshape(*misfit.shape[:2], -1)).reshape(misfit.size, -1)
+    return judged, (points, x, of_frame, _taken_by_frame(columns, by_stored))
 
 
 def causes_in_robot(

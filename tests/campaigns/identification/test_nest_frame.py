@@ -10,6 +10,7 @@ from par4_space import SPACE
 
 from campaigns.estimation.rigid_transforms import Transform, frame_jacobian
 from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.base_motion import base_motion
 from campaigns.identification.checking import StoredCalibration, check_calibration, repaired
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import select_parameters
@@ -177,6 +178,19 @@ def test_a_base_that_moved_since_the_campaign_is_told_from_a_robot_that_changed(
     assert base_of_check(1, loose_mm=0.3).base.decision == "not decided"
 
 
+def test_what_errors_of_the_parameters_do_to_both_frames_cancels_in_the_bases_motion():
+    corners, own = np.diag([500.0, 400.0, 300.0]), 0.01**2 * np.eye(9)
+    common = 0.03**2 * np.eye(9)
+    of_both = tuple(PLACES), corners, own + common
+    alone = tuple(PLACES), corners, own
+    apart, shared = (base_motion(of_both, of_both, np.zeros(3), by) for by in (None, common))
+    assert shared.moved_u_mm == base_motion(alone, alone, np.zeros(3)).moved_u_mm
+    assert apart.moved_u_mm > 3.0 * shared.moved_u_mm
+    stayed = [base_of_check(seed).base for seed in range(1, 5)]
+    assert max(each.moved_u_mm for each in stayed) < 0.02
+    assert min(each.p for each in stayed) > 0.05
+
+
 def test_a_repair_places_the_nests_of_its_check_anew_and_takes_none_for_a_shot_of_the_robot():
     shots = replace(shots_of_check(1, offset_deg=0.05), session=np.full(19, 7))
     judged = check_calibration(stored(1), shots, TrackerUncertainty())
@@ -202,6 +216,8 @@ def test_of_a_hundred_bases_nearly_all_are_called_rightly(record_property):
         rightly = sum(each.base.decision == decision for each in found)
         record_property(name, rightly)
         assert rightly >= 95
+        if not changes:
+            assert 0.4 < np.mean([each.base.p for each in found]) < 0.6
         sizes = np.array([(each.base.moved_mm, each.base.moved_u_mm) for each in found])
         if "by_mm" in changes:
             assert np.sum(np.abs(sizes[:, 0] - 0.3) < sizes[:, 1]) >= 90
