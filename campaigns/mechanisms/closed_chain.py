@@ -302,9 +302,9 @@ class ClosedChain:
         robots = p.reshape(len(p), -1)
         values, platform, extensions = self._split(robots)
         arms = self._arms.at(values, extensions[:, :-1], self.true_joints(p, joints, approach))
-        pairs = self._rod_pairs(values, extensions)
-        if not pairs.are_level:
-            pairs = self._rod_pairs(*(of_rows(each, len(joints)) for each in (values, extensions)))
+        tilting = extensions[:, -2:].any()
+        of = (of_rows(each, len(joints)) if tilting else each for each in (values, extensions))
+        pairs = self._rod_pairs(*of)
         platform, signs = (
             of_rows(each, len(joints)) for each in (platform, self.assembly_sign(robots))
         )
@@ -460,8 +460,8 @@ class ClosedChain:
 
         Poses (t, N) are by component.
         """
-        ends = self.platform.joints_mm(limbs.platform, poses.T)
-        forearms = np.ascontiguousarray(ends.T) - limbs.elbows_mm
+        offsets_mm = self.platform.offsets_mm(limbs.platform, poses.T)
+        forearms = poses[:COORDINATES, None] + offsets_mm - limbs.elbows_mm
         f = 0.5 * (np.einsum("kin,kin->in", forearms, forearms) - limbs.forearm_mm**2)
         matrix = np.empty((len(f), len(poses), poses.shape[1]))
         matrix[:, :COORDINATES] = forearms.swapaxes(0, 1)
@@ -499,7 +499,7 @@ class ClosedChain:
         drop_mm = np.sqrt(np.maximum(drop2_mm2, 0.0).mean(axis=0))
         turned = np.zeros((len(drop_mm), len(self.task)))
         turned[:, COORDINATES:] = theta_rad
-        aside = self.platform.joints_mm(limbs.platform, turned).mean(axis=1).T
+        aside = self.platform.offsets_mm(limbs.platform, turned).mean(axis=1)
         rows = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop_mm + lift_mm]
         turns = [np.full_like(drop_mm, theta_rad)] if self._has_turn else []
         return np.stack([*rows, *turns])

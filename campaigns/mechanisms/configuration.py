@@ -17,6 +17,7 @@ from campaigns.mechanisms.parasitic_rotation import (
     TYPICAL_JOINT_MM,
     RodPairs,
     TiltedForearms,
+    cross,
     displacement,
     inverse_of_three,
     turned_further,
@@ -31,7 +32,7 @@ AZIMUTH, FOREARM = 3, 6
 CONVERGED_MM = 1e-5
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
 TILT_ROUNDS = 30
-ROUNDS_AT_ONCE = 10
+FOLLOWED_ROUNDS = 10
 """From poses and tilts near by; where these don't settle, a level plate is assembled first."""
 TILT_SETTLED_PER_MM = 0.001
 """What the last step of poses and tilts may leave, over the square of that of poses alone: as that
@@ -47,9 +48,11 @@ SETTLED_SHARE = 1e-6
 """Of that step: what is left of it leads no fit astray, whose next steps are far shorter."""
 
 
-TiltElimination: TypeAlias = tuple[Array, Array, Array, Array, Array]
-"""Of a Jacobian: the plate's tilt (3, N), and as `_tilting_jacobian` has them -(F_z + C H_z)⁻¹
-(t, n, N), C (n, 3, N), H_s⁻¹ (3, 3, N) and H_z (3, t, N)."""
+Elimination: TypeAlias = tuple[Array, Array, Array, Array]
+"""As `_elimination` has them -(F_z + C H_z)⁻¹ (t, n, N), C (n, 3, N), H_s⁻¹ (3, 3, N) and H_z
+(3, t, N)."""
+TiltElimination: TypeAlias = tuple[Array, Elimination]
+"""Plate's tilt (3, N) where a Jacobian was asked for, and its elimination there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,13 +112,7 @@ class Configuration:
         if near is None:
             level = self.chain.assemble(limbs, None, NEARLY_MM)
             return self._tilted(level, gibbs, settled_mm)
-        every, start, start_tilt = np.ones(len(near), dtype=bool), near.copy(), gibbs
-        if about is not None:
-            start, start_tilt, settled = self._continued(limbs, near, about, settled_mm)
-            if settled:
-                return KinematicSolution.where(every, start)
-        at_once = KinematicSolution.where(every, start)
-        found = self._tilted(at_once, start_tilt, settled_mm, at_once=True)
+        found = self._followed(limbs, near, gibbs, about, settled_mm)
         if found.found.all():
             return found
         moved, gibbs = self._moved(limbs, near, gibbs)
@@ -132,8 +129,8 @@ class Configuration:
 
     def forearms_mm(self, poses: Array) -> Array:
         """A_iB_i at poses (N, t) of a level plate, (3, n, N)."""
-        ends = self.chain.platform.joints_mm(self.platform, poses)
-        return np.ascontiguousarray(ends.T) - self.arms.elbows_mm
+        offsets_mm = self.chain.platform.offsets_mm(self.platform, poses)
+        return np.asarray(_at(poses) + offsets_mm - self.arms.elbows_mm)
 
     def tilted_forearms(self, poses: Array) -> TiltedForearms:
         """A_iB_i at poses (N, t) of the plate as it tilts there."""
@@ -155,41 +152,51 @@ class Configuration:
 
         The columns of extensions are left 0 where they are not asked for and the plate is level.
         """
-        if self.pairs.are_level and not extended:
-            forearms = self.forearms_mm(poses)
-            by_platform = self._by_platform(poses, forearms)
-            by_closure = _inverse(self.by_pose(poses, forearms))
-            by_all = self._by_all(by_closure, self.arms.by_fields(forearms), by_platform)
-            by_all[:, len(self.chain.parameters.names) :] = 0.0
-            return by_all.transpose(2, 0, 1)
-        return self._tilting_jacobian(poses)
+        if not self.pairs.are_level:
+            return self._tilting_jacobian(poses)
+        forearms = self.forearms_mm(poses)
+        by_closure = _inverse(self.by_pose(poses, forearms))
+        own, by_platform = self.arms.by_fields(forearms), self._by_platform(poses, forearms)
+        by_all, beyond = self._by_all(by_closure, own, by_platform)
+        if extended:
+            by_misfit = self._by_misfit(poses, forearms, by_closure)
+            beyond[:, -2] -= by_misfit * (forearms[2] / self.pairs.forearm_mm)
+            beyond[:, -1] = -by_misfit
+        else:
+            beyond[:] = 0.0
+        return by_all.transpose(2, 0, 1)
+
+    def _by_misfit(self, poses: Array, forearms_mm: Array, by_closure: Array) -> Array:
+        """d(pose)/d(misfit of the rods' differences) of a plate that is still level, (t, n, N).
+
+        As of the tilting one, where neither bars nor misfits add anything.
+        """
+        _, seen = self._seen(self.arms.elbows_mm, poses)
+        weights = self.pairs.crossed(forearms_mm)
+        inverse = inverse_of_three(np.einsum("kin,lin->kln", weights, weights))
+        eliminated = _product(2.0 * cross(forearms_mm, seen).swapaxes(0, 1), inverse)
+        elimination = (
+            by_closure,
+            eliminated,
+            inverse,
+            np.zeros((COORDINATES, *by_closure.shape[::2])),
+        )
+        self._eliminated[:] = [(np.zeros((COORDINATES, len(poses))), elimination)]
+        return np.asarray(np.einsum("tkn,kin->tin", _product(by_closure, eliminated), weights))
 
     def _tilting_jacobian(self, poses: Array) -> Array:
-        """Jacobian without the plate's tilt: closures F and its normal equations H both vanish.
-
-        dF = F_z dz + F_s ds + F_p dp and dH alike give ds, and with C = -F_s H_s⁻¹
-        dz = -(F_z + C H_z)⁻¹ (F_p + C H_p).
-        """
+        """Jacobian without the plate's tilt, from what closures and normal equations do to it."""
         state, platform = self.tilted_forearms(poses), self.chain.platform
-        tasks = len(self.chain.task)
-        own_turn = None
-        if tasks > COORDINATES:
-            own_turn = state.rotated(platform.joints_by_turn(self.platform, poses))
-        closures, normal = state.by_pose_and_turn(own_turn)
-        by_turn = inverse_of_three(normal[:, tasks:])
-        eliminated = -_product(closures[tasks:].swapaxes(0, 1), by_turn)
-        by_pose = closures[:tasks].swapaxes(0, 1) + _product(eliminated, normal[:, :tasks])
-        by_closure = _inverse(by_pose.transpose(2, 0, 1))
+        elimination = self._elimination(state, poses)
+        self._eliminated[:] = [(self.tilt(poses), elimination)]
+        by_closure, eliminated, *_ = elimination
         by_normal = _product(by_closure, eliminated)
-        by_pose = normal[:, :tasks]
-        self._eliminated[:] = [(self.tilt(poses), by_closure, eliminated, by_turn, by_pose)]
         by_misfit, by_forearm = state.sensitivities(by_closure, by_normal)
         by_all, by_arms, by_plate, beyond = self._columns(by_closure)
         own, fields = self.arms.by_fields(by_forearm), by_arms.shape[2]
         by_arms[:], beyond[:, :-1] = own[:, :, :fields], own[:, :, fields:].swapaxes(1, 2)
         for place, moved in enumerate(platform.joints_by_fields(self.platform, poses)):
-            each = by_forearm * state.rotated(moved)[:, None]
-            by_plate[:, place] = 2.0 * each.sum(axis=(0, 2))
+            by_plate[:, place] = 2.0 * np.einsum("ktin,kin->tn", by_forearm, state.rotated(moved))
         # what does not go through the forearms: lengths, and the directions of bars
         of_own = state.by_own_parameters(by_misfit, by_normal)
         by_azimuth, by_length, by_axis_tilt, beyond[:, -1] = of_own
@@ -199,13 +206,32 @@ class Configuration:
         beyond[:, -2] += by_axis_tilt
         return by_all.transpose(2, 0, 1)
 
+    def _elimination(self, state: TiltedForearms, poses: Array) -> Elimination:
+        """Of the tilt: closures F and normal equations H vanish with it.
+
+        dF = F_z dz + F_s ds + F_p dp and dH alike give ds, and with C = -F_s H_s⁻¹
+        dz = -(F_z + C H_z)⁻¹ (F_p + C H_p).
+        """
+        tasks, by_turn = len(self.chain.task), None
+        if tasks > COORDINATES:
+            platform = self.chain.platform
+            by_turn = state.rotated(platform.joints_by_turn(self.platform, poses))
+        closures, normal = state.by_pose_and_turn(by_turn)
+        inverse = inverse_of_three(normal[:, tasks:])
+        eliminated = -_product(closures[tasks:].swapaxes(0, 1), inverse)
+        by_pose = closures[:tasks].swapaxes(0, 1) + _product(eliminated, normal[:, :tasks])
+        return _inverse(by_pose.transpose(2, 0, 1)), eliminated, inverse, normal[:, :tasks]
+
     def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
         """∂F by the platform's fields, (f, n, N), from forearms (3, n, N) to a level plate."""
         moved = self.chain.platform.joints_by_fields(self.platform, poses)
         return np.asarray(2.0 * (forearms_mm * moved).sum(axis=1))
 
-    def _by_all(self, by_closure: Array, own: Array, by_platform: Array) -> Array:
-        """d(pose)/dp (t, G, N) of parameters that enter their own arm's closure alone."""
+    def _by_all(self, by_closure: Array, own: Array, by_platform: Array) -> tuple[Array, Array]:
+        """d(pose)/dp (t, G, N) of parameters that enter their own arm's closure alone.
+
+        And a view of its columns of extensions, (t, e, n, N).
+        """
         by_all, by_arms, by_plate, beyond = self._columns(by_closure)
         fields = by_arms.shape[2]
         np.multiply(by_closure[:, :, None], own[:, :fields], out=by_arms)
@@ -213,7 +239,7 @@ class Configuration:
             by_plate[:, place] = (by_closure * each).sum(axis=1)
         tilts = own[:, fields:].swapaxes(0, 1)
         np.multiply(by_closure[:, None], tilts, out=beyond[:, : len(tilts)])
-        return by_all
+        return by_all, beyond
 
     def _columns(self, by_closure: Array) -> tuple[Array, Array, Array, Array]:
         """Zeros d(pose)/dp (t, G, N), and its columns of arms, platform and extensions as views."""
@@ -233,9 +259,8 @@ class Configuration:
 
     def _seen(self, elbows_mm: Array, poses: Array) -> tuple[Array, Array]:
         """Forearms to plate joints, and these seen from the measured point, (3, n, N) each."""
-        ends = self.chain.platform.joints_mm(self.platform, poses)
-        from_point = (ends - poses[:, None, :COORDINATES]).T
-        return np.ascontiguousarray(ends.T) - elbows_mm, self.chain.plate.seen_mm(from_point)
+        offsets_mm = self.chain.platform.offsets_mm(self.platform, poses)
+        return _at(poses) + offsets_mm - elbows_mm, self.chain.plate.seen_mm(offsets_mm)
 
     def _moved(self, limbs: Limbs, poses: Array, gibbs: Array) -> tuple[Limbs, Array]:
         """Limbs that hold a level plate where the tilted one is, and its Gibbs vectors (3, N).
@@ -247,40 +272,56 @@ class Configuration:
         return replace(limbs, elbows_mm=limbs.elbows_mm - displacement(gibbs, seen)), gibbs
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def _continued(
-        self, limbs: Limbs, near: Array, about: TiltElimination, settled_mm: float
-    ) -> tuple[Array, Array, bool]:
-        """Poses (N, t) and Gibbs vectors (3, N) by steps with the derivatives of another robot.
+    def _followed(
+        self,
+        limbs: Limbs,
+        near: Array,
+        gibbs: Array,
+        about: TiltElimination | None,
+        settled_mm: float,
+    ) -> KinematicSolution:
+        """Poses and tilts by Newton's steps of both, from near them; none where one is lost.
 
-        And whether they settled, all of them: where steps shrink fast, no pose on their way is
-        singular, so that the assembly mode stays.
+        Derivatives are those of the robot about which they are known, or the last ones, while steps
+        shrink fast: then no pose on their way is singular, and the assembly mode stays.
         """
-        gibbs, by_closure, eliminated, by_turn, by_pose = about
+        if about is not None:
+            gibbs, elimination = about
         poses, last_mm, contraction = np.ascontiguousarray(near.T), np.inf, FIRST_CONTRACTION
-        while contraction < CONTRACTION:
-            state = self.pairs.state(*self._seen(limbs.elbows_mm, poses.T), gibbs)
+        known, determinant = about is not None, limbs.assembly_sign
+        for _ in range(FOLLOWED_ROUNDS):
+            fresh = not known
+            forearms, seen = self._seen(limbs.elbows_mm, poses.T)
+            state = self.pairs.state(forearms, seen, gibbs)
+            if fresh:
+                try:
+                    elimination = self._elimination(state, poses.T)
+                except np.linalg.LinAlgError:
+                    break
+                moved = replace(limbs, elbows_mm=limbs.elbows_mm + forearms - state.forearms_mm)
+                _, determinant, _ = self.chain.newton_step(moved, poses)
+            by_closure, eliminated, by_turn, by_pose = elimination
             normal = state.normal_equations()
-            closures = state.closures() + _applied(eliminated, normal)
-            step = _applied(by_closure, closures)
+            step = _applied(by_closure, state.closures() + _applied(eliminated, normal))
             turn = -_applied(by_turn, normal + _applied(by_pose, step))
             poses, gibbs = poses + step, turned_further(gibbs, turn)
-            turned_mm = TYPICAL_JOINT_MM * np.abs(turn).max()
-            size_mm = max(float(np.abs(step[:COORDINATES]).max()), float(turned_mm))
-            if last_mm == np.inf:
-                settled_mm = max(settled_mm, SETTLED_SHARE * size_mm)
-            else:
+            turned_mm = TYPICAL_JOINT_MM * float(np.abs(turn).max())
+            size_mm = max(float(np.abs(step[:COORDINATES]).max()), turned_mm)
+            if last_mm < np.inf:
                 contraction = size_mm / last_mm
-            last_mm = size_mm
+            elif about is not None:
+                settled_mm = max(settled_mm, SETTLED_SHARE * size_mm)
             if size_mm * contraction <= settled_mm:
                 values = np.ascontiguousarray(poses.T)
                 self._assembled[:] = [(values, gibbs)]
-                wanted = self.chain.is_wanted(limbs, poses, limbs.assembly_sign)
-                return values, gibbs, bool(wanted.all())
-        return np.ascontiguousarray(poses.T), gibbs, False
+                wanted = self.chain.is_wanted(limbs, poses, determinant)
+                return KinematicSolution.where(wanted, values)
+            known, last_mm = fresh or contraction < CONTRACTION, size_mm
+        return KinematicSolution.where(np.zeros(len(near), dtype=bool), near.copy())
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _tilted(
-        self, level: KinematicSolution, gibbs: Array, settled_mm: float, *, at_once: bool = False
+        self, level: KinematicSolution, gibbs: Array, settled_mm: float
     ) -> KinematicSolution:
         """Poses of the tilted plate, from those nearly so; rows that don't settle are lost."""
         found = level.found.copy()
@@ -288,15 +329,14 @@ class Configuration:
             return level
         limbs, poses = self._limbs().rows(found), level.values[found]
         gibbs = gibbs[:, found]
-        last_mm, settled = 0.0, False
-        for _ in range(ROUNDS_AT_ONCE if at_once else TILT_ROUNDS):
+        last_mm = 0.0
+        for _ in range(TILT_ROUNDS):
             moved, gibbs = self._moved(limbs, poses, gibbs)
             step, determinant, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
             poses = poses + step.T
             step_mm = np.abs(step[:COORDINATES]).max(axis=0)
             size_mm = float(np.fmax.reduce(step_mm))  # of lost rows it is NaN
-            settled = size_mm**2 <= settled_mm * last_mm
-            if settled:
+            if size_mm**2 <= settled_mm * last_mm:
                 break
             last_mm = size_mm
         values = np.full_like(level.values, np.nan)
@@ -304,18 +344,23 @@ class Configuration:
         if found.all():
             self._assembled[:] = [(values, gibbs)]
         wanted = self.chain.is_wanted(limbs, np.ascontiguousarray(poses.T), determinant)
-        found[found] = wanted & (settled if at_once else step_mm < TILT_CLOSED_MM)
+        found[found] = wanted & (step_mm < TILT_CLOSED_MM)
         return KinematicSolution.where(found, values)
+
+
+def _at(poses: Array) -> Array:
+    """Places (3, 1, N) of poses (N, t)."""
+    return np.ascontiguousarray(poses[:, :COORDINATES].T)[:, None]
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
     """Products (a, N) of matrices (a, b, N) and vectors (b, N)."""
-    return np.asarray((matrices * vectors).sum(axis=1))
+    return np.asarray(np.einsum("abn,bn->an", matrices, vectors))
 
 
 def _product(one: Array, other: Array) -> Array:
     """Products (a, c, N) of matrices (a, b, N) and (b, c, N)."""
-    return np.asarray((one[:, :, None] * other).sum(axis=1))
+    return np.asarray(np.einsum("abn,bcn->acn", one, other))
 
 
 def _inverse(by_pose: Array) -> Array:

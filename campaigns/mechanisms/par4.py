@@ -6,10 +6,9 @@ from campaigns.arrays import Array
 from campaigns.mechanisms.arms import RotaryArms
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.configuration import Limbs
+from campaigns.mechanisms.parasitic_rotation import LAST, NEXT
 from campaigns.mechanisms.platforms import HingedPlate
 
-NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
-"""The component after each of x, y, z, and the one after that."""
 FIRST_HALF = (0, 1)
 
 

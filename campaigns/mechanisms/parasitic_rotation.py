@@ -29,6 +29,8 @@ from campaigns.arrays import Array
 Place = tuple[float, float, float]
 TYPICAL_JOINT_MM = 50.0
 DIAGONAL = np.arange(3), np.arange(3)
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""The component after each of x, y, z, and the one after that."""
 ROUNDS = 15
 SETTLED_RAD = 1e-13
 """Last step of a tilt, a thousandth of which is left."""
@@ -114,15 +116,14 @@ class RodPairs:
         r_minus_i = rotation_minus_identity(gibbs)
         moved_mm = applied(r_minus_i, seen_mm)
         forearms_mm = forearms_mm + moved_mm
-        across = applied(r_minus_i, self.plate_bars) + (self.plate_bars - self.motor_axes)
+        across = applied(r_minus_i, self.plate_bars[:2]) + (self.plate_bars - self.motor_axes)
         misfit = _dot(forearms_mm, across) / self.forearm_mm - self.skew
         joints_mm, weights = seen_mm + moved_mm, self.crossed(forearms_mm)
         return TiltedForearms(self, r_minus_i, joints_mm, forearms_mm, across, misfit, weights)
 
     def crossed(self, vectors: Array) -> Array:
         """v_i × y_i / L_i, (3, …, n, N), of vectors y (3, …, n or 1, N): bars are horizontal."""
-        (bar_x, bar_y), (x, y, z) = self.plate_bars[:2] / self.forearm_mm, vectors
-        return np.array([bar_y * z, -bar_x * z, bar_x * y - bar_y * x])
+        return _crossed(self.plate_bars[:2] / self.forearm_mm, vectors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,12 +171,13 @@ class TiltedForearms:
         turned[1, 0], turned[2, 0] = -z, y
         turned[0, 1], turned[2, 1] = z, -x
         turned[0, 2], turned[1, 2] = -y, x
-        closures = 2.0 * _dot(self.forearms_mm[:, None], moved)
-        misfits = _dot(self.across[:, None], moved)
-        misfits[tasks:] += _cross(self.across + self.pairs.motor_axes, self.forearms_mm)
+        closures = np.einsum("kin,kmin->min", 2.0 * self.forearms_mm, moved)
+        misfits = np.einsum("kin,kmin->min", self.across, moved)
+        misfits[tasks:] += cross(self.across + self.pairs.motor_axes, self.forearms_mm)
         misfits /= self.pairs.forearm_mm
-        normal = self.weights[:, None] * misfits + self.misfit * self.pairs.crossed(moved)
-        return closures, np.asarray(normal.sum(axis=2))
+        normal = np.einsum("kin,min->kmn", self.weights, misfits)
+        normal += np.einsum("in,kmin->kmn", self.misfit, self.pairs.crossed(moved))
+        return closures, normal
 
     def sensitivities(self, by_closure: Array, by_normal: Array) -> tuple[Array, Array]:
         """Derivatives of task coordinates by misfits (t, n, N), and half those by forearms.
@@ -183,7 +185,7 @@ class TiltedForearms:
         The latter are (3, t, n, N), from those by closures (t, n, N) and normal equations
         (t, 3, N).
         """
-        by_misfit = (by_normal[:, :, None] * self.weights).sum(axis=1)
+        by_misfit = np.einsum("tkn,kin->tin", by_normal, self.weights)
         by_forearm = (self.across / self.pairs.forearm_mm)[:, None] * by_misfit
         by_forearm -= self.misfit * self.pairs.crossed(by_normal.swapaxes(0, 1)[:, :, None])
         by_forearm *= 0.5
@@ -197,11 +199,12 @@ class TiltedForearms:
         """
         length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
         level = np.hypot(axes[0], axes[1])
-        by_azimuth = np.stack([-bars[1], bars[0], np.zeros_like(bars[0])])
-        across = by_azimuth * (1.0 - level) + applied(self.r_minus_i, by_azimuth)
-        weighted = _cross(by_azimuth, self.forearms_mm) * (self.misfit / length)
+        turned = np.stack([-bars[1], bars[0]])
+        across = applied(self.r_minus_i, turned)
+        across[:2] += turned * (1.0 - level)
+        weighted = _crossed(turned * (self.misfit / length), self.forearms_mm)
         azimuth = by_misfit * (_dot(self.forearms_mm, across) / length)
-        azimuth += (by_normal[:, :, None] * weighted).sum(axis=1)
+        azimuth += np.einsum("tkn,kin->tin", by_normal, weighted)
         by_tilt = -axes[2] * bars
         by_tilt[2] = level
         return (
@@ -226,11 +229,11 @@ def rotation_minus_identity(gibbs: Array) -> Array:
 
 
 def applied(matrices: Array, vectors: Array) -> Array:
-    """Products (3, n, N) of matrices (3, 3, N) and vectors (3, n, N) or (3, n, 1)."""
-    by_row = matrices[:, :, None]
-    return np.asarray(
-        by_row[:, 0] * vectors[0] + by_row[:, 1] * vectors[1] + by_row[:, 2] * vectors[2]
-    )
+    """Products (3, n, N) of matrices (3, 3, N) and vectors (3, n, N) or (3, n, 1).
+
+    Horizontal vectors may lack their third component.
+    """
+    return np.asarray(np.einsum("kln,lin->kin", matrices[:, : len(vectors)], vectors))
 
 
 def displacement(gibbs: Array, vectors: Array) -> Array:
@@ -248,22 +251,34 @@ def rotation_vectors(gibbs: Array) -> Array:
 
 def inverse_of_three(matrices: Array) -> Array:
     """Inverses (3, 3, N) of systems (3, 3, N), by row: columns over the determinant."""
-    a, b, c = matrices
-    columns = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
-    return np.asarray(columns / _dot(a, columns[:, 0]))
+    b, c = matrices[NEXT], matrices[LAST]
+    columns = b[:, NEXT] * c[:, LAST] - b[:, LAST] * c[:, NEXT]
+    return np.asarray(columns.swapaxes(0, 1) / _dot(matrices[0], columns[0]))
 
 
 def turned_further(gibbs: Array, turn_rad: Array) -> Array:
     """Gibbs vectors of rotations followed by small turns (their Gibbs vectors half as long)."""
     half = 0.5 * turn_rad
-    return np.asarray((gibbs + half + _cross(half, gibbs)) / (1.0 - _dot(half, gibbs)))
+    return np.asarray((gibbs + half + cross(half, gibbs)) / (1.0 - _dot(half, gibbs)))
 
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray((a * b).sum(axis=0))
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _crossed(horizontal: Array, vectors: Array) -> Array:
+    """Vector products (3, …, n, N) of horizontal vectors (2, n, N or 1) and others (3, …, N)."""
+    (across_x, across_y), (x, y, z) = horizontal, vectors
+    product = np.empty((3, *np.broadcast_shapes(across_x.shape, x.shape)))
+    np.multiply(across_y, z, out=product[0])
+    np.multiply(-across_x, z, out=product[1])
+    np.multiply(across_x, y, out=product[2])
+    product[2] -= across_y * x
+    return product
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Vector products of vectors by component, (3, …)."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
     product[0] = a[1] * b[2] - a[2] * b[1]
     product[1] = a[2] * b[0] - a[0] * b[2]
@@ -274,5 +289,5 @@ def _cross(a: Array, b: Array) -> Array:
 def _solved(matrices: Array, right: Array) -> Array:
     """Solutions (3, N) of symmetrical systems (3, 3, N)."""
     a, b, c = matrices
-    bc, ca, ab = _cross(b, c), _cross(c, a), _cross(a, b)
+    bc, ca, ab = cross(b, c), cross(c, a), cross(a, b)
     return np.asarray((right[0] * bc + right[1] * ca + right[2] * ab) / _dot(a, bc))

@@ -65,9 +65,13 @@ class Platform(ABC):
         """Platform whose measured point is on one of its parts, 1 or 2; raises `ValueError`."""
         raise ValueError("a platform of one part has no halves")
 
-    @abstractmethod
     def joints_mm(self, values: Array, poses: Array) -> Array:
         """B_i in the base frame, (N, n, 3), at poses (N, t)."""
+        return np.asarray(poses[:, None, :3] + self.offsets_mm(values, poses).T)
+
+    @abstractmethod
+    def offsets_mm(self, values: Array, poses: Array) -> Array:
+        """B_i - X, (3, n, N), at poses (N, t)."""
 
     @abstractmethod
     def joints_by_turn(self, values: Array, poses: Array) -> Array:
@@ -85,9 +89,9 @@ class TranslatingPlatform(Platform):
     task = POSITION
 
     @override
-    def joints_mm(self, values: Array, poses: Array) -> Array:
-        """X for every arm."""
-        return np.repeat(poses[..., None, :3], self.arms, axis=-2)
+    def offsets_mm(self, values: Array, poses: Array) -> Array:
+        """Nothing for every arm."""
+        return np.zeros((3, self.arms, len(poses)))
 
     @override
     def joints_by_turn(self, values: Array, poses: Array) -> Array:
@@ -131,14 +135,9 @@ class TwoPartPlatform(Platform):
         """∂(apart)/∂θ, (2, N)."""
 
     @override
-    def joints_mm(self, values: Array, poses: Array) -> Array:
-        """B'_i in the base frame, (N, 4, 3)."""
-        joints = np.repeat(poses[..., None, :3], self.arms, axis=-2)
-        apart = values[0] * self.apart(poses[..., 3])
-        for arm in np.flatnonzero(self._shares):
-            for axis in (0, 1):
-                joints[..., arm, axis] += self._shares[arm] * apart[axis]
-        return joints
+    def offsets_mm(self, values: Array, poses: Array) -> Array:
+        """B'_i - X, (3, 4, N)."""
+        return self._shared(values[0] * self.apart(poses[:, 3]))
 
     @override
     def joints_by_turn(self, values: Array, poses: Array) -> Array:

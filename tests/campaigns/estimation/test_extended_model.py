@@ -138,7 +138,9 @@ def test_poses_followed_from_other_parameters_are_those_of_the_new_ones(size):
     moved_mm = np.abs(afresh - followed.positions_mm(about)).max()
     assert np.abs(followed.positions_mm(x) - afresh).max() < 1e-10 + 1e-6 * moved_mm
     known = model(followed.kinematics(x), joints, None)
-    assert followed.jacobian(x) == pytest.approx(known.jacobian(known.nominal), rel=1e-6, abs=1e-6)
+    expected = known.jacobian(known.nominal)
+    off = np.abs(followed.jacobian(x) - expected).max(axis=(0, 1))
+    assert (off <= 1e-6 * np.abs(expected).max(axis=(0, 1))).all()
 
 
 def test_derivative_of_the_position_by_each_backlash_is_that_of_its_joint_both_ways():
