@@ -85,7 +85,7 @@ def run_study(
     jobs = [
         Job(each.table, (each.setup, each.scenario, some), len(some))
         for each in combinations
-        for some in numbers_of_tasks(n for n in wanted if n not in each.table.places)
+        for some in numbers_of_tasks(each.setup, (n for n in wanted if n not in each.table.places))
     ]
     total = len(combinations) * len(wanted)
     counted = counting(total, total - sum(job.count for job in jobs))

@@ -31,7 +31,9 @@ SCENARIO = load_scenario("paper-simulation")
 UNSEEN_PAIRS, DRIFT_SHOTS = 20, 2
 
 
-def tasks_of(estimator: Estimator, pairs: int, campaigns: int) -> list[StudyTask]:
+def tasks_of(
+    estimator: Estimator, pairs: int, campaigns: int, *, is_long: bool = False
+) -> list[StudyTask]:
     """So many campaigns of a study with so many fitted pairs."""
     request = PlanRequest(2 * pairs, UNSEEN_PAIRS, DRIFT_SHOTS, CENTRE)
     plan = make_plan(ROBOT, EVERYWHERE, request, np.random.default_rng(1))
@@ -43,6 +45,7 @@ def tasks_of(estimator: Estimator, pairs: int, campaigns: int) -> list[StudyTask
         options=IdentificationOptions(estimator=estimator, instrument=instrument),
         tracker_from_base=Transform(np.eye(3), -np.array(EVERYWHERE.tracker_mm)),
         seed=1,
+        is_long=is_long,
     )
     return list(study_tasks(setup, SCENARIO, range(campaigns)))
 

@@ -12,14 +12,18 @@ TINY_MM = 1e-300
 
 
 def distances_mm(points_mm: Array, first: Index, second: Index) -> Array:
-    """(M,)."""
-    return np.asarray(np.linalg.norm(points_mm[second] - points_mm[first], axis=1))
+    """(M,); of stacks of points (…, N, 3), (…, M)."""
+    between = points_mm[..., second, :] - points_mm[..., first, :]
+    return np.asarray(np.linalg.norm(between, axis=-1))
 
 
 def directions(points_mm: Array, first: Index, second: Index) -> Array:
-    """Unit vectors from the first points to the second, (M, 3); zero where the two coincide."""
-    between = points_mm[second] - points_mm[first]
-    length = np.linalg.norm(between, axis=1, keepdims=True)
+    """Unit vectors from the first points to the second, (M, 3); zero where the two coincide.
+
+    Of stacks of points (…, N, 3), (…, M, 3).
+    """
+    between = points_mm[..., second, :] - points_mm[..., first, :]
+    length = np.linalg.norm(between, axis=-1, keepdims=True)
     return np.asarray(between / np.maximum(length, TINY_MM))
 
 

@@ -175,7 +175,7 @@ class PointStack:
         self, robots: RobotStack, points_mm: Array, whitening: Array, guesses: tuple[Array, Array]
     ) -> None:
         self.robots = robots
-        self._points_mm, self._whitening = points_mm, whitening
+        self._points_mm, self.whitening = points_mm, whitening
         self._rotation, self._translation_mm = guesses
         self.jacobians = _zeros(robots, 3 * points_mm.shape[2], FRAME_COLUMNS)
         """Those from which steps were last taken, (C, 3 N, F + 6)."""
@@ -198,7 +198,7 @@ class PointStack:
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, 3 N), as `normal_step`."""
         jacobian = self.jacobian(x, rows)
-        self.jacobians[rows] = jacobian
+        self.jacobians = _kept(self.jacobians, jacobian, rows)
         return _step(self.robots.kernel, jacobian, residual)
 
     def jacobian(self, x: Array, rows: Index) -> Array:
@@ -207,7 +207,7 @@ class PointStack:
         rotation, by_angle = self._rotation[rows] @ turn, self._rotation[rows][:, None] @ by_angle
         if self.robots.kernel is not None:
             closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows)
-            frames = (rotation, np.ascontiguousarray(by_angle), self._whitening[rows])
+            frames = (rotation, np.ascontiguousarray(by_angle), self.whitening[rows])
             found = self.robots.kernel.point_jacobians(*closed, *frames)
             return np.asarray(found.reshape(*found.shape[:2], -1).swapaxes(1, 2))
         positions, by_robot = self.robots.jacobian(x[:, :-FRAME_COLUMNS], rows)
@@ -224,7 +224,7 @@ class PointStack:
         rotation = self.rotations(x, rows)
         if self.robots.kernel is not None:
             closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, self.robots.offsets)
-            frames = (rotation, np.empty((len(rows), 0, 3, 3)), self._whitening[rows])
+            frames = (rotation, np.empty((len(rows), 0, 3, 3)), self.whitening[rows])
             return np.asarray(self.robots.kernel.point_jacobians(*closed, *frames))
         by_joints = self.robots.by_joints(rows)
         turned = (rotation @ by_joints.reshape(len(rows), 3, -1)).reshape(by_joints.shape)
@@ -232,7 +232,7 @@ class PointStack:
 
     def _whitened(self, each: Array, rows: Index) -> Array:
         """Rows (R, 3, N, …) in units of their σ, in place; a vector's as (R, 3 N)."""
-        w = self._whitening[rows].reshape(len(rows), 3, 3, -1, *(1,) * (each.ndim - 3))
+        w = self.whitening[rows].reshape(len(rows), 3, 3, -1, *(1,) * (each.ndim - 3))
         each[:, 2] *= w[:, 2, 2]
         each[:, 2] += w[:, 2, 0] * each[:, 0] + w[:, 2, 1] * each[:, 1]
         each[:, 1] *= w[:, 1, 1]
@@ -262,7 +262,7 @@ class DistanceStack:
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, M), as `normal_step`."""
         jacobian = self.jacobian(x, rows)
-        self.jacobians[rows] = jacobian
+        self.jacobians = _kept(self.jacobians, jacobian, rows)
         return _step(self.robots.kernel, jacobian, residual)
 
     def jacobian(self, x: Array, rows: Index) -> Array:
@@ -288,6 +288,14 @@ def _zeros(robots: RobotStack, measured: int, beside: int = 0) -> Array:
     if robots.kernel is None:
         return np.zeros((count, measured, free + beside))
     return np.zeros((count, free + beside, measured)).swapaxes(1, 2)
+
+
+def _kept(jacobians: Array, some: Array, rows: Index) -> Array:
+    """Jacobians with those of some rows, which may be all."""
+    if len(some) == len(jacobians):
+        return some
+    jacobians[rows] = some
+    return jacobians
 
 
 def _step(kernel: ModuleType | None, jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:

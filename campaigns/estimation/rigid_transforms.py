@@ -37,11 +37,12 @@ def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) that brings centred points a (N, 3) best to b, and their common spreads (3,).
 
     Closed form by SVD (Kabsch 1976). The last spread is negative where a reflection would fit
-    better.
+    better. Of stacks of points b (…, N, 3), (…, 3, 3) and (…, 3).
     """
-    u, spread, vt = np.linalg.svd(centred_b.T @ centred_a)
-    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    return u @ np.diag(proper) @ vt, spread * proper
+    u, spread, vt = np.linalg.svd(centred_b.swapaxes(-1, -2) @ centred_a)
+    proper = np.ones(spread.shape)
+    proper[..., 2] = np.sign(np.linalg.det(u @ vt))
+    return (u * proper[..., None, :]) @ vt, spread * proper
 
 
 def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
@@ -49,13 +50,22 @@ def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
 
     Raises `ValueError` for fewer than three points and for points on a line.
     """
+    rotations, translations_mm = fit_frames(points_in_a_mm, points_in_b_mm[None])
+    return Transform(rotations[0], translations_mm[0])
+
+
+def fit_frames(points_in_a_mm: Array, points_mm: Array) -> tuple[Array, Array]:
+    """Rotations (C, 3, 3) and translations (C, 3) of points (N, 3) to each of (C, N, 3), likewise.
+
+    Raises `ValueError` where one cannot be told.
+    """
     if len(points_in_a_mm) < 3:
         raise ValueError(f"{len(points_in_a_mm)} points fix no frame: three are needed")
-    centre_a, centre_b = points_in_a_mm.mean(axis=0), points_in_b_mm.mean(axis=0)
-    rotation, spread = best_rotation(points_in_a_mm - centre_a, points_in_b_mm - centre_b)
-    if spread[1] <= LINE_TOLERANCE * spread[0]:
+    centre, centres = points_in_a_mm.mean(axis=0), points_mm.mean(axis=1)
+    rotations, spread = best_rotation(points_in_a_mm - centre, points_mm - centres[:, None])
+    if (spread[:, 1] <= LINE_TOLERANCE * spread[:, 0]).any():
         raise ValueError("points on one line fix no frame")
-    return Transform(rotation, centre_b - rotation @ centre_a)
+    return rotations, centres - rotations @ centre
 
 
 def frame_jacobian(points_mm: Array) -> Array:

@@ -61,18 +61,18 @@ class TrackerUncertainty:
 
 
 def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> Array:
-    """Covariance (N, 3, 3) of points (N, 3) given from the tracker's origin, in the same axes.
+    """Covariance (…, 3, 3) of points (…, 3) given from the tracker's origin, in the same axes.
 
     Across the beam both directions are taken alike, so no axis of the instrument is needed.
     """
-    distance = np.linalg.norm(points_from_tracker_mm, axis=1)
-    beam = points_from_tracker_mm / distance[:, None]
+    distance = np.linalg.norm(points_from_tracker_mm, axis=-1)
+    beam = points_from_tracker_mm / distance[..., None]
     along = (uncertainty.along_mm + uncertainty.along_per_mm * distance) ** 2
     across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
-    projector = beam[:, :, None] * beam[:, None, :]
+    projector = beam[..., :, None] * beam[..., None, :]
     everywhere = across + uncertainty.robot_scatter_mm**2
     return np.asarray(
-        everywhere[:, None, None] * np.eye(3) + (along - across)[:, None, None] * projector
+        everywhere[..., None, None] * np.eye(3) + (along - across)[..., None, None] * projector
     )
 
 
@@ -118,10 +118,13 @@ def inverse_roots(covariance_mm2: Array) -> Array:
 def distance_variance_mm2(
     points_mm: Array, covariance_mm2: Array, first: Index, second: Index
 ) -> Array:
-    """Variance of the distances between rows `first` and `second` of points (N, 3), (M,)."""
+    """Variance of the distances between rows `first` and `second` of points (N, 3), (M,).
+
+    Of stacks of points (…, N, 3), (…, M).
+    """
     direction = directions(points_mm, first, second)
-    together = covariance_mm2[first] + covariance_mm2[second]
-    return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))
+    together = covariance_mm2[..., first, :, :] + covariance_mm2[..., second, :, :]
+    return np.asarray(np.einsum("...mi,...mij,...mj->...m", direction, together, direction))
 
 
 def common_distance_variance_mm2(
@@ -140,4 +143,11 @@ def pooled_variance_mm2(variance_mm2: Array) -> float:
 
     Their mean, on which no single statement has much influence.
     """
-    return float(np.mean(np.minimum(variance_mm2, WINSORISED_AT * np.median(variance_mm2))))
+    return float(pooled_variances_mm2(variance_mm2))
+
+
+def pooled_variances_mm2(variance_mm2: Array) -> Array:
+    """The same of each row of (…, M), (…)."""
+    rows = np.ascontiguousarray(variance_mm2)  # else a sum's order would depend on other rows
+    most = WINSORISED_AT * np.median(rows, axis=-1, keepdims=True)
+    return np.asarray(np.mean(np.minimum(rows, most), axis=-1))

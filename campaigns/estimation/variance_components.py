@@ -79,25 +79,26 @@ NONE = VarianceComponents()
 
 
 def estimate_components(
-    shots: LinearizedShots, kernel: ModuleType | None = None
+    shots: LinearizedShots, kernel: ModuleType | None = None, scores: Array | None = None
 ) -> VarianceComponents:
     """Components that the likelihood asks for; none with too few shots to tell any.
 
-    `kernel`: `compiled.py`, where it can be used.
+    `kernel`: compiled loops, where they can be used; scores of the components where known, (2,).
     """
     count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
     if count <= unknowns + 2:
         return NONE
-    hopeful = [place for place, score in enumerate(_scores(shots)) if score >= HOPELESS_SCORE]
+    found = _scores(shots) if scores is None else scores
+    hopeful = [place for place, score in enumerate(found) if score >= HOPELESS_SCORE]
     if not hopeful:
         return NONE
     likelihood = _RestrictedLikelihood(shots, kernel)
-    none, found = likelihood.at(NOWHERE, NOWHERE), {}
+    none, best = likelihood.at(NOWHERE, NOWHERE), {}
     for place in hopeful:
-        found[place] = likelihood.best_single(place)
-    if max(found.values(), key=lambda each: each[0])[0] - none <= WORTH:
+        best[place] = likelihood.best_single(place)
+    if max(best.values(), key=lambda each: each[0])[0] - none <= WORTH:
         return NONE
-    singles = [found.get(place) or likelihood.best_single(place) for place in (0, 1)]
+    singles = [best.get(place) or likelihood.best_single(place) for place in (0, 1)]
     value, logs = max(singles, key=lambda each: each[0])
     both_value, both = likelihood.best_pair(singles)
     if both_value - value > WORTH:

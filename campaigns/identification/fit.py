@@ -193,7 +193,7 @@ def fit_points(inputs: Inputs) -> PointFit:
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
         anew = variance_components.estimate_components(linearized(fitted, found.x).rows(kept))
-        if _settled(scatter, anew):
+        if settled(scatter, anew):
             break
         scatter = anew
         covariance_mm2 = covariance_of(stated, found.x, scatter)
@@ -261,8 +261,9 @@ def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
     return Fit(fitted, found, points, left_out=points if exclude else None)
 
 
-def _settled(
+def settled(
     old: variance_components.VarianceComponents, new: variance_components.VarianceComponents
 ) -> bool:
+    """Whether another round would tell nothing new of the robot's scatter."""
     pairs = ((old.point_mm, new.point_mm), (old.joint, new.joint))
     return all(abs(a - b) <= SCATTER_SETTLED * max(a, b) for a, b in pairs)

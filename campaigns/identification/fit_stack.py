@@ -1,28 +1,30 @@
 """Fits of many campaigns of one plan at once, where `fit_shots` would find nothing out of order.
 
 A row is given up, and left to `fit_shots`, as soon as its fit is not plain: a step that leads
-nowhere, a shot apart from the others, noise that is not as stated, scatter of the robot's own.
+nowhere, a shot apart from the others, noise that no scatter of the robot's own explains.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from types import ModuleType
 
 import numpy as np
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import Array, Mask
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.gauss_newton import StackSolution, gauss_newton
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack
-from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.estimation.rigid_transforms import fit_frames
 from campaigns.estimation.robust import rejection_threshold
 from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     inverse_roots,
     point_covariance_mm2,
-    pooled_variance_mm2,
+    pooled_variances_mm2,
 )
+from campaigns.identification.fit import SCATTER_ROUNDS, settled
 from campaigns.identification.observations import COORDINATES, SHORTEST_MM, Inputs
 from campaigns.shots.shot_sets import ShotSet
 
@@ -48,9 +50,9 @@ def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None
     if not _may_be_plain(inputs):
         return _given_up(count, free)
     try:
-        found = _fit_points(inputs, points_mm, kernel)
+        found, covariance_mm2 = _fit_points(inputs, points_mm, kernel)
         if inputs.options.estimator is Estimator.DISTANCES:
-            found = _fit_distances(inputs, points_mm, found, kernel)
+            found = _fit_distances(inputs, points_mm, found, covariance_mm2, kernel)
     except ValueError:  # points that fix no frame, a covariance that is none, a lost rank
         if count == 1:
             return _given_up(count, free)
@@ -85,90 +87,139 @@ def _may_be_plain(inputs: Inputs) -> bool:
     )
 
 
-def _fit_points(inputs: Inputs, points_mm: Array, kernel: ModuleType | None) -> FitStack:
+def _fit_points(
+    inputs: Inputs, points_mm: Array, kernel: ModuleType | None
+) -> tuple[FitStack, Array]:
+    """Fits of coordinates, and the covariances (C, N, 3, 3) by which these were weighed."""
     shots, near = inputs.shots, inputs.at_nominal.values
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
-    measured, every = points_mm[:, rows], np.arange(len(points_mm))
-    stated = point_covariance_mm2(measured.reshape(-1, 3), inputs.options.instrument)
-    whitening = inverse_roots(stated).reshape(*measured.shape, 3)
-    robots = _robots(inputs, rows, np.tile(near[rows].T, (len(every), 1, 1)), kernel)
-    frames = [fit_transform(near[rows][:, :3], each) for each in measured]
-    guesses = (
-        np.array([frame.rotation for frame in frames]),
-        np.array([frame.translation_mm for frame in frames]),
+    measured, joints, near = points_mm[:, rows], shots.joints[rows], near[rows]
+    stated = point_covariance_mm2(measured, inputs.options.instrument)
+    guesses, covariance = fit_frames(near[:, :3], measured), stated.copy()
+    robots = _robots(inputs, joints, np.tile(near.T, (len(measured), 1, 1)), kernel)
+    problem = _points(robots, measured, stated, guesses)
+    solution, found, bases = _solved(problem, problem.start(), COORDINATES)
+    plain = np.flatnonzero(found.plain)
+    if not plain.size:
+        return found, covariance
+    left = solution.residual[plain].reshape(len(plain), COORDINATES, -1)
+    by_joints = problem.whitened_by_joints(found.x[plain], plain)
+    scores = _scores(problem, found, bases, left, by_joints)
+    hopeless = (scores < variance_components.HOPELESS_SCORE).all(axis=0)
+    for at in np.flatnonzero(~hopeless):
+        row, own = plain[at], slice(plain[at], plain[at] + 1)
+        shots_of = partial(_linearized, stated_mm2=stated[row])
+        linearized = shots_of(problem, solution, plain[at], by_joints[at])
+        scatter = variance_components.NONE
+        known: Array | None = scores[:, at]
+        for _ in range(SCATTER_ROUNDS):  # as `fit_points` does
+            anew = variance_components.estimate_components(linearized, kernel, known)
+            known = None
+            if settled(scatter, anew):
+                break
+            scatter = anew
+            covariance[row] = scatter.covariance_mm2(stated[row], linearized.by_joints)
+            again = _robots(inputs, joints, robots.poses[own], kernel)
+            frames = (guesses[0][own], guesses[1][own])
+            fitted = _points(again, measured[own], covariance[own], frames)
+            refit, alone, _ = _solved(fitted, found.x[own], COORDINATES)
+            found.x[row], found.covariance[row] = alone.x[0], alone.covariance[0]
+            found.plain[row], robots.poses[row] = alone.plain[0], again.poses[0]
+            if not alone.plain[0]:
+                break
+            through = fitted.whitened_by_joints(alone.x, np.zeros(1, dtype=np.intp))
+            linearized = shots_of(fitted, refit, 0, through[0])
+            if not scatter.any:
+                break
+    return found, covariance
+
+
+def _points(
+    robots: RobotStack, measured: Array, covariance_mm2: Array, guesses: tuple[Array, Array]
+) -> PointStack:
+    """Points (C, N, 3) weighed by covariances (C, N, 3, 3)."""
+    roots = np.ascontiguousarray(np.moveaxis(inverse_roots(covariance_mm2), 1, -1))
+    return PointStack(robots, np.ascontiguousarray(measured.swapaxes(1, 2)), roots, guesses)
+
+
+def _linearized(
+    problem: PointStack, solution: StackSolution, row: int, by_joints: Array, stated_mm2: Array
+) -> variance_components.LinearizedShots:
+    """Shots of one campaign about its fit, with whitened derivatives by the joints (n, 3, N)."""
+    back = np.linalg.inv(np.moveaxis(problem.whitening[row], -1, 0))
+    left, by_x = (
+        each[row].reshape(COORDINATES, len(back), -1).swapaxes(0, 1)
+        for each in (solution.residual, problem.jacobians)
     )
-    points, roots = (np.ascontiguousarray(np.moveaxis(e, 1, -1)) for e in (measured, whitening))
-    problem = PointStack(robots, points, roots, guesses)
-    solution, found = _solved(problem, problem.start(), COORDINATES)
-    left = solution.residual.reshape(len(every), 3, -1)
-    by_joints = problem.whitened_by_joints(found.x, every)
-    scores = _scores(problem, found, left, roots.swapaxes(1, 2), by_joints)
-    hopeful = found.plain & ~(scores < variance_components.HOPELESS_SCORE)
-    for row in np.flatnonzero(hopeful):
-        back = np.linalg.inv(whitening[row])
-        by_x = problem.jacobians[row].reshape(3, -1, found.x.shape[1])
-        by_shot = (left[row].T[:, :, None], by_x.swapaxes(0, 1), by_joints[row].transpose(2, 1, 0))
-        misfit, jacobian, through = (back @ each for each in by_shot)
-        covariance = stated.reshape(*measured.shape, 3)[row]
-        linearized = variance_components.LinearizedShots(
-            misfit[:, :, 0], jacobian, covariance, through
-        )
-        found.plain[row] = not variance_components.estimate_components(linearized, kernel).any
-    return found
+    misfit_mm, jacobian, through = (
+        back @ each for each in (left, by_x, by_joints.transpose(2, 1, 0))
+    )
+    return variance_components.LinearizedShots(misfit_mm[:, :, 0], jacobian, stated_mm2, through)
 
 
-def _scores(problem: PointStack, found: FitStack, left: Array, *columns: Array) -> Array:
-    """The larger score of the components, (C,), of residuals (C, 3, N).
+def _scores(
+    problem: PointStack, found: FitStack, bases: Array | None, left: Array, by_joints: Array
+) -> Array:
+    """Scores of the components of plain rows, (2, R), of their residuals (R, 3, N).
 
-    Each component's whitened columns are (C, k, 3, N).
+    Whitened derivatives by the joints are (R, n, 3, N).
     """
-    kernel, scores = problem.robots.kernel, list[Array]()
-    across = [each.swapaxes(1, 2) for each in columns]
-    if kernel is None:
-        by_x = problem.jacobians.reshape(*left.shape, -1)
-        known = by_x @ found.covariance[:, None]
+    whitening, kernel = problem.whitening[found.plain], problem.robots.kernel
+    scores = list[Array]()
+    columns = (whitening, by_joints.swapaxes(1, 2))
+    if bases is None or kernel is None:
+        by_x = problem.jacobians[found.plain].reshape(*left.shape, -1)
+        known = by_x @ found.covariance[found.plain][:, None]
         leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
-        scores.extend(variance_components.component_scores(left, leverage, *across))
+        scores.extend(variance_components.component_scores(left, leverage, *columns))
     else:
-        _, _, bases, _ = kernel.triangles(np.ascontiguousarray(problem.jacobians.swapaxes(1, 2)))
-        bases = bases.reshape(*bases.shape[:2], *left.shape[1:])
-        for each, turned in zip(columns, across, strict=True):
-            own = np.einsum("ckin,ckjn->cijn", each, each)
-            taken = kernel.taken_squares(bases, np.ascontiguousarray(each))
-            scores.append(variance_components.component_score(left, turned, own, taken))
-    return np.asarray(np.max(scores, axis=0))
+        of_shots = bases.reshape(*bases.shape[:2], *left.shape[1:])
+        for each in columns:
+            own = np.einsum("cikn,cjkn->cijn", each, each)
+            by_column = np.ascontiguousarray(each.swapaxes(1, 2))
+            taken = kernel.taken_squares(of_shots, by_column)
+            scores.append(variance_components.component_score(left, each, own, taken))
+    return np.array(scores)
 
 
 def _fit_distances(
-    inputs: Inputs, points_mm: Array, points: FitStack, kernel: ModuleType | None
+    inputs: Inputs,
+    points_mm: Array,
+    points: FitStack,
+    covariance_mm2: Array,
+    kernel: ModuleType | None,
 ) -> FitStack:
-    """Distances weighed as the tracker states, from where the points' fits ended."""
-    pairs = inputs.shots.whole_pairs(ShotSet.IDENTIFICATION).rows
+    """Distances weighed as points were, from where their fits ended."""
+    shots = inputs.shots
+    pairs = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
+    own_rows = np.searchsorted(shots.rows_of(ShotSet.IDENTIFICATION), pairs.ravel())
     measured, (first, second) = points_mm[:, pairs.ravel()], np.arange(pairs.size).reshape(-1, 2).T
     count, free = len(measured), len(inputs.selection.free)
-    lengths, variance = np.empty((2, count, len(pairs)))
-    for row, each in enumerate(measured):
-        stated = point_covariance_mm2(each, inputs.options.instrument)
-        lengths[row] = distances_mm(each, first, second)
-        variance[row] = pooled_variance_mm2(distance_variance_mm2(each, stated, first, second))
+    lengths = distances_mm(measured, first, second)
+    own = distance_variance_mm2(measured, covariance_mm2[:, own_rows], first, second)
+    std_mm = np.sqrt(pooled_variances_mm2(own))
+    whitening = np.repeat(1.0 / std_mm[:, None], len(pairs), axis=1)
     near = np.tile(inputs.at_nominal.values[pairs.ravel()].T, (count, 1, 1))
-    robots = _robots(inputs, pairs.ravel(), near, kernel)
-    problem = DistanceStack(robots, first, second, lengths, np.sqrt(1.0 / variance))
-    _, found = _solved(problem, points.x[:, :free], 1)
+    robots = _robots(inputs, shots.joints[pairs.ravel()], near, kernel)
+    problem = DistanceStack(robots, first, second, lengths, whitening)
+    _, found, _ = _solved(problem, points.x[:, :free], 1)
     found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
     return found
 
 
-def _robots(inputs: Inputs, rows: Index, near: Array, kernel: ModuleType | None) -> RobotStack:
+def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | None) -> RobotStack:
     mechanism, p = inputs.nominal.mechanism, np.tile(inputs.nominal.p, (len(near), 1))
     places = mechanism.parameters.places(inputs.selection.free)
-    return RobotStack(mechanism, p, places, inputs.shots.joints[rows], near, kernel=kernel)
+    return RobotStack(mechanism, p, places, joints, near, kernel=kernel)
 
 
 def _solved(
     problem: PointStack | DistanceStack, start: Array, block: int
-) -> tuple[StackSolution, FitStack]:
-    """Fits whose blocks and χ² chance explains, with their covariance."""
+) -> tuple[StackSolution, FitStack, Array | None]:
+    """Fits whose blocks and χ² chance explains, with their covariance.
+
+    And of these, from a kernel, bases (R, P, M) of what their Jacobians' columns span.
+    """
     solution = gauss_newton(problem, start)
     count, unknowns = start.shape
     sizes = np.linalg.norm(solution.residual.reshape(count, block, -1), axis=1)
@@ -179,17 +230,17 @@ def _solved(
     for row in np.flatnonzero(plain):
         tested = information.chi_square_test(float(np.sum(sizes[row] ** 2)), dof)
         plain[row] = bool(tested.consistent)
+    found, bases = FitStack(solution.x, covariance, plain), None
     if plain.any():
-        covariance[plain] = _covariance(problem.robots.kernel, problem.jacobians[plain])
-    return solution, FitStack(solution.x, covariance, plain)
+        covariance[plain], bases = _covariances(problem.robots.kernel, problem.jacobians[plain])
+    return solution, found, bases
 
 
-def _covariance(kernel: ModuleType | None, jacobians: Array) -> Array:
-    """Covariances (R, P, P) of Jacobians (R, M, P); raises `LinAlgError` for a lost rank."""
+def _covariances(kernel: ModuleType | None, jacobians: Array) -> tuple[Array, Array | None]:
+    """Covariances (R, P, P) of Jacobians (R, M, P), with bases; `LinAlgError` for a lost rank."""
     if kernel is not None:
-        triangle, norms, _, regular = kernel.triangles(
-            np.ascontiguousarray(jacobians.swapaxes(1, 2))
-        )
+        columns = np.ascontiguousarray(jacobians.swapaxes(1, 2))
+        triangles, norms, bases, regular = kernel.triangles(columns)
         if regular.all():
-            return information.covariance_of_triangle(triangle, norms)
-    return information.covariance(jacobians)
+            return information.covariance_of_triangle(triangles, norms), bases
+    return information.covariance(jacobians), None

@@ -116,8 +116,7 @@ def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRob
     points_mm = setup.tracker_from_base.apply(positions.swapaxes(1, 2))
     in_base_axes_mm = points_mm @ setup.tracker_from_base.rotation
     stated, noise_mm2 = (
-        point_covariance_mm2(each.reshape(-1, 3), instrument).reshape(*each.shape, 3)
-        for each in (points_mm, in_base_axes_mm)
+        point_covariance_mm2(each, instrument) for each in (points_mm, in_base_axes_mm)
     )
     if setup.estimator is Estimator.POINTS:
         still = np.tile(np.eye(3), (len(p), 1, 1)), np.zeros((len(p), 3))
@@ -129,8 +128,7 @@ def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRob
         jacobian = by_shot.reshape(len(p), 3 * len(rows), -1)
     else:
         first, second = shots.whole_pairs(ShotSet.IDENTIFICATION).rows.T
-        each_of = zip(in_base_axes_mm, noise_mm2, strict=True)
-        variance = np.array([distance_variance_mm2(*each, first, second) for each in each_of])
+        variance = distance_variance_mm2(in_base_axes_mm, noise_mm2, first, second)
         of_pairs = DistanceStack(robots, first, second, variance, 1.0 / np.sqrt(variance))
         jacobian = of_pairs.jacobian(robots.start, every)
     bound = np.sqrt(np.diagonal(covariance(jacobian), axis1=1, axis2=2))[:, : len(places)]
@@ -192,10 +190,14 @@ def estimates(
     unseen = RobotStack(mechanism, p, places, setup.shots.joints[rows], near, CONVERGED_MM, kernel)
     x = np.where(stack.plain[:, None], stack.x[:, :free], unseen.start)
     unseen_mm, seen = unseen.positions_mm(x, np.arange(len(robots)))
+    plain = np.flatnonzero(stack.plain & seen)
+    std = np.sqrt(np.diagonal(stack.covariance, axis1=1, axis2=2))[plain]
+    own = [robots[row] for row in plain.tolist()]
+    found = _beside_truth(setup, own, x[plain], std, unseen_mm[plain].swapaxes(1, 2), rows)
+    by_row = dict(zip(plain.tolist(), found, strict=True))
     for row, (robot, points) in enumerate(zip(robots, points_mm, strict=True)):
-        if stack.plain[row] and seen[row]:
-            std = np.sqrt(np.diag(stack.covariance[row])[:free])
-            yield _beside_truth(setup, robot, x[row], std, unseen_mm[row].T, rows)
+        if row in by_row:
+            yield by_row[row]
         else:
             shots = replace(setup.shots, points_in_tracker_mm=points)
             yield _one(setup, robot, replace(inputs, shots=shots), rows)
@@ -217,29 +219,39 @@ def _one(
         identified = Kinematics(setup.nominal.mechanism, p)
         unseen = identified.forward(setup.shots.joints[rows], robot.poses[rows]).values_or_raise()
         std = np.sqrt(np.diag(found.covariance)[:free])
-        return _beside_truth(setup, robot, found.x[:free], std, unseen[:, :3], rows)
+        x, unseen_mm = found.x[None, :free], unseen[None, :, :3]
+        return next(_beside_truth(setup, [robot], x, std[None], unseen_mm, rows))
     except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
         return str(error)
 
 
 def _beside_truth(
     setup: study.StudySetup,
-    robot: TrueRobot,
+    robots: Sequence[TrueRobot],
     found: Array,
     std: Array,
     unseen_mm: Array,
     unseen: Index,
-) -> study.CampaignEstimate:
-    """Estimate (F,), and positions of the unseen rows, all first ends first, beside the truth."""
+) -> Iterator[study.CampaignEstimate]:
+    """Estimates (R, F), and positions (R, K, 3) of the unseen rows, beside the truth.
+
+    All first ends of unseen pairs come first.
+    """
+    if not robots:
+        return
     space = setup.nominal.mechanism.parameters
     places, unit = space.places(setup.free), space.units(setup.free)
     ends = np.arange(len(unseen)).reshape(2, -1)
-    exact_mm, found_mm = (distances_mm(p, *ends) for p in (robot.poses[unseen, :3], unseen_mm))
-    off_mm = np.abs(found_mm - exact_mm)
-    return study.CampaignEstimate(
-        errors=tuple(((found - robot.true.p[places]) / unit).tolist()),
-        std=tuple((std / unit).tolist()),
-        bound=tuple((robot.bound / unit).tolist()),
-        unseen_mean_mm=float(off_mm.mean()) if off_mm.size else None,
-        unseen_max_mm=float(off_mm.max()) if off_mm.size else None,
-    )
+    exact_mm = distances_mm(np.array([robot.poses[unseen, :3] for robot in robots]), *ends)
+    off_mm = np.abs(distances_mm(unseen_mm, *ends) - exact_mm)
+    errors = (found - np.array([robot.true.p[places] for robot in robots])) / unit
+    bounds = np.array([robot.bound for robot in robots]) / unit
+    columns = (errors, std / unit, bounds, off_mm)
+    for error, own, bound, off in zip(*(each.tolist() for each in columns), strict=True):
+        yield study.CampaignEstimate(
+            errors=tuple(error),
+            std=tuple(own),
+            bound=tuple(bound),
+            unseen_mean_mm=sum(off) / len(off) if off else None,
+            unseen_max_mm=max(off) if off else None,
+        )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from family_cases import ALL_MEMBERS
 
-from campaigns.estimation import tracker_noise
+from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.residual_stacks import closure_kernel
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
@@ -153,3 +153,19 @@ def test_closures_as_numbers_are_those_of_the_mechanism(member):
         moved = np.einsum("ik,kn->in", by_upper[place], of_joints[:, arm])
         column = -2.0 * (np.einsum("in,in->n", forearms[:, arm], moved) + own_mm[place])
         np.testing.assert_allclose(column, by_arms[arm, field], rtol=1e-9, atol=1e-7)
+
+
+@pytest.mark.peer
+@pytest.mark.timeout(0)
+@pytest.mark.parametrize("apart", [1.0, 1e-2, 1e-4])
+def test_compiled_triangles_are_those_of_qr_where_columns_are_nearly_alike(apart):
+    columns = np.random.default_rng(5).standard_normal((2, 4, 30)) * [[[1.0], [1e3], [1e-3], [1.0]]]
+    columns[:, 3] = columns[:, 0] + apart * columns[:, 3]
+    triangles, norms, _, regular = kernel_of(ALL_MEMBERS[0]).triangles(columns)
+    wanted = information.covariance(columns.swapaxes(1, 2))
+    std = np.sqrt(np.diagonal(wanted, axis1=1, axis2=2))
+    off = information.covariance_of_triangle(triangles, norms) - wanted
+    np.testing.assert_allclose(off / (std[:, :, None] * std[:, None]), 0.0, atol=1e-9)
+    assert regular.all()
+    columns[0, 3] = columns[0, 0]
+    assert kernel_of(ALL_MEMBERS[0]).triangles(columns)[-1].tolist() == [False, True]
