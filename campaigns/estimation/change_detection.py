@@ -107,7 +107,11 @@ def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
         ]
         told.sort(key=lambda of: of[1][of[2]] - of[0].cause.log_prior)
         for each, found, place in told:
-            chance = sum(one.chance_anywhere(float(found[place])) for one in tests)
+            chance = 0.0
+            for test in tests:
+                chance += test.chance_anywhere(float(found[place]))
+                if chance >= SIGNIFICANCE:
+                    break
             if chance >= SIGNIFICANCE:
                 continue
             by_shot, expected = each.gain_by_shot(place, shots.left)

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.observability import triangle_of
 from campaigns.estimation.tracker_noise import inverse_roots
 
 WORTH = 6.0
@@ -173,7 +174,7 @@ class _RestrictedLikelihood:
         try:
             inverse = inverse_roots(covariance)
             rows = (inverse @ self._rows).reshape(-1, self._rows.shape[-1])
-            triangle = np.linalg.qr(rows, mode="r")
+            triangle = triangle_of(rows)
         except np.linalg.LinAlgError:
             return NOWHERE
         own = np.abs(np.diag(triangle))

@@ -39,6 +39,7 @@ from campaigns.estimation.lack_of_fit import (
 )
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.robust import rejection_threshold, robust_scale
+from campaigns.estimation.tracker_noise import inverse_roots
 from campaigns.estimation.variance_components import LinearizedShots, estimate_components
 from campaigns.identification.fit import PointFit
 from campaigns.identification.fit import linearized as linearized_shots
@@ -165,8 +166,8 @@ class _AllShots:
 
     everything: Observations
     linearized: LinearizedShots
-    root: Array
-    """Of their covariances, (N, 3, 3)."""
+    whitening: Array
+    """Inverse roots of their covariances, (N, 3, 3)."""
     x: Array
     size: Array
     out: Mask
@@ -222,7 +223,7 @@ class _AllShots:
         fitted = replace(some, jacobian=np.concatenate([some.jacobian, columns], axis=2))
         scatter = estimate_components(fitted.rows(rows))
         covariance = scatter.covariance_mm2(some.stated_mm2, some.by_joints)
-        return replace(self, root=np.asarray(np.linalg.cholesky(covariance)))
+        return replace(self, whitening=inverse_roots(covariance))
 
 
 def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _AllShots:
@@ -230,20 +231,19 @@ def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _Al
     everything, found = all_observations(inputs, points.observations, near), points.found
     linearized = linearized_shots(everything, found.x)
     covariance = points.scatter.covariance_mm2(linearized.stated_mm2, linearized.by_joints)
-    root = np.asarray(np.linalg.cholesky(covariance))
-    whitened = np.linalg.solve(root, linearized.residual_mm[:, :, None])[:, :, 0]
-    size = np.linalg.norm(whitened, axis=1)
+    whitening = inverse_roots(covariance)
+    size = np.linalg.norm((whitening @ linearized.residual_mm[:, :, None])[:, :, 0], axis=1)
     kept = dict(zip(points.observations.numbers, found.kept.tolist(), strict=True))
     fitted = np.array([number in kept for number in everything.numbers])
     scale = max(1.0, robust_scale(size[fitted], 3, len(found.x)))
     if not fitted.all() and (unseen := robust_scale(size[~fitted], 3, 0)) > WORSE * scale:
         # they scatter more: that is no step, and is for their own test
-        root[~fitted] *= unseen / scale
+        whitening[~fitted] *= scale / unseen
         size[~fitted] *= scale / unseen
     size = size / scale
     out = size > rejection_threshold(len(size), 3)
     out |= np.array([not kept.get(number, True) for number in everything.numbers])
-    return _AllShots(everything, linearized, root, found.x, size, out, fitted)
+    return _AllShots(everything, linearized, whitening, found.x, size, out, fitted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +262,7 @@ class _Rows:
 
     def white(self, columns: Array) -> Array:
         """Whitened columns (N, 3, k) of these rows."""
-        white = np.linalg.solve(self.shots.root[self.rows], columns[self.rows])
+        white = self.shots.whitening[self.rows] @ columns[self.rows]
         return without_memory(self.phi, np.asarray(white))
 
     def of(self, each: Sequence[Columns]) -> tuple[Columns, ...]:

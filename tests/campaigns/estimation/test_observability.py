@@ -8,7 +8,7 @@ from par4_cases import LIMITS, NOMINAL, reachable_joints
 from par4_space import FREE_BY_DEFAULT, NAMES, indices
 
 from campaigns.estimation.information import covariance
-from campaigns.estimation.observability import observability, unobservable_combinations
+from campaigns.estimation.observability import observability, triangle_of, unobservable_combinations
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 from campaigns.evaluation.summary import spread
 
@@ -126,3 +126,14 @@ def test_spread_tells_mean_rms_and_largest_of_something():
     assert told.rms == pytest.approx(np.sqrt(2.0))
     with pytest.raises(ValueError, match="no errors"):
         spread(np.array([]))
+
+
+@pytest.mark.parametrize("rows", [7, 300, 599, 600, 1801])
+def test_a_triangle_has_the_normal_equations_of_all_rows(rows):
+    columns = np.random.default_rng(rows).normal(size=(rows, 7)) * 10.0 ** np.arange(7)
+    triangle = triangle_of(columns)
+    assert triangle.shape == (7, 7)
+    assert np.all(np.tril(triangle, -1) == 0.0)
+    scale = np.linalg.norm(columns, axis=0)
+    wrong = (triangle.T @ triangle - columns.T @ columns) / np.outer(scale, scale)
+    assert np.abs(wrong).max() < 1e-14
