@@ -40,6 +40,8 @@ SHORTEST_RAD, LONGEST_RAD = 2.0 * math.pi / 200.0, 2.0 * math.pi / 4.0
 """Periods of an arm's gear: from four to 200 in a turn."""
 Drives = tuple[Array, Array, float, float]
 """Whitened ∂point/∂joints (N, 3, n), joints (N, n), and the shortest and longest period."""
+POSSIBLE = 0.01
+"""Chance below which a cause is worth a trial, which other tests of it then have to support."""
 POWER = 0.8
 """Share of campaigns that find an effect of the size at which it may hide."""
 FEWEST_PERIODS = 2.0
@@ -87,6 +89,11 @@ class LackOfFit:
     def arms(self) -> tuple[int, ...]:
         """Arm of each entry of `size`; () where the cause is no arm's."""
         return () if self.group.arms is None else tuple(self.group.arms[self.part].tolist())
+
+    @property
+    def significant(self) -> bool:
+        """Whether chance hardly shows as much."""
+        return self.log_p < math.log(SIGNIFICANCE)
 
     @property
     def columns(self) -> Array:
@@ -149,16 +156,20 @@ def error_groups(
 def lacks_of_fit(
     shots: FittedShots, groups: Sequence[Group], drives: Drives | None = None
 ) -> Iterator[LackOfFit]:
-    """Causes that the shots show, the most significant first.
+    """Causes that the shots show, the most significant first, or one alone that is possible.
 
     `drives` may have a period, which is searched.
     """
+    level = POSSIBLE
     for _ in range(MOST_CAUSES):
         searched = () if drives is None else (best_period(shots, drives),)
         found = _most_significant(shots, (*groups, *searched))
-        if found is None or found.log_p >= math.log(SIGNIFICANCE):
+        if found is None or found.log_p >= math.log(level):
             return
         yield found
+        if not found.significant:
+            return
+        level = SIGNIFICANCE
         shots = shots.fitted(found.columns)
 
 

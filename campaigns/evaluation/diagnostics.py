@@ -13,6 +13,7 @@ from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
 from campaigns.evaluation.region import FARTHER_OFF, Region
 from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
+from campaigns.mechanisms.transmission import YIELDING
 from campaigns.robots.schema import Tolerance
 
 COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR = (
@@ -55,7 +56,7 @@ LACKS = {
     "backlash": ("backlash", f"{BY_AUTO}; or renew the gear", ""),
     "azimuths": ("azimuths off nominal", "--model auto fits those that can be told", ""),
     "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them", ""),
-    "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}", " mm"),
+    YIELDING: ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}", " mm"),
     "sag": ("the plate sags by its reach", f"stiffen the robot; {BY_LIMITS}", " mm"),
     "reflector": (
         "the reflector's constant is off, ranges too long by it",
@@ -390,6 +391,16 @@ def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> D
     )
     numbers: dict[str, float | str] = {"ratio": ratio, "p": p, "pairs": float(pairs)}
     return _unless_limits_are_met(HOLD_OUT, says, numbers, met=limits_met)
+
+
+def yielding_doubt(*, limits_met: bool) -> Doubt:
+    """Doubt of dimensions, which took up with eccentricity's terms what yielding gears do."""
+    says = (
+        "gears yield under the plate's weight: terms of eccentric encoders and the geometry took "
+        "it up together, so that positions are right and parameters may be no dimensions: stiffen "
+        "the gears, or pass by acceptance limits that are met"
+    )
+    return _unless_limits_are_met(YIELDING, says, {}, met=limits_met)
 
 
 def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:

@@ -67,6 +67,8 @@ class Tested:
     """What tests of all shots show, the shots by their numbers."""
 
     lacks: tuple[LackOfFit, ...] = ()
+    possible: LackOfFit | None = None
+    """Where nothing is significant: what is worth a trial."""
     change: Change | None = None
     between: tuple[int, int] | None = None
     """Shots before and after the change."""
@@ -97,7 +99,9 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     if in_line.sum() > len(smooth.rows):
         steps = _Rows(shots, np.flatnonzero(in_line))
     groups = tuple(shots.groups())
-    lacks, change = _most_significant(smooth, steps, groups)
+    found, change = _most_significant(smooth, steps, groups)
+    lacks = tuple(each for each in found if each.significant)
+    possible = found[0] if found and not lacks else None
     numbers = shots.numbers
     between = off = None
     if change is not None:
@@ -110,7 +114,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         change, rows = shown
         between = numbers[rows[change.after]], numbers[rows[change.after + 1]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
-    return Tested(lacks, change, between, named, off, _hidden(smooth, groups))
+    return Tested(lacks, possible, change, between, named, off, _hidden(smooth, groups))
 
 
 def _shown_by_one(shots: "_AllShots", gross: Mask, apart: Index) -> tuple[Change, Index] | None:
@@ -280,13 +284,13 @@ def _most_significant(
     shots = smooth.shots
     causes = tuple(_causes(shots))
     found = _selected(smooth, steps, groups, causes)
-    if found[0]:
+    if _any_significant(found[0]):
         # what the model lacks is no scatter of the robot, for which it was taken
         weighed = shots.reweighed(smooth.rows, _taken_up(shots, groups, found[0]))
         smooth, steps = replace(smooth, shots=weighed), replace(steps, shots=weighed)
         found = _selected(smooth, steps, groups, causes)
     lacks, change = found
-    if not lacks and change is None:
+    if not _any_significant(lacks) and change is None:
         return found
     left = steps.fit
     if lacks:
@@ -301,6 +305,10 @@ def _most_significant(
     return again[0], change if change is not None and again[1] is not None else again[1]
 
 
+def _any_significant(lacks: tuple[LackOfFit, ...]) -> bool:
+    return any(each.significant for each in lacks)
+
+
 def _selected(
     smooth: _Rows, steps: _Rows, groups: tuple[Group, ...], causes: tuple[Cause, ...]
 ) -> tuple[tuple[LackOfFit, ...], Change | None]:
@@ -312,7 +320,9 @@ def _selected(
     own, over_time = smooth.of(groups), steps.of(causes)
     change = detect_change(steps.fit, over_time)
     lacks = tuple(lacks_of_fit(smooth.fit, own, drives))
-    if not lacks or (change is not None and change.log_p < lacks[0].log_p):
+    if not _any_significant(lacks):
+        return lacks if change is None else (), change
+    if change is not None and change.log_p < lacks[0].log_p:
         return (), change  # half of the shots are of another robot, which any cause may resemble
     # whatever else the model lacks at these joints is no change either
     explained = steps.fit

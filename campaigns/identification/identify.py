@@ -11,6 +11,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
+from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.evaluation import diagnostics, identification
@@ -37,6 +38,11 @@ from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
+Fitted = tuple[
+    result.IdentificationResult,
+    Callable[[], result.IdentificationResult],
+    Callable[[], LackOfFit | None],
+]
 NO_EFFECT = 1e-6
 """What a lost combination may leave of its parameters' single effects to be a change of frame."""
 
@@ -52,7 +58,7 @@ def identify(
     Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
     for shots that no robot explains.
     """
-    _, tested_for_causes = fitted(nominal, shots, selection, options)
+    _, tested_for_causes, _ = fitted(nominal, shots, selection, options)
     return tested_for_causes()
 
 
@@ -61,10 +67,11 @@ def fitted(
     shots: Shots,
     selection: ParameterSelection,
     options: IdentificationOptions | None = None,
-) -> tuple[result.IdentificationResult, Callable[[], result.IdentificationResult]]:
+) -> Fitted:
     """As `identify`: what models are compared by, and what tests all shots for causes too.
 
     The tests take nearly as long as the fit; without them doubts by causes and by changes lack.
+    Last a cause that is worth a trial where none is significant.
     """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
@@ -89,10 +96,22 @@ def fitted(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    found = partial(_result, inputs, fit, unseen_pairs(inputs, fit), lengths, constant, rate_std)
-    return found(for_causes=False), cache(
-        lambda: _with_nests(found(for_causes=True), every, inputs, fit)
+    held_out = unseen_pairs(inputs, fit)
+    tests = cache(partial(_tested, inputs, fit, held_out))
+    found = partial(_result, inputs, fit, held_out, lengths, constant, rate_std)
+    return (
+        found((None, Tested())),
+        cache(lambda: _with_nests(found(tests()), every, inputs, fit)),
+        lambda: tests()[1].possible,
     )
+
+
+def _tested(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> tuple[PointFit | None, Tested]:
+    """Tests of all shots for causes, by a fit of points."""
+    judged = fit.points
+    if judged is None and inputs.options.outliers is not Outliers.KEEP:
+        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
+    return judged, Tested() if judged is None else tested(inputs, judged, held_out.identified)
 
 
 def _with_nests(
@@ -123,8 +142,7 @@ def _result(
     lengths: KnownLengths | None,
     constant_mm: tuple[float, float] | None,
     rate_std: float,
-    *,
-    for_causes: bool,
+    tests: tuple[PointFit | None, Tested],
 ) -> result.IdentificationResult:
     """Findings of the fitted and the unseen shots, and of known lengths, together."""
     found, fitted, options = fit.found, fit.observations, inputs.options
@@ -133,10 +151,7 @@ def _result(
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
     noise_mm = () if inputs.stand is None else inputs.stand.noise_mm(fitted.shots)
-    judged = fit.points if for_causes else None
-    if for_causes and judged is None and options.outliers is not Outliers.KEEP:
-        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
-    told = Tested() if judged is None else tested(inputs, judged, held_out.identified)
+    _, told = tests
     uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm, told.hidden)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
@@ -146,7 +161,7 @@ def _result(
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
     doubts = (
-        *_doubts(inputs, fit, held_out, parameters, covariance, (judged, told)),
+        *_doubts(inputs, fit, held_out, parameters, covariance, tests),
         *diagnostics.region_doubts(region),
         *known_length_doubts(lengths, options.known_lengths),
         *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
@@ -296,6 +311,8 @@ def _doubts(
     hold_out, unseen = held_out.tested, held_out.errors
     met = unseen is not None and diagnostics.limits_met(unseen.summary().after, options.limits_mm)
     judged, told = tests
+    if options.yielding:
+        yield diagnostics.yielding_doubt(limits_met=met)
     if judged is not None:
         yield from _tested_doubts(inputs, judged, told, met=met)
     if hold_out is not None and not hold_out.believable:

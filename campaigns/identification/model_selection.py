@@ -16,7 +16,8 @@ import scipy
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
-from campaigns.evaluation.diagnostics import CHANGE, Doubt
+from campaigns.estimation.lack_of_fit import LackOfFit
+from campaigns.evaluation.diagnostics import CHANGE, Doubt, lack_doubt
 from campaigns.identification.identify import fitted, identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
@@ -24,7 +25,7 @@ from campaigns.identification.parameter_selection import ParameterSelection, sel
 from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
-from campaigns.mechanisms.transmission import GAIN, TERMS
+from campaigns.mechanisms.transmission import GAIN, TERMS, YIELDING
 from campaigns.shots.shots import Shots
 from campaigns.shots.warmth import FINER, Course, by_temperature, courses, finer
 
@@ -56,6 +57,8 @@ class _Candidate:
     """What it is compared by; None where there is a problem."""
     tested: Callable[[], IdentificationResult] | None = None
     """Gives the same with all shots tested for causes, which only the best one is asked for."""
+    possible: Callable[[], LackOfFit | None] = lambda: None
+    """Gives a cause that is worth a trial where none is significant."""
     problem: str = ""
     course: Course | None = None
     """Of warmth, by which it lets the robot grow."""
@@ -70,7 +73,12 @@ class _Candidate:
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        return () if self.tested is None else self.tested().doubts
+        """Those of its result, and what is worth a trial."""
+        if self.tested is None:
+            return ()
+        space, possible = self.nominal.mechanism.parameters, self.possible()
+        more = () if possible is None else (lack_doubt(possible, space, limits_met=True),)
+        return (*self.tested().doubts, *more)
 
     @property
     def unseen_rms_mm(self) -> float | None:
@@ -84,10 +92,10 @@ class _Candidate:
         if backlash and not self.shots.knows_approach:
             return replace(other, problem="the shots do not say how their joints came")
         try:
-            found, tested = fitted(self.nominal, self.shots, known, self.options)
+            found, tested, possible = fitted(self.nominal, self.shots, known, self.options)
         except CampaignError as error:
             return replace(other, problem=error.problem)
-        return replace(other, found=found, tested=tested)
+        return replace(other, found=found, tested=tested, possible=possible)
 
     def warmed(self, course: Course) -> "_Candidate":
         """The same with shots as warm as a course says."""
@@ -199,10 +207,10 @@ def select_model(
     """
     options = options or IdentificationOptions()
     (name, known), *others = models.items()
-    found, tested = fitted(nominal, shots, known, options)
+    found, tested, possible = fitted(nominal, shots, known, options)
     if not others:
         return tested()
-    standard = _Candidate(name, known, nominal, shots, options, found, tested)
+    standard = _Candidate(name, known, nominal, shots, options, found, tested, possible)
     larger = [standard.instead(name, known) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
@@ -243,6 +251,8 @@ def _with_terms(best: _Candidate, terms: ParameterSelection, tried: list[_Candid
             options = replace(best.options, ripple_p=float(numbers["p"]))
             nominal = replace(best.nominal, mechanism=mechanism)
             like = replace(best, nominal=nominal, options=options)
+        if cause.startswith(YIELDING):
+            like = replace(like, options=replace(like.options, yielding=True))
         known = _widened(best.known, terms, names, space)
         tried.append(like.instead(f"{best.name}+{cause}", known))
         allowed -= names

@@ -150,6 +150,8 @@ class IdentificationOptions(Selection):
     tolerance: Tolerance = field(default_factory=Tolerance)
     ripple_p: float | None = None
     """Chance of a false alarm by which ripples were found; None: their rate is not fitted."""
+    yielding: bool = False
+    """Whether terms of eccentric encoders stand for gears that yield under the plate's weight."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     known_lengths: tuple[KnownLengthConfig, ...] = ()

@@ -78,17 +78,19 @@ OF_CARRIAGES = (
         )
     ),
 )
+YIELDING = "yielding"
 TERMS: Mapping[str, tuple[str, ...]] = {
     "ratio": ("encoder_gain",),
     "eccentricity": ("eccentricity_sin", "eccentricity_cos"),
-    "yielding": ("eccentricity_sin", "eccentricity_cos"),
+    YIELDING: ("eccentricity_sin", "eccentricity_cos"),
     "ripple": ("ripple_sin", "ripple_cos"),
     "period": ("ripple_sin", "ripple_cos"),
     "backlash": ("backlash",),
 }
 """Stems of the fields that take up what shots show of a joint, by the name of its cause.
 
-A gear that yields under its arm's weight goes by the cosine, as an eccentric encoder may."""
+A gear that yields under its arm's weight goes by the cosine, as an eccentric encoder may. Under
+the plate's it goes so nearly, and the geometry takes the rest: right of positions alone."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from campaigns.estimation.information import SIGNIFICANCE
 from campaigns.estimation.lack_of_fit import (
     LONGEST_MM,
     LONGEST_RAD,
+    POSSIBLE,
     SHORTEST_MM,
     SHORTEST_RAD,
     Group,
@@ -65,6 +66,19 @@ def bending(joints, by_joints):
 
 def test_scatter_alone_seldom_has_a_cause():
     assert sum(bool(lacks_with(seed, nothing)) for seed in range(100)) <= 1
+
+
+def test_a_cause_that_is_not_significant_is_given_alone_where_it_is_worth_a_trial():
+    found = [
+        lacks_with(7, lambda joints, by_joints, size=size: size * one_ratio(joints, by_joints))
+        for size in np.linspace(0.0, 0.5, 51)
+    ]
+    possible = [each for each in found if each and not each[0].significant]
+    assert possible
+    assert {len(each) for each in possible} == {1}
+    assert all(SIGNIFICANCE <= each.p < POSSIBLE for (each,) in possible)
+    assert not found[0]
+    assert found[-1][0].significant
 
 
 def test_a_direction_of_which_the_fit_leaves_but_a_trace_has_no_size():

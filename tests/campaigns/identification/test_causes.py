@@ -19,8 +19,9 @@ from identified_cases import (
 from par4_space import SPACE
 
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.identification.identify import identify
+from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
@@ -86,6 +87,33 @@ def test_a_carriages_drive_is_named_with_its_period_told_or_searched(told_mm):
     assert doubt.numbers["cause"] == "period"
     assert doubt.numbers["period_mm"] == pytest.approx(20.0, rel=0.01)
     assert doubt.numbers["size"] == pytest.approx(0.03, rel=0.3)
+
+
+def yielding_delta(yielding_rad_mm):
+    """Nominal Delta, and its shots where gears yield by so much for each mm/rad of rise."""
+    member = Member("delta")
+    poses = member.reachable_poses(member.nominal, 120, seed=5)
+    joints = member.nominal.inverse(poses).values_or_raise()
+    rises = member.nominal.jacobian(joints, poses)[:, 2, member.space.offsets]
+    driven = joints - yielding_rad_mm * rises
+    points = TRACKER_FROM_BASE.apply(member.nominal.forward(driven).values_or_raise()[:, :3])
+    data = replace(PLAIN, joints=joints, points_in_tracker_mm=points, approach=np.zeros((120, 3)))
+    return member, noisy(data, 4)
+
+
+def test_gears_that_yield_are_corrected_by_eccentricity_and_dimensions_beside_it_doubted():
+    member, data = yielding_delta(3e-7)
+    models = candidate_models(member.space, Model.STANDARD)
+    larger = {"full": candidate_models(member.space, Model.AUTO)["full"]}
+    terms = terms_to_add(member.space, Model.AUTO)
+    found = select_model(member.nominal, data, models | larger, terms=terms)
+    assert next(each.name for each in found.models if each.kept).startswith("standard+yielding")
+    (doubt,) = found.doubts
+    assert (doubt.name, doubt.decision) == ("yielding", "not decided")
+    assert doubt.of_model
+    limits = IdentificationOptions(limits_mm={"mean": 0.1}, yielding=True)
+    met = identify(member.nominal, data, models["standard"], limits)
+    assert [each.decision for each in met.doubts if each.name == "yielding"] == [None]
 
 
 class TestReflectorConstant:

@@ -208,6 +208,14 @@ def test_a_robot_without_gears_errors_gets_no_term_of_them():
     assert not any("+" in name for name in named)
 
 
+def test_a_cause_that_is_but_possible_is_tried_and_is_no_doubt_of_what_is_kept():
+    data, _ = geared(seed=2, encoder_gain_ppm=80.0)
+    choice = of_auto(data, without=LARGER)
+    assert "standard+ratio" in outcomes(choice)
+    assert kept(choice) == STANDARD
+    assert choice.doubts == ()
+
+
 def warming(ppm: float, seed: int = 1):
     """Shots of a robot that warms up in the first third of a run, arms and forearms by so much."""
     data = simulated(60, 30, seed)
