@@ -126,6 +126,8 @@ class Evidence:
     checked: RecordedCheck | None = None
     plan: tuple[PlannedShot, ...] | None = None
     parameter_file: RobotFile | None = None
+    spoilt_parameter_file: bool = False
+    """Whether it is there and cannot be read."""
     sets: KnownSets | None = None
     """Parameter sets that the journal knows."""
     written: WrittenSet | None = None
@@ -288,9 +290,15 @@ def gather(campaign: Campaign) -> Evidence:
     parameters = _read_if_there(
         campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
     )
+    is_spoilt = parameters is None and campaign.path(PARAMETER_FILE).exists()
     programs = {"run": _program(campaign, plan)}
     files = partial(
-        Evidence, campaign=campaign, plan=plan, parameter_file=parameters, programs=programs
+        Evidence,
+        campaign=campaign,
+        plan=plan,
+        parameter_file=parameters,
+        spoilt_parameter_file=is_spoilt,
+        programs=programs,
     )
     if not campaign.journal_path.exists():
         return files(unreadable=tuple(unreadable))
@@ -550,7 +558,10 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
         yield Check(statement, holds=True, detail="as then")
     file, loaded = evidence.parameter_file, evidence.loaded
     statement = "the parameter file contains the identified parameters"
-    yield same_digest(statement, None if file is None else file.digest(), parameters)
+    if evidence.spoilt_parameter_file:
+        yield Check(statement, holds=False, detail="it cannot be read")
+    else:
+        yield same_digest(statement, None if file is None else file.digest(), parameters)
     after = evidence.after[-1].series.started if evidence.after else None
     how = "the controller held the identified set"
     if after is not None and after.stage == "after by targets":

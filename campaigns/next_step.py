@@ -475,6 +475,7 @@ def _calibrated(
     has_form = any(each.of == digest for each in forms) and (too_few or lacks is None)
     held = held or evidence.state(loaded.digest if loaded else None)
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
+    known_other = held is not None and held.origin != digest and not evidence.campaign.is_offline
     known = held is not None and held.origin == digest and not evidence.campaign.is_offline
     holds = kinds.get(held.kind, "") if held and known else ""
     after = evidence.held("after")
@@ -488,9 +489,12 @@ def _calibrated(
     taken_back = loaded is not None and loaded.rolls_back is not None
     corrected = evidence.written is not None and evidence.written.by == "targets"
     by_targets = after is not None and after.targets
+    if known_other and not (by_targets or taken_back):
+        after = None  # something else was loaded since
+    is_there = file is not None or evidence.spoilt_parameter_file
     return replace(
         state,
-        file="" if file is None else "identified" if file.digest() == digest else "other",
+        file="identified" if file and file.digest() == digest else "other" if is_there else "",
         form="exported" if has_form else "needed" if too_few else "",
         holds=holds,
         after=decided if after else "",

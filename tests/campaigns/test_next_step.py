@@ -345,6 +345,23 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         assert " ".join((words[0], *words[2:])) == said, taken
 
 
+def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
+    whole: PaperCampaign,
+) -> None:
+    evidence = gather(open_campaign(whole.folder))
+    assert evidence.loaded is not None
+    nominal = replace(evidence.loaded, digest=evidence.campaign.robot.digest())
+    for changed, said in (
+        ({"loaded": nominal}, "load"),
+        ({"parameter_file": None, "spoilt_parameter_file": True}, "export --overwrite"),
+    ):
+        now = Evaluation(replace(evidence, **changed))  # type: ignore[arg-type]
+        step = next_step(state_of(now, reported=True))
+        assert step is not None
+        assert " ".join((step.command[0], *step.command[2:])) == said
+        assert now.verdict.decision == "not decided"
+
+
 @pytest.mark.parametrize(
     ("kind", "name", "answer"),
     [
