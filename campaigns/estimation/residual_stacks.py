@@ -125,12 +125,14 @@ class RobotStack:
 
         By the free parameters, or by those at these places.
         """
-        wanted = self._free if places is None else places
+        wanted, found = self._free if places is None else places, None
         if places is None and self._closed is not None:
             last, found = self._closed
             if len(last) != len(rows):
-                found = tuple(each[np.searchsorted(last, rows)] for each in found)
-        else:
+                at = np.minimum(np.searchsorted(last, rows), len(last) - 1)
+                is_among = np.array_equal(last[at], rows)
+                found = tuple(each[at] for each in found) if is_among else None
+        if found is None:
             found = closures(self._mechanism, self._p_of(x, rows), wanted, self._by_platform)
         upper, _, lower, *_, by_upper, own_mm = found
         owner = owners(self._mechanism, wanted)[0]
@@ -177,8 +179,9 @@ class PointStack:
         self.robots = robots
         self._points_mm, self.whitening = points_mm, whitening
         self._rotation, self._translation_mm = guesses
-        self.jacobians = _zeros(robots, 3 * points_mm.shape[2], FRAME_COLUMNS)
-        """Those from which steps were last taken, (C, 3 N, F + 6)."""
+        if robots.kernel is None:
+            count, free = robots.start.shape
+            self._jacobians = np.zeros((count, 3 * points_mm.shape[2], free + FRAME_COLUMNS))
 
     def start(self) -> Array:
         """Nominal parameters and guessed frames, (C, F + 6)."""
@@ -197,19 +200,37 @@ class PointStack:
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, 3 N), as `normal_step`."""
+        if self.robots.kernel is not None:
+            step, length, regular = self.robots.kernel.point_steps(
+                *self._closed_at(x, rows), residual
+            )
+            return step, length, regular
         jacobian = self.jacobian(x, rows)
-        self.jacobians = _kept(self.jacobians, jacobian, rows)
-        return _step(self.robots.kernel, jacobian, residual)
+        self._jacobians[rows] = jacobian
+        return normal_step(jacobian, residual)
+
+    def last_jacobians(self, x: Array, rows: Index) -> Array:
+        """Jacobians (R, 3 N, F + 6) where steps were last taken, or as near to there."""
+        return self._jacobians[rows] if self.robots.kernel is None else self.jacobian(x, rows)
+
+    def _closed_at(self, x: Array, rows: Index) -> tuple[Array | Index, ...]:
+        """Closures and frames as the kernel takes them."""
+        closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows)
+        rotation, by_angle = self._turned(x, rows)
+        return *closed, rotation, by_angle, self.whitening[rows]
+
+    def _turned(self, x: Array, rows: Index) -> tuple[Array, Array]:
+        """Rotations from base to tracker (R, 3, 3), and by their angles (R, 3, 3, 3)."""
+        turn, by_angle = small_rotation(x[:, -6:-3])
+        rotation, by_angle = self._rotation[rows] @ turn, self._rotation[rows][:, None] @ by_angle
+        return rotation, np.ascontiguousarray(by_angle)
 
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters and frame, (R, 3 N, F + 6)."""
-        turn, by_angle = small_rotation(x[:, -6:-3])
-        rotation, by_angle = self._rotation[rows] @ turn, self._rotation[rows][:, None] @ by_angle
         if self.robots.kernel is not None:
-            closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows)
-            frames = (rotation, np.ascontiguousarray(by_angle), self.whitening[rows])
-            found = self.robots.kernel.point_jacobians(*closed, *frames)
+            found = self.robots.kernel.point_jacobians(*self._closed_at(x, rows))
             return np.asarray(found.reshape(*found.shape[:2], -1).swapaxes(1, 2))
+        rotation, by_angle = self._turned(x, rows)
         positions, by_robot = self.robots.jacobian(x[:, :-FRAME_COLUMNS], rows)
         count, _, shots, free = by_robot.shape
         jacobian = np.zeros((count, 3, shots, x.shape[1]))
@@ -250,8 +271,8 @@ class DistanceStack:
         self.robots = robots
         self._first, self._second = first, second
         self._measured_mm, self._whitening = measured_mm, whitening
-        self.jacobians = _zeros(robots, len(first))
-        """Those from which steps were last taken, (C, M, F)."""
+        count, free = robots.start.shape
+        self._jacobians = np.zeros((count, len(first), free))
 
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """(R, M); which have an answer."""
@@ -262,8 +283,16 @@ class DistanceStack:
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, M), as `normal_step`."""
         jacobian = self.jacobian(x, rows)
-        self.jacobians = _kept(self.jacobians, jacobian, rows)
-        return _step(self.robots.kernel, jacobian, residual)
+        self._jacobians[rows] = jacobian
+        if self.robots.kernel is None:
+            return normal_step(jacobian, residual)
+        columns = np.ascontiguousarray(jacobian.swapaxes(1, 2))
+        step, length, regular = self.robots.kernel.gauss_newton_steps(columns, residual)
+        return step, length, regular
+
+    def last_jacobians(self, x: Array, rows: Index) -> Array:  # noqa: ARG002 - as of points
+        """Jacobians (R, M, F) from which steps were last taken."""
+        return self._jacobians[rows]
 
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters, (R, M, F)."""
@@ -280,26 +309,3 @@ class DistanceStack:
     def _between(self, each: Array) -> Array:
         """From first to second shots, (R, 3, M, …) of (R, 3, N, …)."""
         return np.asarray(each[:, :, self._second] - each[:, :, self._first])
-
-
-def _zeros(robots: RobotStack, measured: int, beside: int = 0) -> Array:
-    """Jacobians (C, M, P), their columns in one piece where the kernel makes them."""
-    count, free = robots.start.shape
-    if robots.kernel is None:
-        return np.zeros((count, measured, free + beside))
-    return np.zeros((count, free + beside, measured)).swapaxes(1, 2)
-
-
-def _kept(jacobians: Array, some: Array, rows: Index) -> Array:
-    """Jacobians with those of some rows, which may be all."""
-    if len(some) == len(jacobians):
-        return some
-    jacobians[rows] = some
-    return jacobians
-
-
-def _step(kernel: ModuleType | None, jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
-    if kernel is None:
-        return normal_step(jacobian, residual)
-    step, length, regular = kernel.gauss_newton_steps(jacobian.swapaxes(1, 2), residual)
-    return step, length, regular

@@ -98,18 +98,20 @@ def _fit_points(
     guesses, covariance = fit_frames(near[:, :3], measured), stated.copy()
     robots = _robots(inputs, joints, np.tile(near.T, (len(measured), 1, 1)), kernel)
     problem = _points(robots, measured, stated, guesses)
-    solution, found, bases = _solved(problem, problem.start(), COORDINATES)
+    solution, found, by_x, bases = _solved(problem, problem.start(), COORDINATES)
     plain = np.flatnonzero(found.plain)
     if not plain.size:
         return found, covariance
     left = solution.residual[plain].reshape(len(plain), COORDINATES, -1)
     by_joints = problem.whitened_by_joints(found.x[plain], plain)
-    scores = _scores(problem, found, bases, left, by_joints)
+    scores = _scores(problem, found, by_x, bases, left, by_joints)
     hopeless = (scores < variance_components.HOPELESS_SCORE).all(axis=0)
     for at in np.flatnonzero(~hopeless):
         row, own = plain[at], slice(plain[at], plain[at] + 1)
         shots_of = partial(_linearized, stated_mm2=stated[row])
-        linearized = shots_of(problem, solution, plain[at], by_joints[at])
+        linearized = shots_of(
+            problem.whitening[row], covariance[row], left[at], by_x[at], by_joints[at]
+        )
         scatter = variance_components.NONE
         known: Array | None = scores[:, at]
         for _ in range(SCATTER_ROUNDS):  # as `fit_points` does
@@ -122,13 +124,15 @@ def _fit_points(
             again = _robots(inputs, joints, robots.poses[own], kernel)
             frames = (guesses[0][own], guesses[1][own])
             fitted = _points(again, measured[own], covariance[own], frames)
-            refit, alone, _ = _solved(fitted, found.x[own], COORDINATES)
+            refit, alone, by_x_again, _ = _solved(fitted, found.x[own], COORDINATES)
             found.x[row], found.covariance[row] = alone.x[0], alone.covariance[0]
             found.plain[row], robots.poses[row] = alone.plain[0], again.poses[0]
             if not alone.plain[0]:
                 break
             through = fitted.whitened_by_joints(alone.x, np.zeros(1, dtype=np.intp))
-            linearized = shots_of(fitted, refit, 0, through[0])
+            linearized = shots_of(
+                fitted.whitening[0], covariance[row], refit.residual[0], by_x_again[0], through[0]
+            )
             if not scatter.any:
                 break
     return found, covariance
@@ -143,32 +147,41 @@ def _points(
 
 
 def _linearized(
-    problem: PointStack, solution: StackSolution, row: int, by_joints: Array, stated_mm2: Array
+    whitening: Array,
+    covariance_mm2: Array,
+    residual: Array,
+    by_x: Array,
+    by_joints: Array,
+    stated_mm2: Array,
 ) -> variance_components.LinearizedShots:
-    """Shots of one campaign about its fit, with whitened derivatives by the joints (n, 3, N)."""
-    back = np.linalg.inv(np.moveaxis(problem.whitening[row], -1, 0))
-    left, by_x = (
-        each[row].reshape(COORDINATES, len(back), -1).swapaxes(0, 1)
-        for each in (solution.residual, problem.jacobians)
-    )
-    misfit_mm, jacobian, through = (
-        back @ each for each in (left, by_x, by_joints.transpose(2, 1, 0))
-    )
+    """Shots of one campaign about its fit, from what (3, 3, N) whitens of covariances (N, 3, 3).
+
+    Residuals (3 N,), their derivatives (3 N, P), those of points by the joints (n, 3, N).
+    """
+    back = covariance_mm2 @ whitening.T  # W C Wᵀ = 1
+    of_x = (each.reshape(COORDINATES, len(back), -1).swapaxes(0, 1) for each in (residual, by_x))
+    by_shot = (*of_x, by_joints.transpose(2, 1, 0))
+    misfit_mm, jacobian, through = (back @ each for each in by_shot)
     return variance_components.LinearizedShots(misfit_mm[:, :, 0], jacobian, stated_mm2, through)
 
 
 def _scores(
-    problem: PointStack, found: FitStack, bases: Array | None, left: Array, by_joints: Array
+    problem: PointStack,
+    found: FitStack,
+    jacobians: Array,
+    bases: Array | None,
+    left: Array,
+    by_joints: Array,
 ) -> Array:
     """Scores of the components of plain rows, (2, R), of their residuals (R, 3, N).
 
-    Whitened derivatives by the joints are (R, n, 3, N).
+    Jacobians are (R, 3 N, P), whitened derivatives by the joints (R, n, 3, N).
     """
     whitening, kernel = problem.whitening[found.plain], problem.robots.kernel
     scores = list[Array]()
     columns = (whitening, by_joints.swapaxes(1, 2))
     if bases is None or kernel is None:
-        by_x = problem.jacobians[found.plain].reshape(*left.shape, -1)
+        by_x = jacobians.reshape(*left.shape, -1)
         known = by_x @ found.covariance[found.plain][:, None]
         leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
         scores.extend(variance_components.component_scores(left, leverage, *columns))
@@ -202,7 +215,7 @@ def _fit_distances(
     near = np.tile(inputs.at_nominal.values[pairs.ravel()].T, (count, 1, 1))
     robots = _robots(inputs, shots.joints[pairs.ravel()], near, kernel)
     problem = DistanceStack(robots, first, second, lengths, whitening)
-    _, found, _ = _solved(problem, points.x[:, :free], 1)
+    _, found, *_ = _solved(problem, points.x[:, :free], 1)
     found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
     return found
 
@@ -215,10 +228,10 @@ def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | Non
 
 def _solved(
     problem: PointStack | DistanceStack, start: Array, block: int
-) -> tuple[StackSolution, FitStack, Array | None]:
+) -> tuple[StackSolution, FitStack, Array, Array | None]:
     """Fits whose blocks and χ² chance explains, with their covariance.
 
-    And of these, from a kernel, bases (R, P, M) of what their Jacobians' columns span.
+    And of these Jacobians (R, M, P) and, from a kernel, bases (R, P, M) of their columns' span.
     """
     solution = gauss_newton(problem, start)
     count, unknowns = start.shape
@@ -230,10 +243,11 @@ def _solved(
     for row in np.flatnonzero(plain):
         tested = information.chi_square_test(float(np.sum(sizes[row] ** 2)), dof)
         plain[row] = bool(tested.consistent)
-    found, bases = FitStack(solution.x, covariance, plain), None
-    if plain.any():
-        covariance[plain], bases = _covariances(problem.robots.kernel, problem.jacobians[plain])
-    return solution, found, bases
+    rows = np.flatnonzero(plain)
+    jacobians, bases = problem.last_jacobians(solution.x[rows], rows), None
+    if rows.size:
+        covariance[rows], bases = _covariances(problem.robots.kernel, jacobians)
+    return solution, FitStack(solution.x, covariance, plain), jacobians, bases
 
 
 def _covariances(kernel: ModuleType | None, jacobians: Array) -> tuple[Array, Array | None]:
