@@ -20,7 +20,7 @@ from campaigns.estimation.incremental_fit import IncrementalGaussNewton
 REPEATS = 21
 RUNNING_AT = (20, 60, 160)
 FULL = SPACE.places(SPACE.free_in_full)
-FULL_OVER_USUAL = 2.0
+FULL_OVER_USUAL = 1.6
 LIMITS_MS = {"60 distances": 4.0, "120 points": 8.0}
 
 

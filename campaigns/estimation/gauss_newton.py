@@ -11,7 +11,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 
-STEPS = 10
+STEPS = 12
 CONTRACTION = 0.5
 """Part of a step that the next one may have at most."""
 SETTLED = 1e-9

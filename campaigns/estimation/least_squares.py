@@ -22,6 +22,8 @@ CONVERGED, OUT_OF_EVALUATIONS = frozenset({1, 2, 3, 4}), 5
 INFEASIBLE_FACTOR = 1e6
 """Times the largest residual of the start: every residual where the mechanism has no assembly, so
 that the solver turns back."""
+WORTH_A_STEP = 0.3
+"""Part of the residual that a step without the unknowns of small effect may leave."""
 NEGLIGIBLE = 1e-6
 """Root mean square of residuals, mm or whitened, of which only rounding is left."""
 STATIONARY_COSINE = 1e-3
@@ -38,6 +40,10 @@ class Residuals(Protocol):
 
     def start(self) -> Array:
         """Unknowns to begin with, (P,)."""
+        ...
+
+    def fine_unknowns(self) -> Mask:
+        """Those of small effect whose start makes the model cheaper, (P,): a first step waits."""
         ...
 
     def residual(self, x: Array) -> Array:
@@ -134,6 +140,12 @@ class LeastSquaresProblem:
             return self.data.start()
         return np.zeros(self.subspace.directions.shape[1])
 
+    def fine_unknowns(self) -> Mask:
+        """The data's; in a subspace none stands alone."""
+        if self.subspace is None:
+            return self.data.fine_unknowns()
+        return np.zeros(self.subspace.directions.shape[1], dtype=bool)
+
     def residual(self, y: Array) -> Array:
         """The data's rows, then one a prior, (M + K,); raises `NoSolution`."""
         x = self.x(y)
@@ -204,7 +216,8 @@ def solve(
     its way only. `spent` are those that it took to find `start`: they count in what is told. Raises
     `NoSolution` when the problem's own start has no answer.
     """
-    begin, first = _begun(problem, start)
+    begin, first, stepped = _begun(problem, start)
+    spent += stepped
     if evaluations > STEPS:
         found = gauss_newton(_AsStack(problem, len(first)), begin[None])
         if found.converged[0]:
@@ -263,15 +276,29 @@ class _AsStack:
         return normal_step(jacobian.reshape(len(rows), self.rows, -1), residual)
 
 
-def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array]:
-    """Unknowns to begin with, and the residual there."""
+def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, bool]:
+    """Unknowns to begin with, the residual there, and whether a step led to them.
+
+    Of the problem's own start: one of the unknowns that matter most, where it leads far.
+    """
     if start is not None:
         try:
-            return start, problem.residual(start)
+            return start, problem.residual(start), False
         except NoSolution:
             pass
-    own = problem.start()
-    return own, problem.residual(own)
+    own, fine = problem.start(), problem.fine_unknowns()
+    first = problem.residual(own)
+    if not fine.any() or fine.all() or len(first) < len(own):
+        return own, first, False
+    further = own.copy()
+    step, _, regular = normal_step(problem.jacobian(own)[None][..., ~fine], first[None])
+    further[~fine] += step[0]
+    try:
+        left = problem.residual(further)
+    except NoSolution:
+        return own, first, False
+    shorter = np.linalg.norm(left) <= WORTH_A_STEP * np.linalg.norm(first)
+    return (further, left, True) if shorter and regular[0] else (own, first, False)
 
 
 def _checked(fit: Solution) -> Solution:

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -76,6 +76,12 @@ class PositionModel:
     def nominal(self) -> Array:
         """The free parameters' nominal values, (F,)."""
         return self._vector[self.free]
+
+    @property
+    def fine_parameters(self) -> Mask:
+        """Free parameters that tilt a plate which is level at the nominal ones, (F,)."""
+        level = not self._vector[self._extensions].any()
+        return np.asarray(np.isin(self.free, self._extensions) & level)
 
     def kinematics(self, x: Array) -> Kinematics:
         """Kinematic model with the free parameters replaced, of the cold robot."""
@@ -216,6 +222,10 @@ class DistanceResiduals:
         """The nominal parameters."""
         return self.model.nominal
 
+    def fine_unknowns(self) -> Mask:
+        """Parameters that tilt a level plate, (F,)."""
+        return self.model.fine_parameters
+
     def errors_mm(self, x: Array) -> Array:
         """Nominal minus measured distances, (M,)."""
         positions = self.model.positions_mm(x)
@@ -300,6 +310,10 @@ class PointResiduals:
     def start(self) -> Array:
         """Nominal parameters and the guessed frames."""
         return np.concatenate([self.model.nominal, np.zeros(self.frames)])
+
+    def fine_unknowns(self) -> Mask:
+        """Parameters that tilt a level plate, (F + 6 for each frame,)."""
+        return np.concatenate([self.model.fine_parameters, np.zeros(self.frames, dtype=bool)])
 
     def parameters(self, x: Array) -> Array:
         """Free parameters of the unknowns x, (F,)."""

@@ -21,6 +21,7 @@ from par4_space import (
     GEOMETRY_NAMES,
     MODEL_NAMES,
     SKEWS,
+    SPACE,
     TILTS,
     indices,
     par4_of,
@@ -62,10 +63,10 @@ MADE = as_made()
 """A robot as a workshop makes it, seen in the frame of its first arm."""
 
 
-def leaning():
+def leaning(robot=TABLE1):
     """Tilts and skews of some mrad, a few times what workshops leave, on Table I's robot."""
-    p = TILTED.p.copy()
-    p[[*TILTS, *SKEWS]] *= 0.1
+    p = robot.p.copy()
+    p[[*TILTS, *SKEWS]] = 0.1 * TILTED.p[[*TILTS, *SKEWS]]
     return par4_of(p)
 
 
@@ -189,6 +190,21 @@ def test_azimuths_tilts_and_backlash_are_found_from_exact_shots(estimator):
     assert fit.converged
     assert np.abs((tried.kinematics(found).p - MADE.p)[OF_GEOMETRY]).max() < 1e-6
     assert np.abs(backlash_in(FREE_IF_EXTENDED, found) - BACKLASH_RAD).max() < 1e-8
+
+
+@pytest.mark.parametrize("made", [MADE, leaning(NOMINAL)], ids=["all wrong", "tilts alone"])
+@pytest.mark.parametrize("estimator", ["points", "distances"])
+def test_a_first_step_of_a_level_plate_leads_to_the_minimum_of_the_tilted_one(made, estimator):
+    joints, free = reachable_joints(made, 120, seed=68, limits=WELL_INSIDE), SPACE.free_in_full
+    points_mm = made.forward(joints).values_or_raise()[:, :3]
+    points_mm += TRACKER_STD_MM * np.random.default_rng(69).standard_normal(points_mm.shape)
+    problem = problems_of(points_mm, model(NOMINAL, joints, None, indices(free)))[estimator]
+    tilting = [place for place, name in enumerate(free) if name in SPACE.extensions]
+    assert np.flatnonzero(problem.fine_unknowns()).tolist() == tilting
+    found, all_at_once = solve(problem), solve(problem, start=problem.start())
+    assert found.converged
+    assert found.evaluations <= all_at_once.evaluations
+    assert np.abs(found.x - all_at_once.x).max() < 1e-8
 
 
 def driven_robot(backlash_rad):

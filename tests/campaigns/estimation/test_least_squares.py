@@ -54,6 +54,9 @@ class Logarithm:
     def start(self):
         return np.array([self.begin])
 
+    def fine_unknowns(self):
+        return np.zeros(1, dtype=bool)
+
     def residual(self, x):
         if x[0] <= 0.0:
             self.refused += 1
