@@ -132,6 +132,9 @@ class Evidence:
     """Parameter sets that the journal knows."""
     written: WrittenSet | None = None
     """What `export` or `correct` wrote last."""
+    form_files: Mapping[str, str] = field(default_factory=dict)
+    """By the digest of an identified set: the file of the form of it that `export` wrote last, of
+    those that are in the campaign's folder."""
     programs: Mapping[str, str] = field(default_factory=dict)
     """Languages of the programs of plan.csv and of what was written last, by stage."""
     unreadable: tuple[str, ...] = ()
@@ -321,7 +324,8 @@ def gather(campaign: Campaign) -> Evidence:
             _unended_load(journal, unreadable),
         )
         run = _measured(campaign, _identified_series(all_series, identification))
-        written = next(written_sets(journal), None)
+        every_written = tuple(written_sets(journal))
+        written = next(iter(every_written), None)
         if written is not None:
             programs["after"] = current_program(campaign.folder, "after", lambda: written.digest)
         return files(
@@ -337,6 +341,11 @@ def gather(campaign: Campaign) -> Evidence:
                 (each.record for each in entries if isinstance(each.record, Finding)),
             ),
             written=written,
+            form_files={
+                each.projection.of: each.file
+                for each in reversed(every_written)
+                if each.projection and campaign.path(each.file).exists()
+            },
             unreadable=tuple(unreadable),
         )
 

@@ -129,6 +129,8 @@ class CampaignState:
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
+    form_file: str = PLAIN_FILE
+    """The form's, in the campaign's folder."""
     holds: Held = ""
     """What the controller holds."""
     after: After = ""
@@ -214,7 +216,9 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
         return NextStep(("import", here, "FILE", "--stage", "after"), put)
     if state.form == "needed":
         return NextStep(("export", here, "--format", "plain"))
-    return NextStep(("load", here, *(["--file", f"{here}/{PLAIN_FILE}"] if state.form else [])))
+    return NextStep(
+        ("load", here, *(["--file", f"{here}/{state.form_file}"] if state.form else []))
+    )
 
 
 def _to_show(state: CampaignState) -> NextStep | None:
@@ -471,8 +475,7 @@ def _calibrated(
     every = [each.started.lacks for each in (journal.series if journal else ())]
     lacks = next((each for each in reversed(every) if each is not None), None)
     too_few = bool({*(lacks or ())} & {*identified.extended_by})
-    forms = evidence.sets.forms.values() if evidence.sets else ()
-    has_form = any(each.of == digest for each in forms) and (too_few or lacks is None)
+    has_form = digest in evidence.form_files and (too_few or lacks is None)
     held = held or evidence.state(loaded.digest if loaded else None)
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
     known_other = held is not None and held.origin != digest and not evidence.campaign.is_offline
@@ -496,6 +499,7 @@ def _calibrated(
         state,
         file="identified" if file and file.digest() == digest else "other" if is_there else "",
         form="exported" if has_form else "needed" if too_few else "",
+        form_file=evidence.form_files.get(digest, PLAIN_FILE),
         holds=holds,
         after=decided if after else "",
         reasons="; ".join(verdict.reasons),

@@ -266,6 +266,15 @@ def test_no_advice_leads_back_and_all_end() -> None:
             "load DIR --file DIR/robot-plain.yaml",
         ),
         (
+            {
+                "verdict": "pass",
+                "file": "identified",
+                "form": "exported",
+                "form_file": "robot-joint-tables.yaml",
+            },
+            "load DIR --file DIR/robot-joint-tables.yaml",
+        ),
+        (
             {"verdict": "pass", "file": "identified", "to_correct": True},
             "validate DIR --stage after --by targets",
         ),

@@ -77,6 +77,10 @@ def test_joint_tables_come_with_a_form_that_names_what_it_is_of(identified: Pape
     assert known_sets(identified.campaign).forms[robot.digest()] == form
     assert [each.name for each in found.files] == [f"joint{joint}.comp" for joint in range(4)]
     assert all(each.exists() for each in found.files)
+    assert gather(identified.campaign).form_files == {form.of: found.path.name}
+    hidden = found.path.rename(found.path.with_name("elsewhere.yaml"))
+    assert found.path.name not in gather(identified.campaign).form_files.values()
+    hidden.rename(found.path)
 
 
 def with_form(found: Evaluation, **lost: float) -> Evaluation:
