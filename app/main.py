@@ -7,7 +7,6 @@ import sys
 import traceback
 from collections.abc import Collection
 from importlib import import_module
-from importlib.util import LazyLoader, find_spec, module_from_spec
 from itertools import takewhile
 from typing import Annotated, Any
 
@@ -191,6 +190,8 @@ def load_parts_later(package: str, parts: Collection[str]) -> None:
     """Have parts of an imported package executed only when something of them is asked for."""
     if package not in sys.modules:
         return
+    from importlib.util import LazyLoader, find_spec, module_from_spec
+
     for part in parts:
         name = f"{package}.{part}"
         if name in sys.modules or (spec := find_spec(name)) is None or spec.loader is None:

@@ -20,7 +20,7 @@ CACHES = "PKMCAL_CACHE", "XDG_CACHE_HOME"
 ANSWER_BYTES = 1_000_000
 MOST_BYTES = 200_000_000
 """Of all files: more takes longer to read than an answer to find."""
-PASSING = (".lock", ".lock.holder", "-shm")
+PASSING = (".lock", ".lock.holder", "-shm", "cell-memory.json")
 """Ends of names that say nothing of a campaign."""
 
 
