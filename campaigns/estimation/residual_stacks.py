@@ -128,9 +128,9 @@ class RobotStack:
         wanted, found = self._free if places is None else places, None
         if places is None and self._closed is not None:
             last, found = self._closed
-            if len(last) != len(rows):
+            if not np.array_equal(last, rows):
                 at = np.minimum(np.searchsorted(last, rows), len(last) - 1)
-                is_among = np.array_equal(last[at], rows)
+                is_among = np.array_equal(last[at], rows)  # what settled before is not
                 found = tuple(each[at] for each in found) if is_among else None
         if found is None:
             found = closures(self._mechanism, self._p_of(x, rows), wanted, self._by_platform)
