@@ -150,8 +150,10 @@ def outlier_as_step(shots: FittedShots, causes: Sequence[Cause], at: int) -> Cha
         left, std = shots.chi2 - gain, np.sqrt(variance * np.diag(covariance_matrix))
         if left <= without.chi2 + variance * AS_WELL:
             found.append((left, Change(cause.kind, cause.name, at - 1, -size, std, 0.0)))
-    # all parts of an arm move one shot alike: an encoder slips the most often
-    found.sort(key=lambda each: (OF_PARTS.index(each[1].kind), each[0]))
+    # parts of an arm move one shot alike, and so may two arms: encoders slip most often, and little
+    found.sort(
+        key=lambda each: (OF_PARTS.index(each[1].kind), round(each[0], 2), abs(each[1].size[0]))
+    )
     return found[0][1] if found else None
 
 
