@@ -32,9 +32,9 @@ Answer = tuple[list[Line], dict[str, object]]
 
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of each file in a campaign's folder; empty where it cannot be told."""
-    found: dict[str, str] = {"software": _software(), "folder": str(folder)}
-    left = MOST_BYTES
+    found, left = {"folder": str(folder)}, MOST_BYTES
     try:
+        found["software"] = _software()
         for path in sorted(folder.iterdir()):
             if not path.is_file() or path.name.endswith(PASSING):
                 continue
