@@ -6,6 +6,7 @@ solver serves all of them.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -131,8 +132,7 @@ class PositionModel:
             by_all = geometry
             if self.free.size and self.free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
-                transmission = self._mechanism.transmission
-                own = transmission.columns(by_offset, self._joints, self._approach)
+                own = self._mechanism.transmission.columns(by_offset, self._joint_terms)
                 grown = self._by_expansions(x, by_all)
                 by_all = np.concatenate([by_all, own, grown], axis=-1)
             # shot by shot in memory, as it is read from here on
@@ -148,13 +148,22 @@ class PositionModel:
 
     def arm_joints(self, x: Array) -> Array:
         """Joints of the arms: encoder values as the transmission changes them, (N, n)."""
-        return self._mechanism.true_joints(self._replaced(x), self._joints, self._approach)
+        lost = self._replaced(x)[len(self._space.geometry) : self._of_robot.stop]
+        if not lost.any():
+            return self._joints
+        values = lost.reshape(-1, self._joints.shape[1])
+        return np.asarray(self._joints + np.einsum("fn,fkn->kn", values, self._joint_terms))
+
+    @cached_property
+    def _joint_terms(self) -> Array:
+        """Change of joints by each field of the transmission, (f, N, n)."""
+        return self._mechanism.transmission.terms(self._joints, self._approach)
 
     def _assembled_at(self, x: Array) -> Assembled:
         """The last answer, if it was for this x; raises `NoSolution`."""
         if self._last is None or not np.array_equal(x, self._last[0]):
-            p = self._replaced(x)
-            configuration = self._mechanism.configuration(p, self._joints, self._approach)
+            geometry = self._replaced(x)[: len(self._space.geometry)]
+            configuration = self._mechanism.configuration(geometry, self.arm_joints(x))
             about = None if self._expansion is None else self._expansion[0][1].tilt_elimination
             poses = configuration.assemble(self._near(x), CLOSE_ENOUGH_MM, about).values_or_raise()
             self._last = np.array(x), configuration, poses

@@ -74,6 +74,8 @@ FIRST_CRANK = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZ
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
 
+GROWING = ("arm_mm",), (FOREARM,), ("x_mm", "y_mm", "z_mm")
+"""Fields of arms, forearms and frame that grow as they get warm, arm by arm."""
 INITIAL_GUESSES = (
     (0.0, 0.0),
     (0.6, -40.0),
@@ -109,6 +111,9 @@ class ClosedChain:
             arms.transmission,
             dict.fromkeys(held_fields, Role.HELD) | dict.fromkeys(arms.leaning, Role.LEANING),
             datum,
+        )
+        self._growing = tuple(
+            self.parameters.places(self.parameters.of_field(*fields)) for fields in GROWING
         )
         self._arms = arms
         self.platform = self._own_platform = platform
@@ -184,7 +189,8 @@ class ClosedChain:
         """
         geometry = self.configuration(p, joints, approach).jacobian(poses)
         by_offsets = geometry[:, :, self.parameters.offsets]
-        more = self.transmission.columns(by_offsets, joints, approach)
+        terms = self.transmission.terms(joints, approach)
+        more = self.transmission.columns(by_offsets, terms)
         return np.concatenate([geometry, more], axis=2)
 
     def true_joints(self, p: Array, joints: Array, approach: Array | None = None) -> Array:
@@ -212,12 +218,9 @@ class ClosedChain:
 
         Each is the sum of lengths times the columns by them; of a carriage's rail, what it moved.
         """
-        space = self.parameters
-        lengths = self._growing_mm(Parameters.of_vector(space, p[: len(space.of_robot)]))
-        columns = [
-            by_geometry[:, :, space.places([*each])] @ np.array([*each.values()])
-            for each in lengths
-        ]
+        space, (*rigid, frame) = self.parameters, self._growing
+        columns = [by_geometry[:, :, each] @ p[each] for each in rigid]
+        columns += [by_geometry[:, :, frame] @ (p[frame] + np.ravel(self.plate.joints_mm))]
         if not self.joints[0].is_revolute:
             moved = true_joints + p[space.offsets]
             columns[0] = np.einsum("ktn,kn->kt", by_geometry[:, :, space.offsets], moved)
@@ -246,11 +249,15 @@ class ClosedChain:
         A rail has no length of its own. The frame grows from its origin to where its arms really
         are: the plate's joints, which are contracted into the arms' places, stay as they are.
         """
-        of = self.parameters.of_field
-        arms, forearms = ({n: values[n] for n in of(field)} for field in ("arm_mm", FOREARM))
-        joints = np.ravel(self.plate.joints_mm).tolist()
-        places = zip(of("x_mm", "y_mm", "z_mm"), joints, strict=True)
-        return arms, forearms, {name: values[name] + joint for name, joint in places}
+        arms, forearms, frame = (
+            [self.parameters.geometry[place] for place in each] for each in self._growing
+        )
+        places = zip(frame, np.ravel(self.plate.joints_mm).tolist(), strict=True)
+        return (
+            {name: values[name] for name in arms},
+            {name: values[name] for name in forearms},
+            {name: values[name] + joint for name, joint in places},
+        )
 
     def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
         """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""

@@ -148,13 +148,13 @@ class Transmission:
         by_sin, by_cos = (values[stems.index(stem)] for stem in TERMS["ripple"])
         return np.asarray(encoders * (by_sin * np.cos(phase) - by_cos * np.sin(phase)))
 
-    def columns(self, by_offsets: Array, encoders: Array, approach: Array | None = None) -> Array:
+    @staticmethod
+    def columns(by_offsets: Array, terms: Array) -> Array:
         """Derivatives (N, t, f n) by all values, a field's together, from those by the offsets.
 
-        `by_offsets` (N, t, n).
+        `by_offsets` (N, t, n), and the terms (f, N, n) of the same joints.
         """
-        terms = self.terms(encoders, approach).swapaxes(0, 1)
-        columns = by_offsets[:, :, None] * terms[:, None]
+        columns = by_offsets[:, :, None] * terms.swapaxes(0, 1)[:, None]
         return np.asarray(columns.reshape(*by_offsets.shape[:2], -1))
 
     def slopes(self, values: Array, encoders: Array) -> Array:
