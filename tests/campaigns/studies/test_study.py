@@ -10,12 +10,14 @@ from drawn_study import plan as planned
 from par4_space import FILE_UNIT, FREE_BY_DEFAULT, NAMES, par4_of
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
+from campaigns.estimation import residual_stacks
 from campaigns.estimation.estimators import Estimator, Outliers, Weights
 from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies import engine
 from campaigns.studies.engine import MOST_LINE_BYTES, ResultTable, run_task
 from campaigns.studies.estimates import estimates, true_robot, true_robots
 from campaigns.studies.study import CampaignRow, StudyTask, indistinguishable, planned_shots
@@ -68,6 +70,25 @@ def test_without_noise_the_truth_is_found(setup, estimator):
     (outcome,) = run(with_options(setup, instrument=silent, estimator=estimator), [0], robots(1))
     assert np.abs(outcome.estimate.errors).max() < 1e-5
     assert outcome.estimate.unseen_max_mm < 1e-5
+
+
+def test_only_studies_of_many_campaigns_load_compiled_loops(monkeypatch, setup):
+    asked = []
+    monkeypatch.setattr(engine, "closure_kernel", asked.append)
+    run(setup, [0], robots(1))
+    assert not asked
+    run(replace(setup, is_long=True), [0], robots(1))
+    assert asked == [NOMINAL]
+
+
+@pytest.mark.parametrize("why", [ImportError("numba needs another NumPy"), RuntimeError("no room")])
+def test_without_a_numba_that_works_there_are_no_compiled_loops(monkeypatch, why):
+    def broken(name):
+        raise why
+
+    monkeypatch.setattr(residual_stacks, "find_spec", lambda name: object())
+    monkeypatch.setattr(residual_stacks, "import_module", broken)
+    assert residual_stacks.closure_kernel(NOMINAL) is None
 
 
 def test_numbers_depend_on_the_seed_and_not_on_how_campaigns_are_divided(setup, outcomes):
