@@ -17,7 +17,7 @@ from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
 from campaigns.estimation.lack_of_fit import LackOfFit
-from campaigns.evaluation.diagnostics import CHANGE, Doubt, lack_doubt
+from campaigns.evaluation.diagnostics import CHANGE, LACK, Doubt, lack_doubt
 from campaigns.identification.identify import fitted, identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
@@ -236,7 +236,8 @@ def _with_terms(best: _Candidate, terms: ParameterSelection, tried: list[_Candid
     them are appended to those that were tried.
     """
     space, allowed = best.nominal.mechanism.parameters, {*terms.free} - {*best.known.free}
-    if best.course is None and _grows(best):
+    begun = best.course is not None or _grows(best)
+    if best.course is None and begun:
         for warmed in _with_warmth(best, terms):
             tried.append(warmed)
             best = best if _objection(warmed, best) else warmed
@@ -257,7 +258,46 @@ def _with_terms(best: _Candidate, terms: ParameterSelection, tried: list[_Candid
         tried.append(like.instead(f"{best.name}+{cause}", known))
         allowed -= names
         best = best if _objection(tried[-1], best) else tried[-1]
-    return best
+    grown = best if begun else _with_late_growth(best, terms, tried)
+    return best if grown is best else _with_terms(grown, terms, tried)
+
+
+def _with_late_growth(
+    best: _Candidate, terms: ParameterSelection, tried: list[_Candidate]
+) -> _Candidate:
+    """The best with growth that shows beside its terms, or that carriages' scale hides.
+
+    Such a scale may as well be off all the time. Growth explains part of any step, and a scale part
+    of a wrong reflector: what it leaves must show neither.
+    """
+    hidden = _hides_growth(best)
+    others = [_with_pitches(best, terms)] if hidden else []
+    others += _with_warmth(best, terms) if hidden or _grows(best) else ()
+    tried += others
+    unexplained = {CHANGE, LACK} if hidden else {CHANGE}
+
+    def explains(each: _Candidate) -> bool:
+        doubts = () if each.tested is None else each.tested().doubts
+        return not unexplained & {doubt.name for doubt in doubts}
+
+    worthy = [each for each in others if not _objection(each, best) and explains(each)]
+    return min(worthy, key=_price, default=best)
+
+
+def _hides_growth(best: _Candidate) -> bool:
+    """Whether what carriages are said to lack may be growth, of which they show the scale first.
+
+    Beside a scale that is off all the time its change is no drift that a test would name.
+    """
+    on_rails = not best.nominal.mechanism.joints[0].is_revolute
+    return on_rails and any(each.name == LACK for each in best.doubts)
+
+
+def _with_pitches(best: _Candidate, terms: ParameterSelection) -> _Candidate:
+    """Candidate that takes up a scale that is off without any growth."""
+    space = best.nominal.mechanism.parameters
+    pitches = {*terms.free} & {*space.of_field(GAIN.name)}
+    return best.instead(f"{best.name}+ratio", _widened(best.known, terms, pitches, space))
 
 
 def _with_more_parts(

@@ -6,10 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import NOMINAL
+from family_cases import Member
 from identified_cases import NOISE_MM, SPACE, TRACKER_FROM_BASE, TRUTH, simulated, stating
 
 from app.report.model_sections import warmth_in_words
+from campaigns.arrays import Array
 from campaigns.estimation.estimators import Model
+from campaigns.identification import model_selection
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
 from campaigns.identification.parameter_selection import select_parameters
@@ -93,3 +96,68 @@ def test_a_drift_is_named_as_growth_with_its_size_and_uncertainty() -> None:
     assert abs(numbers["ppm"] + 150.0) < 3.0 * numbers["std_ppm"] < 75.0
     told = f"{-numbers['ppm']:.3g} ± {2.0 * numbers['std_ppm']:.2g}"
     assert doubt.says.startswith(f"arms shrank by {told} ppm over the run, {numbers['size']:+.2g}")
+
+
+RAILS = Member("i4l")
+
+
+def on_rails(
+    passed: Array, stand_mm: float = 0.0, gain_ppm: float = 0.0, **growth_ppm: float
+) -> Shots:
+    """Shots of an I4L whose parts grow, or whose tracker's stand moves, as time passes."""
+    robot, plain = RAILS.nominal, simulated(60, 20, 4)
+    poses = RAILS.reachable_poses(robot, len(plain), seed=5)
+    readings = robot.inverse(poses).values_or_raise()
+    joints = (1.0 + 1e-6 * gain_ppm) * readings
+    grown = robot.mechanism.grown(robot.parameters, growth_ppm)
+    ends = (robot, Kinematics(robot.mechanism, grown.vector))
+    cold, warm = (each.forward(joints).values_or_raise()[:, :3] for each in ends)
+    moved = passed[:, None] * (warm - cold + np.array([stand_mm, 0.0, 0.0]))
+    points = TRACKER_FROM_BASE.apply(cold + moved)
+    points += NOISE_MM * np.random.default_rng(4).standard_normal(points.shape)
+    approach = np.zeros_like(joints)
+    named = tuple(range(len(plain)))
+    order = np.random.default_rng(6).permutation(len(plain))
+    shots = replace(plain.rows(order), numbers=named, joints=readings, approach=approach)
+    return stating(replace(shots, points_in_tracker_mm=points))
+
+
+def of_rails(shots: Shots) -> IdentificationResult:
+    terms = terms_to_add(RAILS.space, Model.AUTO)
+    return select_model(
+        RAILS.nominal, shots, candidate_models(RAILS.space, Model.RODS), terms=terms
+    )
+
+
+TIME = np.linspace(0.0, 1.0, 160)
+WARMING = np.expm1(-3.0 * TIME) / np.expm1(-3.0)
+
+
+@pytest.mark.long
+def test_a_scale_of_carriages_that_looks_like_sag_is_taken_up_where_no_stand_moved() -> None:
+    grown = dict(zip(RAILS.space.thermal, (40.0, 20.0, 20.0), strict=True))
+    found = of_rails(on_rails(WARMING, gain_ppm=100.0, **grown))
+    assert next(each.name for each in found.models if each.kept) == "standard+ratio"
+    assert (found.verdict, found.doubts) == ("pass", ())
+    moved = of_rails(on_rails(np.round(TIME), stand_mm=0.1, gain_ppm=300.0))
+    assert {"standard+ratio", "standard+warmth"} < {each.name for each in moved.models}
+    assert moved.models[0].kept
+    assert moved.obstacles[0] == "change-during-campaign"
+
+
+@pytest.mark.slow
+def test_growth_that_shows_beside_other_terms_alone_is_taken_up_then(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shows = model_selection._grows
+    asked: list[bool] = []
+
+    def later(best: model_selection._Candidate) -> bool:
+        asked.append(shows(best))
+        return len(asked) > 1 and asked[-1]
+
+    monkeypatch.setattr(model_selection, "_grows", later)
+    found = of_rails(on_rails(WARMING, arm_expansion_ppm=150.0))
+    assert asked[0]
+    assert found.warmth is not None
+    assert found.verdict == "pass"
