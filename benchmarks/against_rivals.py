@@ -2,22 +2,25 @@
 
 python -m benchmarks.against_rivals [--rounds N] [--json]
 
-Against the script that a lab writes (benchmarks/rivals/lab_script.py), against SciPy's
-Levenberg-Marquardt by differences on our own batched forward model, and against the package
+Against the script that a lab writes (rivals/lab_script.py), SciPy's Levenberg-Marquardt by
+differences on our own batched forward model, a C program (rivals/gauss_newton.c) and the package
 pybotics on a serial arm. A ratio counts only when both found the same: exit code 1 when they did
-not, or when the lab's script takes less than 900 times as long. Without pybotics (it is installed
-once, over the network) the others are compared all the same.
+not, or when the lab's script takes less than 900 times as long. Without pybotics (installed once,
+over the network) or `cc` the others are compared all the same.
 """
 
+import subprocess
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.rivals import lab_script
-from benchmarks.rivals.pybotics_process import RivalMissing, command_line, taking_part
+from benchmarks.rivals.pybotics_process import CACHE, RivalMissing, command_line, taking_part
 from benchmarks.shared.measured_robot import (
     MeasuredRobot,
     by_distances,
@@ -34,8 +37,10 @@ from benchmarks.shared.rounds import Contestant, Run, contestant, least_s, ratio
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.arrays import Array
 from campaigns.estimation.least_squares import Residuals
+from campaigns.estimation.rigid_transforms import fit_transform
 
 OURS, LAB, SCIPY = "pkmcal", "the lab's script", "SciPy's LM by differences, our forward model"
+COMPILED, SOURCE = "C", Path(__file__).parent / "rivals" / "gauss_newton.c"
 COLUMNS = ("", "ms", "× ours", "lowest", "highest round")
 SOLVES = 51
 """Of ours, which are short, in a round."""
@@ -47,6 +52,8 @@ UNSEEN_MM = 0.1
 LEAST_OF_LAB = 900.0
 SAME_PARAMETERS = (1e-3, 1e-4)
 """mm and deg, about a hundredth of the standard deviations: what differences leave of a minimum."""
+SAME_MINIMUM = (1e-6, 1e-6)
+"""mm and deg, where neither has differences for derivatives."""
 SAME_POSES = (1e-4, 1e-5)
 """mm and deg: what `fsolve` leaves at its own tolerance."""
 
@@ -78,7 +85,7 @@ def contest(
     for name, theirs in zip(list(contestants)[1:], others, strict=True):
         times = ratio(theirs, ours)
         rows.append((name, 1e3 * least_s(theirs), *times))
-        judged = judge(theirs, ours)
+        judged = (same_minimum if name == COMPILED else judge)(theirs, ours)
         if name == LAB and least:
             judged.append(Figure("time", times[0], "× ours", lowest=least))
         for each in judged:
@@ -95,8 +102,18 @@ def apart(mm: float, deg: float, limits: tuple[float, float]) -> list[Figure]:
     ]
 
 
-def same_parameters(theirs: Sequence[Run[Array]], ours: Sequence[Run[Array]]) -> list[Figure]:
-    return apart(*largest_differences(theirs[-1].answer, ours[-1].answer), SAME_PARAMETERS)
+def same_parameters(
+    theirs: Sequence[Run[Array]],
+    ours: Sequence[Run[Array]],
+    limits: tuple[float, float] = SAME_PARAMETERS,
+) -> list[Figure]:
+    return apart(*largest_differences(theirs[-1].answer, ours[-1].answer), limits)
+
+
+def same_minimum(theirs: Sequence[Run[Array]], ours: Sequence[Run[Array]]) -> list[Figure]:
+    """Likewise of one whose derivatives are exact too; it is faster than ours."""
+    times, _, _ = ratio(ours, theirs)
+    return [*same_parameters(theirs, ours, SAME_MINIMUM), Figure("ours takes", times, "× as long")]
 
 
 def same_poses(theirs: Sequence[Run[Array]], ours: Sequence[Run[Array]]) -> list[Figure]:
@@ -129,6 +146,7 @@ def distances(robot: MeasuredRobot, rounds: int) -> Report:
         OURS: contestant(partial(by_distances, robot), SOLVES),
         SCIPY: contestant(lambda: by_differences(distance_problem(robot)), SCIPY_SOLVES),
         LAB: contestant(lab, 1),
+        **compiled("distances", robot),
     }
     title = f"{len(robot.pairs)} distances"
     return contest(title, contestants, rounds, same_parameters, LEAST_OF_LAB)
@@ -138,6 +156,7 @@ def points(robot: MeasuredRobot, rounds: int) -> Report:
     contestants = {
         OURS: contestant(partial(by_points, robot), SOLVES),
         SCIPY: contestant(lambda: by_differences(point_problem(robot)), SCIPY_SOLVES),
+        **compiled("points", robot),
     }
     return contest(f"{len(robot.points_mm)} points", contestants, rounds, same_parameters)
 
@@ -148,6 +167,35 @@ def by_differences(problem: Residuals) -> Array:
         problem.residual, problem.start(), jac="2-point", method="lm", x_scale="jac"
     )
     return np.asarray(found.x[: len(FREE_PLACES)])
+
+
+def compiled(what: str, robot: MeasuredRobot) -> dict[str, Contestant[Array]]:
+    """The C program, which takes its own processor time; none where it cannot be built."""
+    CACHE.mkdir(exist_ok=True)
+    program = CACHE / SOURCE.stem
+    try:
+        subprocess.run(["cc", "-O3", "-march=native", SOURCE, "-o", program, "-lm"], check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        print(f"{what}: not compared with {COMPILED}: {error}", file=sys.stderr)
+        return {}
+    problem = problem_of(robot)
+
+    def run() -> Run[Array]:
+        command = (program, what, str(SOLVES))
+        done = subprocess.run(command, input=problem, capture_output=True, text=True, check=True)
+        microseconds, _iterations, *parameters = map(float, done.stdout.split())
+        return Run(1e-6 * microseconds, np.array(parameters))
+
+    return {COMPILED: run}
+
+
+def problem_of(robot: MeasuredRobot) -> str:
+    """The problem as gauss_newton.c reads it, a frame to begin with included."""
+    shots = np.hstack([robot.joints, robot.commanded, robot.points_mm])
+    frame = fit_transform(robot.commanded[:, :3], robot.points_mm)
+    sizes, rows = (len(shots), len(FREE_PLACES)), (*frame.rotation.T, frame.translation_mm)
+    parts = (sizes, printed_parameters(NOMINAL), FREE_PLACES, np.column_stack(rows), shots)
+    return " ".join(repr(number) for part in parts for number in np.ravel(part).tolist())
 
 
 def serial_arm(robot: MeasuredRobot, rounds: int) -> Report:

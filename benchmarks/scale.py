@@ -30,7 +30,6 @@ from campaigns.shots.shots_csv import ShotRow, write_shots
 LEAST = {"shots": 100, "campaigns": 100, "candidates": 1000}
 NOISE_MM = 0.01
 COLUMNS = ("", "size", "s", "exponent", "MB")
-RUN = "engine, all shots"
 KB_PER_MB = 1024.0
 
 
@@ -78,7 +77,7 @@ def of_shots(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object
     room.mkdir()
     write_plan(folder / "plan.csv", plan, ROBOT.mechanism)
     write_shots(file, _measured(plan), ROBOT.mechanism)
-    yield RUN, partial(engine.run, room, plan)
+    yield "engine, all shots", partial(engine.run, room, plan)
     yield "start of run", partial(pkmcal, "run", name, "--dry")
     yield "import", partial(pkmcal, "import", name, str(file))
     for word in ("status", "identify", "check-journal", "report"):
@@ -145,14 +144,10 @@ def _sizes(least: int, largest: int) -> list[int]:
 
 def _rows(found: dict[str, dict[int, Cost]]) -> Iterator[tuple[str | float, ...]]:
     for name, costs in found.items():
-        before: tuple[int, Cost] | None = None
-        for size, cost in costs.items():
-            exponent = math.nan
-            if before is not None:
-                grown = cost.seconds / before[1].seconds
-                exponent = math.log(grown) / math.log(size / before[0])
+        logs = np.log([(size, cost.seconds) for size, cost in costs.items()])
+        sizes, seconds = np.diff(logs, axis=0, prepend=np.nan).T
+        for (size, cost), exponent in zip(costs.items(), (seconds / sizes).tolist(), strict=True):
             yield name, size, cost.seconds, exponent, cost.memory_mb
-            before = size, cost
 
 
 if __name__ == "__main__":

@@ -3,11 +3,13 @@ import pytest
 
 from benchmarks import against_rivals
 from benchmarks.against_rivals import (
+    COMPILED,
     LAB,
     LEAST_OF_LAB,
     OURS,
     SAME_PARAMETERS,
     UNSEEN_MM,
+    compiled,
     contest,
     same_parameters,
     serial_arm,
@@ -43,6 +45,21 @@ def test_ratio_against_other_parameters_is_missed(off):
 @pytest.mark.parametrize(("left_mm", "faults"), [(0.9 * UNSEEN_MM, 0), (1.1 * UNSEEN_MM, 1)])
 def test_calibration_that_leaves_errors_on_unseen_points_is_missed(left_mm, faults):
     assert len(missed(LEAST_OF_LAB, left_mm, unseen_errors)) == faults
+
+
+def test_compiled_program_has_to_find_the_same_minimum():
+    contestants = {OURS: lambda: Run(1.0, ANSWER), COMPILED: lambda: Run(0.1, ANSWER + 2e-6)}
+    report = contest(TITLE, contestants, 3, same_parameters)
+    apart = [f"{TITLE}, {COMPILED}: {kind} apart" for kind in ("lengths", "angles")]
+    assert report.missed == apart
+    assert report.figures[-1].value == pytest.approx(10.0)
+
+
+def test_without_a_compiler_one_line_says_so_and_the_others_go_on(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(against_rivals, "CACHE", tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert compiled("points", measured_robot()) == {}
+    assert "points: not compared with C: " in capsys.readouterr().err
 
 
 def test_without_pybotics_one_line_says_why_and_nothing_is_missed(monkeypatch):
