@@ -188,7 +188,10 @@ def _check_reading(nominal: Kinematics, shots: Shots, where: str, place_mm: Vect
         causes = {each.words: each for each in alike if each.steps == fewest and each.words}
         if causes:
             first = next(iter(causes.values()))
-            raise ShotsInvalid(f"{where}: {' or '.join(causes)}", remedy=first.remedy)
+            # of the reflector's half is said what tells it from columns
+            more = (each.remedy for each in causes.values() if each.remedy != first.remedy)
+            remedy = next((each for each in more if first.remedy in each), first.remedy)
+            raise ShotsInvalid(f"{where}: {' or '.join(causes)}", remedy=remedy)
     if unchanged.cost > IMPOSSIBLE:
         raise ShotsInvalid(
             f"{where}: the points do not follow the joints: after the best fit "

@@ -313,6 +313,16 @@ def test_reflector_on_another_half_than_the_robot_file_says_is_told():
     assert "the reflector seems to be on half 1 of the plate → say reflector_half: 1 in" in said
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_causes_that_fit_alike_the_remedy_says_how_to_tell_them_apart(seed):
+    """Another order of joints fits an i4r as well, or better, than its reflector's other half."""
+    cause, _, remedy = complaint("i4r", measured("i4r", seed), told_half=2).partition("→")
+    assert "order q3, q2, q0, q1" in cause
+    assert "on half 1 of the plate" in cause
+    assert "correct tracker.place_mm, which tells; then say reflector_half: 1" in remedy
+
+
 @pytest.mark.parametrize(
     ("columns", "order"), [([1, 2, 0], "q2, q0, q1"), ([2, 0, 1], "q1, q2, q0")]
 )
