@@ -108,7 +108,7 @@ def efficiency(name: CriterionName, shots: int) -> float:
     for seed in range(RANDOM_STARTS[shots]):
         rng = np.random.default_rng(100 + seed)
         found = options.only(rng.choice(len(options.candidates), shots, replace=False))
-        values.append(found.refined(REFINED, rng).value)
+        values.append(found.refined(options, REFINED, rng).value)
     return min(values) / plan.value
 
 

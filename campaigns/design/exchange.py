@@ -113,7 +113,7 @@ PASSES = 2
 """Times that each of a few shots is chosen anew beside the others."""
 SHORT_LIST = 600
 """Exchanges are first sought among so many candidates, or twice as many as there are members."""
-MEASUREMENTS_TRIED = 240
+MEASUREMENTS_TRIED = 170
 MOST_STARTS = 12
 """Small designs end in local optima more often, and cost little to start again."""
 QUICKLY_EXCHANGED = 100

@@ -69,9 +69,10 @@ class FeasibleRegion:
         """
         allowed = self.allows(poses)
         beyond = np.flatnonzero(~allowed)
+        beyond = beyond[self.allows(poses[beyond] + DRAWN_IN[1] * (self.centre - poses[beyond]))]
+        allowed[beyond] = True
         towards = self.centre - poses[beyond]
         near, far = (np.full(len(beyond), part) for part in DRAWN_IN)
-        allowed[beyond] = self.allows(poses[beyond] + DRAWN_IN[1] * towards)
         for _ in range(HALVINGS):
             middle = np.sqrt(near * far)
             inside = self.allows(poses[beyond] + middle[:, None] * towards)

@@ -45,14 +45,17 @@ class GoalOutOfReach(ValueError):
 
 
 def design_curve(
-    candidates: Candidates, criterion: Criterion, counts: Iterable[int], rng: np.random.Generator
+    candidates: Candidates,
+    criterion: Criterion,
+    counts: Iterable[int],
+    rng: np.random.Generator,
+    chosen: Index | None = None,
 ) -> Iterator[DesignPoint]:
-    """Designs of each of the increasing `counts`, all but the first grown from the one before.
+    """Designs of each of the increasing `counts`, each grown from the one before.
 
-    Growth is quick, and gives a σ within some percent of an exchanged design's. Raises as
-    `optimal_design`.
+    The first is grown from `chosen`, if there are such. Growth is quick, and gives a σ within some
+    percent of an exchanged design's. Raises as `optimal_design`.
     """
-    chosen: Index | None = None
     for count in counts:
         if chosen is None:
             chosen = exchange.optimal_design(candidates, criterion, count, rng, starts=1).chosen

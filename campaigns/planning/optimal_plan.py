@@ -13,10 +13,11 @@ from campaigns.design.criteria import Criterion, CriterionName, make_criterion
 from campaigns.design.exchange import (
     EXCHANGE_REGULARISATION,
     Unobservable,
+    choose_beside,
     covariance_of,
     exchanged_starts,
 )
-from campaigns.design.refinement import refine
+from campaigns.design.refinement import known_places, refine
 from campaigns.design.tours import BALANCED_SHARE, balance_approaches, neighbouring_pairs
 from campaigns.errors import PlanInvalid
 from campaigns.estimation import information, tracker_noise
@@ -37,12 +38,14 @@ CURVE_REACH = 2
 """The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
 NEARLY_THE_SAME = 0.15
 """Part of the plan's own number of shots by which other numbers stay off it."""
-STAGES = ((10, 4), (20, 1), (60, 1))
-"""Rounds by which designs are refined, and how many of them are refined further."""
-MEASUREMENTS_REFINED = 170
-"""In the first stage, by designs of small size more, which end in local optima more often."""
-MEASUREMENTS_MOVED = 1200
-"""In a stage of one design at most: more rounds tell little more of a large one."""
+ROUNDS, ROUNDS_AFTER, ROUNDS_LAST = 10, 6, 20
+"""Of refinement: of each start, of the best one after shots were replaced, and of what is kept."""
+REPLACED, REPLACED_AMONG = 3, 600
+"""Measurements that are replaced at once, for so many candidates drawn anew each time."""
+REPLACEMENTS = 2
+"""So many for each start beyond the first: small designs end in local optima more often."""
+MEASUREMENTS_MOVED = 1800
+"""In the last rounds at most: more of them tell little more of a large design."""
 PAIRINGS = 6
 """Number of pairings of the candidate poses: so many pairs have as many rows as the shots."""
 
@@ -107,19 +110,46 @@ class CandidateSet:
         found = covariance_of(self.candidates, self.candidates.jacobians, EXCHANGE_REGULARISATION)
         return self.criterion.value(found)
 
-    def refined(self, rounds: int, rng: np.random.Generator) -> "CandidateSet":
-        """All of it, moved to where it tells more than any candidate."""
+    def refined(
+        self, options: "CandidateSet", rounds: int, rng: np.random.Generator
+    ) -> "CandidateSet":
+        """All of it, exchanged for candidates and moved to where it tells more than any of them."""
 
         def seen(poses: Array) -> Array:
             jacobians, _ = _measured(self.region, self.request, poses, self.common_mm2)
             return jacobians / self.candidates.scale
 
-        start, by = self.poses[self.ends], self.criterion
-        return self._at(refine(start, self.region, seen, self.candidates, by, rounds, rng))
+        start, others = self.poses[self.ends], options.poses[options.ends]
+        known = options.candidates, others, self.criterion
+        return self._at(refine(start, self.region, seen, *known, rounds, rng))
+
+    def replaced(self, options: "CandidateSet", rng: np.random.Generator) -> "CandidateSet":
+        """All of it but a few, drawn at random, for which others are chosen beside the rest."""
+        kept = self.only(rng.permutation(len(self.candidates))[REPLACED:])
+        held, others = kept.poses[kept.ends], options.poses[options.ends]
+        some = rng.permutation(len(others))[:REPLACED_AMONG]
+        some = some[~known_places(others[some], held)]
+        few = replace(options.candidates, jacobians=options.candidates.jacobians[some])
+        known = covariance_of(few, kept.candidates.jacobians, EXCHANGE_REGULARISATION)
+        known = known / np.outer(few.scale, few.scale)
+        added = choose_beside(few, options.criterion, known, REPLACED)
+        return self._at(np.concatenate([held, others[some[added]]]))
 
     def only(self, rows: Index) -> "CandidateSet":
         """Chosen measurements (N,) alone, where they are."""
         return self._at(self.poses[self.ends[rows]])
+
+    def together_with(self, other: "CandidateSet") -> "CandidateSet":
+        """All of it and of another, by the same unknowns, the other's behind."""
+        both = np.concatenate([self.candidates.jacobians, other.candidates.jacobians])
+        own, more = self.variance_mm2, other.variance_mm2
+        return replace(
+            self,
+            poses=np.vstack([self.poses, other.poses]),
+            ends=np.vstack([self.ends, len(self.poses) + other.ends]),
+            candidates=replace(self.candidates, jacobians=both),
+            variance_mm2=None if own is None or more is None else np.concatenate([own, more]),
+        )
 
     def _at(self, poses: Array) -> "CandidateSet":
         """Measurements at poses (N, 1 or 2, t), by the same unknowns."""
@@ -258,13 +288,12 @@ def choose_measurements(
         return _fewest_refined(options, rows, request.until_mm, rng)
     count = request.plan.identification_shots // options.poses_each
     starts = exchanged_starts(options.candidates, options.criterion, count, rng)
-    listed = starts[: max(1, MEASUREMENTS_REFINED // count)]
-    designs = [options.only(each.chosen) for each in listed]
-    for rounds, kept in STAGES:
-        most = max(1, MEASUREMENTS_MOVED // count)
-        refined = (each.refined(min(rounds, most), rng) for each in designs)
-        designs = sorted(refined, key=lambda each: each.value)[:kept]
-    return designs[0]
+    refined = [options.only(each.chosen).refined(options, ROUNDS, rng) for each in starts]
+    best = min(refined, key=lambda each: each.value)
+    for _ in range(REPLACEMENTS * (len(starts) - 1)):
+        other = best.replaced(options, rng).refined(options, ROUNDS_AFTER, rng)
+        best = min(best, other, key=lambda each: each.value)
+    return best.refined(options, max(1, min(ROUNDS_LAST, MEASUREMENTS_MOVED // count)), rng)
 
 
 def _fewest_refined(
@@ -282,7 +311,7 @@ def _fewest_refined(
         if tried != len(rows):
             starts = exchanged_starts(options.candidates, options.criterion, tried, rng)
             rows = starts[0].chosen
-        moved = options.only(rows).refined(max(1, MEASUREMENTS_MOVED // tried), rng)
+        moved = options.only(rows).refined(options, ROUNDS, rng)
         # a criterion may fall while the worst length's σ rises
         if moved.worst_length_mm <= until_mm:
             best, count = moved, tried
@@ -328,7 +357,10 @@ def _out_of_reach(
 def _curve(
     options: CandidateSet, chosen: CandidateSet, rng: np.random.Generator
 ) -> Iterator[tuple[int, information.Uncertainty]]:
-    """What other numbers of measurements would give, the chosen ones among them."""
+    """What other numbers of measurements would give, the chosen ones among them.
+
+    Fewer ones are chosen among those too, more are added to them: all are refined alike.
+    """
     own = len(chosen.candidates)
     fewest = sample_size.minimum_count(options.candidates, options.step)
     reach = min(CURVE_REACH * max(own, 2 * fewest), len(options.candidates))
@@ -337,13 +369,16 @@ def _curve(
         for count in sample_size.curve_counts(fewest, reach, options.step)
         if abs(count - own) > NEARLY_THE_SAME * own
     ]
-    designs = sample_size.design_curve(options.candidates, options.criterion, counts, rng)
-    all_of_them = [(chosen, np.arange(own)), *((options, design.chosen) for design in designs)]
+    together, here = options.together_with(chosen), len(options.candidates) + np.arange(own)
+    known = together.candidates, options.criterion
+    fewer = sample_size.design_curve(*known, [each for each in counts if each < own], rng)
+    more = sample_size.design_curve(*known, [each for each in counts if each > own], rng, here)
     free = options.request.free
     units = options.region.kinematics.mechanism.parameters.units(free)
-    for of, rows in sorted(all_of_them, key=lambda each: len(each[1])):
-        matrix = information.covariance(of.candidates.jacobian(rows))[: len(free), : len(free)]
-        shots, ratio = len(rows) * of.poses_each, of.variance_ratio(rows)
+    for rows in (*(each.chosen for each in fewer), here, *(each.chosen for each in more)):
+        jacobian = together.candidates.jacobian(rows)
+        matrix = information.covariance(jacobian)[: len(free), : len(free)]
+        shots, ratio = len(rows) * options.poses_each, together.variance_ratio(rows)
         found = information.Uncertainty.of(free, units, matrix * ratio**2, source="predicted")
         yield shots, found
 

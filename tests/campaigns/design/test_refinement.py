@@ -32,7 +32,8 @@ def test_refined_design_tells_more_than_the_best_choice_among_the_candidates(nam
 
     def refined():
         rng = np.random.default_rng(2)
-        return refine(start, place, jacobians, CASE.candidates, criterion, 8, rng)
+        known = CASE.candidates, CASE.poses[:, None], criterion
+        return refine(start, place, jacobians, *known, 8, rng)
 
     found = refined()
     assert value(start, criterion) == pytest.approx(chosen.value)
