@@ -7,7 +7,7 @@ other row.
 """
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import TypeAlias, TypeVar, cast
 
 import numba
 import numpy as np
@@ -16,6 +16,8 @@ from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.gauss_newton import LEAST_PIVOT
 from campaigns.mechanisms.closed_chain import MISFIT_OF_STEP
 
+Closed: TypeAlias = tuple[Array, Array, Array, Array, Index, Array, Array, Array]
+"""Closures as `RobotStack.closed_at` has them, of all robots, or of one behind the functions."""
 Function = TypeVar("Function", bound=Callable[..., object])
 CLOSURES = 4
 """Of every mechanism here, and as many coordinates of a pose."""
@@ -302,25 +304,24 @@ def _step(rows: Array, residual: Array, step: Array) -> tuple[float, bool]:
 
 
 @_compiled
+def _room(free: int, shots: int) -> tuple[Array, Array, Array, Array]:
+    """Arrays to work in: forearms, inverses, what closures move, and their columns."""
+    inverse, through = np.empty((4, 4, shots)), np.empty((3, 4, shots))
+    return np.empty((4, 3, shots)), inverse, through, np.empty((free, shots))
+
+
+@_compiled
 def _point_jacobian(
-    functions: Array,
-    upper: Array,
-    lower: Array,
-    by_upper: Array,
-    owner: Index,
-    own_mm: Array,
-    by_lower: Array,
-    pose: Array,
+    closed: Closed,
     rotation: Array,
     by_angle: Array,
     whitening: Array,
-    forearms: Array,
-    inverse: Array,
-    through: Array,
-    closure: Array,
+    room: tuple[Array, Array, Array, Array],
     jacobian: Array,
 ) -> None:
-    """The derivatives of one robot, (P, 3, N); the arrays before are worked in."""
+    """The derivatives of one robot, (P, 3, N); in arrays that are worked in."""
+    functions, upper, lower, by_upper, owner, own_mm, by_lower, pose = closed
+    forearms, inverse, through, closure = room
     free, angles, shots = len(owner), len(by_angle), pose.shape[1]
     by_turn, determinant = np.empty((4, shots)), np.empty(shots)
     _forearms(functions, upper, lower, pose, forearms, by_turn)
@@ -340,84 +341,46 @@ def _point_jacobian(
 
 
 @_compiled
-def point_jacobians(
-    functions: Array,
-    upper: Array,
-    lower: Array,
-    by_upper: Array,
-    owner: Index,
-    own_mm: Array,
-    by_lower: Array,
-    poses: Array,
-    rotation: Array,
-    by_angle: Array,
-    whitening: Array,
-) -> Array:
+def point_jacobians(closed: Closed, rotation: Array, by_angle: Array, whitening: Array) -> Array:
     """Whitened derivatives of points by parameters and, if any angles, frames (R, P, 3, N)."""
+    functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
-    forearms, inverse = np.empty((4, 3, shots)), np.empty((4, 4, shots))
-    through, closure = np.empty((3, 4, shots)), np.empty((free, shots))
+    room = _room(free, shots)
     jacobians = np.empty((robots, free + 2 * by_angle.shape[1], 3, shots))
     for r in range(robots):
-        _point_jacobian(
-            functions, upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r],
-            rotation[r], by_angle[r], whitening[r], forearms, inverse, through, closure,
-            jacobians[r],
-        )  # fmt: skip
+        own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
+        frame = rotation[r], by_angle[r], whitening[r]
+        _point_jacobian((functions, *own), *frame, room, jacobians[r])
     return jacobians
 
 
 @_compiled
 def point_steps(
-    functions: Array,
-    upper: Array,
-    lower: Array,
-    by_upper: Array,
-    owner: Index,
-    own_mm: Array,
-    by_lower: Array,
-    poses: Array,
-    rotation: Array,
-    by_angle: Array,
-    whitening: Array,
-    residual: Array,
+    closed: Closed, rotation: Array, by_angle: Array, whitening: Array, residual: Array
 ) -> tuple[Array, Array, Mask]:
     """Steps (R, P) by these derivatives from residuals (R, 3 N), as `gauss_newton_steps`.
 
     One robot after the other, so that its derivatives stay in the processor's cache.
     """
+    functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
-    forearms, inverse = np.empty((4, 3, shots)), np.empty((4, 4, shots))
-    through, closure = np.empty((3, 4, shots)), np.empty((free, shots))
+    room = _room(free, shots)
     jacobian = np.empty((free + 2 * by_angle.shape[1], 3, shots))
     steps, lengths = np.empty((robots, len(jacobian))), np.empty(robots)
     regular = np.empty(robots, dtype=np.bool_)
     for r in range(robots):
-        _point_jacobian(
-            functions, upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r],
-            rotation[r], by_angle[r], whitening[r], forearms, inverse, through, closure,
-            jacobian,
-        )  # fmt: skip
+        own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
+        frame = rotation[r], by_angle[r], whitening[r]
+        _point_jacobian((functions, *own), *frame, room, jacobian)
         rows = jacobian.reshape(len(jacobian), 3 * shots)
         lengths[r], regular[r] = _step(rows, residual[r], steps[r])
     return steps, lengths, regular
 
 
 @_compiled
-def distance_jacobians(
-    functions: Array,
-    upper: Array,
-    lower: Array,
-    by_upper: Array,
-    owner: Index,
-    own_mm: Array,
-    by_lower: Array,
-    poses: Array,
-    first: Index,
-    second: Index,
-    whitening: Array,
-) -> Array:
+def distance_jacobians(closed: Closed, first: Index, second: Index, whitening: Array) -> Array:
     """Whitened derivatives (R, F, M) of distances between shots `first` and `second`."""
+    functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
     forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
     inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)

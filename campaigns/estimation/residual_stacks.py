@@ -213,11 +213,11 @@ class PointStack:
         """Jacobians (R, 3 N, F + 6) where steps were last taken, or as near to there."""
         return self._jacobians[rows] if self.robots.kernel is None else self.jacobian(x, rows)
 
-    def _closed_at(self, x: Array, rows: Index) -> tuple[Array | Index, ...]:
+    def _closed_at(self, x: Array, rows: Index) -> tuple[object, ...]:
         """Closures and frames as the kernel takes them."""
         closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows)
         rotation, by_angle = self._turned(x, rows)
-        return *closed, rotation, by_angle, self.whitening[rows]
+        return closed, rotation, by_angle, self.whitening[rows]
 
     def _turned(self, x: Array, rows: Index) -> tuple[Array, Array]:
         """Rotations from base to tracker (R, 3, 3), and by their angles (R, 3, 3, 3)."""
@@ -246,7 +246,7 @@ class PointStack:
         if self.robots.kernel is not None:
             closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, self.robots.offsets)
             frames = (rotation, np.empty((len(rows), 0, 3, 3)), self.whitening[rows])
-            return np.asarray(self.robots.kernel.point_jacobians(*closed, *frames))
+            return np.asarray(self.robots.kernel.point_jacobians(closed, *frames))
         by_joints = self.robots.by_joints(rows)
         turned = (rotation @ by_joints.reshape(len(rows), 3, -1)).reshape(by_joints.shape)
         return self._whitened(turned, rows).transpose(0, 3, 1, 2)
@@ -298,7 +298,7 @@ class DistanceStack:
         """Derivatives by parameters, (R, M, F)."""
         if self.robots.kernel is not None:
             pairs = (self._first, self._second, self._whitening[rows])
-            found = self.robots.kernel.distance_jacobians(*self.robots.closed_at(x, rows), *pairs)
+            found = self.robots.kernel.distance_jacobians(self.robots.closed_at(x, rows), *pairs)
             return np.asarray(found.swapaxes(1, 2))
         positions, by_x = self.robots.jacobian(x, rows)
         between = self._between(positions)
