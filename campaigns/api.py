@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -29,12 +30,22 @@ from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
-from campaigns.studies.study import MANY_CAMPAIGNS, Noise, StudySetup, StudyTask, planned_shots
+from campaigns.studies.study import (
+    MANY_CAMPAIGNS,
+    Noise,
+    StudySetup,
+    StudyTask,
+    chunks,
+    planned_shots,
+)
 from campaigns.studies.summary import StudySummary, summarise
 from drivers.values import vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+CAMPAIGNS_AT_ONCE = 100
+"""Of a study: all of a long one together would fill the memory."""
 
 
 def find_robot(name: str | Path) -> RobotFile:
@@ -250,4 +261,6 @@ def study(
     std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])
     truths = np.tile(robot.kinematics.p, (campaigns, 1))
     truths[:, places] += std * np.random.default_rng(seed).standard_normal((campaigns, len(std)))
-    return summarise(setup, run_task(StudyTask(setup, tuple(range(campaigns)), truths)))
+    parts = chunks(range(campaigns), CAMPAIGNS_AT_ONCE)
+    rows = (run_task(StudyTask(setup, part, truths[part[0] : part[-1] + 1])) for part in parts)
+    return summarise(setup, chain.from_iterable(rows))

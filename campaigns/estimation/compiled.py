@@ -9,8 +9,8 @@ other row.
 from collections.abc import Callable
 from typing import TypeAlias, TypeVar, cast
 
-import numba
 import numpy as np
+from numba import njit
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.gauss_newton import LEAST_PIVOT
@@ -30,7 +30,7 @@ NEWTON_STEPS = 10
 def _compiled(function: Function) -> Function:
     """The function as machine code, kept on disk; sums may be taken in any order."""
     ways = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract"}}
-    return cast("Function", numba.njit(**ways)(function))
+    return cast("Function", njit(**ways)(function))
 
 
 @_compiled

@@ -1,7 +1,10 @@
 """Simulated campaigns: the same numbers wherever they are computed, kept and judged honestly."""
 
+import sys
 import tracemalloc
 from dataclasses import astuple, replace
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -88,6 +91,14 @@ def test_without_a_numba_that_works_there_are_no_compiled_loops(monkeypatch, why
 
     monkeypatch.setattr(residual_stacks, "find_spec", lambda name: object())
     monkeypatch.setattr(residual_stacks, "import_module", broken)
+    assert residual_stacks.closure_kernel(NOMINAL) is None
+
+
+def test_folder_named_numba_is_no_numba(monkeypatch):
+    folder = ModuleType("numba")
+    folder.__spec__ = ModuleSpec("numba", None, is_package=True)
+    monkeypatch.setitem(sys.modules, "numba", folder)
+    monkeypatch.delitem(sys.modules, "campaigns.estimation.compiled", raising=False)
     assert residual_stacks.closure_kernel(NOMINAL) is None
 
 
