@@ -9,7 +9,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -21,6 +21,7 @@ from campaigns.estimation.information import Uncertainty
 from campaigns.estimation.rigid_transforms import best_rotation, fit_transform
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
+from campaigns.mechanisms.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
@@ -60,6 +61,10 @@ OF_ONE_PART = 3
 SWAPPED = (2, 3, 0, 1)
 """Order of the joints with the arms of the platform's two parts swapped."""
 COLUMNS = "correct the columns of the joints"
+IN_THE_MIDDLE = (
+    "the reflector seems to be in the middle of the crossbar",
+    "delete reflector_half in robot.yaml",
+)
 NEARER = 0.3
 """Ratio of distances from the stated place below which the nearer of two places is right."""
 FAR_MM = 1000.0
@@ -171,7 +176,8 @@ def _check_reading(nominal: Kinematics, shots: Shots, where: str, place_mm: Vect
     points = shots.points_in_tracker_mm
     if len(points) < FEWEST or _on_a_line(points):
         return
-    unchanged = min(_readings(nominal, shots.joints, points, ""), key=lambda each: each.steps)
+    unchanged = _unchanged(nominal, shots.joints, points)
+    _check_crossbar(nominal, shots, where, unchanged.cost)
     if unchanged.cost <= NEAR:
         if place_mm is not None:
             _check_arms(nominal, shots, where, place_mm)
@@ -200,6 +206,33 @@ def _check_reading(nominal: Kinematics, shots: Shots, where: str, place_mm: Vect
             remedy="look at the order of rows, the order and signs of joints, and whether "
             "this is the robot of robot.yaml",
         )
+
+
+def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) -> None:
+    """Raise `ShotsInvalid` for a reflector on a half of the plate, not in the crossbar's middle.
+
+    And the other way about. Of two halves `_half_words` tells.
+    """
+    controlled = nominal.mechanism.seen_from(None)
+    if controlled.platform.at_point or not isinstance(controlled.platform, TwoPartPlatform):
+        return
+    costs = {cost: nominal.mechanism.platform.at_point}
+    for half in (None, 1, 2):
+        seen = controlled.seen_from(half)
+        robot = replace(nominal, mechanism=seen)
+        found = _unchanged(robot, shots.joints, shots.points_in_tracker_mm).cost
+        costs.setdefault(found, seen.platform.at_point)
+    best = min(costs)
+    on, said = costs[best], nominal.mechanism.platform.at_point
+    if best > min(BETTER * cost, NEAR) or (on and said):
+        return
+    cause, remedy = _on_half(1 + on[0] // 2) if on else IN_THE_MIDDLE
+    raise ShotsInvalid(f"{where}: {cause}", remedy=remedy)
+
+
+def _unchanged(nominal: Kinematics, joints: Array, points: Array) -> Reading:
+    """Reading of joints and points as they are written."""
+    return min(_readings(nominal, joints, points, ""), key=lambda each: each.steps)
 
 
 def _on_a_line(points: Array) -> bool:
@@ -234,7 +267,10 @@ def _all_readings(
 
 def _on_other_half(nominal: Kinematics) -> tuple[str, str]:
     """Cause and remedy of a reflector on the half that the robot file does not say."""
-    half = 2 if nominal.mechanism.platform.at_point[0] == 0 else 1
+    return _on_half(2 if nominal.mechanism.platform.at_point[0] == 0 else 1)
+
+
+def _on_half(half: int) -> tuple[str, str]:
     return (
         f"the reflector seems to be on half {half} of the plate",
         f"say reflector_half: {half} in robot.yaml",

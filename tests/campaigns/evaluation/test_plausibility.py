@@ -35,8 +35,11 @@ def shots_of_plan(name):
     return planned_shots(made)
 
 
-def measured(name, seed=1, share=0.3):
-    """Shots of a robot that is off by some share of the tolerance, in any frame."""
+def measured(name, seed=1, share=0.3, half=None):
+    """Shots of a robot that is off by some share of the tolerance, in any frame.
+
+    Its reflector is on a half of the plate, or where the controlled point is.
+    """
     robot, planned = find_robot(name).robot, shots_of_plan(name)
     space, rng = robot.mechanism.parameters, np.random.default_rng(seed)
     limits = np.array(
@@ -48,7 +51,8 @@ def measured(name, seed=1, share=0.3):
     limits *= space.units(space.geometry)
     limits = np.pad(limits, (0, len(space.transmission)))
     off = Kinematics(
-        robot.mechanism, robot.kinematics.p + share * rng.uniform(-1, 1, len(limits)) * limits
+        robot.mechanism.seen_from(half),
+        robot.kinematics.p + share * rng.uniform(-1, 1, len(limits)) * limits,
     )
     found = off.forward(planned.joints)
     turn = Rotation.random(random_state=seed).as_matrix()
@@ -311,6 +315,23 @@ def test_reflector_on_the_half_that_the_robot_file_says_is_not_accused():
 def test_reflector_on_another_half_than_the_robot_file_says_is_told():
     said = complaint("par4-prototype", on_station("par4-prototype"), ROUGHLY_MM, told_half=2)
     assert "the reflector seems to be on half 1 of the plate → say reflector_half: 1 in" in said
+
+
+@pytest.mark.parametrize("half", [1, 2])
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_reflector_on_a_half_of_an_h4_is_told_from_one_in_the_middle_of_its_crossbar(half, share):
+    on_half, in_the_middle = (measured("h4", share=share, half=each) for each in (half, None))
+    assert f"half {half} of the plate → say reflector_half: {half} in" in complaint("h4", on_half)
+    said = complaint("h4", in_the_middle, told_half=half)
+    assert "in the middle of the crossbar → delete reflector_half" in said
+
+
+@pytest.mark.parametrize("half", [None, 1, 2])
+@pytest.mark.parametrize("seed", range(4))
+def test_reflector_of_an_h4_that_is_where_the_robot_file_says_is_not_accused(half, seed):
+    nominal = find_robot("h4").robot.kinematics
+    told = replace(nominal, mechanism=nominal.mechanism.seen_from(half))
+    plausibility.check_shots(told, measured("h4", seed, 0.7, half), "shots.csv")
 
 
 @pytest.mark.long
