@@ -149,6 +149,8 @@ def judge_check(
         while len(found) < MOST_PARTS and not as_likely:
             enough = [each for each in tried if each.explains]
             best = max(enough or tried, key=lambda each: each.score)
+            if enough:
+                best = _simplest(best, enough, dict(zip(tried, causes, strict=True)), left)
             found.append(best)
             if enough:
                 own = causes[tried.index(best)]
@@ -188,6 +190,18 @@ def _is_special_case(cause: Cause, of: Cause, fit: FittedShots) -> bool:
         return False
     left = own - wider @ np.linalg.lstsq(wider, own, rcond=None)[0]
     return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own))
+
+
+def _simplest(
+    best: PartChange, enough: list[PartChange], causes: Mapping[PartChange, Cause], fit: FittedShots
+) -> PartChange:
+    """The likeliest, or what is a special case of it and about as likely.
+
+    Its further unknowns gain something by chance.
+    """
+    within = (e for e in enough if _is_special_case(causes[e], causes[best], fit))
+    near = (each for each in within if each.score > best.score - AS_LIKELY)
+    return max(near, key=lambda each: each.score, default=best)
 
 
 def _as_likely(best: PartChange, enough: list[PartChange]) -> tuple[PartChange, ...]:

@@ -30,6 +30,7 @@ from campaigns.shots.shot_sets import ShotSet
 
 TRACKER = TrackerUncertainty()
 MOVED_MM = 0.3
+RAIL = np.array([0.6, 0.0, 0.8])
 
 
 @cache
@@ -122,21 +123,32 @@ def test_a_change_is_told_with_its_uncertainty():
     assert judged[0].says.startswith("not good: arm 2's encoder by +0.0")
 
 
-def test_a_rails_encoder_is_named_though_its_mount_along_the_rail_would_do_the_same():
-    rng, std_mm = np.random.default_rng(4), 0.01
+def of_a_rail(rng, moved_mm):
+    """Check of a robot on rails whose first mount, (3,), moved: along (0.6, 0, 0.8) its encoder."""
+    std_mm, rails = 0.01, find_robot("linear-delta").robot.mechanism.parameters
     frame, mount = rng.standard_normal((8, 3, 6)), rng.standard_normal((8, 3, 3))
-    encoder = mount @ np.array([[0.6], [0.0], [0.8]])
-    seen_mm = 0.26 * encoder[:, :, 0] + std_mm * rng.standard_normal((8, 3))
+    seen_mm = mount @ moved_mm + std_mm * rng.standard_normal((8, 3))
     fit = FittedShots.of(seen_mm[:, :, None] / std_mm, frame)
     causes = [
-        Cause("joint", "arm0.joint_offset_mm", encoder / std_mm),
+        Cause("joint", "arm0.joint_offset_mm", mount @ RAIL[:, None] / std_mm),
         Cause("mount", "arm0.x_mm", mount / std_mm),
         Cause("mount", "arm1.x_mm", rng.standard_normal((8, 3, 3)) / std_mm),
     ]
-    rails = find_robot("linear-delta").robot.mechanism.parameters
-    judged = judge_check(fit, causes, rails, 0.1, 0.01)
-    assert (judged.decision, judged.as_likely) == ("fail", ())
-    assert judged.says.startswith("not good: arm 0's encoder by +0.2")
+    return judge_check(fit, causes, rails, 0.1, 0.01)
+
+
+def test_a_rails_encoder_is_named_though_its_mount_along_the_rail_would_do_the_same():
+    rng = np.random.default_rng(4)
+    judged = [of_a_rail(rng, 0.26 * RAIL) for _ in range(150)]
+    assert {(each.decision, each.as_likely) for each in judged} == {("fail", ())}
+    assert [named(each).name for each in judged] == ["arm0.joint_offset_mm"] * 150
+    assert judged[0].says.startswith("not good: arm 0's encoder by +0.2")
+
+
+def test_a_rails_mount_that_moved_across_the_rail_too_is_named():
+    rng, across = np.random.default_rng(4), np.array([0.0, 1.0, 0.0])
+    judged = [of_a_rail(rng, 0.26 * RAIL + 0.05 * across) for _ in range(30)]
+    assert [named(each).name for each in judged] == ["arm0.x_mm"] * 30
 
 
 @pytest.mark.long
