@@ -32,7 +32,10 @@ Format = StrEnum("Format", {word: word for word in WORDS})  # type: ignore[misc]
 YAML = Format("yaml")
 Tables = StrEnum("Tables", {word: word for word in joint_tables.FORMATS})  # type: ignore[misc] # words of another room
 Tolerance = Annotated[
-    float, Option("Allowed error of the tables at a crank's end.", metavar="MM", least=1e-6)
+    float,
+    Option(
+        "Allowed error of the tables at a crank's end, or of a carriage.", metavar="MM", least=1e-6
+    ),
 ]
 
 
@@ -150,7 +153,7 @@ def _show(terminal: Terminal, campaign: Campaign, found: ReducedExport) -> None:
     if found.tables is not None:
         terminal.say(
             f"tables of {len(found.tables.wanted)} points, off by {found.tables.left_mm:.4f} mm at "
-            f"a crank's end at most: {', '.join(each.name for each in found.files)}"
+            f"most, at a crank's end or of a carriage: {', '.join(e.name for e in found.files)}"
         )
     terminal.say(f"written: {found.path}")
     terminal.document(found.document() | tell_next(terminal, campaign))

@@ -67,7 +67,7 @@ def command(
 
     Takes campaigns of one robot with their checks and repairs, in the order of time. The table
     shows the parameters whose values spread by more than their σ; --json and --csv have all. If a
-    parameter drifts beyond chance, along a line through three times or more, the next check is due
+    parameter drifts beyond chance, along a line through three days or more, the next check is due
     when the drift plus 2 σ would use up acceptance.distance_mean_mm of the latest campaign, or,
     without that limit, double U of positions. Nests with equal names in two campaigns show how the
     base moved between them, with U, separately from changes of the robot.

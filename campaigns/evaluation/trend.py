@@ -23,7 +23,7 @@ from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.evaluation.validation import MeasuredLength
 
 FEWEST = 3
-"""Different times from which a trend can be told: a line fits any two."""
+"""Days from which a trend can be told: a line fits any two, and one day's changes are no trend."""
 DAY_S = 86400.0
 LATEST_DAYS = 3650.0
 """What drifts so slowly is not foretold to a day."""
@@ -139,7 +139,7 @@ def _trend(name: str, unit: str, epochs: Sequence[Epoch], level: float) -> Param
         changes.append(Change(name, unit, number, each.measured_utc, value, std, delta, apart))
     days = np.array([(each.at - first.at).total_seconds() / DAY_S for _, each in known])
     line = None
-    if len({*days.tolist()}) >= FEWEST:
+    if len({*days.astype(int).tolist()}) >= FEWEST:
         values, stds = np.array([(each.value, each.std) for each in changes]).T
         line = weighted_line(days, values, stds, [each.folder for _, each in known])
     return ParameterTrend(tuple(changes), line, level)
@@ -164,7 +164,9 @@ def next_check(
         few = not any(each.line for each in found)
         jumped = ", ".join(each.name for each in found if each.jumps)
         says = (
-            f"no trend can be told of {told}: it takes {FEWEST}" if few else f"no trend in {told}"
+            f"no trend can be told of {told}: it takes {FEWEST} different days"
+            if few
+            else f"no trend in {told}"
         )
         return NextCheck(f"{says}; changed, but not steadily: {jumped}" if jumped else says)
     names, own = tuple(each.name for each in drifting), [e.line for e in drifting if e.line]

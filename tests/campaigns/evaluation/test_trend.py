@@ -106,4 +106,14 @@ def test_what_jumped_is_named_and_foretells_nothing():
 
 def test_two_times_tell_no_trend_however_many_folders():
     every = [epoch(day, [0.1 * day], 0.001, folder=f) for f, day in (("a", 0), ("b", 9), ("c", 9))]
-    assert told(every)[1].says == "no trend can be told of 3 campaigns over 9 days: it takes 3"
+    assert (
+        told(every)[1].says
+        == "no trend can be told of 3 campaigns over 9 days: it takes 3 different days"
+    )
+
+
+def test_a_repair_within_a_day_is_no_trend():
+    every = [epoch(day, [0.1 * (day > 0.001)], 0.001, folder="a") for day in (0, 0.001, 0.002)]
+    (trend,), due = told(every)
+    assert trend.line is None
+    assert due.says == "no trend can be told of 3 campaigns over 0 days: it takes 3 different days"
