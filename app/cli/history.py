@@ -51,7 +51,7 @@ EPOCHS: tuple[Column[Numbered], ...] = (
     Column("before", lambda row: _mm(row[1].before)),
     Column("after", lambda row: _mm(row[1].after)),
     Column("hold-out", lambda row: row[1].unseen_mm),
-    words("", lambda row: f"{row[1].decision}{': ' * bool(row[1].says)}{row[1].says}"),
+    words("verdict", lambda row: row[1].decision),
 )
 
 
@@ -77,6 +77,9 @@ def command(
     found = history(campaigns, datetime.fromisoformat(now_utc()))
     title = "Campaigns and checks, mean errors of distances in mm"
     terminal.rows(title, EPOCHS, enumerate(found.epochs, start=1))
+    for number, epoch in enumerate(found.epochs, start=1):
+        if epoch.says:  # too long for a column
+            terminal.say(f"{number}: {epoch.says}")
     moved = [each for each in found.trends if each.moves]
     if moved:
         terminal.rows("Parameters that changed", CHANGES, _changes(moved))
