@@ -472,7 +472,15 @@ def _reader() -> TypeAdapter[RecordedIdentification]:
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     remedy = "identify again: another version of the software wrote it"
-    return _completed(read_body(body, _reader(), "identification", remedy))
+    return _completed(read_body(_renamed(body), _reader(), "identification", remedy))
+
+
+def _renamed(body: Mapping[str, JsonValue]) -> Mapping[str, JsonValue]:
+    """With today's name of what older software called unseen in its uncertainty."""
+    known = body.get("covariance")
+    if not isinstance(known, dict) or "unseen" not in known:
+        return body
+    return {**body, "covariance": {"undetected": known["unseen"], **known}}
 
 
 def _completed(found: RecordedIdentification) -> RecordedIdentification:
