@@ -31,6 +31,7 @@ from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
 from campaigns.studies.study import (
+    CAMPAIGNS_AT_ONCE,
     MANY_CAMPAIGNS,
     Noise,
     StudySetup,
@@ -43,9 +44,6 @@ from drivers.values import vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-CAMPAIGNS_AT_ONCE = 100
-"""Of a study: all of a long one together would fill the memory."""
 
 
 def find_robot(name: str | Path) -> RobotFile:

@@ -44,8 +44,6 @@ TABLE_SCHEMA = "pkmcal/study-table/1"
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
 CAMPAIGNS_A_TASK = 25
 """A tenth of a second's work: long against sending it, short against all of it."""
-LONG_TASK = 4
-"""Times as many where campaigns are fitted at once and, by compiled loops, in less time each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,8 +357,8 @@ def study_tasks(
 
 def numbers_of_tasks(setup: study.StudySetup, numbers: Iterable[int]) -> Iterator[tuple[int, ...]]:
     """The numbers of the campaigns that make a task."""
-    at_once = setup.is_long and not setup.perturbation
-    return study.chunks(numbers, CAMPAIGNS_A_TASK * (LONG_TASK if at_once else 1))
+    at_once = setup.is_long and not setup.perturbation  # by compiled loops, in less time each
+    return study.chunks(numbers, study.CAMPAIGNS_AT_ONCE if at_once else CAMPAIGNS_A_TASK)
 
 
 def simulated(

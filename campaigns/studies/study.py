@@ -31,6 +31,8 @@ WRONG_SIGMAS, WRONG_POSITION = 4.0, 2.0
 
 MANY_CAMPAIGNS = 1000
 """Of a study, from which compiled loops are loaded: that takes as long as a few hundred without."""
+CAMPAIGNS_AT_ONCE = 100
+"""Fitted together: all of a long study would fill the memory."""
 
 Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
