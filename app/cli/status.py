@@ -46,7 +46,6 @@ def _found(folder: Path) -> Answer:
     of = digests(folder)
     found = campaign_status(open_campaign(folder))
     document = {each.name: getattr(found, each.name) for each in fields(found)}
-    document["measuring"] = document.pop("held_by")
     document |= next_document(found.next, found.ways)
     answer = [*_lines(found)], to_jsonable_python(document)
     remember(folder, of, answer)

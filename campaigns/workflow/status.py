@@ -1,4 +1,4 @@
-"""Status of a campaign: where it is, who works on it, what is open and doubtful, what is next.
+"""Status of a campaign: where it is, what is open and doubtful, what is next.
 
 Only reads, and takes no lock: another process may be measuring meanwhile.
 """
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from campaigns.campaign import Campaign
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence, evaluate
-from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.views import Series
 from campaigns.next_step import CampaignState, NextStep, WayOn, next_step, state_of
 
@@ -45,8 +44,6 @@ class CampaignStatus:
     name: str
     robot: str
     phase: str
-    held_by: Holder | None
-    """Process that works on it now."""
     series: tuple[StageProgress, ...]
     """Every one, the latest last."""
     decision: Decision | None
@@ -64,7 +61,7 @@ class CampaignStatus:
 
 def campaign_status(campaign: Campaign) -> CampaignStatus:
     """Status of a campaign; raises `JournalFailed` for a journal that cannot be read."""
-    held_by, evaluation = lock_holder(campaign.folder), evaluate(campaign)
+    evaluation = evaluate(campaign)
     evidence, found = evaluation.evidence, evaluation.evidence.identification
     state = state_of(evaluation, reported=campaign.path(REPORT).exists())
     series = tuple(_progress(evidence, each) for each in _every(evidence))
@@ -74,7 +71,6 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         name=campaign.config.name,
         robot=campaign.robot.name,
         phase=phase(state),
-        held_by=held_by,
         series=series,
         decision=verdict.decision if verdict else None,
         answer=verdict.answer if verdict else "",
