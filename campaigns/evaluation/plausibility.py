@@ -216,15 +216,15 @@ def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) 
     controlled = nominal.mechanism.seen_from(None)
     if controlled.platform.at_point or not isinstance(controlled.platform, TwoPartPlatform):
         return
-    costs = {cost: nominal.mechanism.platform.at_point}
-    for half in (None, 1, 2):
-        seen = controlled.seen_from(half)
-        robot = replace(nominal, mechanism=seen)
-        found = _unchanged(robot, shots.joints, shots.points_in_tracker_mm).cost
-        costs.setdefault(found, seen.platform.at_point)
-    best = min(costs)
-    on, said = costs[best], nominal.mechanism.platform.at_point
-    if best > min(BETTER * cost, NEAR) or (on and said):
+    said = nominal.mechanism.platform.at_point
+    costs = {said: cost}
+    for seen in map(controlled.seen_from, (None, 1, 2)):
+        if seen.platform.at_point != said:
+            robot = replace(nominal, mechanism=seen)
+            found = _unchanged(robot, shots.joints, shots.points_in_tracker_mm)
+            costs[seen.platform.at_point] = found.cost
+    on = min(costs, key=costs.__getitem__)
+    if costs[on] > min(BETTER * cost, NEAR) or (on and said):
         return
     cause, remedy = _on_half(1 + on[0] // 2) if on else IN_THE_MIDDLE
     raise ShotsInvalid(f"{where}: {cause}", remedy=remedy)
