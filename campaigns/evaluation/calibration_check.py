@@ -147,18 +147,15 @@ def judge_check(
     tried, left = every, fit
     if min(p, len(tried) * min(each.p for each in tried)) < SIGNIFICANCE:
         while len(found) < MOST_PARTS and not as_likely:
-            enough = [each for each in tried if each.explains]
-            best = max(enough or tried, key=lambda each: each.score)
-            if enough:
-                best = _simplest(best, enough, dict(zip(tried, causes, strict=True)), left)
-            found.append(best)
-            if enough:
-                own = causes[tried.index(best)]
-                others = zip(causes, tried, strict=True)
-                wider = [part for each, part in others if _is_special_case(own, each, left)]
+            cause = dict(zip(tried, causes, strict=True))
+            if enough := [each for each in tried if each.explains]:
+                best = _simplest(enough, cause, left)
+                found.append(best)
+                wider = [e for e in tried if _is_special_case(cause[best], cause[e], left)]
                 as_likely = _as_likely(best, [each for each in enough if each not in wider])
                 break
-            left = left.fitted(causes[tried.index(best)].columns)
+            found.append(max(tried, key=lambda each: each.score))
+            left = left.fitted(cause[found[-1]].columns)
             tried = _tried(left, causes, space)
     decision, says = _answer(found, as_likely)
     return CalibrationCheck(
@@ -193,13 +190,14 @@ def _is_special_case(cause: Cause, of: Cause, fit: FittedShots) -> bool:
 
 
 def _simplest(
-    best: PartChange, enough: list[PartChange], causes: Mapping[PartChange, Cause], fit: FittedShots
+    enough: list[PartChange], cause: Mapping[PartChange, Cause], fit: FittedShots
 ) -> PartChange:
     """The likeliest, or what is a special case of it and about as likely.
 
     Its further unknowns gain something by chance.
     """
-    within = (e for e in enough if _is_special_case(causes[e], causes[best], fit))
+    best = max(enough, key=lambda each: each.score)
+    within = (e for e in enough if _is_special_case(cause[e], cause[best], fit))
     near = (each for each in within if each.score > best.score - AS_LIKELY)
     return max(near, key=lambda each: each.score, default=best)
 
