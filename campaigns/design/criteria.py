@@ -9,8 +9,8 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.candidates import Candidates
 
-SHARPNESS = 4
-"""The power of a variance by which E-optimality looks at its direction."""
+SHARPNESS = 8
+"""The power p of Kiefer's φ_p, (Σ λᵢ^p)^(1/p), by which the largest eigenvalue is looked for."""
 
 CriterionName = Literal["I", "D", "A", "E"]
 
@@ -68,14 +68,22 @@ def _determinant(covariance: Array) -> float:
 
 
 def _largest_eigenvalue(own: slice) -> Criterion:
+    """Nearly the largest: that one alone is another one after few exchanges, which then get stuck.
+
+    φ_p with Σ vᵢ vᵢᵀ (λᵢ / λ₁)^(p - 1), its gradient but for a factor.
+    """
+
+    def value(covariance: Array) -> float:
+        values = np.linalg.eigvalsh(covariance[own, own])
+        return float(values[-1] * np.linalg.norm(values / values[-1], SHARPNESS))
+
     def weight(covariance: Array) -> Array:
-        # Σ vᵢ vᵢᵀ λᵢ⁴ / λ₁⁴: the worst one alone would change from one exchange to the next
         values, vectors = np.linalg.eigh(covariance[own, own])
         found = np.zeros_like(covariance)
-        found[own, own] = (vectors * (values / values[-1]) ** SHARPNESS) @ vectors.T
+        found[own, own] = (vectors * (values / values[-1]) ** (SHARPNESS - 1)) @ vectors.T
         return found
 
-    return Criterion(lambda covariance: float(np.linalg.eigvalsh(covariance[own, own])[-1]), weight)
+    return Criterion(value, weight)
 
 
 def inverse_of_one_plus(predicted_covariance: Array) -> tuple[Array, Array]:
