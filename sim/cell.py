@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Literal, Self
 
 import numpy as np
@@ -218,9 +219,10 @@ class Cell:
         standing = {NEST + nest.name: np.array(nest.place_mm) for nest in section.nests}
         if (other := section.other_reflector_mm) is not None:
             standing[Target.STANDING] = np.array(other)
+        pose = lru_cache(maxsize=1)(section.station.pose)
         beam = Beam(
             self._scene,
-            lambda: section.station.pose(self._worked.seconds),
+            lambda: pose(self._worked.seconds),
             standing_in_base_mm=standing,
             acceptance_rad=math.radians(section.acceptance_deg),
             locked_on=state.beam_on,

@@ -100,6 +100,7 @@ def prepared(
             seed,
             with_limits=True,
             computes_all=model not in {Model.PAPER, Model.STANDARD},
+            unattended=True,
         )
         return open_campaign(folder)
     remedy = "name a new folder"

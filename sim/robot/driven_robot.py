@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,7 @@ class DrivenRobot:
         self.arrivals = arrivals
         self.standing = standing
         self._ahead = standing.assembly
+        self._grown = lru_cache(maxsize=1)(behaviour.thermal.growth)
         self._last_view: tuple[Standing, Growth, Array, SeenReflector] | None = None
         """Reflector as it was seen the last time, after the state that it was seen in."""
 
@@ -158,7 +160,7 @@ class DrivenRobot:
         return np.clip(left_behind, -half, half)
 
     def _growth(self) -> Growth:
-        return self._behaviour.thermal.growth(self._worked.seconds)
+        return self._grown(self._worked.seconds)
 
     def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
         rotation, mount = assembly.plate.rotation, self._mount

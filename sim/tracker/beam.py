@@ -82,6 +82,8 @@ class Beam:
         self._cut_from_s = math.inf
         self._cut_until_s = math.inf
         self._cut_is_new = False
+        self._last_sight: tuple[SeenReflector, TrackerPose, bool] | None = None
+        """A reflector, the tracker as it stood, and whether it was seen from there."""
         self.locked_on = locked_on
         self._pointing_mm = self._place_mm(locked_on or Target.ROBOT, 0.0)
 
@@ -157,6 +159,12 @@ class Beam:
         """
         if target != Target.ROBOT or not self._scene.robot_is_still(now_s):
             return True
-        seen = self._scene.robot_reflector(now_s)
-        back_mm = self._station().origin_in_base_mm - seen.point_mm
-        return angle_between_rad(seen.facing, back_mm) <= self._acceptance_rad
+        seen, station = self._scene.robot_reflector(now_s), self._station()
+        if self._last_sight is not None:
+            reflector, pose, visible = self._last_sight
+            if reflector is seen and pose is station:
+                return visible
+        back_mm = station.origin_in_base_mm - seen.point_mm
+        visible = angle_between_rad(seen.facing, back_mm) <= self._acceptance_rad
+        self._last_sight = seen, station, visible
+        return visible

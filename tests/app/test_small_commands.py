@@ -11,7 +11,7 @@ from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
 from campaigns.estimation.estimators import Model
-from sim.scenarios.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario, scenario_text
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
 
@@ -116,6 +116,20 @@ def test_a_dry_run_by_a_larger_model_has_a_controller_that_computes_plate_tilt(t
     cell = load_scenario(str(tmp_path / "try" / "cell.yaml"))
     assert cell.controller.computes_plate_tilt is (model is not Model.STANDARD)
     assert cell.robot.kind.name == "delta"
+
+
+@pytest.mark.parametrize(
+    ("scenario", "own", "speed_up"),
+    [("realistic", False, 1000.0), ("hostile", False, 100.0), ("realistic", True, 100.0)],
+    ids=["shipped", "with faults, which are timed", "a file of somebody's own"],
+)
+def test_a_dry_run_does_not_wait_for_a_cell_at_which_nobody_looks(
+    tmp_path, scenario, own, speed_up
+):
+    if own:
+        (tmp_path / "own.yaml").write_text(scenario_text(scenario), encoding="utf-8")
+    prepared(tmp_path / "try", str(tmp_path / "own.yaml") if own else scenario, None)
+    assert load_scenario(str(tmp_path / "try" / "cell.yaml")).speed_up == speed_up
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):
