@@ -51,14 +51,15 @@ class StackSolution:
     """Of residuals, by the row that took most."""
 
 
-def gauss_newton(problem: ProblemStack, start: Array) -> StackSolution:
-    """Minima from unknowns (C, P)."""
-    x, every = start.copy(), np.arange(len(start))
-    residual, found = problem.residual(x, every)
-    residual = np.array(residual)
-    (count, unknowns), measured = x.shape, residual.shape[1]
+def gauss_newton(problem: ProblemStack, start: Array, rows: Index | None = None) -> StackSolution:
+    """Minima from unknowns (C, P), of these rows if not of all."""
+    x, asked = start.copy(), np.arange(len(start)) if rows is None else rows
+    first, found = problem.residual(_of(x, asked), asked)
+    (count, unknowns), measured = x.shape, first.shape[1]
+    residual = np.zeros((count, measured))
+    residual[asked] = first
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    active, evaluations = every[found & (measured >= unknowns)], 1
+    active, evaluations = asked[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
         step, length, regular = problem.step(_of(x, active), _of(residual, active), active)
         further = _of(x, active) + step

@@ -14,7 +14,7 @@ import scipy
 
 from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.least_squares import LeastSquaresProblem, Solution, solve
+from campaigns.estimation.least_squares import LeastSquaresProblem, Solution, block_norms, solve
 
 REWEIGHTINGS = 30
 WEIGHTS_SETTLED, WEIGHTS_UNSETTLED = 1e-6, 0.02
@@ -48,6 +48,8 @@ LARGEST = 1e3
 """σ: beyond it no error of a measurement and no scatter is looked for."""
 LEAST_LEFT = 1e-8
 """Of a block's variance, when the fit follows it wherever it goes."""
+LINEAR_WITHIN = 0.01
+"""Part of a size that a problem made linear may have it wrong, by far."""
 MOST_FITTED_AWAY = 0.9
 """Share of the residuals' variance that the unknowns can take up."""
 INITIAL_M_ESTIMATOR = Loss(LossShape.CAUCHY)
@@ -173,16 +175,53 @@ def reject_outliers(
         return snooped
     kept, fit = _consensus_set(problem, plain.x), plain
     for _ in range(REJECTION_ROUNDS):
-        if not _enough(problem, kept, len(plain.x)):
+        if not _enough(kept, problem.block, len(plain.x) - len(problem.priors)):
             return Inliers(everything, (), plain)
         agreeing = problem.weighted(kept.astype(np.float64))
         fit = solve(agreeing, start=fit.x, spent=fit.evaluations)
-        sizes, limit = _studentized_residuals(problem, fit, kept)
+        sizes, limit = _studentized(problem, fit, kept)
         if settled := np.array_equal(sizes <= limit, kept):
             break
         kept = sizes <= limit
     outliers = ((row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
     return Inliers(kept, tuple(outliers), fit if settled else None)
+
+
+def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
+    """Blocks that agree, (blocks,), as `reject_outliers` tells them, by a problem made linear.
+
+    Of the whitened residual (M,) and Jacobian (M, P) of its plain fit. None where the problem
+    itself might tell otherwise: a size close to a limit, or what does not come to stand.
+    """
+    rows = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), ROUNDING)
+    loss, weights = INITIAL_M_ESTIMATOR, np.ones(len(residual) // block)
+
+    def sizes_by(weights: Array) -> Array:
+        weighted = rows * np.repeat(weights, block)[:, None]
+        step = np.linalg.solve(weighted.T @ rows, weighted.T @ residual)
+        return block_norms(residual - rows @ step, block)
+
+    sizes = block_norms(residual, block)
+    for _ in range(REWEIGHTINGS):
+        scale = robust_scale(sizes, block, rows.shape[1])
+        renewed = loss_weights(loss.shape, (sizes / max(loss.scale * scale, ROUNDING)) ** 2)
+        if settled := bool(np.abs(renewed - weights).max() < WEIGHTS_SETTLED):
+            break
+        weights, sizes = renewed, sizes_by(renewed)
+    limit = max(1.0, scale) * rejection_threshold(len(weights), block)
+    kept = sizes <= limit
+    for _ in range(REJECTION_ROUNDS):
+        if not settled or not _enough(kept, block, rows.shape[1]) or _are_close(sizes, limit):
+            return None
+        sizes, limit = _studentized_sizes(sizes_by(kept.astype(np.float64)), rows, kept, block)
+        if np.array_equal(sizes <= limit, kept):
+            return None if _are_close(sizes, limit) else kept
+        kept = sizes <= limit
+    return None
+
+
+def _are_close(sizes: Array, limit: float) -> bool:
+    return bool((np.abs(sizes / limit - 1.0) < LINEAR_WITHIN).any())
 
 
 def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:
@@ -210,7 +249,7 @@ def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:
         chi2 = float(np.sum(problem.sizes(fit.x)[kept] ** 2))
         likelihood = _log_marginal_likelihood(chi2, freedom - count, count, problem.blocks)
         if likelihood > likeliest:
-            sizes, limit = _studentized_residuals(problem, fit, kept)
+            sizes, limit = _studentized(problem, fit, kept)
             outliers = tuple((row, float(sizes[row]), limit) for row in wrong)
             best, likeliest = Inliers(kept, outliers, fit), likelihood
     return best
@@ -258,31 +297,33 @@ def _consensus_set(problem: LeastSquaresProblem, start: Array) -> Mask:
     return np.asarray(sizes <= scale * rejection_threshold(problem.blocks, problem.block))
 
 
-def _studentized_residuals(
-    problem: LeastSquaresProblem, fit: Solution, kept: Mask
-) -> tuple[Array, float]:
+def _studentized(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> tuple[Array, float]:
     """Size of each block in its own σ beside a plain fit of the kept ones, and the limit."""
-    sizes = problem.sizes(fit.x)
-    freedom = max(problem.block * int(kept.sum()) + len(problem.priors) - len(fit.x), 1)
-    sigma0 = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
-    leverage = _leverages(problem, fit, kept)
-    own = np.sqrt(np.where(kept, np.maximum(1.0 - leverage, LEAST_LEFT), 1.0 + leverage))
-    return sizes / (sigma0 * own), rejection_threshold(len(sizes), problem.block, freedom)
-
-
-def _leverages(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> Array:
-    """Variance of the fit at each block in units of the block's own, (blocks,)."""
     rows = problem.weighted(np.ones(problem.blocks)).jacobian(fit.x)
+    return _studentized_sizes(problem.sizes(fit.x), rows, kept, problem.block)
+
+
+def _studentized_sizes(sizes: Array, rows: Array, kept: Mask, block: int) -> tuple[Array, float]:
+    """The same of sizes (blocks,), with the Jacobian (M + K, P) of blocks and priors."""
+    measured = block * len(sizes)
+    freedom = max(block * int(kept.sum()) + len(rows) - measured - rows.shape[1], 1)
+    sigma0 = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
+    leverage = _leverages(rows, kept, block)
+    own = np.sqrt(np.where(kept, np.maximum(1.0 - leverage, LEAST_LEFT), 1.0 + leverage))
+    return sizes / (sigma0 * own), rejection_threshold(len(sizes), block, freedom)
+
+
+def _leverages(rows: Array, kept: Mask, block: int) -> Array:
+    """Variance of the fit at each block in units of the block's own, (blocks,)."""
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), ROUNDING)
-    measured = problem.block * problem.blocks
-    counts = np.append(np.repeat(kept, problem.block), np.ones(len(rows) - measured, dtype=bool))
+    measured = block * len(kept)
+    counts = np.append(np.repeat(kept, block), np.ones(len(rows) - measured, dtype=bool))
     # the small rows stand for what only blocks that were left out could tell
     triangle = np.linalg.qr(np.vstack([rows[counts], LEAST_LEFT * np.eye(rows.shape[1])]), mode="r")
     spread = rows[:measured] @ np.linalg.inv(triangle)
-    return np.asarray(np.sum(spread.reshape(problem.blocks, -1) ** 2, axis=1) / problem.block)
+    return np.asarray(np.sum(spread.reshape(len(kept), -1) ** 2, axis=1) / block)
 
 
-def _enough(problem: LeastSquaresProblem, kept: Mask, unknowns: int) -> bool:
+def _enough(kept: Mask, block: int, unknowns: int) -> bool:
     """Sufficiency of what is kept: it is the greater part, and can still be fitted."""
-    told = problem.block * int(kept.sum()) + len(problem.priors)
-    return bool(2 * kept.sum() > len(kept) and told > unknowns)
+    return bool(2 * kept.sum() > len(kept) and block * int(kept.sum()) > unknowns)

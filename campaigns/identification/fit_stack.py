@@ -1,7 +1,7 @@
 """Fits of many campaigns of one plan at once, where `fit_shots` would find nothing out of order.
 
 A row is given up, and left to `fit_shots`, as soon as its fit is not plain: a step that leads
-nowhere, a shot apart from the others, noise that no scatter of the robot's own explains.
+nowhere, a shot that may or may not stand apart, noise that no scatter of the robot's own explains.
 """
 
 from dataclasses import dataclass
@@ -17,11 +17,12 @@ from campaigns.estimation.gauss_newton import StackSolution, gauss_newton
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack
 from campaigns.estimation.rigid_transforms import fit_frames
-from campaigns.estimation.robust import rejection_threshold
+from campaigns.estimation.robust import linear_inliers, rejection_threshold
 from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     inverse_roots,
     point_covariance_mm2,
+    pooled_variance_mm2,
     pooled_variances_mm2,
 )
 from campaigns.identification.fit import SCATTER_ROUNDS, settled
@@ -50,9 +51,9 @@ def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None
     if not _may_be_plain(inputs):
         return _given_up(count, free)
     try:
-        found, covariance_mm2 = _fit_points(inputs, points_mm, kernel)
+        found, covariance_mm2, kept = _fit_points(inputs, points_mm, kernel)
         if inputs.options.estimator is Estimator.DISTANCES:
-            found = _fit_distances(inputs, points_mm, found, covariance_mm2, kernel)
+            found = _fit_distances(inputs, points_mm, found, covariance_mm2, kept, kernel)
     except ValueError:  # points that fix no frame, a covariance that is none, a lost rank
         if count == 1:
             return _given_up(count, free)
@@ -89,25 +90,28 @@ def _may_be_plain(inputs: Inputs) -> bool:
 
 def _fit_points(
     inputs: Inputs, points_mm: Array, kernel: ModuleType | None
-) -> tuple[FitStack, Array]:
-    """Fits of coordinates, and the covariances (C, N, 3, 3) by which these were weighed."""
+) -> tuple[FitStack, Array, Mask]:
+    """Fits of coordinates, covariances (C, N, 3, 3) that weighed them, and shots kept (C, N)."""
     shots, near = inputs.shots, inputs.at_nominal.values
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     measured, joints, near = points_mm[:, rows], shots.joints[rows], near[rows]
     stated = point_covariance_mm2(measured, inputs.options.instrument)
     guesses, covariance = fit_frames(near[:, :3], measured), stated.copy()
     robots = _robots(inputs, joints, np.tile(near.T, (len(measured), 1, 1)), kernel)
-    problem = _points(robots, measured, stated, guesses)
-    solution, found, by_x, bases = _solved(problem, problem.start(), COORDINATES)
+    problem, kept = _points(robots, measured, stated, guesses), np.ones(measured.shape[:2], bool)
+    solution, found, by_x, bases = _solved(problem, problem.start(), kept)
     plain = np.flatnonzero(found.plain)
     if not plain.size:
-        return found, covariance
+        return found, covariance, kept
     left = solution.residual[plain].reshape(len(plain), COORDINATES, -1)
     by_joints = problem.whitened_by_joints(found.x[plain], plain)
     scores = _scores(problem, found, by_x, bases, left, by_joints)
     hopeless = (scores < variance_components.HOPELESS_SCORE).all(axis=0)
     for at in np.flatnonzero(~hopeless):
         row, own = plain[at], slice(plain[at], plain[at] + 1)
+        if not kept[row].all():
+            found.plain[row] = False
+            continue
         shots_of = partial(_linearized, stated_mm2=stated[row])
         linearized = shots_of(
             problem.whitening[row], covariance[row], left[at], by_x[at], by_joints[at]
@@ -124,10 +128,11 @@ def _fit_points(
             again = _robots(inputs, joints, robots.poses[own], kernel)
             frames = (guesses[0][own], guesses[1][own])
             fitted = _points(again, measured[own], covariance[own], frames)
-            refit, alone, by_x_again, _ = _solved(fitted, found.x[own], COORDINATES)
+            agree = kept[own].copy()
+            refit, alone, by_x_again, _ = _solved(fitted, found.x[own], agree)
             found.x[row], found.covariance[row] = alone.x[0], alone.covariance[0]
-            found.plain[row], robots.poses[row] = alone.plain[0], again.poses[0]
-            if not alone.plain[0]:
+            found.plain[row], robots.poses[row] = alone.plain[0] and agree.all(), again.poses[0]
+            if not found.plain[row]:
                 break
             through = fitted.whitened_by_joints(alone.x, np.zeros(1, dtype=np.intp))
             linearized = shots_of(
@@ -135,7 +140,7 @@ def _fit_points(
             )
             if not scatter.any:
                 break
-    return found, covariance
+    return found, covariance, kept
 
 
 def _points(
@@ -200,9 +205,10 @@ def _fit_distances(
     points_mm: Array,
     points: FitStack,
     covariance_mm2: Array,
+    kept: Mask,
     kernel: ModuleType | None,
 ) -> FitStack:
-    """Distances weighed as points were, from where their fits ended."""
+    """Distances of shots that were kept, weighed as points were, from where their fits ended."""
     shots = inputs.shots
     pairs = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     own_rows = np.searchsorted(shots.rows_of(ShotSet.IDENTIFICATION), pairs.ravel())
@@ -210,12 +216,15 @@ def _fit_distances(
     count, free = len(measured), len(inputs.selection.free)
     lengths = distances_mm(measured, first, second)
     own = distance_variance_mm2(measured, covariance_mm2[:, own_rows], first, second)
-    std_mm = np.sqrt(pooled_variances_mm2(own))
-    whitening = np.repeat(1.0 / std_mm[:, None], len(pairs), axis=1)
+    whole: Mask = kept[:, own_rows[::2]] & kept[:, own_rows[1::2]]
+    variances_mm2 = pooled_variances_mm2(own)
+    for row in np.flatnonzero(~whole.all(axis=1) & whole.any(axis=1)):
+        variances_mm2[row] = pooled_variance_mm2(own[row, whole[row]])
+    whitening = whole / np.sqrt(variances_mm2)[:, None]
     near = np.tile(inputs.at_nominal.values[pairs.ravel()].T, (count, 1, 1))
     robots = _robots(inputs, shots.joints[pairs.ravel()], near, kernel)
     problem = DistanceStack(robots, first, second, lengths, whitening)
-    _, found, *_ = _solved(problem, points.x[:, :free], 1)
+    _, found, *_ = _solved(problem, points.x[:, :free], whole)
     found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
     return found
 
@@ -227,27 +236,60 @@ def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | Non
 
 
 def _solved(
-    problem: PointStack | DistanceStack, start: Array, block: int
+    problem: PointStack | DistanceStack, start: Array, kept: Mask
 ) -> tuple[StackSolution, FitStack, Array, Array | None]:
-    """Fits whose blocks and χ² chance explains, with their covariance.
+    """Fits of blocks (C, B) that are kept, where chance explains these and χ², with covariance.
 
-    And of these Jacobians (R, M, P) and, from a kernel, bases (R, P, M) of their columns' span.
+    Outliers among points are left out of what is kept, here too. And of these fits Jacobians
+    (R, M, P) and, from a kernel, bases (R, P, M) of their columns' span.
     """
     solution = gauss_newton(problem, start)
     count, unknowns = start.shape
-    sizes = np.linalg.norm(solution.residual.reshape(count, block, -1), axis=1)
-    plain = solution.converged.copy()
-    if block > 1:  # outliers among distances were looked for among the points
-        plain &= sizes.max(axis=1) <= rejection_threshold(sizes.shape[1], block)
-    dof, covariance = solution.residual.shape[1] - unknowns, np.zeros((count, unknowns, unknowns))
+    if isinstance(problem, PointStack):  # those among distances were looked for among the points
+        solution = _without_outliers(problem, solution, kept)
+    plain, block = solution.converged.copy(), solution.residual.shape[1] // kept.shape[1]
+    covariance, dof = np.zeros((count, unknowns, unknowns)), block * kept.sum(axis=1) - unknowns
     for row in np.flatnonzero(plain):
-        tested = information.chi_square_test(float(np.sum(sizes[row] ** 2)), dof)
+        tested = information.chi_square_test(float(np.sum(solution.residual[row] ** 2)), dof[row])
         plain[row] = bool(tested.consistent)
     rows = np.flatnonzero(plain)
     jacobians, bases = problem.last_jacobians(solution.x[rows], rows), None
     if rows.size:
         covariance[rows], bases = _covariances(problem.robots.kernel, jacobians)
     return solution, FitStack(solution.x, covariance, plain), jacobians, bases
+
+
+def _without_outliers(problem: PointStack, solution: StackSolution, kept: Mask) -> StackSolution:
+    """Solution without shots apart from the others, which are taken out of problem and `kept`.
+
+    A row where these may be told otherwise has not converged.
+    """
+    by_shot = solution.residual.reshape(len(kept), COORDINATES, -1)
+    apart = np.linalg.norm(by_shot, axis=1).max(axis=1) > rejection_threshold(
+        kept.shape[1], COORDINATES
+    )
+    rows = np.flatnonzero(solution.converged & apart)
+    if not rows.size:
+        return solution
+    solution.converged[rows] = False
+    jacobians = problem.last_jacobians(solution.x[rows], rows)
+    for row, jacobian in zip(rows.tolist(), jacobians, strict=True):
+        shots = jacobian.reshape(COORDINATES, kept.shape[1], -1).swapaxes(0, 1)
+        inliers = linear_inliers(shots.reshape(jacobian.shape), by_shot[row].T.ravel(), COORDINATES)
+        if inliers is not None:
+            kept[row] = inliers
+            problem.whitening[row] *= inliers
+    rows = rows[~kept[rows].all(axis=1)]
+    if not rows.size:
+        return solution
+    again = gauss_newton(problem, solution.x, rows)
+    for old, new in (
+        (solution.x, again.x),
+        (solution.residual, again.residual),
+        (solution.converged, again.converged),
+    ):
+        old[rows] = new[rows]
+    return solution
 
 
 def _covariances(kernel: ModuleType | None, jacobians: Array) -> tuple[Array, Array | None]:

@@ -8,6 +8,7 @@ from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, bloc
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.robust import (
     Loss,
+    linear_inliers,
     loss_curvature,
     loss_weights,
     reject_outliers,
@@ -113,6 +114,30 @@ def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots):
     """A robot that repeats thirty times worse than the tracker measures: few degrees of freedom."""
     assert reject_outliers(distances_problem(shots, 30.0 * NOISE_MM)).outliers == ()
     assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM)).outliers == ()
+
+
+@pytest.mark.parametrize("moved", [(), (7,), (7, 30, 31)])
+def test_a_problem_made_linear_tells_the_same_shots_apart(shots, moved):
+    problem = points_problem(shots, moved)
+    x = solve(problem).x
+    kept = linear_inliers(problem.jacobian(x), problem.residual(x), problem.block)
+    np.testing.assert_array_equal(kept, reject_outliers(problem).kept)
+    assert np.flatnonzero(~kept).tolist() == list(moved)
+
+
+def test_a_problem_made_linear_says_nothing_of_a_shot_close_to_the_limit(shots):
+    problem = points_problem(shots)
+    x = solve(problem).x
+    jacobian, residual = problem.jacobian(x), problem.residual(x)
+    told = []
+    for size in np.linspace(3.5, 5.5, 81):
+        moved = residual.copy()
+        moved[21:24] = size / np.sqrt(3.0)
+        moved -= jacobian @ np.linalg.lstsq(jacobian, moved)[0]
+        kept = linear_inliers(jacobian, moved, problem.block)
+        told.append(None if kept is None else bool(kept[7]))
+    first, last = told.index(None), len(told) - told[::-1].index(None)
+    assert (set(told[:first]), set(told[last:])) == ({True}, {False})
 
 
 @pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
