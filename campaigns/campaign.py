@@ -1,6 +1,6 @@
 """Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -17,7 +17,7 @@ from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
 from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.digest_chain import ChainEnd
+from campaigns.journal.digest_chain import ChainEnd, Row
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.own_file import rescued_copies, take_rescued
 from campaigns.journal.views import AcceptedShot, Series
@@ -213,7 +213,9 @@ class Campaign:
         Raises `JournalFailed` also for one of another campaign.
         """
         path = self.journal_path
-        return self._own(open_journal(path, now_utc=now_utc, create=not path.exists()))
+        known = self._verified()
+        create = not path.exists()
+        return self._own(open_journal(path, now_utc=now_utc, create=create, verified=known))
 
     def journal_reader(self) -> JournalReader:
         """Journal to read; raises `ShotsMissing` when nothing was ever written to it.
@@ -221,7 +223,11 @@ class Campaign:
         Raises `JournalFailed` also for one of another campaign.
         """
         self.require_journal()
-        return self._own(read_journal(self.journal_path))
+        return self._own(read_journal(self.journal_path, self._verified()))
+
+    def _verified(self) -> Sequence[Row]:
+        """Records that the journal held when it was opened last."""
+        return self._opened[-1].verified if self._opened else ()
 
     def _own(self, journal: JournalT) -> JournalT:
         try:

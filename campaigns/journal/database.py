@@ -2,7 +2,7 @@
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
@@ -276,15 +276,18 @@ def stored_digest(connection: sqlite3.Connection, number: int) -> str | None:
     return found and found[0]
 
 
-def verified_end(connection: sqlite3.Connection, path: Path) -> ChainEnd:
-    """End of the journal's chain; raises `JournalDamaged` where a record is not what was written.
+def verified_records(
+    connection: sqlite3.Connection, path: Path, verified: Sequence[Row] = ()
+) -> tuple[list[Row], ChainEnd]:
+    """All records, and the end of their chain; those `verified` before need not be hashed again.
 
-    Raises `JournalFailed` for what SQLite cannot read.
+    Raises `JournalDamaged` where a record is not what was written, and `JournalFailed` for what
+    SQLite cannot read.
     """
     with sqlite_errors_explained(path, "the journal cannot be read"):
         rows, stated = stored_records(connection)
     try:
-        return chain_end(rows, stated)
+        return rows, chain_end(rows, stated, verified)
     except JournalDamaged as broken:
         raise JournalDamaged(f"{path}: {broken.problem}", number=broken.number) from broken
 

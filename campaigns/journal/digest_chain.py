@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from campaigns.errors import JournalFailed
@@ -24,6 +24,8 @@ class ChainEnd:
 
 
 EMPTY = ChainEnd(0, "")
+_JSON = json.JSONEncoder(ensure_ascii=False)
+"""Made once: `json.dumps` makes one for each record."""
 
 
 class JournalDamaged(JournalFailed):
@@ -36,22 +38,34 @@ class JournalDamaged(JournalFailed):
         self.number = number
 
 
+def as_json(values: Sequence[str | int | None]) -> bytes:
+    """Bytes of a record's values as digests take them; raises as `digest_after` does."""
+    return _JSON.encode(values).encode()
+
+
 def digest_after(before: str, content: Content) -> str:
     """SHA-256 (hex) of a record and of the digest of the one before it, "" before the first.
 
     Raises `TypeError` for what is neither text nor number, `ValueError` for what is no Unicode.
     """
-    return hashlib.sha256(json.dumps([before, *content], ensure_ascii=False).encode()).hexdigest()
+    return hashlib.sha256(as_json([before, *content])).hexdigest()
 
 
-def chain_end(rows: Iterable[Row], stated: ChainEnd = EMPTY) -> ChainEnd:
+def chain_end(
+    rows: Sequence[Row], stated: ChainEnd = EMPTY, verified: Sequence[Row] = ()
+) -> ChainEnd:
     """End of the chain over all records, in the order of their numbers.
 
     Records without a digest may only come first: the first digest after them covers them too.
-    `stated` is the last record that has a digest, as the file itself says. Raises `JournalDamaged`.
+    `stated` is the last record that has a digest, as the file itself says. Records that begin as
+    `verified` ones do, every value the same, are hashed from there on. Raises `JournalDamaged`.
     """
-    end, sealed = EMPTY, EMPTY
-    for row in rows:
+    known = len(verified)
+    end = ChainEnd(known, (verified and verified[-1][-1]) or "")
+    if not end.digest or rows[:known] != verified:
+        known, end = 0, EMPTY
+    sealed = end
+    for row in rows[known:]:
         end = _next_end(end, row, sealed)
         sealed = end if row[-1] is not None else sealed
     if sealed.number < stated.number:

@@ -120,7 +120,7 @@ def _inspection(connection: sqlite3.Connection, path: Path, readers: RawReaders)
 
 def _damage(connection: sqlite3.Connection, path: Path) -> Iterator[Problem]:
     """What chain, pages and rules of the file say."""
-    for check in (database.verified_end, database.verify_file):
+    for check in (database.verified_records, database.verify_file):
         try:
             check(connection, path)
         except JournalFailed as damaged:

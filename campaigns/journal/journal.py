@@ -1,8 +1,7 @@
 """Journal of a campaign: its records, series, accepted shots and digest."""
 
 import hashlib
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
@@ -12,7 +11,14 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal import records as kinds
-from campaigns.journal.digest_chain import EMPTY, ChainEnd, JournalDamaged, digest_after
+from campaigns.journal.digest_chain import (
+    EMPTY,
+    ChainEnd,
+    JournalDamaged,
+    Row,
+    as_json,
+    digest_after,
+)
 from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
@@ -20,20 +26,21 @@ if TYPE_CHECKING:
     from hashlib import _Hash
 
 RecordT = TypeVar("RecordT", bound=kinds.Record)
-_Row = tuple[int, str, str, int | None, str]
 _Hashed = tuple[int, "_Hash"]
 """Number of records that went into a digest, and the digest."""
 _Read = tuple[ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], _Hashed]
 """End of the chain that was read to, the records, the series of so many, and their digest."""
 
 
-def read_journal(path: Path) -> "JournalReader":
+def read_journal(path: Path, verified: Sequence[Row] = ()) -> "JournalReader":
     """Open the journal in that file for reading; needs no right to write the folder.
+
+    `verified`: records as another reader verified them, which are compared and not hashed again.
 
     Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
     was written.
     """
-    return JournalReader(database.connect_to_read(path), path)
+    return JournalReader(database.connect_to_read(path), path, verified)
 
 
 class JournalReader:
@@ -42,7 +49,7 @@ class JournalReader:
     Everything raises `JournalFailed`.
     """
 
-    def __init__(self, connection: Connection, path: Path) -> None:
+    def __init__(self, connection: Connection, path: Path, verified: Sequence[Row] = ()) -> None:
         self._connection = connection
         self._path = path
         self._known: list[Entry[kinds.Record]] = []
@@ -52,7 +59,9 @@ class JournalReader:
         self._read_to = EMPTY
         """End of the chain over what is known."""
         self._hashed: _Hashed = 0, hashlib.sha256()
-        self._end = self._verified()
+        self.verified: list[Row] = []
+        """Records as stored when they were verified."""
+        self._end = self._verify(verified)
 
     def __enter__(self) -> Self:
         return self
@@ -141,29 +150,33 @@ class JournalReader:
         if through is not None and through < done:
             done, before = 0, hashlib.sha256()
         digest = before.copy()
-        for row in self._rows(after=done, through=through):
-            digest.update(json.dumps(row, ensure_ascii=False).encode() + b"\n")
-            done = row[0]
+        for number, at_utc, kind, series, _, _, body, _ in self._rows(after=done, through=through):
+            digest.update(as_json((number, at_utc, kind, series, body)) + b"\n")
+            done = number
         self._hashed = done, digest
         return digest.hexdigest()
 
-    def _verified(self) -> ChainEnd:
+    def _verify(self, verified: Sequence[Row] = ()) -> ChainEnd:
         try:
-            return database.verified_end(self._connection, self._path)
+            self.verified, end = database.verified_records(self._connection, self._path, verified)
         except BaseException:
             close_refused(self._connection, self._path)
             raise
+        return end
 
-    def _rows(self, after: int, through: int | None = None) -> list[_Row]:
+    def _rows(self, after: int, through: int | None = None) -> list[Row]:
+        """Records after a place and up to another: as verified, and what was written since."""
+        found = self.verified[after:through]
         query = (
-            "SELECT id, at_utc, kind, series, body FROM record"
+            "SELECT id, at_utc, kind, series, shot, attempt, body, NULL FROM record"
             " WHERE id > ?1 AND id <= ifnull(?2, id) ORDER BY id"
         )
+        after = max(after, len(self.verified))
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            return self._connection.execute(query, (after, through)).fetchall()
+            return found + self._connection.execute(query, (after, through)).fetchall()
 
-    def _entry(self, row: _Row) -> Entry[kinds.Record]:
-        number, at_utc, kind, series, body = row
+    def _entry(self, row: Row) -> Entry[kinds.Record]:
+        number, at_utc, kind, series, _, _, body, _ = row
         try:
             return Entry(number, at_utc, series, kinds.from_text(kind, body))
         except ValueError as error:
@@ -171,21 +184,29 @@ class JournalReader:
             raise JournalDamaged(problem, number=number) from error
 
 
-def open_journal(path: Path, *, now_utc: Callable[[], str], create: bool = False) -> "Journal":
+def open_journal(
+    path: Path, *, now_utc: Callable[[], str], create: bool = False, verified: Sequence[Row] = ()
+) -> "Journal":
     """Open the journal in that file; `create` makes one where there is none.
 
     `now_utc` stamps the records. The caller holds the campaign's lock. Raises `JournalFailed` when
     the file is missing, not ours, newer than this program, not what was written, or cannot be
-    opened.
+    opened. `verified` as of `read_journal`.
     """
-    return Journal(database.connect_to_write(path, create=create), path, now_utc)
+    return Journal(database.connect_to_write(path, create=create), path, now_utc, verified)
 
 
 class Journal(JournalReader):
     """A journal that grows. Once a record could not be written, no further one is."""
 
-    def __init__(self, connection: Connection, path: Path, now_utc: Callable[[], str]) -> None:
-        super().__init__(connection, path)
+    def __init__(
+        self,
+        connection: Connection,
+        path: Path,
+        now_utc: Callable[[], str],
+        verified: Sequence[Row] = (),
+    ) -> None:
+        super().__init__(connection, path, verified)
         self._now_utc = now_utc
         self._failed = self._is_open = False
         self._file = OwnFile(path)
@@ -247,7 +268,7 @@ class Journal(JournalReader):
         self.close()
         self._connection = database.connect_to_write(self._path, create=False)
         self._forget(0)
-        self._end = self._verified()
+        self._end = self._verify()
         if self._end != written:
             raise JournalDamaged(
                 f"{self._path}: ends with record {self._end.number}, and {written.number} were "
