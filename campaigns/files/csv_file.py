@@ -72,7 +72,7 @@ class CsvRow:
 
     def number(self, column: str) -> float:
         """Read a finite number."""
-        text = self.text(column)
+        text = self.texts.get(column, "")
         if NUMBER.fullmatch(text) and math.isfinite(value := float(text)):
             return value
         raise self._not_a_number(column, "a number")

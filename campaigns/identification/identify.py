@@ -39,7 +39,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 Fitted = tuple[
-    result.IdentificationResult,
+    Callable[[], result.IdentificationResult],
     Callable[[], result.IdentificationResult],
     Callable[[], LackOfFit | None],
 ]
@@ -100,7 +100,7 @@ def fitted(
     tests = cache(partial(_tested, inputs, fit, held_out))
     found = partial(_result, inputs, fit, held_out, lengths, constant, rate_std)
     return (
-        found((None, Tested())),
+        lambda: found((None, Tested())),
         cache(lambda: _with_nests(found(tests()), every, inputs, fit)),
         lambda: tests()[1].possible,
     )

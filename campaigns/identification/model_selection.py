@@ -92,7 +92,8 @@ class _Candidate:
         if backlash and not self.shots.knows_approach:
             return replace(other, problem="the shots do not say how their joints came")
         try:
-            found, tested, possible = fitted(self.nominal, self.shots, known, self.options)
+            untested, tested, possible = fitted(self.nominal, self.shots, known, self.options)
+            found = untested()
         except CampaignError as error:
             return replace(other, problem=error.problem)
         return replace(other, found=found, tested=tested, possible=possible)
@@ -207,10 +208,10 @@ def select_model(
     """
     options = options or IdentificationOptions()
     (name, known), *others = models.items()
-    found, tested, possible = fitted(nominal, shots, known, options)
+    untested, tested, possible = fitted(nominal, shots, known, options)
     if not others:
         return tested()
-    standard = _Candidate(name, known, nominal, shots, options, found, tested, possible)
+    standard = _Candidate(name, known, nominal, shots, options, untested(), tested, possible)
     larger = [standard.instead(name, known) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]

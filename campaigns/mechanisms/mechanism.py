@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntFlag
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 import numpy as np
@@ -30,14 +31,14 @@ MM_PER_RAD = 300.0
 """Length of a typical crank, by which a carriage's travel compares with a crank's turn."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Axis:
     """Joint or task coordinate by name: revolute (rad inside, deg in files) or prismatic (mm)."""
 
     name: str
     kind: Literal["revolute", "prismatic"]
 
-    @property
+    @cached_property  # asked of for each number of a plan
     def is_revolute(self) -> bool:
         """Whether its values are angles."""
         return self.kind == "revolute"
@@ -47,7 +48,7 @@ class Axis:
         """Unit in files and on screens."""
         return "deg" if self.is_revolute else "mm"
 
-    @property
+    @cached_property
     def column(self) -> str:
         """Name in files, with the unit: `q0_deg`."""
         return f"{self.name}_{self.unit}"

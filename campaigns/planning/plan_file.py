@@ -171,11 +171,16 @@ def _model_of(row: CsvRow) -> Model | None:
 
 def _asked_of(row: CsvRow) -> tuple[str, ...]:
     try:
-        return tuple(shlex.split(text)) if (text := row.text(ASKED)) else ()
+        return _options_of(text) if (text := row.text(ASKED)) else ()
     except ValueError as error:
         raise row.wrong(
             f"{ASKED} is '{shown(row.text(ASKED))}'", remedy="close its quotes"
         ) from error
+
+
+@lru_cache  # rows of a plan were asked for alike
+def _options_of(text: str) -> tuple[str, ...]:
+    return tuple(shlex.split(text))
 
 
 def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:

@@ -18,7 +18,7 @@ NEST = "nest"
 
 ANGLE_LIMIT_DEG = 360.0
 SIDES = {"": 0, "0": 0, "1": 1, "+1": 1, "-1": -1}
-SET_WORDS = tuple(each.value for each in ShotSet)
+SETS = {each.value: each for each in ShotSet}
 
 
 def axis_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
@@ -87,9 +87,9 @@ def shot_set(row: CsvRow, if_empty: ShotSet | None = None) -> ShotSet:
     word = row.text("set")
     if not word and if_empty is not None:
         return if_empty
-    if word in SET_WORDS:
-        return ShotSet(word)
-    raise row.wrong(f"unknown set '{shown(word)}'", remedy=suggestion(word, SET_WORDS))
+    if word in SETS:
+        return SETS[word]
+    raise row.wrong(f"unknown set '{shown(word)}'", remedy=suggestion(word, tuple(SETS)))
 
 
 def nest_name(row: CsvRow, purpose: ShotSet) -> str:

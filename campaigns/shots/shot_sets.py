@@ -20,9 +20,13 @@ class ShotSet(Enum):
     @property
     def in_pairs(self) -> bool:
         """Whether its shots stand in pairs, whose distance counts."""
-        return self in {ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.KNOWN_LENGTH}
+        return self in IN_PAIRS
 
     @property
     def on_robot(self) -> bool:
         """Whether it is the robot's reflector that is measured."""
-        return self not in {ShotSet.KNOWN_LENGTH, ShotSet.NEST}
+        return self not in OFF_ROBOT
+
+
+IN_PAIRS = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.KNOWN_LENGTH)
+OFF_ROBOT = (ShotSet.KNOWN_LENGTH, ShotSet.NEST)
