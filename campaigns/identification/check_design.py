@@ -16,10 +16,10 @@ from campaigns.arrays import Array, Index
 from campaigns.estimation import information
 from campaigns.estimation.change_detection import Cause
 from campaigns.estimation.residuals import FRAME_COLUMNS
-from campaigns.evaluation.calibration_check import AS_LIKELY
+from campaigns.evaluation.calibration_check import AS_LIKELY, SAME
 from campaigns.identification.checking import (
-    BY_ONE,
-    EXPECTED_STD,
+    EXPECTED_LENGTH_MM,
+    EXPECTED_OFFSET,
     StoredCalibration,
     causes_in_robot,
     causes_in_setup,
@@ -29,7 +29,8 @@ from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
 STAND_MM = 0.3
 """Motion of the tracker's stand that shall be told from a part's change."""
 HARDLY_TOLD = 0.1
-"""Weight of forearms, which eight shots hardly tell from the mounts that they hang on."""
+"""Weight of forearms, which eight shots hardly tell from the mounts that they hang on, nor those of
+rails from their encoders."""
 CHUNK = 100
 """Choices judged at a time."""
 SINGULAR = 1e-9
@@ -87,7 +88,7 @@ def _confused(
     of = [each for place, each in changed for _ in range(widths[place])]
     unknowns = np.array([each.columns.shape[-1] for each in of])
     size2 = np.array([_size(each, space) ** 2 for each in of])
-    forearms = {*space.of_field(FOREARM)} - {*space.arm_lengths}
+    forearms = space.of_field(FOREARM)
     weights = np.array([HARDLY_TOLD if each.name in forearms else 1.0 for each in of])
     gained, found = told[:, at, at], np.zeros(len(told))
     price = np.log(coordinates) - 1.0
@@ -100,7 +101,9 @@ def _confused(
         beyond = left - AS_LIKELY - (unknowns - widths[place]) * price
         chance = scipy.special.ndtr(-beyond / np.maximum(2.0 * np.sqrt(left), SINGULAR))
         others = [each.kind != other.kind or _part(each) != _part(other) for each in of]
-        found += chance @ (weights * others)
+        # a wider cause that does just the same, as a rail's mount its encoder's, is not named
+        told_apart = (unknowns >= widths[place]) | (left > SAME * size2 * gained)
+        found += (chance * told_apart) @ (weights * others)
     return found
 
 
@@ -108,7 +111,9 @@ def _size(cause: Cause, space: ParameterSpace) -> float:
     """Change along each column that shall be named, mm or rad; 0 of what need not be."""
     if cause.kind == "frame":
         return STAND_MM / np.sqrt(3.0) if cause.columns.shape[-1] < FRAME_COLUMNS else 0.0
-    return EXPECTED_STD[space[cause.name].unit] if cause.kind in BY_ONE else 0.0
+    if cause.kind == "joint":
+        return EXPECTED_OFFSET[space[cause.name].unit]
+    return EXPECTED_LENGTH_MM if cause.kind == "length" else 0.0
 
 
 def _part(cause: Cause) -> str:

@@ -35,8 +35,10 @@ ROUNDS = 3
 """Of linearising about the change that was found."""
 FEWEST_TURNED = 3
 """Shots before and after a step of the tracker's stand by which its turn is told too."""
-EXPECTED_STD = {"mm": 0.1, "deg": float(np.radians(0.05))}
-"""Changes of lengths and joint offsets, mm and rad, which a check's shots shall tell apart."""
+EXPECTED_LENGTH_MM = 0.1
+"""Change of a length which a check's shots shall tell from others'."""
+EXPECTED_OFFSET = {"deg": float(np.radians(0.05)), "mm": float(np.radians(0.05)) * 300.0}
+"""That of a joint's offset, rad and mm: of a carriage as much as the end of a crank of 300 mm."""
 ANY_STD = {"mm": 10.0, "deg": 0.1, "ppm": 0.01}
 """Changes, mm, rad and parts, that a repair takes to be possible: it starts from none."""
 CheckFrame = tuple[PointResiduals, Array, Array, Array]
@@ -78,10 +80,13 @@ class StoredCalibration:
     @property
     def with_expected_changes(self) -> Array:
         """The same where each joint offset and each length may have changed, (F, F)."""
-        links = {*self.space.arm_lengths, *self.space.of_field(FOREARM)}
-        links |= {self.space.geometry[place] for place in self.space.offsets.tolist()}
-        std = [EXPECTED_STD[self.space[n].unit] * (n in links) for n in self.known.names]
-        return np.asarray(self.covariance + np.diag(np.square(std)))
+        space = self.space
+        lengths = (*space.arm_lengths, *space.of_field(FOREARM))
+        offsets = [space.geometry[place] for place in space.offsets.tolist()]
+        std = dict.fromkeys(lengths, EXPECTED_LENGTH_MM)
+        std |= {name: EXPECTED_OFFSET[space[name].unit] for name in offsets}
+        expected = np.array([std.get(name, 0.0) for name in self.known.names])
+        return np.asarray(self.covariance + np.diag(expected**2))
 
     @property
     def scatter(self) -> VarianceComponents:
