@@ -54,21 +54,21 @@ class StackSolution:
 def gauss_newton(problem: ProblemStack, start: Array, rows: Index | None = None) -> StackSolution:
     """Minima from unknowns (C, P), of these rows if not of all."""
     x, asked = start.copy(), np.arange(len(start)) if rows is None else rows
-    first, found = problem.residual(_of(x, asked), asked)
+    first, found = problem.residual(rows_of(x, asked), asked)
     (count, unknowns), measured = x.shape, first.shape[1]
     residual = np.zeros((count, measured))
     residual[asked] = first
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
     active, evaluations = asked[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
-        step, length, regular = problem.step(_of(x, active), _of(residual, active), active)
-        further = _of(x, active) + step
+        step, length, regular = problem.step(rows_of(x, active), rows_of(residual, active), active)
+        further = rows_of(x, active) + step
         left, found = problem.residual(further, active)
         evaluations += 1
         size, before = np.linalg.norm(left, axis=1), last[active]
         unit = np.maximum(size, NO_RESIDUAL * np.sqrt(measured))
         at_end = length <= ROUNDING * unit
-        shrunk = size <= (1.0 + SAME_SIZE) * np.linalg.norm(_of(residual, active), axis=1)
+        shrunk = size <= (1.0 + SAME_SIZE) * np.linalg.norm(rows_of(residual, active), axis=1)
         nearer = shrunk & (length <= CONTRACTION * before)
         rate = np.where(np.isinf(before), 1.0, length / before)
         settled = (length * rate <= SETTLED * unit) | (at_end & ~nearer)
@@ -80,7 +80,7 @@ def gauss_newton(problem: ProblemStack, start: Array, rows: Index | None = None)
     return StackSolution(x, residual, converged, evaluations)
 
 
-def _of(stack: Array, rows: Index) -> Array:
+def rows_of(stack: Array, rows: Index) -> Array:
     """Rows of a stack, without a copy where these are all."""
     return stack if len(rows) == len(stack) else stack[rows]
 

@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import normal_step
+from campaigns.estimation.gauss_newton import normal_step, rows_of
 from campaigns.estimation.point_sets import TINY_MM
 from campaigns.estimation.residuals import CLOSE_ENOUGH_MM, FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import small_rotation
@@ -84,13 +84,22 @@ class RobotStack:
         """Free parameters of the robots as they were given, (C, F)."""
         return self._p[:, self._free]
 
+    def first_jacobian(self) -> tuple[Array, Array]:
+        """Positions (3, N) and derivatives (3, N, F) of robots that are still one, at its poses."""
+        configuration = self._configuration(self.start[:1], np.zeros(1, dtype=np.intp))
+        by_all = configuration.jacobian(self.poses[0].T, extended=False)
+        by_x = by_all[..., self._free].swapaxes(0, 1)
+        if self.kernel is None:
+            self._by_x[:] = by_x
+        return self.poses[0, :3], by_x[:3]
+
     def positions_mm(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Positions (R, 3, N) of these robots with parameters (R, F); which have all of them."""
         if self.kernel is not None:
             return self._assembled(self.kernel, x, rows)
         tasks, shots = self.poses.shape[1:]
         further = (x - self._about[rows])[:, :, None]
-        expected = self._by_x[rows].reshape(len(rows), -1, x.shape[1]) @ further
+        expected = rows_of(self._by_x, rows).reshape(len(rows), -1, x.shape[1]) @ further
         near = self.poses[rows] + expected.reshape(len(rows), tasks, shots)
         configuration = self._configuration(x, rows)
         start = near.swapaxes(1, 2).reshape(-1, tasks)
@@ -112,11 +121,11 @@ class RobotStack:
         self._by_x[rows] = self._by_robot(by_all[:, self._free], len(x))
         by_joints = by_all[:3, self.offsets]
         self._by_joints[rows] = self._by_robot(by_joints, len(x))
-        return poses[:, :3], self._by_x[rows][:, :3]
+        return poses[:, :3], rows_of(self._by_x, rows)[:, :3]
 
     def by_joints(self, rows: Index) -> Array:
         """∂point/∂joints (R, 3, N, n) where Jacobians were last asked for."""
-        return self._by_joints[rows]
+        return rows_of(self._by_joints, rows)
 
     def closed_at(
         self, x: Array, rows: Index, places: Index | None = None
@@ -184,8 +193,21 @@ class PointStack:
             self._jacobians = np.zeros((count, 3 * points_mm.shape[2], free + FRAME_COLUMNS))
 
     def start(self) -> Array:
-        """Nominal parameters and guessed frames, (C, F + 6)."""
-        return with_frames(self.robots.start)
+        """Unknowns (C, F + 6) where a step leads from one robot and guessed frames.
+
+        With every point counting alike, as all rows have then the same derivatives.
+        """
+        positions, by_robot = self.robots.first_jacobian()
+        by_angle = (small_rotation(np.zeros(3))[1] @ positions).transpose(1, 2, 0)
+        by_shift = np.broadcast_to(np.eye(3)[:, None], by_angle.shape)
+        columns = np.concatenate([by_robot, by_angle, by_shift], axis=2)
+        basis, triangle = np.linalg.qr(columns.reshape(positions.size, -1))
+        back = self._rotation.swapaxes(1, 2)
+        seen = back @ (self._points_mm - self._translation_mm[:, :, None])
+        left = (seen - positions).reshape(len(seen), 1, -1)
+        step = (left @ np.linalg.solve(triangle, basis.T).T)[:, 0]
+        step[:, -3:] = (self._rotation @ step[:, -3:, None])[:, :, 0]
+        return with_frames(self.robots.start) + step
 
     def rotations(self, x: Array, rows: Index) -> Array:
         """From base to tracker, (R, 3, 3)."""
@@ -196,7 +218,7 @@ class PointStack:
         positions, found = self.robots.positions_mm(x[:, :-FRAME_COLUMNS], rows)
         translation = self._translation_mm[rows] + x[:, -3:]
         modelled = self.rotations(x, rows) @ positions + translation[:, :, None]
-        return self._whitened(modelled - self._points_mm[rows], rows), found
+        return self._whitened(modelled - rows_of(self._points_mm, rows), rows), found
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, 3 N), as `normal_step`."""
@@ -206,18 +228,23 @@ class PointStack:
             )
             return step, length, regular
         jacobian = self.jacobian(x, rows)
-        self._jacobians[rows] = jacobian
+        if len(rows) == len(self._jacobians):
+            self._jacobians = jacobian
+        else:
+            self._jacobians[rows] = jacobian
         return normal_step(jacobian, residual)
 
     def last_jacobians(self, x: Array, rows: Index) -> Array:
         """Jacobians (R, 3 N, F + 6) where steps were last taken, or as near to there."""
-        return self._jacobians[rows] if self.robots.kernel is None else self.jacobian(x, rows)
+        return (
+            rows_of(self._jacobians, rows) if self.robots.kernel is None else self.jacobian(x, rows)
+        )
 
     def _closed_at(self, x: Array, rows: Index) -> tuple[object, ...]:
         """Closures and frames as the kernel takes them."""
         closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows)
         rotation, by_angle = self._turned(x, rows)
-        return closed, rotation, by_angle, self.whitening[rows]
+        return closed, rotation, by_angle, rows_of(self.whitening, rows)
 
     def _turned(self, x: Array, rows: Index) -> tuple[Array, Array]:
         """Rotations from base to tracker (R, 3, 3), and by their angles (R, 3, 3, 3)."""
@@ -245,7 +272,7 @@ class PointStack:
         rotation = self.rotations(x, rows)
         if self.robots.kernel is not None:
             closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, self.robots.offsets)
-            frames = (rotation, np.empty((len(rows), 0, 3, 3)), self.whitening[rows])
+            frames = (rotation, np.empty((len(rows), 0, 3, 3)), rows_of(self.whitening, rows))
             return np.asarray(self.robots.kernel.point_jacobians(closed, *frames))
         by_joints = self.robots.by_joints(rows)
         turned = (rotation @ by_joints.reshape(len(rows), 3, -1)).reshape(by_joints.shape)
@@ -253,7 +280,7 @@ class PointStack:
 
     def _whitened(self, each: Array, rows: Index) -> Array:
         """Rows (R, 3, N, …) in units of their σ, in place; a vector's as (R, 3 N)."""
-        w = self.whitening[rows].reshape(len(rows), 3, 3, -1, *(1,) * (each.ndim - 3))
+        w = rows_of(self.whitening, rows).reshape(len(rows), 3, 3, -1, *(1,) * (each.ndim - 3))
         each[:, 2] *= w[:, 2, 2]
         each[:, 2] += w[:, 2, 0] * each[:, 0] + w[:, 2, 1] * each[:, 1]
         each[:, 1] *= w[:, 1, 1]
@@ -278,12 +305,15 @@ class DistanceStack:
         """(R, M); which have an answer."""
         positions, found = self.robots.positions_mm(x, rows)
         lengths = np.linalg.norm(self._between(positions), axis=1)
-        return self._whitening[rows] * (lengths - self._measured_mm[rows]), found
+        return rows_of(self._whitening, rows) * (lengths - self._measured_mm[rows]), found
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, M), as `normal_step`."""
         jacobian = self.jacobian(x, rows)
-        self._jacobians[rows] = jacobian
+        if len(rows) == len(self._jacobians):
+            self._jacobians = jacobian
+        else:
+            self._jacobians[rows] = jacobian
         if self.robots.kernel is None:
             return normal_step(jacobian, residual)
         columns = np.ascontiguousarray(jacobian.swapaxes(1, 2))
@@ -292,18 +322,18 @@ class DistanceStack:
 
     def last_jacobians(self, x: Array, rows: Index) -> Array:  # noqa: ARG002 - as of points
         """Jacobians (R, M, F) from which steps were last taken."""
-        return self._jacobians[rows]
+        return rows_of(self._jacobians, rows)
 
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters, (R, M, F)."""
         if self.robots.kernel is not None:
-            pairs = (self._first, self._second, self._whitening[rows])
+            pairs = (self._first, self._second, rows_of(self._whitening, rows))
             found = self.robots.kernel.distance_jacobians(self.robots.closed_at(x, rows), *pairs)
             return np.asarray(found.swapaxes(1, 2))
         positions, by_x = self.robots.jacobian(x, rows)
         between = self._between(positions)
         lengths = np.maximum(np.linalg.norm(between, axis=1), TINY_MM)
-        along = between * (self._whitening[rows] / lengths)[:, None]
+        along = between * (rows_of(self._whitening, rows) / lengths)[:, None]
         return np.asarray(np.sum(along[..., None] * self._between(by_x), axis=1))
 
     def _between(self, each: Array) -> Array:

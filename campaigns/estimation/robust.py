@@ -48,8 +48,9 @@ LARGEST = 1e3
 """σ: beyond it no error of a measurement and no scatter is looked for."""
 LEAST_LEFT = 1e-8
 """Of a block's variance, when the fit follows it wherever it goes."""
-LINEAR_WITHIN = 0.01
-"""Part of a size that a problem made linear may have it wrong, by far."""
+LINEAR_WITHIN = 1e-4
+"""Part of a size by which a problem made linear may have it wrong, for each σ of the largest size:
+ten times what the misfits of a mechanism's shots show."""
 MOST_FITTED_AWAY = 0.9
 """Share of the residuals' variance that the unknowns can take up."""
 INITIAL_M_ESTIMATOR = Loss(LossShape.CAUCHY)
@@ -191,7 +192,7 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
     """Blocks that agree, (blocks,), as `reject_outliers` tells them, by a problem made linear.
 
     Of the whitened residual (M,) and Jacobian (M, P) of its plain fit. None where the problem
-    itself might tell otherwise: a size close to a limit, or what does not come to stand.
+    itself might tell otherwise, a size being close to a limit, and where half would have to go.
     """
     rows = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), ROUNDING)
     loss, weights = INITIAL_M_ESTIMATOR, np.ones(len(residual) // block)
@@ -201,27 +202,24 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
         step = np.linalg.solve(weighted.T @ rows, weighted.T @ residual)
         return block_norms(residual - rows @ step, block)
 
-    sizes = block_norms(residual, block)
     for _ in range(REWEIGHTINGS):
+        sizes = sizes_by(weights)
         scale = robust_scale(sizes, block, rows.shape[1])
-        renewed = loss_weights(loss.shape, (sizes / max(loss.scale * scale, ROUNDING)) ** 2)
-        if settled := bool(np.abs(renewed - weights).max() < WEIGHTS_SETTLED):
+        square = (sizes / max(loss.scale * scale, ROUNDING)) ** 2
+        old, weights = weights, loss_weights(loss.shape, square)
+        if np.abs(weights - old).max() < WEIGHTS_SETTLED:
             break
-        weights, sizes = renewed, sizes_by(renewed)
     limit = max(1.0, scale) * rejection_threshold(len(weights), block)
-    kept = sizes <= limit
+    within = LINEAR_WITHIN * float(block_norms(residual, block).max())
+    kept, last = sizes <= limit, None
     for _ in range(REJECTION_ROUNDS):
-        if not settled or not _enough(kept, block, rows.shape[1]) or _are_close(sizes, limit):
+        if (np.abs(sizes / limit - 1.0) < within).any() or not _enough(kept, block, rows.shape[1]):
             return None
+        if last is not None and np.array_equal(kept, last):
+            break
         sizes, limit = _studentized_sizes(sizes_by(kept.astype(np.float64)), rows, kept, block)
-        if np.array_equal(sizes <= limit, kept):
-            return None if _are_close(sizes, limit) else kept
-        kept = sizes <= limit
-    return None
-
-
-def _are_close(sizes: Array, limit: float) -> bool:
-    return bool((np.abs(sizes / limit - 1.0) < LINEAR_WITHIN).any())
+        kept, last = sizes <= limit, kept
+    return kept
 
 
 def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:

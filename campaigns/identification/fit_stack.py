@@ -7,6 +7,7 @@ nowhere, a shot that may or may not stand apart, noise that no scatter of the ro
 from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
+from typing import TypeAlias
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from campaigns.estimation.tracker_noise import (
 from campaigns.identification.fit import SCATTER_ROUNDS, settled
 from campaigns.identification.observations import COORDINATES, SHORTEST_MM, Inputs
 from campaigns.shots.shot_sets import ShotSet
+
+FittedPoints: TypeAlias = tuple[Array, Array, Mask]
+"""Of shots: poses (C, t, N), covariances (C, N, 3, 3) that weighed them, those kept (C, N)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +55,9 @@ def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None
     if not _may_be_plain(inputs):
         return _given_up(count, free)
     try:
-        found, covariance_mm2, kept = _fit_points(inputs, points_mm, kernel)
+        found, points = _fit_points(inputs, points_mm, kernel)
         if inputs.options.estimator is Estimator.DISTANCES:
-            found = _fit_distances(inputs, points_mm, found, covariance_mm2, kept, kernel)
+            found = _fit_distances(inputs, points_mm, found, points, kernel)
     except ValueError:  # points that fix no frame, a covariance that is none, a lost rank
         if count == 1:
             return _given_up(count, free)
@@ -90,8 +94,8 @@ def _may_be_plain(inputs: Inputs) -> bool:
 
 def _fit_points(
     inputs: Inputs, points_mm: Array, kernel: ModuleType | None
-) -> tuple[FitStack, Array, Mask]:
-    """Fits of coordinates, covariances (C, N, 3, 3) that weighed them, and shots kept (C, N)."""
+) -> tuple[FitStack, FittedPoints]:
+    """Fits of coordinates, and what distances of the same shots take from them."""
     shots, near = inputs.shots, inputs.at_nominal.values
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     measured, joints, near = points_mm[:, rows], shots.joints[rows], near[rows]
@@ -102,7 +106,7 @@ def _fit_points(
     solution, found, by_x, bases = _solved(problem, problem.start(), kept)
     plain = np.flatnonzero(found.plain)
     if not plain.size:
-        return found, covariance, kept
+        return found, (robots.poses, covariance, kept)
     left = solution.residual[plain].reshape(len(plain), COORDINATES, -1)
     by_joints = problem.whitened_by_joints(found.x[plain], plain)
     scores = _scores(problem, found, by_x, bases, left, by_joints)
@@ -140,7 +144,7 @@ def _fit_points(
             )
             if not scatter.any:
                 break
-    return found, covariance, kept
+    return found, (robots.poses, covariance, kept)
 
 
 def _points(
@@ -204,16 +208,15 @@ def _fit_distances(
     inputs: Inputs,
     points_mm: Array,
     points: FitStack,
-    covariance_mm2: Array,
-    kept: Mask,
+    fitted: FittedPoints,
     kernel: ModuleType | None,
 ) -> FitStack:
     """Distances of shots that were kept, weighed as points were, from where their fits ended."""
-    shots = inputs.shots
+    shots, (poses, covariance_mm2, kept) = inputs.shots, fitted
     pairs = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     own_rows = np.searchsorted(shots.rows_of(ShotSet.IDENTIFICATION), pairs.ravel())
     measured, (first, second) = points_mm[:, pairs.ravel()], np.arange(pairs.size).reshape(-1, 2).T
-    count, free = len(measured), len(inputs.selection.free)
+    free = len(inputs.selection.free)
     lengths = distances_mm(measured, first, second)
     own = distance_variance_mm2(measured, covariance_mm2[:, own_rows], first, second)
     whole: Mask = kept[:, own_rows[::2]] & kept[:, own_rows[1::2]]
@@ -221,8 +224,7 @@ def _fit_distances(
     for row in np.flatnonzero(~whole.all(axis=1) & whole.any(axis=1)):
         variances_mm2[row] = pooled_variance_mm2(own[row, whole[row]])
     whitening = whole / np.sqrt(variances_mm2)[:, None]
-    near = np.tile(inputs.at_nominal.values[pairs.ravel()].T, (count, 1, 1))
-    robots = _robots(inputs, shots.joints[pairs.ravel()], near, kernel)
+    robots = _robots(inputs, shots.joints[pairs.ravel()], poses[:, :, own_rows], kernel)
     problem = DistanceStack(robots, first, second, lengths, whitening)
     _, found, *_ = _solved(problem, points.x[:, :free], whole)
     found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
@@ -251,7 +253,7 @@ def _solved(
     covariance, dof = np.zeros((count, unknowns, unknowns)), block * kept.sum(axis=1) - unknowns
     for row in np.flatnonzero(plain):
         tested = information.chi_square_test(float(np.sum(solution.residual[row] ** 2)), dof[row])
-        plain[row] = bool(tested.consistent)
+        plain[row] = tested.dof > 0 and not tested.beyond  # less than chance explains widens no σ
     rows = np.flatnonzero(plain)
     jacobians, bases = problem.last_jacobians(solution.x[rows], rows), None
     if rows.size:
@@ -277,7 +279,7 @@ def _without_outliers(problem: PointStack, solution: StackSolution, kept: Mask) 
         shots = jacobian.reshape(COORDINATES, kept.shape[1], -1).swapaxes(0, 1)
         inliers = linear_inliers(shots.reshape(jacobian.shape), by_shot[row].T.ravel(), COORDINATES)
         if inliers is not None:
-            kept[row] = inliers
+            solution.converged[row], kept[row] = True, inliers
             problem.whitening[row] *= inliers
     rows = rows[~kept[rows].all(axis=1)]
     if not rows.size:

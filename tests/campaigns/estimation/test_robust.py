@@ -129,15 +129,19 @@ def test_a_problem_made_linear_says_nothing_of_a_shot_close_to_the_limit(shots):
     problem = points_problem(shots)
     x = solve(problem).x
     jacobian, residual = problem.jacobian(x), problem.residual(x)
-    told = []
-    for size in np.linspace(3.5, 5.5, 81):
+
+    def told(size):
         moved = residual.copy()
         moved[21:24] = size / np.sqrt(3.0)
         moved -= jacobian @ np.linalg.lstsq(jacobian, moved)[0]
         kept = linear_inliers(jacobian, moved, problem.block)
-        told.append(None if kept is None else bool(kept[7]))
-    first, last = told.index(None), len(told) - told[::-1].index(None)
-    assert (set(told[:first]), set(told[last:])) == ({True}, {False})
+        return None if kept is None else bool(kept[7])
+
+    good, wrong = 3.5, 5.5
+    assert (told(good), told(wrong)) == (True, False)
+    while (between := told(0.5 * (good + wrong))) is not None:
+        assert wrong - good > 1e-4
+        good, wrong = (0.5 * (good + wrong), wrong) if between else (good, 0.5 * (good + wrong))
 
 
 @pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
