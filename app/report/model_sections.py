@@ -136,6 +136,8 @@ def positions_in_words(found: PositionStd) -> tuple[str, ...]:
         f"predicted error of position (1 σ): {found.mean:.4f} mm on average over the workspace, "
         f"{found.max:.4f} mm at most"
     )
+    if found.left_out:
+        random += f", but for {found.left_out} of its poses, which this robot cannot take"
     if found.total_mean is None or found.total_max is None:
         return (random,)
     parts = ", ".join(f"{name} {mm:.4f}" for name, mm in found.common.items())

@@ -13,6 +13,7 @@ import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
+from campaigns.estimation.information import LEAST_SHARE
 from campaigns.estimation.observability import project_out_nuisance
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, frame_jacobian
 from campaigns.mechanisms.closed_chain import ClosedChain
@@ -63,8 +64,18 @@ class Workspace:
 
     @classmethod
     def of(cls, identified: Kinematics, poses: Array) -> "Workspace":
-        """From poses that the identified robot can take."""
-        return cls(identified.inverse(poses).values_or_raise(), poses)
+        """From those of the poses that the identified robot can take.
+
+        Raises `IdentificationRefused` where these are too few.
+        """
+        joints = identified.inverse(poses)
+        if joints.found.sum() < LEAST_SHARE * len(poses):
+            raise IdentificationRefused(
+                f"the identified robot can take {joints.found.sum()} of {len(poses)} poses of the "
+                f"workspace (limit {100.0 * LEAST_SHARE:g} %)",
+                remedy="correct limits in robot.yaml or `space` in campaign.yaml",
+            )
+        return cls(joints.values[joints.found], poses[joints.found])
 
 
 def left_by(kinematics: Kinematics, workspace: Workspace) -> ResidualError:

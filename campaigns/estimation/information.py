@@ -34,7 +34,7 @@ from campaigns.estimation.tracker_noise import (
     pooled_variance_mm2,
 )
 from campaigns.estimation.variance_components import LinearizedShots
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 
 SIGNIFICANCE = 1e-3
 """A χ² that good noise exceeds or falls below less often than this is not consistent with it."""
@@ -46,6 +46,8 @@ MINIMUM_DOF = 12
 STATED_DOF = 12
 """Degrees of freedom that the stated noise is worth where residuals tell their own variance: as a
 prior it is taken to be known to ± 20 %."""
+LEAST_SHARE = 0.1
+"""Of a workspace's poses: fewer do not speak for it."""
 DRAWS = 200
 """Of parameters, by which a standard uncertainty is known to ± 5 %."""
 
@@ -281,6 +283,10 @@ class WorkspaceSample:
     names: tuple[str, ...]
     jacobian: Array
     """∂position/∂parameters, (N, 3, F), in mm by mm and deg, after a best fit of the frame."""
+    poses: Array
+    """(N, t)"""
+    left_out: int = 0
+    """Poses, beside these, that the parameters cannot assemble."""
 
     @classmethod
     def of(
@@ -293,7 +299,7 @@ class WorkspaceSample:
     ) -> "WorkspaceSample":
         """Sample of poses (N, t) in the best frame of others (M, t), else of their own.
 
-        `approach` (N, n) is of poses in their own frame.
+        `approach` (N, n) is of poses in their own frame. Raises `NoSolution`.
         """
         free, count = tuple(names), len(names)
 
@@ -307,7 +313,23 @@ class WorkspaceSample:
             flat, jacobian = at(reference).reshape(-1, count + FRAME_COLUMNS), at(poses)
             moved = np.linalg.lstsq(flat[:, count:], flat[:, :count], rcond=None)[0]
             jacobian = jacobian[:, :, :count] - jacobian[:, :, count:] @ moved
-        return cls(free, jacobian * kinematics.mechanism.parameters.units(free))
+        return cls(free, jacobian * kinematics.mechanism.parameters.units(free), poses)
+
+    @classmethod
+    def of_workspace(
+        cls, kinematics: Kinematics, names: Sequence[str], poses: Array
+    ) -> "WorkspaceSample | None":
+        """Sample of those of a workspace's poses (N, t) that these parameters can assemble.
+
+        None where so few are left that they do not speak for the workspace.
+        """
+        try:
+            return cls.of(kinematics, names, poses)
+        except NoSolution:
+            there = poses[kinematics.assembles(poses)]
+        if len(there) < LEAST_SHARE * len(poses):
+            return None
+        return replace(cls.of(kinematics, names, there), left_out=len(poses) - len(there))
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,13 +149,12 @@ def next_check(
     epochs: Sequence[Epoch],
     found: Sequence[ParameterTrend],
     sample: WorkspaceSample | None,
-    points_mm: Array,
     limit_mm: float | None,
     now: datetime,
 ) -> NextCheck:
     """Next check by the limit of the mean distance error, or else when U of positions doubles.
 
-    `sample` has the drifting parameters at points (N, 3); drift counts from the last calibration.
+    `sample` has the drifting parameters; drift counts from the last calibration.
     Each that drifts and all together are tried, and the soonest counts: sooner rather than later.
     """
     told = _told(epochs)
@@ -189,7 +188,7 @@ def next_check(
     columns = sample.jacobian[:, :, [sample.names.index(name) for name in names]]
     if limit_mm is not None and what.startswith("the mean"):
         first, second = np.arange(len(columns) - 1), np.arange(1, len(columns))
-        towards = directions(points_mm, first, second)
+        towards = directions(sample.poses[:, :3], first, second)
         columns = np.einsum("nk,nkf->nf", towards, columns[1:] - columns[:-1])[:, None]
     rates, std = np.array([line.rate for line in own]), np.array([line.rate_std for line in own])
     every = [*np.eye(len(names)), np.ones(len(names))]

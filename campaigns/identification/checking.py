@@ -386,8 +386,8 @@ def repaired(
         )
     before, positions = last.position_std_mm, None
     if workspace is not None:
-        sample = WorkspaceSample.of(stored.kinematics, known.names, workspace)
-        positions = PositionStd.of(known, sample)
+        sample = WorkspaceSample.of_workspace(stored.kinematics, known.names, workspace)
+        positions = None if sample is None else PositionStd.of(known, sample)
     return replace(
         last,
         parameters=last.parameters | new,

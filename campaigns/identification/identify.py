@@ -427,19 +427,18 @@ def _positions(
 
     After a best fit of the frame to all of its poses, and to the shots. None when not known.
     A combination that is held at nominal must change the frame and nothing else. Nor is it known of
-    a robot that can take none of the poses.
+    a robot that can take hardly any of the poses.
     """
     poses, found, model = inputs.options.workspace, fit.found, fit.observations.model
     if known is None or poses is None:
         return None, None
     x = found.x[: len(inputs.selection.free)]
     identified = model.kinematics(x)
-    taken = poses[identified.inverse(poses).found]
-    if not len(taken):
+    sample = WorkspaceSample.of_workspace(identified, known.names, poses)
+    if sample is None:
         return None, None
-    at_shots = model.poses(x)[_kept_rows(fit)]
+    taken, at_shots = sample.poses, model.poses(x)[_kept_rows(fit)]
     try:
-        sample = WorkspaceSample.of(identified, known.names, taken)
         both = np.vstack([taken, at_shots])
         by_shots = WorkspaceSample.of(identified, known.names, both, reference=at_shots)
     except NoSolution:

@@ -159,6 +159,8 @@ class PositionStd:
     total_max: float | None = None
     common: dict[str, float] = field(default_factory=dict)
     """Mean over the workspace of what each of those moves positions by, as the others are."""
+    left_out: int = 0
+    """Poses of the sample that the parameters cannot assemble."""
 
     @classmethod
     def of(cls, known: Uncertainty, sample: WorkspaceSample) -> "PositionStd":
@@ -168,7 +170,7 @@ class PositionStd:
         sizes = {name: float(np.linalg.norm(mm, axis=1).mean()) for name, mm in shifts.items()}
         ends = (float(each) for std in (random, total) for each in (std.mean(), std.max()))
         mean, most, total_mean, total_most = ends
-        return cls(mean, most, total_mean, total_most, sizes)
+        return cls(mean, most, total_mean, total_most, sizes, sample.left_out)
 
 
 @dataclass(frozen=True, slots=True)

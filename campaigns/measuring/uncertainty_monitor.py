@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Array
-from campaigns.design.pose_sampling import sample_workspace
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation import information
 from campaigns.estimation.estimators import Estimator
@@ -22,10 +20,11 @@ from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import pairs_of, poses_of
+from campaigns.planning.plans import pairs_of
 from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     predicted_uncertainty,
+    sample_positions,
     with_common_errors,
 )
 from campaigns.shots.shot_sets import ShotSet
@@ -43,22 +42,17 @@ class UncertaintyMonitor:
     """The nominal one."""
     setup: EstimationSetup
     """Its uncertainty is for shots of which the tracker states none."""
-    poses: Array
-    """Sample of the workspace, (K, t)."""
     workspace: information.WorkspaceSample
-    """The same, by the nominal robot."""
+    """By the nominal robot."""
 
     @classmethod
     def of_plan(
         cls, shots: Iterable[PlannedShot], robot: RobotModel, setup: EstimationSetup
     ) -> "UncertaintyMonitor":
-        """Monitor of a plan; at its own poses where hardly any others can be taken."""
-        planned, kinematics = {shot.shot: shot for shot in shots}, robot.kinematics
-        poses = sample_workspace(kinematics, robot.limits, robot.centre, robot.space)
-        if poses is None:
-            poses = poses_of(_identifying(planned.values())).reshape(-1, len(robot.centre))
-        sample = information.WorkspaceSample.of(kinematics, setup.free, poses)
-        return cls(planned, kinematics, setup, poses, sample)
+        """Monitor of a plan; raises `ConfigInvalid` as `sample_positions` does."""
+        planned = {shot.shot: shot for shot in shots}
+        sample = sample_positions(robot, setup.free, _identifying(planned.values()))
+        return cls(planned, robot.kinematics, setup, sample)
 
     def after(
         self, outcomes: Sequence[Outcome], seen: LinearizedShots | None
@@ -115,11 +109,10 @@ class UncertaintyMonitor:
         causes = {} if fit.points is None else hidden(inputs, fit.points, unseen.identified)
         known = fit.uncertainty(free, unseen.tested, self.setup.uncertainty, hidden=causes)
         identified = fit.observations.model.kinematics(found.x[: len(free)])
-        there = self.poses[identified.inverse(self.poses).found]
-        if known is None or not len(there):
+        sample = information.WorkspaceSample.of_workspace(identified, free, self.workspace.poses)
+        if known is None or sample is None:
             return None
         count = sum(purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes)
-        sample = information.WorkspaceSample.of(identified, free, there)
         return self._in_words(count, known, sample, noise, robot_scatters=fit.scatter.any)
 
     def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:

@@ -246,6 +246,13 @@ class Kinematics:
         """Encoder readings (N, n) of poses (N, t) that the joints reach by `approach` (N, n)."""
         return self.mechanism.inverse(self.p, self._poses(poses), self._approach(approach))
 
+    def assembles(self, poses: Array) -> Mask:
+        """Whether poses (N, t) have joints, and these lead back to an assembly there, (N,)."""
+        joints = self.inverse(poses)
+        found = joints.found.copy()
+        found[found] = self.forward(joints.values[found], poses[found]).found
+        return found
+
     def forward(
         self, joints: ArrayLike, near: ArrayLike | None = None, approach: ArrayLike | None = None
     ) -> KinematicSolution:

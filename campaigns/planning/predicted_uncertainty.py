@@ -10,10 +10,11 @@ from campaigns.design.exchange import Unobservable, check_observable
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.design.tours import positive_approach_shares
-from campaigns.errors import PlanInvalid
+from campaigns.errors import ConfigInvalid, PlanInvalid
 from campaigns.estimation import tracker_noise
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
+    LEAST_SHARE,
     Uncertainty,
     WorkspaceSample,
     common_by_distances,
@@ -25,6 +26,7 @@ from campaigns.estimation.lack_of_fit import undetected_by_points
 from campaigns.estimation.observability import Observability
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.transmission import GAIN, approach_along
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.robots.robot import RobotFile
@@ -177,15 +179,34 @@ def judged_positions(
     free: tuple[str, ...],
     shots: Sequence[PlannedShot],
 ) -> WorkspaceSample:
-    """Positions that are judged, the same for every plan of a robot.
+    """Positions that are judged, by parameters that can be told apart there.
 
-    At the plan's own poses where hardly any others can be taken. Raises `PlanInvalid`.
+    Raises `PlanInvalid`, and `ConfigInvalid` as `sample_positions` does.
     """
-    poses = sample_workspace(robot.kinematics, robot.limits, centre, space)
-    if poses is None:
-        poses = poses_of(shots)
-    sample = WorkspaceSample.of(robot.kinematics, free, poses)
+    model = RobotModel(robot.kinematics, robot.limits, centre, space)
+    sample = sample_positions(model, free, shots)
     require_identifiable(sample)
+    return sample
+
+
+def sample_positions(
+    robot: RobotModel, free: tuple[str, ...], shots: Sequence[PlannedShot]
+) -> WorkspaceSample:
+    """Positions all over the workspace, the same for every plan of a robot.
+
+    At the plan's own poses where hardly any others can be taken. Raises `ConfigInvalid` for a robot
+    that cannot be assembled there.
+    """
+    poses = sample_workspace(robot.kinematics, robot.limits, robot.centre, robot.space)
+    if poses is None:
+        poses = poses_of(shots).reshape(-1, len(robot.centre))
+    sample = WorkspaceSample.of_workspace(robot.kinematics, free, poses)
+    if sample is None:
+        raise ConfigInvalid(
+            f"robot.yaml: the robot can be assembled at {robot.kinematics.assembles(poses).sum()} "
+            f"of {len(poses)} poses of its workspace (limit {100.0 * LEAST_SHARE:g} %)",
+            remedy="correct its geometry and limits",
+        )
     return sample
 
 

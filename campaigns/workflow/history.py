@@ -75,13 +75,13 @@ def history(campaigns: Sequence[Campaign], now: datetime) -> History:
     mechanism = campaign.robot.mechanism
     units = {name: mechanism.parameters[name].unit for name in mechanism.parameters.names}
     found = trends(epochs, units)
-    names, sample, points = [each.name for each in found if each.drifts], None, np.empty((0, 3))
+    names, sample = [each.name for each in found if each.drifts], None
     poses = campaign.workspace_sample() if names else None
     if poses is not None:
         robot = Kinematics.of(mechanism, latest.flat())
-        sample, points = WorkspaceSample.of(robot, names, poses), poses[:, :3]
+        sample = WorkspaceSample.of_workspace(robot, names, poses)
     limit_mm = campaign.config.acceptance.distance_mean_mm
-    due = next_check(epochs, found, sample, points, limit_mm, now)
+    due = next_check(epochs, found, sample, limit_mm, now)
     return History(epochs, found, due, (*_bases(campaigns),), (*_notes(epochs),))
 
 

@@ -28,8 +28,7 @@ KINS = Path("/usr/lib/python3/dist-packages")
 
 
 def workspace_of(member, robot, count=300):
-    poses = member.poses(count)
-    return Workspace.of(robot, poses[robot.inverse(poses).found])
+    return Workspace.of(robot, member.poses(count))
 
 
 def slightly_tilted(member):

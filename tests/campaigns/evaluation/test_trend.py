@@ -34,8 +34,8 @@ def told(epochs, *, limit_mm=None, now=START):
     jacobian = np.zeros((2, 3, len(UNITS)))
     jacobian[1] = [[1.0], [1.0], [0.0]]
     points = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0]])
-    sample = WorkspaceSample(tuple(UNITS), jacobian)
-    return found, next_check(epochs, found, sample, points, limit_mm, now)
+    sample = WorkspaceSample(tuple(UNITS), jacobian, points)
+    return found, next_check(epochs, found, sample, limit_mm, now)
 
 
 def test_a_slope_is_recovered_and_scatters_by_its_std():

@@ -40,6 +40,6 @@ def told(asked: object) -> object:
 def looked_for_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RobotModel, "safe_path", remembered(RobotModel.safe_path))
-        sample_workspace = remembered(uncertainty_monitor.sample_workspace)
-        patch.setattr(uncertainty_monitor, "sample_workspace", sample_workspace)
+        sample_positions = remembered(uncertainty_monitor.sample_positions)
+        patch.setattr(uncertainty_monitor, "sample_positions", sample_positions)
         yield

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from par4_space import FREE_BY_DEFAULT, SPACE
 
-from campaigns.design.pose_sampling import workspace_poses
-from campaigns.errors import PlanInvalid
+from campaigns.design.pose_sampling import sample_workspace, workspace_poses
+from campaigns.design.restricted_space import Disc, RestrictedSpace, Zone
+from campaigns.errors import ConfigInvalid, PlanInvalid
 from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.observability import observability
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning import plans, predicted_uncertainty
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
@@ -32,6 +35,39 @@ REGION = plans.region_of(GEOMETRY, ROBOT.limits, VIEW, CENTRE)
 def planned(shots, seed=1):
     request = plans.PlanRequest(shots, 4, 2, CENTRE)
     return plans.make_plan(ROBOT, VIEW, request, np.random.default_rng(seed))
+
+
+def shortened(name, by_mm):
+    """Shipped robot's model with shorter forearms, which cannot take all of its poses."""
+    robot = find_robot(name).robot
+    p, space = robot.kinematics.p.copy(), robot.mechanism.parameters
+    p[space.places(space.of_field("forearm_mm"))] -= by_mm
+    return Kinematics(robot.mechanism, p), robot
+
+
+@pytest.mark.parametrize(("name", "by_mm"), [("i4l", 50.0), ("i4r", 200.0)])
+def test_poses_that_a_robot_cannot_take_are_left_out_of_its_sample_and_counted(name, by_mm):
+    """Out of reach, or, of one pose of the I4R, in another assembly mode."""
+    short, robot = shortened(name, by_mm)
+    free = robot.mechanism.parameters.free_by_default
+    poses = sample_workspace(robot.kinematics, robot.limits, robot.workspace_centre)
+    assert information.WorkspaceSample.of_workspace(robot.kinematics, free, poses).left_out == 0
+    with pytest.raises(NoSolution):
+        information.WorkspaceSample.of(short, free, poses)
+    sample = information.WorkspaceSample.of_workspace(short, free, poses)
+    taken = poses[short.forward(short.inverse(poses).values, poses).found]
+    np.testing.assert_array_equal(sample.poses, taken)
+    assert 0 < sample.left_out == len(poses) - len(sample.poses)
+    again = information.WorkspaceSample.of(short, free, taken)
+    np.testing.assert_array_equal(sample.jacobian, again.jacobian)
+
+
+def test_a_robot_that_takes_hardly_a_pose_is_refused_with_what_to_correct(plan):
+    short, _ = shortened("par4-prototype", 400.0)
+    elsewhere = Zone("cabinet", Disc((9000.0, 0.0), 1.0), (0.0, 1.0), keeps_in=True)
+    robot = RobotModel(short, ROBOT.limits, REGION.centre, RestrictedSpace((elsewhere,)))
+    with pytest.raises(ConfigInvalid, match=r"at \d of 70 poses of its workspace \(limit 10 %\)"):
+        predicted_uncertainty.sample_positions(robot, FREE_BY_DEFAULT, plan)
 
 
 @pytest.fixture(scope="module")
