@@ -5,7 +5,7 @@ on the straight line to the pose as well, or on straight parts of the way: which
 pose takes is the controller's choice.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,15 +16,7 @@ from campaigns.arrays import Array, Index, Mask
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.roadmap import Roadmap
 from campaigns.design.tours import travel_rad
-from campaigns.mechanisms.mechanism import (
-    Axis,
-    Feasibility,
-    Kinematics,
-    Limits,
-    NoSolution,
-    Violation,
-    outside,
-)
+from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits, Violation, outside
 
 Joints = tuple[float, ...]
 Stop = tuple[str, Array]
@@ -56,6 +48,8 @@ WAYS_AHEAD = 100
 """Ways of a plan worked out at once."""
 MOVES_AT_ONCE = 500
 """Joint moves looked at together: bounds the memory that many take."""
+POINTS_AT_ONCE = 20_000
+"""Likewise points on moves in a restricted space."""
 
 REASONS = {
     Violation.TASK_LIMIT: "{limited} leaves its limits",
@@ -82,7 +76,7 @@ class RobotModel:
         """First fault on the coordinated move between joints, if any."""
         fault = self._motion_fault(start, end)
         if fault is None and self.space.is_restricted:
-            return self._space_fault(start, end)
+            return self._space_faults(start[None], end[None])[0]
         return fault
 
     def are_safe(self, ways: Array) -> Mask:
@@ -103,9 +97,9 @@ class RobotModel:
             safe[some] = np.bincount(move, weights=bad) == 0
         whole: Mask = np.asarray(safe.reshape(legs, count).all(axis=0))
         if self.space.is_restricted:
-            for row in np.flatnonzero(whole):
-                moves = pairwise(ways[:, row])
-                whole[row] = all(self._space_fault(here, there) is None for here, there in moves)
+            starts, ends = (each[:, whole].reshape(-1, joints) for each in (ways[:-1], ways[1:]))
+            clear = np.array([fault is None for fault in self._space_faults(starts, ends)])
+            whole[whole] = clear.reshape(legs, -1).all(axis=0)
         return whole
 
     def standing_fault(self, joints: Array) -> str:
@@ -212,52 +206,68 @@ class RobotModel:
         p = self.kinematics.p
         return self.kinematics.mechanism.path_feasibility(p, passing, joints, poses)
 
-    def _space_fault(self, start: Array, end: Array) -> PathFault | None:
-        """Zone that is entered on the way, or on straight lines that a controller may take."""
+    def _space_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
+        """Zone that is entered on each move (M, n), or on straight lines a controller may take."""
+        found: list[PathFault | None] = [("the mechanism cannot be assembled", 0.0)] * len(starts)
         space = self.space
-        try:
-            points, bulge_mm = self._fine_path(start, end)
-        except NoSolution:
-            return "the mechanism cannot be assembled", 0.0
-        steps = len(points) - 1
-        starts, ends = points[:-1], points[1:]
-        for parts in PARTS:
-            corners = points[:: steps // parts]
-            starts, ends = np.vstack([starts, corners[:-1]]), np.vstack([ends, corners[1:]])
-        clearance = space.line_clearance_mm(starts, ends)
-        clearance[:steps] -= bulge_mm[:, None]
-        standing = space.clearance_mm(points[[0, -1]]).min(axis=0)
-        least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
-        wrong = clearance < least
-        if not wrong.any():
+        for moves, points, bulge_mm in self._fine_paths(starts, ends):
+            steps = bulge_mm.shape[1]
+            corners = [points, *(points[:, :: steps // parts] for parts in PARTS)]
+            here = np.concatenate([each[:, :-1] for each in corners], axis=1)
+            there = np.concatenate([each[:, 1:] for each in corners], axis=1)
+            clearance = space.line_clearance_mm(here.reshape(-1, 3), there.reshape(-1, 3))
+            clearance = clearance.reshape(*here.shape[:2], -1)
+            clearance[:, :steps] -= bulge_mm[:, :, None]
+            standing = space.clearance_mm(points[:, [0, -1]].reshape(-1, 3))
+            standing = standing.reshape(len(moves), 2, -1).min(axis=1)
+            least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
+            entered = clearance < least[:, None]
+            for place, move in enumerate(moves.tolist()):
+                found[move] = self._entered(clearance[place], entered[place], steps)
+        return found
+
+    def _entered(self, clearance_mm: Array, entered: Mask, steps: int) -> PathFault | None:
+        """First zone that is entered on lines (L, Z) of a move, of which its steps come first."""
+        if not entered.any():
             return None
-        row = int(np.argmax(wrong.any(axis=1)))
-        zone = int(np.argmin(np.where(wrong[row], clearance[row], np.inf)))
+        row = int(np.argmax(entered.any(axis=1)))
+        zone = int(np.argmin(np.where(entered[row], clearance_mm[row], np.inf)))
         reason = (
-            f"the plate{space.reach_text} would pass {-clearance[row, zone]:.3g} mm beyond the "
-            f"wall of {space.zones[zone].name}"
+            f"the plate{self.space.reach_text} would pass {-clearance_mm[row, zone]:.3g} mm beyond "
+            f"the wall of {self.space.zones[zone].name}"
         )
         return reason, row / steps if row < steps else 0.0
 
-    def _fine_path(self, start: Array, end: Array) -> tuple[Array, Array]:
-        """Points (K + 1, 3) of a coordinated move, and how far it may be from each chord, (K,).
+    def _fine_paths(self, starts: Array, ends: Array) -> Iterator[tuple[Index, Array, Array]]:
+        """Points of coordinated moves (M, n), and how far these may be from the chords between.
 
-        By the sagitta, from second differences: points are so near each other that it is next to
-        none. Raises `NoSolution`.
+        Of G moves that take as many: their numbers, points (G, K + 1, 3) and distances (G, K), by
+        the sagitta, from second differences: points are so near each other that it is next to none.
+        Moves on which the mechanism cannot be assembled are left out.
         """
-        kinematics = self.kinematics
-        turn = float(np.abs(kinematics.comparable(end - start)).max())
-        steps = PARTS[-1] * max(1, int(np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])))
-        for _ in range(HALVINGS):
-            part = np.linspace(0.0, 1.0, steps + 1)[:, None]
-            points = kinematics.forward(start + part * (end - start)).values_or_raise()[:, :3]
-            second = np.linalg.norm(np.diff(points, 2, axis=0), axis=1)
-            around = np.maximum(np.r_[second[0], second], np.r_[second, second[-1]])
+        turn = np.abs(self.kinematics.comparable(ends - starts)).max(axis=1)
+        steps = PARTS[-1] * np.maximum(1, np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])).astype(int)
+        left, least = np.arange(len(steps)), steps.copy()
+        while left.size:
+            own = int(steps[left].min())
+            some = left[steps[left] == own][: max(1, POINTS_AT_ONCE // (own + 1))]
+            part = np.linspace(0.0, 1.0, own + 1)[:, None]
+            joints = starts[some, None] + part * (ends - starts)[some, None]
+            solution = self.kinematics.forward(joints.reshape(-1, joints.shape[-1]))
+            assembled = solution.found.reshape(len(some), -1).all(axis=1)
+            points = solution.values[:, :3].reshape(len(some), -1, 3)
+            second = np.linalg.norm(np.diff(points, 2, axis=1), axis=2)
+            around = np.maximum(
+                np.concatenate([second[:, :1], second], axis=1),
+                np.concatenate([second, second[:, -1:]], axis=1),
+            )
             bulge_mm = CURVATURE_RESERVE * around / 8.0
-            if bulge_mm.max() <= FLAT_MM:
-                break
-            steps *= 2
-        return points, bulge_mm
+            last = own >= least[some] * 2 ** (HALVINGS - 1)
+            fine = assembled & (last | (bulge_mm.max(axis=1) <= FLAT_MM))
+            if fine.any():
+                yield some[fine], points[fine], bulge_mm[fine]
+            steps[some[~fine]] *= 2
+            left = np.setdiff1d(left, some[fine | ~assembled])
 
     @cached_property
     def _roadmap(self) -> Roadmap:

@@ -21,6 +21,7 @@ from campaigns.design.restricted_space import (
 )
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
@@ -206,6 +207,20 @@ def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
         == alone
         == [True, False, False, False]
     )
+
+
+def test_moves_in_a_space_are_judged_together_as_one_by_one(monkeypatch):
+    rng = np.random.default_rng(7)
+    poses = CENTRE + rng.uniform(-1.0, 1.0, (12, 4)) * (220.0, 220.0, 120.0, 0.3)
+    poses[::3] = poses[1::3] + 0.1 * (poses[::3] - poses[1::3])  # short moves beside long ones
+    stops = NOMINAL.inverse(poses).values_or_raise()
+    one_by_one = [FENCED.fault(here, there) for here, there in pairwise(stops)]
+    monkeypatch.setattr(paths, "POINTS_AT_ONCE", 200)
+    clear = [fault is None for fault in one_by_one]
+    assert FENCED.are_safe(np.stack([stops[:-1], stops[1:]])).tolist() == clear
+    assert 2 < sum(clear) < 9
+    ways = np.stack([stops[:-2], stops[1:-1], stops[2:]])
+    assert FENCED.are_safe(ways).tolist() == [all(both) for both in pairwise(clear)]
 
 
 def test_lines_that_fit_the_robot_fit_its_space_too():
