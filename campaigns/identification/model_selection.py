@@ -30,6 +30,8 @@ from campaigns.shots.shots import Shots
 from campaigns.shots.warmth import FINER, Course, by_temperature, courses, finer
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
+SCALE = "ratio"
+"""Cause of all joints' ratios together."""
 VERY_STRONG = 10.0
 """Difference of the criterion, after Kass and Raftery (1995)."""
 MOST_TERMS = 8
@@ -62,6 +64,14 @@ class _Candidate:
     problem: str = ""
     course: Course | None = None
     """Of warmth, by which it lets the robot grow."""
+    added: tuple[tuple[str, frozenset[str]], ...] = ()
+    """Causes whose terms were added to a model of the geometry, with the names of these."""
+    alike: float = math.inf
+    """Schwarz's criterion where pitches of carriages are off alike, averaged over the courses."""
+
+    @property
+    def space(self) -> ParameterSpace:
+        return self.nominal.mechanism.parameters
 
     @property
     def parameters(self) -> int:
@@ -87,7 +97,9 @@ class _Candidate:
 
     def instead(self, name: str, known: ParameterSelection) -> "_Candidate":
         """Another one of the same shots, identified."""
-        other = replace(self, name=name, known=known, found=None, tested=None, problem="")
+        other = replace(
+            self, name=name, known=known, found=None, tested=None, problem="", alike=math.inf
+        )
         backlash = {*known.free} & {*self.nominal.mechanism.parameters.backlashes}
         if backlash and not self.shots.knows_approach:
             return replace(other, problem="the shots do not say how their joints came")
@@ -97,6 +109,40 @@ class _Candidate:
         except CampaignError as error:
             return replace(other, problem=error.problem)
         return replace(other, found=found, tested=tested, possible=possible)
+
+    def adding(self, cause: str, names: Collection[str], terms: ParameterSelection) -> "_Candidate":
+        """The same with the terms of a cause too, and with what is known of them before."""
+        wanted = {*self.known.free, *names}
+        of_terms = {name: std for name, std in terms.priors.items() if name in names}
+        free = tuple(name for name in self.space.model if name in wanted)
+        known = ParameterSelection(free, {**self.known.priors, **of_terms})
+        other = self.instead(f"{self.name}+{cause}", known)
+        return replace(other, added=(*self.added, (cause, frozenset(names))))
+
+    def without(self, place: int) -> "_Candidate":
+        """The same without the terms of one of its causes, but for those of the others."""
+        _, names = self.added[place]
+        added = self.added[:place] + self.added[place + 1 :]
+        others = frozenset[str]().union(*(own for _, own in added))
+        if names <= others:
+            return self.named_by(added)
+        known, space = _narrowed(self.known, {*self.known.free} - (names - others)), self.space
+        yields = any(cause.startswith(YIELDING) for cause, _ in added)
+        options = replace(self.options, yielding=yields)
+        like = replace(self, options=options)
+        if options.ripple_p is not None and not any(space[name].is_ripple for name in known.free):
+            mechanism = self.nominal.mechanism.with_ripples(0.0)
+            like = replace(
+                like,
+                nominal=replace(self.nominal, mechanism=mechanism),
+                options=replace(options, ripple_p=None),
+            )
+        return like.instead(self.name, known).named_by(added)
+
+    def named_by(self, added: tuple[tuple[str, frozenset[str]], ...]) -> "_Candidate":
+        """The same by its model of the geometry and these causes."""
+        causes = (cause for cause, _ in added)
+        return replace(self, name="+".join([self.name.partition("+")[0], *causes]), added=added)
 
     def warmed(self, course: Course) -> "_Candidate":
         """The same with shots as warm as a course says."""
@@ -225,7 +271,8 @@ def select_model(
         best = next(each for each in larger if each.name == asked)
     if best.tested is None:
         return identify(nominal, shots, best.known, options)
-    compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
+    named = (best if each.found is best.found else each for each in (standard, *larger))
+    compared = tuple(_compared(each, standard, best) for each in named)
     warmth = None if best.course is None else best.course.told
     return replace(best.tested(), models=compared, warmth=warmth)
 
@@ -233,20 +280,28 @@ def select_model(
 def _with_terms(best: _Candidate, terms: ParameterSelection, tried: list[_Candidate]) -> _Candidate:
     """The best with terms added, of the cause that is most significant beside it each time.
 
-    Forward selection: what is objected to is not tried again, what is not is the next best. All of
-    them are appended to those that were tried.
+    Stepwise selection: what is objected to is not tried again, what is not is the next best, which
+    then is tried without each of those before. All of them are appended to those that were tried.
     """
     space, allowed = best.nominal.mechanism.parameters, {*terms.free} - {*best.known.free}
     begun = best.course is not None or _grows(best)
     if best.course is None and begun:
-        for warmed in _with_warmth(best, terms):
+        cold = best
+        for warmed in _with_warmth(cold, terms):
             tried.append(warmed)
-            best = best if _objection(warmed, best) else warmed
+            best = best if _objection(warmed, cold) else warmed
+        for warmed in _grown_alike(cold, best, terms):
+            tried.append(warmed)
+            best = best if _objection(warmed, cold) else warmed
     for _ in range(MOST_TERMS):
         more = _lacking_terms(best, allowed, space) or _terms_of_others(best, allowed, space)
         if more is None:
             break
         cause, names, numbers = more
+        if cause == SCALE and not begun and _hides_growth(best):
+            begun = True
+            if (grown := _with_late_growth(best, terms, tried)) is not best:
+                return _with_terms(grown, terms, tried)
         like, rate = best, numbers.get("per_turn", numbers.get("period_mm"))
         if rate is not None and not best.nominal.mechanism.rate:
             mechanism = best.nominal.mechanism.with_ripples(float(rate))
@@ -255,12 +310,33 @@ def _with_terms(best: _Candidate, terms: ParameterSelection, tried: list[_Candid
             like = replace(best, nominal=nominal, options=options)
         if cause.startswith(YIELDING):
             like = replace(like, options=replace(like.options, yielding=True))
-        known = _widened(best.known, terms, names, space)
-        tried.append(like.instead(f"{best.name}+{cause}", known))
+        tried.append(like.adding(cause, names, terms))
         allowed -= names
-        best = best if _objection(tried[-1], best) else tried[-1]
+        best = best if _objection(tried[-1], best) else _needed(tried[-1], best, tried)
     grown = best if begun else _with_late_growth(best, terms, tried)
     return best if grown is best else _with_terms(grown, terms, tried)
+
+
+def _needed(best: _Candidate, before: _Candidate, tried: list[_Candidate]) -> _Candidate:
+    """The best without terms that its last ones do instead of, the cause that gains most first.
+
+    It had been without the last ones `before`.
+    """
+    gains = [_price(before) - _likely(best)]
+    for place in reversed(range(len(best.added) - 1)):
+        smaller = best.without(place)
+        if smaller.found is best.found:  # growth has these pitches too
+            needed, gain = best.alike > _price(best), math.inf
+        else:
+            tried.append(smaller)
+            needed = smaller.found is None or not _objection(best, smaller)
+            gain = _price(smaller) - _price(best)
+        if needed:
+            gains.insert(0, gain)
+        else:
+            best = smaller
+    order = sorted(range(len(gains)), key=lambda place: -gains[place])
+    return best.named_by(tuple(best.added[place] for place in order))
 
 
 def _with_late_growth(
@@ -268,13 +344,12 @@ def _with_late_growth(
 ) -> _Candidate:
     """The best with growth that shows beside its terms, or that carriages' scale hides.
 
-    Such a scale may as well be off all the time. Growth explains part of any step, and a scale part
-    of a wrong reflector: what it leaves must show neither.
+    Such a scale may as well be off all the time: the likelier of both is taken. Growth explains
+    part of any step, and a scale part of a wrong reflector: what it leaves must show neither.
     """
     hidden = _hides_growth(best)
     others = [_with_pitches(best, terms)] if hidden else []
     others += _with_warmth(best, terms) if hidden or _grows(best) else ()
-    tried += others
     unexplained = {CHANGE, LACK} if hidden else {CHANGE}
 
     def explains(each: _Candidate) -> bool:
@@ -282,7 +357,47 @@ def _with_late_growth(
         return not unexplained & {doubt.name for doubt in doubts}
 
     worthy = [each for each in others if not _objection(each, best) and explains(each)]
-    return min(worthy, key=_price, default=best)
+    chosen = min(worthy, key=_price, default=best)
+    if hidden and explains(others[0]):
+        for grown in _grown_alike(best, chosen, terms):
+            others.append(grown)
+            chosen = grown if not _objection(grown, best) and explains(grown) else chosen
+    tried += others
+    return best if chosen is best else _needed(chosen, best, tried)
+
+
+def _grown_alike(
+    best: _Candidate, chosen: _Candidate, terms: ParameterSelection
+) -> Iterator[_Candidate]:
+    """Candidate with growth by the course that explains most where pitches are off alike.
+
+    None where a scale that is off all the time is likelier, or what was chosen: pitches that are
+    off each by itself. Of the courses nobody knows which is true: their mean likelihood counts.
+    """
+    growing = [name for name in terms.free if name in best.space.thermal]
+    pitches = _pitches(best, terms)
+    if not growing or not pitches:
+        return
+
+    def alike(course: Course) -> float:
+        """Criterion of pitches as robot.yaml says, but for growth of the rails by a course."""
+        warmed = best.warmed(course)
+        added = (warmed.adding("warmth", names, terms) for names in (growing, growing[:1]))
+        return min(map(_price, added))
+
+    on_stand = compensated(best.shots, best.options)[0]
+    coarse = courses(on_stand, best.options.reference_degC)
+    prices = [alike(course.begun) for course in coarse]
+    mean = scipy.special.logsumexp(-0.5 * np.array(prices)) - math.log(len(prices))
+    price, steady = float(-2.0 * mean), alike(Course("time", np.ones(len(best.shots))))
+    if price >= min(steady, _price(chosen)):
+        return
+    least, course = min(zip(prices, coarse, strict=True), key=lambda each: each[0])
+    for factor in FINER:
+        for near in finer(on_stand, course, factor):
+            if (found := alike(near.begun)) < least:
+                least, course = found, near
+    yield replace(best.warmed(course).adding("warmth", {*growing, *pitches}, terms), alike=price)
 
 
 def _hides_growth(best: _Candidate) -> bool:
@@ -296,9 +411,16 @@ def _hides_growth(best: _Candidate) -> bool:
 
 def _with_pitches(best: _Candidate, terms: ParameterSelection) -> _Candidate:
     """Candidate that takes up a scale that is off without any growth."""
-    space = best.nominal.mechanism.parameters
-    pitches = {*terms.free} & {*space.of_field(GAIN.name)}
-    return best.instead(f"{best.name}+ratio", _widened(best.known, terms, pitches, space))
+    return best.adding(SCALE, _pitches(best, terms), terms)
+
+
+def _pitches(best: _Candidate, terms: ParameterSelection) -> set[str]:
+    """Terms of carriages' scales, which are right before rails grow; empty of cranks.
+
+    Parameters are stated as the run ends, when rails have grown.
+    """
+    is_revolute = best.nominal.mechanism.joints[0].is_revolute
+    return set() if is_revolute else {*terms.free} & {*best.space.of_field(GAIN.name)}
 
 
 def _with_more_parts(
@@ -308,12 +430,12 @@ def _with_more_parts(
 
     Errors of gears that no model held before hide what parts do, from hold-out pairs too.
     """
-    _, plus, added = best.name.partition("+")
+    _, _, added = best.name.partition("+")
     own = [name for name in best.known.free if name in terms.free]
     for name, model in models.items() if own else ():
-        known = _widened(model, terms, own, best.nominal.mechanism.parameters)
-        if {*best.known.free} < {*known.free}:
-            yield best.instead(f"{name}{plus}{added}", known)
+        if {*best.known.free} < {*model.free, *own}:
+            like = replace(best, name=name, known=model, added=())
+            yield replace(like.adding(added, own, terms), added=best.added)
 
 
 def _grows(best: _Candidate) -> bool:
@@ -332,15 +454,12 @@ def _with_warmth(best: _Candidate, terms: ParameterSelection) -> Iterator[_Candi
     """
     space, options = best.nominal.mechanism.parameters, best.options
     growing = [name for name in terms.free if name in space.thermal]
-    on_rails = not best.nominal.mechanism.joints[0].is_revolute
-    # a rail's scale is right before it grows, and parameters are stated as it ends
-    pitches = [n for n in terms.free if on_rails and n in space.of_field(GAIN.name)]
+    pitches = _pitches(best, terms)
     on_stand = compensated(best.shots, options)[0]
     for names in (growing, growing[:1]) if growing else ():
-        known = _widened(best.known, terms, [*names, *pitches], space)
 
-        def by(course: Course, known: ParameterSelection = known) -> _Candidate:
-            return best.warmed(course).instead(f"{best.name}+warmth", known)
+        def by(course: Course, names: list[str] = names) -> _Candidate:
+            return best.warmed(course).adding("warmth", [*names, *pitches], terms)
 
         cheapest = min(map(by, courses(on_stand, options.reference_degC)), key=_price)
         for factor in FINER if not _objection(cheapest, best) else ():
@@ -408,21 +527,13 @@ def _narrowed(full: ParameterSelection, allowed: set[str]) -> ParameterSelection
     )
 
 
-def _widened(
-    known: ParameterSelection,
-    terms: ParameterSelection,
-    names: Collection[str],
-    space: ParameterSpace,
-) -> ParameterSelection:
-    """Selection with some of the terms too, and with what is known of them before."""
-    wanted = {*known.free, *names}
-    of_terms = {name: std for name, std in terms.priors.items() if name in names}
-    free = tuple(name for name in space.model if name in wanted)
-    return ParameterSelection(free, {**known.priors, **of_terms})
-
-
 def _price(candidate: _Candidate) -> float:
     return math.inf if candidate.bic is None else candidate.bic
+
+
+def _likely(candidate: _Candidate) -> float:
+    """Price by what is known before: pitches are off each by itself, or alike."""
+    return min(_price(candidate), candidate.alike)
 
 
 def _objection(candidate: _Candidate, standard: _Candidate) -> str:
@@ -439,11 +550,12 @@ def _objection(candidate: _Candidate, standard: _Candidate) -> str:
     if candidate.unseen_rms_mm is None or standard.unseen_rms_mm is None:
         return "no hold-out pairs to support it"
     is_better = candidate.unseen_rms_mm < standard.unseen_rms_mm
-    if not is_better and _price(candidate) > _price(standard) - VERY_STRONG:
+    price = _likely(candidate) if math.isinf(standard.alike) else _price(candidate)
+    if not is_better and price > _price(standard) - VERY_STRONG:
         return "hold-out pairs are no better with it"
     if _is_worse(candidate, standard):
         return "hold-out pairs are worse with it, beyond chance"
-    if _price(candidate) >= _price(standard):
+    if price >= _price(standard):
         return "its gain is not worth its parameters (BIC)"
     return ""
 

@@ -57,6 +57,12 @@ class Course:
         }
 
     @property
+    def begun(self) -> "Course":
+        """The same, 0 where nothing has grown: at the start, or at the reference temperature."""
+        known = self.reference_degC is not None
+        return self if known else replace(self, values=self.values - self.values.min(initial=0.0))
+
+    @property
     def passed(self) -> Array:
         """Part of the change that has come about, from 0 to 1, (N,)."""
         return np.asarray((self.values - self.values.min()) / np.ptp(self.values))

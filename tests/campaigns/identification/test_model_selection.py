@@ -22,10 +22,12 @@ from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification import change
-from campaigns.identification.identify import identify
+from campaigns.identification.identify import fitted, identify
 from campaigns.identification.model_selection import (
     FULL,
     STANDARD,
+    _Candidate,
+    _needed,
     asked_of,
     bic,
     candidate_models,
@@ -206,6 +208,23 @@ def test_terms_that_are_fixed_are_not_added():
 def test_a_robot_without_gears_errors_gets_no_term_of_them():
     named = [kept(of_auto(geared(seed=seed)[0])) for seed in range(2)]
     assert not any("+" in name for name in named)
+
+
+def test_of_several_causes_the_one_that_gains_most_is_told_first_and_none_that_is_not_needed():
+    data, _ = geared(encoder_gain_ppm=800.0, eccentricity_cos_deg=0.05)
+    terms, options = terms_to_add(SPACE, Model.AUTO), IdentificationOptions()
+    fit = fitted(NOMINAL, data, USUAL, options)
+    standard, tried = _Candidate(STANDARD, USUAL, NOMINAL, data, options, *fit), []
+
+    def of(stem):
+        return {name for name in terms.free if stem in name}
+
+    before = standard.adding("backlash", of("backlash"), terms).adding("ratio", of("gain"), terms)
+    best = _needed(before.adding("eccentricity", of("eccentricity"), terms), before, tried)
+    assert best.name == "standard+eccentricity+ratio"
+    assert not {*best.known.free} & {*BACKLASH_NAMES}
+    assert {*best.known.free} >= of("gain") | of("eccentricity")
+    assert [each.name for each in tried][-1] == "standard+ratio+eccentricity"
 
 
 def test_a_cause_that_is_but_possible_is_tried_and_is_no_doubt_of_what_is_kept():

@@ -13,9 +13,10 @@ from app.report.model_sections import warmth_in_words
 from campaigns.arrays import Array
 from campaigns.estimation.estimators import Model
 from campaigns.identification import model_selection
-from campaigns.identification.identify import identify
+from campaigns.identification.identify import fitted, identify
 from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
-from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
 from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shots import Shots
@@ -102,11 +103,15 @@ RAILS = Member("i4l")
 
 
 def on_rails(
-    passed: Array, stand_mm: float = 0.0, gain_ppm: float = 0.0, **growth_ppm: float
+    passed: Array,
+    stand_mm: float = 0.0,
+    gain_ppm: float = 0.0,
+    member: Member = RAILS,
+    **growth_ppm: float,
 ) -> Shots:
     """Shots of an I4L whose parts grow, or whose tracker's stand moves, as time passes."""
-    robot, plain = RAILS.nominal, simulated(60, 20, 4)
-    poses = RAILS.reachable_poses(robot, len(plain), seed=5)
+    robot, plain = member.nominal, simulated(60, 20, 4)
+    poses = member.reachable_poses(robot, len(plain), seed=5)
     readings = robot.inverse(poses).values_or_raise()
     joints = (1.0 + 1e-6 * gain_ppm) * readings
     grown = robot.mechanism.grown(robot.parameters, growth_ppm)
@@ -161,3 +166,29 @@ def test_growth_that_shows_beside_other_terms_alone_is_taken_up_then(
     assert asked[0]
     assert found.warmth is not None
     assert found.verdict == "pass"
+
+
+def of_carriages(**error_ppm: float) -> tuple[model_selection._Candidate, ParameterSelection]:
+    """Standard model of a linear Delta whose parts grow, or whose pitches are off, and terms."""
+    member = Member("linear-delta")
+    shots = on_rails(np.expm1(-5.0 * TIME) / np.expm1(-5.0), member=member, **error_ppm)
+    known, options = select_parameters(member.space), IdentificationOptions()
+    fit = fitted(member.nominal, shots, known, options)
+    standard = model_selection._Candidate("standard", known, member.nominal, shots, options, *fit)
+    return standard, terms_to_add(member.space, Model.AUTO)
+
+
+def test_a_scale_that_comes_with_time_is_growth_of_the_rails_where_pitches_are_off_alike() -> None:
+    parts = Member("linear-delta").space.thermal
+    standard, terms = of_carriages(**dict(zip(parts, (30.0, 15.0, 15.0), strict=True)))
+    pitches = model_selection._with_pitches(standard, terms)
+    [grown] = model_selection._grown_alike(standard, pitches, terms)
+    assert grown.name == "standard+warmth"
+    assert grown.alike < pitches.bic < grown.bic, "its pitches each by itself cost more"
+    found = grown.found.parameters["arm_expansion_ppm"]
+    assert abs(found.value - 30.0) < 3.0 * found.std
+
+
+def test_a_scale_that_is_off_all_the_time_is_no_growth() -> None:
+    standard, terms = of_carriages(gain_ppm=30.0)
+    assert not [*model_selection._grown_alike(standard, standard, terms)]
