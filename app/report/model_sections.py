@@ -165,7 +165,7 @@ def hidden_in_words(found: IdentificationResult) -> str:
     known, worst = found.covariance, dict[str, tuple[float, str]]()
     for name, unit in zip(known.names, known.units, strict=False) if known else ():
         for cause, by_name in found.hidden.items():
-            one = by_name[name], f"{name} ({cause})"
+            one = by_name.get(name, 0.0), f"{name} ({cause})"
             worst[unit] = max(worst.get(unit, one), one)
     each = ", ".join(f"{most:.2g} {unit} of {what}" for unit, (most, what) in worst.items())
     return f"undetected in 1 of 5 campaigns, at most: {each}" if each else ""

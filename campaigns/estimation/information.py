@@ -432,6 +432,27 @@ class Uncertainty:
             self, names=kept, matrix=rows, units=units, common=common, undetected=undetected
         )
 
+    def with_exact(self, units: Mapping[str, str]) -> "Uncertainty":
+        """The same with further parameters, by name, mm or deg, that are known exactly."""
+        new = tuple(name for name in units if name not in self.names)
+        none = (0.0,) * len(new)
+        rows = (
+            *((*row, *none) for row in self.matrix),
+            *[(0.0,) * len(self.names) + none] * len(new),
+        )
+        common, undetected = (
+            {name: (*changes, *none) for name, changes in each.items()}
+            for each in (self.common, self.undetected)
+        )
+        return replace(
+            self,
+            names=self.names + new,
+            matrix=rows,
+            units=self.units and (*self.units, *(units[name] for name in new)),
+            common=common,
+            undetected=undetected,
+        )
+
     def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
         """The same once some have been added to others: by a name, others' derivatives by it."""
         if not self.full_rank:

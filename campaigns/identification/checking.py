@@ -96,8 +96,18 @@ class StoredCalibration:
 
     def can_repair(self, judged: CalibrationCheck) -> bool:
         """Whether each part that a check names has a parameter among those that are known."""
+        known = {*self.with_moved(judged.of_robot).known.names}
         moved = [{*moved_by(each, self.kinematics)} for each in judged.of_robot]
-        return bool(moved) and all({*self.known.names} & each for each in moved)
+        return bool(moved) and all(known & each for each in moved)
+
+    def with_moved(self, changes: tuple[PartChange, ...]) -> "StoredCalibration":
+        """The same, the parameters of parts that moved among those known, the new ones exactly.
+
+        A first rail's encoder held the base frame: the other rails hold it where it was.
+        """
+        parts = [moved_by(each, self.kinematics) for each in changes if each.kind != "growth"]
+        units = {name: self.space[name].unit for part in parts for name in part}
+        return replace(self, found=replace(self.found, covariance=self.known.with_exact(units)))
 
     def observations(
         self, shots: Shots, instrument: TrackerUncertainty, at: Mapping[str, float]
@@ -311,9 +321,10 @@ def repaired_estimate(
 ) -> tuple[Estimate, Uncertainty, PointResiduals]:
     """Parameters by all that was known but the size of these changes, and by these shots.
 
-    Each session has a frame of its own, that of the first is the last of the unknowns. Raises
-    `ShotsInvalid`.
+    Those that moved are all among them. Each session has a frame of its own, that of the first is
+    the last of the unknowns. Raises `ShotsInvalid`.
     """
+    stored = stored.with_moved(changes)
     names, space, flat = stored.known.names, stored.space, stored.found.flat()
     prior = stored.covariance + _possible(stored, changes)
     at = flat | {e.name: flat[e.name] + e.size for e in changes[:1] if e.kind in BY_ONE}
@@ -375,7 +386,9 @@ def repaired(
     values = found.x[: len(known.names)] / space.units(known.names)
     std, total = known.std(), known.total_std()
     new = {
-        name: replace(last.parameters[name], value=value, std=std[name], total_std=total[name])
+        name: replace(
+            last.parameters[name], value=value, std=std[name], total_std=total[name], free=True
+        )
         for name, value in zip(known.names, values.tolist(), strict=True)
     }
     reasons = [] if found.fit.converged else [found.fit.message]

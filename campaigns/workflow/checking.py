@@ -50,10 +50,12 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
         told_apart = None if options.repair else partial(confusions, stored)
         if options.repair:
             series, judged = _to_repair(campaign, journal, stored)
+            stored = stored.with_moved(judged.of_robot)
             shots = _shots(campaign, journal, series)
             found, *_ = repaired_estimate(stored, judged.of_robot, shots, campaign.instrument)
             assert found.covariance is not None, "the prior alone determines everything"
-            known, criterion = found.covariance[: len(known), : len(known)], REPAIRED_BY
+            count = len(stored.known.names)
+            known, criterion = found.covariance[:count, :count], REPAIRED_BY
     free, robot = stored.known.names, stored.kinematics
     region = replace(campaign.region, kinematics=robot)
     instrument = replace(campaign.instrument, robot_scatter_mm=stored.scatter.point_mm)

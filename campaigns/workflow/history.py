@@ -248,6 +248,6 @@ def _controller(campaign: Campaign) -> str:
 
 def _notes(epochs: Sequence[Epoch]) -> Iterator[str]:
     """What makes changes doubtful: other parameters held, which take a part in all others."""
-    free = {frozenset(each.std) for each in epochs if each.kind != "check" and each.std}
+    free = {frozenset(each.std) for each in epochs if each.kind == "campaign" and each.std}
     if len(free) > 1:
         yield "the campaigns looked for different parameters: changes may come of that"

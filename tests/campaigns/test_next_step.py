@@ -375,7 +375,7 @@ def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
     ("kind", "name", "answer"),
     [
         ("joint", "arm2.joint_offset_deg", "repair"),
-        ("mount", "arm0.x_mm", "anew"),  # which places the frame
+        ("mount", "arm0.x_mm", "repair"),  # though it places the frame
         ("frame", "", "firm"),
     ],
 )
@@ -387,6 +387,7 @@ def test_a_bad_check_is_doubtful_until_a_repair_or_new_shots_answer_it(
     assert evidence.journal is not None
     check = bad_check(evidence, kind, name)
     assert told(evidence, check) == answer
+    assert told(evidence, replace(check, changed=())) == ("firm" if answer == "firm" else "anew")
     assert told(evidence, replace(check, decision="pass")) == ""
     assert told(evidence, replace(check, of="of other parameters")) == "again"
     repair = Pedigree(

@@ -10,6 +10,7 @@ from fake_cell import NOMINAL
 from identified_cases import TRACKER_FROM_BASE, dataset, region, select_parameters, simulated
 from par4_space import SPACE
 
+from app.report.model_sections import hidden_in_words
 from campaigns.design.exchange import exchange_in_turn
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation import information
@@ -215,3 +216,18 @@ def test_a_repair_knows_positions_as_well_as_the_campaign_did(name, by):
     assert found.noise.consistent
     value = found.x[names.index(name)] / SPACE.units((name,))[0]
     assert abs(value - now.parameters[name]) < 4.0 * known.std()[name]
+
+
+def test_a_part_that_held_the_base_frame_is_found_anew_too():
+    """Nobody identified the first arm's mount: the frame was where it stood."""
+    rng, name = np.random.default_rng(3), "arm0.y_mm"
+    now = robot(rng, **{name: 0.5})
+    shots = measured(planned(), now, rng)
+    judged = check_calibration(stored(), shots, TRACKER)
+    assert name not in stored().known.names
+    assert stored().can_repair(judged)
+    found, known, _ = repaired_estimate(stored(), judged.of_robot, shots, TRACKER)
+    value = found.x[known.names.index(name)]
+    assert abs(value - now.parameters[name]) < 4.0 * known.std()[name] < 1.0
+    said = hidden_in_words(replace(stored().found, covariance=known))
+    assert said == hidden_in_words(stored().found) != ""
