@@ -214,8 +214,14 @@ class Campaign:
         """
         path = self.journal_path
         known = self._verified()
-        create = not path.exists()
-        return self._own(open_journal(path, now_utc=now_utc, create=create, verified=known))
+        opened = open_journal(
+            path,
+            now_utc=now_utc,
+            create=not path.exists(),
+            verified=known,
+            waits_for_disk=not self.is_simulated,  # a power cut moves no robot there
+        )
+        return self._own(opened)
 
     def journal_reader(self) -> JournalReader:
         """Journal to read; raises `ShotsMissing` when nothing was ever written to it.

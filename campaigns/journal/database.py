@@ -309,7 +309,9 @@ def checkpoint(connection: sqlite3.Connection) -> None:
         connection.execute(f"PRAGMA busy_timeout = {round(1e3 * _LOCK_PATIENCE_S)}")
 
 
-def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
+def connect_to_write(
+    path: Path, *, create: bool, waits_for_disk: bool = True
+) -> sqlite3.Connection:
     """Open a connection in autocommit mode; the caller closes it. Raises `JournalFailed`.
 
     Also, before anything is written, for a file whose pages, indexes or rules are broken. Its
@@ -325,7 +327,7 @@ def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
         if not blank:
             _check_ours(connection, path)
             verify_file(connection, path)
-        _make_durable(connection, path)
+        _make_durable(connection, path, "FULL" if waits_for_disk else "NORMAL")
         if blank:
             create_tables(connection)
         upgrade(connection)
@@ -430,13 +432,13 @@ def _check_ours(connection: sqlite3.Connection, path: Path) -> None:
         )
 
 
-def _make_durable(connection: sqlite3.Connection, path: Path) -> None:
+def _make_durable(connection: sqlite3.Connection, path: Path, synchronous: str) -> None:
     mode: str = connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
     if mode != "wal":
         raise JournalFailed(
             f"{path}: the file system allows no write-ahead log (mode {mode!r})",
             remedy="put the campaign folder on a local disk",
         )
-    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute(f"PRAGMA synchronous = {synchronous}")
     connection.execute("PRAGMA wal_autocheckpoint = 0")  # the writer says when: `checkpoint`
     connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache

@@ -185,15 +185,22 @@ class JournalReader:
 
 
 def open_journal(
-    path: Path, *, now_utc: Callable[[], str], create: bool = False, verified: Sequence[Row] = ()
+    path: Path,
+    *,
+    now_utc: Callable[[], str],
+    create: bool = False,
+    verified: Sequence[Row] = (),
+    waits_for_disk: bool = True,
 ) -> "Journal":
     """Open the journal in that file; `create` makes one where there is none.
 
     `now_utc` stamps the records. The caller holds the campaign's lock. Raises `JournalFailed` when
     the file is missing, not ours, newer than this program, not what was written, or cannot be
-    opened. `verified` as of `read_journal`.
+    opened. `verified` as of `read_journal`. A record of which nobody `waits_for_disk` outlives the
+    process, and not a power cut.
     """
-    return Journal(database.connect_to_write(path, create=create), path, now_utc, verified)
+    connection = database.connect_to_write(path, create=create, waits_for_disk=waits_for_disk)
+    return Journal(connection, path, now_utc, verified, waits_for_disk=waits_for_disk)
 
 
 class Journal(JournalReader):
@@ -205,9 +212,12 @@ class Journal(JournalReader):
         path: Path,
         now_utc: Callable[[], str],
         verified: Sequence[Row] = (),
+        *,
+        waits_for_disk: bool = True,
     ) -> None:
         super().__init__(connection, path, verified)
         self._now_utc = now_utc
+        self._waits_for_disk = waits_for_disk
         self._failed = self._is_open = False
         self._file = OwnFile(path)
 
@@ -266,7 +276,9 @@ class Journal(JournalReader):
         self._check_file()
         written, self._failed = self._end, True  # until it is open again
         self.close()
-        self._connection = database.connect_to_write(self._path, create=False)
+        self._connection = database.connect_to_write(
+            self._path, create=False, waits_for_disk=self._waits_for_disk
+        )
         self._forget(0)
         self._end = self._verify()
         if self._end != written:

@@ -12,6 +12,8 @@ from campaigns.journal.records import Event
 from drivers.errors import NotAMeasurement
 from drivers.values import Pose
 
+NORMAL, FULL = 1, 2
+"""Of SQLite's pragma: FULL waits until a commit is on the disk."""
 CELL = """\
 schema: pkmcal/cell/1
 name: mine
@@ -55,6 +57,24 @@ def test_noise_of_a_cell_whose_memory_was_deleted_follows_the_journal(tmp_path):
     assert later != first
     assert later == pytest.approx(first, abs=0.2)
     assert point_of_a_new_cell() == later
+
+
+@pytest.mark.parametrize(
+    ("words", "synchronous"),
+    [
+        ((), NORMAL),
+        (("--controller", "by-hand", "--tracker", "sim://paper-simulation"), FULL),
+        (("--controller", "sim://paper-simulation", "--tracker", "by-hand"), FULL),
+    ],
+    ids=["two simulated devices", "a real robot", "a real tracker"],
+)
+def test_where_a_device_is_real_every_record_waits_for_the_disk(tmp_path, words, synchronous):
+    assert run_command(["new", str(tmp_path / "new"), *words]) == 0
+    with open_campaign(tmp_path / "new").opened_journal() as journal:
+        for _ in range(2):
+            found = journal._connection.execute("PRAGMA synchronous").fetchone()
+            assert found == (synchronous,)
+            journal.prove()  # which opens it anew
 
 
 def test_simulated_tracker_sees_its_robot_where_a_real_controllers_joints_are(tmp_path):
