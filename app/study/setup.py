@@ -28,7 +28,7 @@ from campaigns.settings.option import Option
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import study
 from campaigns.studies.engine import ResultTable, run_task
-from campaigns.studies.perturbations import KINDS, PERTURBATIONS
+from campaigns.studies.perturbations import KINDS, PERTURBATIONS, sizes_of
 from sim.factory import build_of, true_geometry
 from sim.geometry import geometry_of
 from sim.scenarios.scenario import load_scenario, parse_scenario
@@ -103,8 +103,8 @@ class StudyOptions:
     effects: Annotated[
         tuple[str, ...],
         Option(
-            "What goes wrong in the campaigns: is a pass then wrong? Repeatable.",
-            metavar="all|NAME",
+            "What goes wrong in the campaigns, of which sizes: is a pass then wrong? Repeatable.",
+            metavar="all|NAME[=SIZES]",
             default="nothing",
         ),
     ] = ()
@@ -147,10 +147,19 @@ class StudyOptions:
 
         Raises `OptionsInvalid` for one that there is not.
         """
-        if unknown := [name for name in self.effects if name not in (ALL, *KINDS)]:
-            raise OptionsInvalid(
-                f"there is no effect {unknown[0]}", remedy=f"choose from {ALL}, {', '.join(KINDS)}"
-            )
+        for name in self.effects:
+            try:
+                _ = name == ALL or sizes_of(name)
+            except KeyError:
+                raise OptionsInvalid(
+                    f"there is no effect {name}", remedy=f"choose from {ALL}, {', '.join(KINDS)}"
+                ) from None
+            except ValueError:
+                raise OptionsInvalid(
+                    f"--effects {name}: sizes are numbers above 0 with commas between, of an "
+                    "effect that has one size a campaign",
+                    remedy="such as warmth=60,180,600",
+                ) from None
         names = [(*PERTURBATIONS,) if name == ALL else (name,) for name in self.effects]
         return tuple(dict.fromkeys(chain.from_iterable(names))) or ("",)
 
@@ -199,7 +208,7 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
     revolute = campaign.robot.mechanism.joints[0].is_revolute
     lacking, other = ("carriages", "on rails") if revolute else ("cranks", "with cranks")
     for name in filter(None, perturbations):
-        if any(each.period_mm if revolute else each.of_cranks for each in KINDS[name]):
+        if any(each.period_mm if revolute else each.of_cranks for each in sizes_of(name)):
             raise OptionsInvalid(
                 f"--effects {name}: a {campaign.robot.mechanism.name} has no {lacking}",
                 remedy=f"leave it out, or study a robot {other}",

@@ -8,7 +8,7 @@ from app.study.running import Studied
 from app.study.setup import CHOICES
 from app.study.summary_texts import PERCENT, common_document, labels_of, shortcomings
 from campaigns.files.table import Column, csv_table
-from campaigns.studies.perturbations import BY_SIZE, KINDS
+from campaigns.studies.perturbations import PERTURBATIONS, sizes_of
 from campaigns.studies.summary import VerdictStatistics, by_size, verdict_statistics
 
 UM_PER_MM = 1e3
@@ -38,7 +38,7 @@ class SizedVerdicts:
     @property
     def shown(self) -> bool:
         """Whether people get a line: of those that are told by size, one a size."""
-        return bool(self.size) == (self.studied.combination.setup.perturbation in BY_SIZE)
+        return bool(self.size) != (self.studied.combination.setup.perturbation in PERTURBATIONS)
 
 
 def _word(name: str) -> Column[SizedVerdicts]:
@@ -106,7 +106,7 @@ class Verdicts:
         effects = [
             {
                 **common_document(every.studied),
-                "kinds": [str(each) for each in KINDS[every.words[0]]],
+                "kinds": [str(each) for each in sizes_of(every.words[0])],
                 **asdict(every.found),
                 "by_kind": [
                     {"kind": one.size, **asdict(one.found)}

@@ -1,8 +1,9 @@
 """Perturbations: what goes wrong in a campaign beside the tracker's noise, by name."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 Step = Literal["", "joint", "length", "mount", "frame"]
 Drift = Literal["", "frame", "arms"]
@@ -196,7 +197,24 @@ KINDS: Mapping[str, tuple[Perturbation, ...]] = {**PERTURBATIONS, **BY_SIZE}
 """Their order is part of what is drawn."""
 
 
+def sizes_of(name: str) -> tuple[Perturbation, ...]:
+    """Perturbations of an effect by its name, or of one's own sizes of it, as `warmth=60,180,600`.
+
+    Raises `KeyError` for a name that there is not, and `ValueError` for sizes that are no finite
+    numbers above 0, or of an effect that differs by more than one.
+    """
+    effect, given, sizes = name.partition("=")
+    kinds = KINDS[effect]
+    if not given:
+        return kinds
+    [size] = (f.name for f in fields(Perturbation) if len({getattr(k, f.name) for k in kinds}) > 1)
+    values: list[dict[str, Any]] = [{size: float(text)} for text in sizes.split(",")]
+    if not all(0.0 < value[size] < math.inf for value in values):
+        raise ValueError(sizes)
+    return tuple(replace(kinds[0], **value) for value in values)
+
+
 def perturbation_of(name: str, campaign: int) -> Perturbation:
     """Perturbation of a campaign by its number."""
-    kinds = KINDS[name]
+    kinds = sizes_of(name)
     return kinds[campaign % len(kinds)]

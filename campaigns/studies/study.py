@@ -22,7 +22,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
-from campaigns.studies.perturbations import KINDS, Perturbation
+from campaigns.studies.perturbations import Perturbation, sizes_of
 from campaigns.version import VERSION
 
 Value = TypeVar("Value")
@@ -116,7 +116,7 @@ class StudySetup:
         asked = (*words, how.robust_loss, how.instrument)
         settings = [truth, self.nominal.mechanism.name, sets, self.free, *asked, self.seed]
         if self.perturbation:
-            settings += [self.perturbation, KINDS[self.perturbation], self.model.value]
+            settings += [self.perturbation, sizes_of(self.perturbation), self.model.value]
         if how.workspace is not None:
             parts.append(how.workspace)
         text = repr((*settings, VERSION))  # another version may find other numbers

@@ -44,7 +44,8 @@ def judged(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
 
 def _row(setup: study.StudySetup, number: int, truth: Array) -> study.CampaignRow:
     perturbation = perturbation_of(setup.perturbation, number)
-    rng = np.random.default_rng([setup.seed, number, list(KINDS).index(setup.perturbation)])
+    effect = setup.perturbation.partition("=")[0]
+    rng = np.random.default_rng([setup.seed, number, list(KINDS).index(effect)])
     try:
         verdict = judge(setup, perturbed_campaign(setup, perturbation, truth, rng))
         return study.CampaignRow(number, str(perturbation), verdict=verdict)

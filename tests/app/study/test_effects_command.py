@@ -65,7 +65,11 @@ def test_choice_among_models_is_told_by_size_with_what_is_left(folder, pkmcal):
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(("--effects", "gremlins"), "there is no effect gremlins"), (("--plot", "x.svg"), "--plot")],
+    [
+        (("--effects", "gremlins"), "there is no effect gremlins"),
+        (("--effects", "warmth=6O"), "--effects warmth=6O: sizes are numbers above 0"),
+        (("--plot", "x.svg"), "--plot"),
+    ],
 )
 def test_what_cannot_be_studied_is_refused(studied, words, said):
     code, out, err = studied("--campaigns", 2, *words)

@@ -14,7 +14,7 @@ from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.studies.engine import ResultTable, run_task
-from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of
+from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of, sizes_of
 from campaigns.studies.perturbed import perturbed_campaign
 from campaigns.studies.study import CampaignRow, CampaignVerdict, StudyTask
 from campaigns.studies.summary import verdict_statistics
@@ -143,6 +143,16 @@ def test_change_in_a_clean_campaign_is_a_false_alarm(setup):
 def test_sizes_of_a_perturbation_are_taken_in_turn():
     sizes = PERTURBATIONS["bumped-stand"]
     assert [perturbation_of("bumped-stand", n) for n in range(4)] == [*sizes, sizes[0]]
+
+
+def test_sizes_of_ones_own_are_taken_in_turn_instead():
+    own = [perturbation_of("warmth=60,180", n).warmth_ppm for n in range(3)]
+    assert own == [60.0, 180.0, 60.0]
+    late = Perturbation(step="joint", size=0.1, late=True)
+    assert perturbation_of("late-encoder-step=0.1", 0) == late
+    for wrong in ("warmth=", "warmth=0", "warmth=nan", "clean=1", "tracker-scale=50"):
+        with pytest.raises(ValueError):
+            sizes_of(wrong)
 
 
 def test_rows_do_not_depend_on_how_campaigns_are_divided_and_are_kept(setup, tmp_path):
