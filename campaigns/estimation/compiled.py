@@ -23,6 +23,8 @@ CLOSURES = 4
 """Of every mechanism here, and as many coordinates of a pose."""
 GOOD_PIVOT = 1e-2
 """Least pivot by which one Cholesky loses four digits of sixteen."""
+SYMMETRICAL = ((0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1))
+"""Entries of a symmetrical matrix."""
 NEWTON_STEPS = 10
 """More are left to the slower way, which also tries other guesses."""
 
@@ -235,13 +237,22 @@ def _turned(rotation: Array, vectors: Array, out: Array) -> None:
 
 @_compiled
 def _normal(rows: Array, normal: Array) -> None:
-    """Products (P, P) of rows (P, M) with each other."""
-    for a in range(len(rows)):
-        for b in range(a + 1):
-            one, other, total = rows[a], rows[b], 0.0
+    """Products (P, P) of rows (P, M) with each other, of two and two at once: each is read less."""
+    last = len(rows) - 1
+    for a in range(0, len(rows), 2):
+        for b in range(0, a + 1, 2):
+            further, beyond = min(a + 1, last), min(b + 1, last)
+            one, two, other, another = rows[a], rows[further], rows[b], rows[beyond]
+            both = crossed = turned = beside = 0.0
             for n in range(len(one)):
-                total += one[n] * other[n]
-            normal[a, b] = normal[b, a] = total
+                both += one[n] * other[n]
+                crossed += one[n] * another[n]
+                turned += two[n] * other[n]
+                beside += two[n] * another[n]
+            normal[a, b] = normal[b, a] = both
+            normal[a, beyond] = normal[beyond, a] = crossed
+            normal[further, b] = normal[b, further] = turned
+            normal[further, beyond] = normal[beyond, further] = beside
 
 
 @_compiled
@@ -433,48 +444,112 @@ def _basis(rows: Array, norms: Array, root: Array, basis: Array) -> None:
 
 
 @_compiled
-def triangles(jacobians: Array) -> tuple[Array, Array, Array, Mask]:
-    """QR of Jacobians' columns (R, P, M) made unit: triangles (R, P, P), norms and bases (R, P, M).
+def _triangle(rows: Array, norms: Array, root: Array, basis: Array) -> bool:
+    """QR of rows (P, M) made unit: its triangle's transpose, norms, basis; whether it is regular.
 
-    By Cholesky, twice where columns are nearly alike, which is as exact as reflections where it is
-    regular: where that is, (R,).
+    By Cholesky, twice where rows are nearly alike, which is as exact as reflections where it is
+    regular.
     """
-    robots, unknowns, _ = jacobians.shape
-    found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
-    bases, regular = np.empty(jacobians.shape), np.ones(robots, dtype=np.bool_)
-    root, again = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
-    size = np.empty(unknowns)
-    for r in range(robots):
-        least = _scaled_root(jacobians[r], norms[r], root)
-        _basis(jacobians[r], norms[r], root, bases[r])
-        if least < GOOD_PIVOT:
-            regular[r] = least > LEAST_PIVOT and _scaled_root(bases[r], size, again) > 0.5
-            for a in range(unknowns):
-                for k in range(a + 1):
-                    root[a, k] *= size[k]
-            root = root @ again
-        for a in range(unknowns):
-            for b in range(unknowns):
-                found[r, a, b] = root[b, a]
-    return found, norms, bases, regular
+    least = _scaled_root(rows, norms, root)
+    _basis(rows, norms, root, basis)
+    if least >= GOOD_PIVOT:
+        return True
+    size, again = np.empty(len(rows)), np.empty(root.shape)
+    regular = least > LEAST_PIVOT and _scaled_root(basis, size, again) > 0.5
+    for a in range(len(rows)):
+        for k in range(a + 1):
+            root[a, k] *= size[k]
+    root[:] = root @ again
+    _basis(basis.copy(), size, again, basis)
+    return regular
 
 
 @_compiled
-def taken_squares(bases: Array, columns: Array) -> Array:
-    """What bases (R, P, 3, N) take of the squares of columns (R, k, 3, N) of the shots, (R,)."""
-    robots, count = columns.shape[:2]
-    taken = np.zeros(robots)
+def triangles(jacobians: Array) -> tuple[Array, Array, Mask]:
+    """Triangles (R, P, P) of Jacobians' columns (R, P, M) made unit, norms; which are regular."""
+    robots, unknowns, measured = jacobians.shape
+    found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
+    regular = np.empty(robots, dtype=np.bool_)
+    root, basis = np.empty((unknowns, unknowns)), np.empty((unknowns, measured))
     for r in range(robots):
-        for k in range(count):
-            x, y, z = columns[r, k]
-            for a in range(bases.shape[1]):
-                bx, by, bz = bases[r, a]
-                total = 0.0
-                for n in range(len(x)):
-                    told = bx[n] * x[n] + by[n] * y[n] + bz[n] * z[n]
-                    total += told * told
-                taken[r] += total
-    return taken
+        regular[r] = _triangle(jacobians[r], norms[r], root, basis)
+        found[r] = root.T
+    return found, norms, regular
+
+
+@_compiled
+def _score(products: Array, left: Array, leverage: Array) -> float:
+    """Score of a component, as `component_score`, of symmetrical matrices (6, N) of the shots."""
+    told = expected = square = 0.0
+    for place in range(6):
+        i, j = SYMMETRICAL[place]
+        twice = 1.0 if i == j else 2.0
+        own, by_fit, one, other = products[place], leverage[place], left[i], left[j]
+        for n in range(len(own)):
+            told += twice * own[n] * one[n] * other[n]
+            expected -= twice * own[n] * by_fit[n]
+            square += twice * own[n] * own[n]
+        if i == j:
+            for n in range(len(own)):
+                expected += own[n]
+    return float((told - expected) / np.sqrt(2.0 * square))
+
+
+@_compiled
+def _add_products(vectors: Array, products: Array) -> None:
+    """Products of vectors (3, N) with themselves, added to symmetrical matrices (6, N)."""
+    for place in range(6):
+        i, j = SYMMETRICAL[place]
+        one, other, own = vectors[i], vectors[j], products[place]
+        for n in range(len(own)):
+            own[n] += one[n] * other[n]
+
+
+@_compiled
+def point_scores(
+    closed: Closed, rotation: Array, by_angle: Array, whitening: Array, slopes: Array, left: Array
+) -> tuple[Array, Array, Mask, Array]:
+    """Triangles as `triangles`, of the derivatives of points, and scores of both components (2, R).
+
+    `slopes` of the functions of the joints, (2, n, N); whitened residuals (R, 3 N).
+    """
+    functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
+    (robots, _, shots), free, arms = poses.shape, len(owner), functions.shape[1]
+    room, unknowns = _room(free, shots), free + 2 * by_angle.shape[1]
+    jacobian, column = np.empty((unknowns, 3, shots)), np.empty((3, shots))
+    basis, root = np.empty((unknowns, 3 * shots)), np.empty((unknowns, unknowns))
+    found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
+    regular, scores = np.empty(robots, dtype=np.bool_), np.empty((2, robots))
+    leverage, products = np.empty((6, shots)), np.empty((6, shots))
+    forearms, _, through, _ = room
+    for r in range(robots):
+        own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
+        frame = rotation[r], by_angle[r], whitening[r]
+        _point_jacobian((functions, *own), *frame, room, jacobian)
+        regular[r] = _triangle(jacobian.reshape(unknowns, 3 * shots), norms[r], root, basis)
+        found[r] = root.T
+        leverage[:] = 0.0
+        for a in range(unknowns):
+            _add_products(basis[a].reshape(3, shots), leverage)
+        by_shot = left[r].reshape(3, shots)
+        products[:] = 0.0
+        for axis in range(3):
+            _add_products(whitening[r, :, axis], products)
+        scores[0, r] = _score(products, by_shot, leverage)
+        products[:] = 0.0
+        for arm in range(arms):
+            column[:] = 0.0
+            for axis in range(3):
+                a, along, b = upper[r, arm, axis], forearms[arm, axis], slopes[:, arm]
+                for n in range(shots):
+                    column[0, n] += along[n] * (a[1] * b[0, n] + a[2] * b[1, n])
+            for row in range(2, -1, -1):
+                by = through[row, arm]
+                for n in range(shots):
+                    column[row, n] = by[n] * column[0, n]
+            _add_products(column, products)
+        scores[1, r] = _score(products, by_shot, leverage)
+    return found, norms, regular, scores
 
 
 @_compiled

@@ -22,6 +22,7 @@ from campaigns.mechanisms.closure_coefficients import (
     closures,
     ends_by_platform,
     joint_functions,
+    joint_slopes,
     owners,
 )
 from campaigns.mechanisms.configuration import CONVERGED_MM, Configuration
@@ -126,6 +127,10 @@ class RobotStack:
     def by_joints(self, rows: Index) -> Array:
         """∂point/∂joints (R, 3, N, n) where Jacobians were last asked for."""
         return rows_of(self._by_joints, rows)
+
+    def joint_slopes(self) -> Array:
+        """Derivatives by the joints of the functions that closures are made of, (2, n, N)."""
+        return joint_slopes(self._mechanism, self._joints)
 
     def closed_at(
         self, x: Array, rows: Index, places: Index | None = None
@@ -239,6 +244,18 @@ class PointStack:
         return (
             rows_of(self._jacobians, rows) if self.robots.kernel is None else self.jacobian(x, rows)
         )
+
+    def scored(
+        self, x: Array, residual: Array, rows: Index
+    ) -> tuple[Array, Array, Mask, Array] | None:
+        """Triangles (R, P, P) of the Jacobians at residuals (R, 3 N), norms, which are regular.
+
+        And scores (2, R) of the robot's own scatter; None without a kernel.
+        """
+        if (kernel := self.robots.kernel) is None:
+            return None
+        found = kernel.point_scores(*self._closed_at(x, rows), self.robots.joint_slopes(), residual)
+        return found[0], found[1], found[2], found[3]
 
     def _closed_at(self, x: Array, rows: Index) -> tuple[object, ...]:
         """Closures and frames as the kernel takes them."""

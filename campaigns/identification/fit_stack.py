@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.gauss_newton import StackSolution, gauss_newton
@@ -103,22 +103,25 @@ def _fit_points(
     guesses, covariance = fit_frames(near[:, :3], measured), stated.copy()
     robots = _robots(inputs, joints, np.tile(near.T, (len(measured), 1, 1)), kernel)
     problem, kept = _points(robots, measured, stated, guesses), np.ones(measured.shape[:2], bool)
-    solution, found, by_x, bases = _solved(problem, problem.start(), kept)
-    plain = np.flatnonzero(found.plain)
-    if not plain.size:
+    solution, plain = _solved(problem, problem.start(), kept)
+    of_points = inputs.options.estimator is Estimator.POINTS
+    unknowns = solution.x.shape[1]
+    found = FitStack(solution.x, np.zeros((len(plain), unknowns, unknowns)), plain)
+    if not (every := np.flatnonzero(plain)).size:
         return found, (robots.poses, covariance, kept)
-    left = solution.residual[plain].reshape(len(plain), COORDINATES, -1)
-    by_joints = problem.whitened_by_joints(found.x[plain], plain)
-    scores = _scores(problem, found, by_x, bases, left, by_joints)
-    hopeless = (scores < variance_components.HOPELESS_SCORE).all(axis=0)
-    for at in np.flatnonzero(~hopeless):
-        row, own = plain[at], slice(plain[at], plain[at] + 1)
-        if not kept[row].all():
-            found.plain[row] = False
-            continue
+    found.covariance[every], scores = _scored(problem, solution, every, of_points=of_points)
+    hopeful = (scores >= variance_components.HOPELESS_SCORE).any(axis=0)
+    plain[every[hopeful]] &= kept[every[hopeful]].all(axis=1)
+    scores, every = scores[:, hopeful & plain[every]], every[hopeful & plain[every]]
+    if not every.size:
+        return found, (robots.poses, covariance, kept)
+    by_x = problem.last_jacobians(solution.x[every], every)
+    by_joints = problem.whitened_by_joints(solution.x[every], every)
+    for at, row in enumerate(every.tolist()):
+        own, one = slice(row, row + 1), np.zeros(1, dtype=np.intp)
         shots_of = partial(_linearized, stated_mm2=stated[row])
         linearized = shots_of(
-            problem.whitening[row], covariance[row], left[at], by_x[at], by_joints[at]
+            problem.whitening[row], covariance[row], solution.residual[row], by_x[at], by_joints[at]
         )
         scatter = variance_components.NONE
         known: Array | None = scores[:, at]
@@ -133,14 +136,17 @@ def _fit_points(
             frames = (guesses[0][own], guesses[1][own])
             fitted = _points(again, measured[own], covariance[own], frames)
             agree = kept[own].copy()
-            refit, alone, by_x_again, _ = _solved(fitted, found.x[own], agree)
-            found.x[row], found.covariance[row] = alone.x[0], alone.covariance[0]
-            found.plain[row], robots.poses[row] = alone.plain[0] and agree.all(), again.poses[0]
-            if not found.plain[row]:
+            refit, is_plain = _solved(fitted, found.x[own], agree)
+            found.x[row], robots.poses[row] = refit.x[0], again.poses[0]
+            plain[row] = is_plain[0] and agree.all()
+            if not plain[row]:
                 break
-            through = fitted.whitened_by_joints(alone.x, np.zeros(1, dtype=np.intp))
+            found.covariance[own], _ = _scored(fitted, refit, one, of_points=of_points)
+            of_refit = (
+                each(refit.x, one)[0] for each in (fitted.last_jacobians, fitted.whitened_by_joints)
+            )
             linearized = shots_of(
-                fitted.whitening[0], covariance[row], refit.residual[0], by_x_again[0], through[0]
+                fitted.whitening[0], covariance[row], refit.residual[0], *of_refit
             )
             if not scatter.any:
                 break
@@ -174,34 +180,26 @@ def _linearized(
     return variance_components.LinearizedShots(misfit_mm[:, :, 0], jacobian, stated_mm2, through)
 
 
-def _scores(
-    problem: PointStack,
-    found: FitStack,
-    jacobians: Array,
-    bases: Array | None,
-    left: Array,
-    by_joints: Array,
-) -> Array:
-    """Scores of the components of plain rows, (2, R), of their residuals (R, 3, N).
+def _scored(
+    problem: PointStack, solution: StackSolution, rows: Index, *, of_points: bool
+) -> tuple[Array, Array]:
+    """Covariances (R, P, P) of rows, where points are what is asked for, and scores of components.
 
-    Jacobians are (R, 3 N, P), whitened derivatives by the joints (R, n, 3, N).
+    These are (2, R). Raises `LinAlgError` for a lost rank.
     """
-    whitening, kernel = problem.whitening[found.plain], problem.robots.kernel
-    scores = list[Array]()
-    columns = (whitening, by_joints.swapaxes(1, 2))
-    if bases is None or kernel is None:
-        by_x = jacobians.reshape(*left.shape, -1)
-        known = by_x @ found.covariance[found.plain][:, None]
-        leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
-        scores.extend(variance_components.component_scores(left, leverage, *columns))
-    else:
-        of_shots = bases.reshape(*bases.shape[:2], *left.shape[1:])
-        for each in columns:
-            own = np.einsum("cikn,cjkn->cijn", each, each)
-            by_column = np.ascontiguousarray(each.swapaxes(1, 2))
-            taken = kernel.taken_squares(of_shots, by_column)
-            scores.append(variance_components.component_score(left, each, own, taken))
-    return np.array(scores)
+    x, residual = solution.x[rows], solution.residual[rows]
+    if compiled := problem.scored(x, residual, rows):
+        triangles, norms, regular, scores = compiled
+        if regular.all():
+            if not of_points:
+                return np.zeros((len(rows), x.shape[1], x.shape[1])), scores
+            return information.covariance_of_triangle(triangles, norms), scores
+    jacobians, left = problem.last_jacobians(x, rows), residual.reshape(len(x), COORDINATES, -1)
+    covariances = information.covariance(jacobians)
+    by_x = jacobians.reshape(*left.shape, x.shape[1])
+    leverage = np.einsum("cinp,cjnp->cijn", by_x @ covariances[:, None], by_x)
+    columns = (problem.whitening[rows], problem.whitened_by_joints(x, rows).swapaxes(1, 2))
+    return covariances, variance_components.component_scores(left, leverage, *columns)
 
 
 def _fit_distances(
@@ -226,9 +224,13 @@ def _fit_distances(
     whitening = whole / np.sqrt(variances_mm2)[:, None]
     robots = _robots(inputs, shots.joints[pairs.ravel()], poses[:, :, own_rows], kernel)
     problem = DistanceStack(robots, first, second, lengths, whitening)
-    _, found, *_ = _solved(problem, points.x[:, :free], whole)
-    found.plain[:] &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
-    return found
+    solution, plain = _solved(problem, points.x[:, :free], whole)
+    plain &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
+    rows, covariance = np.flatnonzero(plain), np.zeros((len(plain), free, free))
+    if rows.size:
+        jacobians = problem.last_jacobians(solution.x[rows], rows)
+        covariance[rows] = _covariances(kernel, jacobians)
+    return FitStack(solution.x, covariance, plain)
 
 
 def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | None) -> RobotStack:
@@ -239,26 +241,20 @@ def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | Non
 
 def _solved(
     problem: PointStack | DistanceStack, start: Array, kept: Mask
-) -> tuple[StackSolution, FitStack, Array, Array | None]:
-    """Fits of blocks (C, B) that are kept, where chance explains these and χ², with covariance.
+) -> tuple[StackSolution, Mask]:
+    """Fits of blocks (C, B) that are kept, and where chance explains these and χ², (C,).
 
-    Outliers among points are left out of what is kept, here too. And of these fits Jacobians
-    (R, M, P) and, from a kernel, bases (R, P, M) of their columns' span.
+    Outliers among points are left out of what is kept, here too.
     """
     solution = gauss_newton(problem, start)
-    count, unknowns = start.shape
     if isinstance(problem, PointStack):  # those among distances were looked for among the points
         solution = _without_outliers(problem, solution, kept)
     plain, block = solution.converged.copy(), solution.residual.shape[1] // kept.shape[1]
-    covariance, dof = np.zeros((count, unknowns, unknowns)), block * kept.sum(axis=1) - unknowns
+    dof = block * kept.sum(axis=1) - start.shape[1]
     for row in np.flatnonzero(plain):
         tested = information.chi_square_test(float(np.sum(solution.residual[row] ** 2)), dof[row])
         plain[row] = tested.dof > 0 and not tested.beyond  # less than chance explains widens no σ
-    rows = np.flatnonzero(plain)
-    jacobians, bases = problem.last_jacobians(solution.x[rows], rows), None
-    if rows.size:
-        covariance[rows], bases = _covariances(problem.robots.kernel, jacobians)
-    return solution, FitStack(solution.x, covariance, plain), jacobians, bases
+    return solution, plain
 
 
 def _without_outliers(problem: PointStack, solution: StackSolution, kept: Mask) -> StackSolution:
@@ -294,11 +290,10 @@ def _without_outliers(problem: PointStack, solution: StackSolution, kept: Mask) 
     return solution
 
 
-def _covariances(kernel: ModuleType | None, jacobians: Array) -> tuple[Array, Array | None]:
-    """Covariances (R, P, P) of Jacobians (R, M, P), with bases; `LinAlgError` for a lost rank."""
+def _covariances(kernel: ModuleType | None, jacobians: Array) -> Array:
+    """Covariances (R, P, P) of Jacobians (R, M, P); `LinAlgError` for a lost rank."""
     if kernel is not None:
-        columns = np.ascontiguousarray(jacobians.swapaxes(1, 2))
-        triangles, norms, bases, regular = kernel.triangles(columns)
+        triangles, norms, regular = kernel.triangles(np.ascontiguousarray(jacobians.swapaxes(1, 2)))
         if regular.all():
-            return information.covariance_of_triangle(triangles, norms), bases
-    return information.covariance(jacobians), None
+            return information.covariance_of_triangle(triangles, norms)
+    return information.covariance(jacobians)

@@ -38,6 +38,14 @@ def joint_functions(mechanism: ClosedChain, joints: Array) -> Array:
     return np.array([np.ones_like(q), way, way * way])
 
 
+def joint_slopes(mechanism: ClosedChain, joints: Array) -> Array:
+    """Derivatives by the joints of all of these but the constant, (2, n, N)."""
+    q = np.ascontiguousarray(joints.T)
+    if mechanism.joints[0].is_revolute:
+        return np.array([-np.sin(q), np.cos(q)])
+    return np.array([np.ones_like(q), 2.0 * q / SAMPLE_WAYS[1]]) / SAMPLE_WAYS[1]
+
+
 def turn_functions(turns: Array) -> Array:
     """Functions of turns (N,) of which lower ends are combinations, (4, N)."""
     return np.array([np.ones_like(turns), turns, np.cos(turns), np.sin(turns)])

@@ -9,9 +9,10 @@ from family_cases import ALL_MEMBERS
 from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.residual_stacks import closure_kernel
-from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.estimation.rigid_transforms import Transform, fit_frames, small_rotation
+from campaigns.estimation.variance_components import component_scores
 from campaigns.identification.fit import fit_shots
-from campaigns.identification.fit_stack import fit_stack
+from campaigns.identification.fit_stack import _points, _robots, fit_stack
 from campaigns.identification.observations import Inputs
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -92,6 +93,29 @@ def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(way, member, esti
     np.testing.assert_array_equal(fit_stack(inputs, points_mm).plain, stack.plain)
 
 
+@pytest.mark.peer
+@pytest.mark.timeout(0)
+@pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda member: member.name)
+def test_compiled_scores_of_a_robots_own_scatter_are_those_by_numpy(member):
+    inputs, points_mm = inputs_of(member, Estimator.POINTS)
+    near = np.tile(inputs.at_nominal.values.T, (CAMPAIGNS, 1, 1))
+    robots = _robots(inputs, inputs.shots.joints, near, kernel_of(member))
+    covariance_mm2 = tracker_noise.point_covariance_mm2(points_mm, INSTRUMENT)
+    frames = fit_frames(inputs.at_nominal.values[:, :3], points_mm)
+    problem, rows = _points(robots, points_mm, covariance_mm2, frames), np.arange(CAMPAIGNS)
+    x = problem.start()
+    residual, _ = problem.residual(x, rows)
+    *_, regular, scores = problem.scored(x, residual, rows)
+    left, jacobian = residual.reshape(CAMPAIGNS, 3, -1), problem.jacobian(x, rows)
+    by_x = jacobian.reshape(*left.shape, -1)
+    known = by_x @ information.covariance(jacobian)[:, None]
+    leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
+    by_joints = problem.whitened_by_joints(x, rows).swapaxes(1, 2)
+    wanted = component_scores(left, leverage, problem.whitening, by_joints)
+    assert regular.all()
+    np.testing.assert_allclose(scores, wanted, rtol=1e-6)
+
+
 def test_what_is_asked_for_beyond_plain_fits_gives_every_row_up():
     inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.POINTS)
     kept = replace(inputs, options=replace(inputs.options, outliers=Outliers.KEEP))
@@ -163,7 +187,7 @@ def test_closures_as_numbers_are_those_of_the_mechanism(member):
 def test_compiled_triangles_are_those_of_qr_where_columns_are_nearly_alike(apart):
     columns = np.random.default_rng(5).standard_normal((2, 4, 30)) * [[[1.0], [1e3], [1e-3], [1.0]]]
     columns[:, 3] = columns[:, 0] + apart * columns[:, 3]
-    triangles, norms, _, regular = kernel_of(ALL_MEMBERS[0]).triangles(columns)
+    triangles, norms, regular = kernel_of(ALL_MEMBERS[0]).triangles(columns)
     wanted = information.covariance(columns.swapaxes(1, 2))
     std = np.sqrt(np.diagonal(wanted, axis1=1, axis2=2))
     off = information.covariance_of_triangle(triangles, norms) - wanted
