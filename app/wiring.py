@@ -7,15 +7,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from app.consent import require_consent
-from app.driver_settings import controller_settings, tracker_settings
 from campaigns.campaign import Campaign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
-from campaigns.measuring.work import Cell as Devices
 from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
@@ -36,6 +34,9 @@ from sim.errors import SimError
 from sim.robot.linuxcnc_joints import ToldJoints
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
+
+if TYPE_CHECKING:
+    from campaigns.measuring.work import Cell as Devices
 
 CELL_MEMORY = "cell-memory.json"
 MEMORY_BYTES = bounded_files.CSV_BYTES
@@ -75,12 +76,14 @@ def connected_cell(
     stop_requested: StopRequested = never,
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
-) -> Iterator[Devices]:
+) -> "Iterator[Devices]":
     """Both devices, connected; closed at the end of the block.
 
     Once a stop is requested, nothing is waited for any more. `alarm` is told what the operator has
     to read at once. Raises a driver's error when one is not there or not the expected one.
     """
+    from campaigns.measuring.work import Cell as Devices  # with all that measuring needs
+
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
         yield Devices(robot, tracker, to.awake(to.clock), SystemClock())
@@ -121,7 +124,7 @@ class DeviceConnections:
                 clock=SystemClock(),
                 cancelled=self.stop_requested,
                 draws=random.SystemRandom(),
-                own=partial(controller_settings, self.campaign),
+                own=partial(_own_settings, "controller", self.campaign),
                 prompt=self.prompt,
                 layout=layout,
                 alarm=self.alarm,
@@ -150,7 +153,7 @@ class DeviceConnections:
             clock=clock,
             cancelled=self.stop_requested,
             draws=random.SystemRandom(),
-            own=partial(tracker_settings, self.campaign),
+            own=partial(_own_settings, "tracker", self.campaign),
             prompt=self.prompt,
         )
         tracker = driver.made(given, self.tracker_clock)
@@ -171,6 +174,15 @@ class DeviceConnections:
         """Opens the wire; every byte goes into the log, read out by its driver's grammar."""
         opener = partial(open_transport, url)
         return opener if self.log is None else logged(opener, self.log, device, reading)
+
+
+def _own_settings(device: Literal["controller", "tracker"], campaign: Campaign) -> object:
+    """What a campaign says to one driver alone."""
+    from app import driver_settings  # with the drivers that are so told, which few campaigns have
+
+    if device == "controller":
+        return driver_settings.controller_settings(campaign)
+    return driver_settings.tracker_settings(campaign)
 
 
 @contextmanager
@@ -218,7 +230,7 @@ def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterato
         yield robot
 
 
-def prepare(campaign: Campaign, cell: Devices) -> None:
+def prepare(campaign: Campaign, cell: "Devices") -> None:
     """Bring tracker and robot into the state that measuring needs.
 
     The robot may move: homing is part of it.

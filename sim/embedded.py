@@ -1,7 +1,6 @@
 """A simulated cell served on loopback inside this process, as if it stood in the next room."""
 
 import math
-from collections.abc import Mapping
 from typing import Literal
 
 from sim.cell import Cell
@@ -9,12 +8,7 @@ from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.robot.controller import SimulatedController
 from sim.robot.follower import FollowingController
-from sim.servers.emscon_instrument import EmsconInstrument
-from sim.servers.emscon_server import EmsconSession
-from sim.servers.geocom_server import GeocomSession
-from sim.servers.geocom_station import GeocomStation
 from sim.servers.peers import SessionFactory
-from sim.servers.pointline_server import PointlineSession
 from sim.servers.robotline_server import RobotlineSession
 from sim.servers.server import CellServer
 
@@ -26,17 +20,38 @@ which a place was approached.
 """
 
 
-def tracker_sessions(cell: Cell) -> Mapping[str, SessionFactory]:
-    """Sessions of its tracker, by the protocol in which it is spoken to."""
+PROTOCOLS = ("emscon", "geocom", "pointline")
+"""In which a simulated tracker may be spoken to."""
+
+
+def tracker_sessions(cell: Cell, protocol: str) -> SessionFactory:
+    """Sessions of its tracker in a protocol, whose grammar alone is imported.
+
+    Raises `SimError` for another.
+    """
     tracker = cell.tracker
-    station, instrument = GeocomStation(tracker), EmsconInstrument(tracker)
-    return {
-        "emscon": lambda send, already_open: EmsconSession(
-            tracker, send, instrument=instrument, is_second=already_open > 0, faults=cell.faults
-        ),
-        "geocom": lambda send, _: GeocomSession(station, send),
-        "pointline": lambda send, _: PointlineSession(tracker, send),
-    }
+    match protocol:
+        case "emscon":
+            from sim.servers.emscon_instrument import EmsconInstrument
+            from sim.servers.emscon_server import EmsconSession
+
+            instrument = EmsconInstrument(tracker)
+            return lambda send, already_open: EmsconSession(
+                tracker, send, instrument=instrument, is_second=already_open > 0, faults=cell.faults
+            )
+        case "geocom":
+            from sim.servers.geocom_server import GeocomSession
+            from sim.servers.geocom_station import GeocomStation
+
+            station = GeocomStation(tracker)
+            return lambda send, _: GeocomSession(station, send)
+        case "pointline":
+            from sim.servers.pointline_server import PointlineSession
+
+            return lambda send, _: PointlineSession(tracker, send)
+    raise SimError(
+        f"no simulated tracker speaks '{protocol}'", remedy=f"use {' or '.join(PROTOCOLS)}"
+    )
 
 
 class EmbeddedCell:
@@ -58,18 +73,11 @@ class EmbeddedCell:
         self.cell = cell
         self.clock = clock
         self._follows = isinstance(cell.controller, FollowingController)
-        sessions = tracker_sessions(cell)
-        if tracker_speaks not in sessions:
-            raise SimError(
-                f"no simulated tracker speaks '{tracker_speaks}'",
-                remedy=f"use {' or '.join(sessions)}",
-            )
+        sessions = tracker_sessions(cell, tracker_speaks)
         look_every_s = LOOK_EVERY_S / clock.real_s(1.0) if self._follows else math.inf
         self._server = CellServer(clock, cell.faults, look=cell.advance, look_every_s=look_every_s)
         try:
-            self.tracker_url = self._server.serve_tcp(
-                sessions[tracker_speaks], "tracker", tracker_port
-            )
+            self.tracker_url = self._server.serve_tcp(sessions, "tracker", tracker_port)
             self.controller_url = self._controller_url(controller_on, controller_port)
         except BaseException:
             self._server.stop()

@@ -37,7 +37,7 @@ def served(wire):
     cell = Cell(scenario.model_copy(update={"tracker": seen_by_none}))
     server = CellServer(ScaledClock(SPEED_UP), FaultScript((), {}))
     serve = server.serve_pty if wire == "pty" else server.serve_tcp
-    url = serve(tracker_sessions(cell)["geocom"], "tracker")
+    url = serve(tracker_sessions(cell, "geocom"), "tracker")
     with server:
         yield cell, url
 

@@ -42,7 +42,7 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     clock = ScaledClock(speed_up)
     server = CellServer(clock, FaultScript(faults, {}))
     serve = server.serve_pty if wire == "pty" else server.serve_tcp
-    url = serve(tracker_sessions(cell)[speaks], "tracker")
+    url = serve(tracker_sessions(cell, speaks), "tracker")
     make = {
         "emscon": partial(EmsconTracker, clock=SystemClock(), instrument_clock=clock),
         "geocom": partial(GeocomTracker, clock=SystemClock(), first_transaction=20_000),
