@@ -16,7 +16,7 @@ from campaigns.arrays import Array, Mask
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
-from campaigns.controllers.export import WrittenSet, written_sets
+from campaigns.controllers.export import FORMS, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.controllers.programs import current_program
 from campaigns.errors import CampaignError, FindingUnreadable
@@ -132,9 +132,8 @@ class Evidence:
     """Parameter sets that the journal knows."""
     written: WrittenSet | None = None
     """What `export` or `correct` wrote last."""
-    form_files: Mapping[str, str] = field(default_factory=dict)
-    """By the digest of an identified set: the file of the form of it that `export` wrote last, of
-    those that are in the campaign's folder."""
+    forms: tuple[WrittenSet, ...] = ()
+    """Forms of identified sets that are robot files in the campaign's folder, latest first."""
     programs: Mapping[str, str] = field(default_factory=dict)
     """Languages of the programs of plan.csv and of what was written last, by stage."""
     unreadable: tuple[str, ...] = ()
@@ -341,13 +340,19 @@ def gather(campaign: Campaign) -> Evidence:
                 (each.record for each in entries if isinstance(each.record, Finding)),
             ),
             written=written,
-            form_files={
-                each.projection.of: each.file
-                for each in reversed(every_written)
-                if each.projection and campaign.path(each.file).exists()
-            },
+            forms=tuple(_forms_there(campaign, every_written)),
             unreadable=tuple(unreadable),
         )
+
+
+def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[WrittenSet]:
+    """Of each file that is a form to be loaded what was written last, latest first."""
+    names = set[str]()
+    for each in written:
+        if each.file not in names and campaign.path(each.file).exists():
+            names.add(each.file)
+            if each.projection and each.projection.name in FORMS:
+                yield each
 
 
 def _program(campaign: Campaign, plan: tuple[PlannedShot, ...] | None) -> str:

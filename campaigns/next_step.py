@@ -12,7 +12,7 @@ from statistics import median
 from typing import Literal
 
 from campaigns.controllers.controller_state import ControllerState
-from campaigns.controllers.export import PLAIN_FILE
+from campaigns.controllers.export import FORMS, PLAIN, PLAIN_FILE, form_options, forms_taken
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.decision import Decision
@@ -131,6 +131,8 @@ class CampaignState:
     """Plain parameters, of which a controller without plate tilt takes the file."""
     form_file: str = PLAIN_FILE
     """The form's, in the campaign's folder."""
+    form_options: tuple[str, ...] = FORMS[PLAIN][1]
+    """Options of `export` for the form that is needed."""
     holds: Held = ""
     """What the controller holds."""
     after: After = ""
@@ -215,7 +217,7 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
         put = "put the exported file into the controller, or correct the targets, and measure pairs"
         return NextStep(("import", here, "FILE", "--stage", "after"), put)
     if state.form == "needed":
-        return NextStep(("export", here, "--format", "plain"))
+        return NextStep(("export", here, *state.form_options))
     return NextStep(
         ("load", here, *(["--file", f"{here}/{state.form_file}"] if state.form else []))
     )
@@ -474,8 +476,13 @@ def _calibrated(
     digest, file, loaded = identified.digest(), evidence.parameter_file, evidence.loaded
     every = [each.started.lacks for each in (journal.series if journal else ())]
     lacks = next((each for each in reversed(every) if each is not None), None)
-    too_few = bool({*(lacks or ())} & {*identified.extended_by})
-    has_form = digest in evidence.form_files and (too_few or lacks is None)
+    lacking = {*(lacks or ())} & {*identified.extended_by}
+    own = [each for each in evidence.forms if each.projection and each.projection.of == digest]
+    taken = next((each for each in own if not any(each.wanted.get(n) for n in lacking)), None)
+    # axes took tables where somebody wrote any: else the form that every controller takes
+    fullest = any(each.projection and each.projection.name != PLAIN for each in own)
+    form = [*forms_taken(space, lacking)][0 if fullest else -1]
+    has_form = taken is not None and (bool(lacking) or lacks is None)
     held = held or evidence.state(loaded.digest if loaded else None)
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
     known_other = held is not None and held.origin != digest and not evidence.campaign.is_offline
@@ -498,8 +505,9 @@ def _calibrated(
     return replace(
         state,
         file="identified" if file and file.digest() == digest else "other" if is_there else "",
-        form="exported" if has_form else "needed" if too_few else "",
-        form_file=evidence.form_files.get(digest, PLAIN_FILE),
+        form="exported" if has_form else "needed" if lacking else "",
+        form_file=taken.file if taken else PLAIN_FILE,
+        form_options=form_options(form, [each.file for each in evidence.forms]),
         holds=holds,
         after=decided if after else "",
         reasons="; ".join(verdict.reasons),

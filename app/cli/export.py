@@ -11,6 +11,7 @@ from app.next import tell_next
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers import joint_tables
+from campaigns.controllers.export import PLAIN
 from campaigns.controllers.model_reduction import ResidualError
 from campaigns.controllers.reduced_parameters import FORMATS
 from campaigns.controllers.robot_description import FORMATS as DESCRIPTIONS
@@ -20,12 +21,7 @@ from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.settings.option import Option, require_finite
 from campaigns.workflow.correction import Warm
 from campaigns.workflow.files import export, export_description, export_hal, export_shots
-from campaigns.workflow.reduced_export import (
-    PLAIN,
-    ReducedExport,
-    export_joint_tables,
-    export_projected,
-)
+from campaigns.workflow.reduced_export import ReducedExport, export_joint_tables, export_projected
 
 WORDS = ("yaml", "linuxcnc", *FORMATS, "plain", *DESCRIPTIONS)
 Format = StrEnum("Format", {word: word for word in WORDS})  # type: ignore[misc] # words of another room

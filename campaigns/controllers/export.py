@@ -1,6 +1,6 @@
 """Export: what was identified as a robot file, with its uncertainty and where it comes from."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Container, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Self
@@ -21,6 +21,15 @@ from drivers.values import Identity
 FILE_NAME = "robot-compensated.yaml"
 PLAIN_FILE = "robot-plain.yaml"
 TABLES_FILE = "robot-joint-tables.yaml"
+PLAIN = "plain"
+JOINT_TABLES = "joint tables"
+PLAIN_WITH_TABLES = f"{PLAIN} with {JOINT_TABLES}"
+FORMS = {
+    JOINT_TABLES: (TABLES_FILE, ("--joint-table", "csv")),
+    PLAIN_WITH_TABLES: (TABLES_FILE, ("--joint-table", "csv", "--format", PLAIN)),
+    PLAIN: (PLAIN_FILE, ("--format", PLAIN)),
+}
+"""Forms of a set that are robot files: the file in a campaign's folder, and options of `export`."""
 CalibrationRoute = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 
@@ -54,6 +63,23 @@ class WrittenSet:
     def of(cls, file: str, own: Parameters, **more: Any) -> Self:
         """Set of these parameters. Any: the fields beyond."""
         return cls(file, own.digest(), dict(own), **more)
+
+
+def forms_taken(space: ParameterSpace, lacking: Collection[str]) -> Iterator[str]:
+    """Names of the forms of a set that a controller takes which lacks so much of it, fullest first.
+
+    Whether its axes take tables nobody can read; the last needs none.
+    """
+    if any(each in space.transmission for each in lacking):
+        geometry = any(each in space.extensions for each in lacking)
+        yield PLAIN_WITH_TABLES if geometry else JOINT_TABLES
+    yield PLAIN
+
+
+def form_options(name: str, written: Container[str]) -> tuple[str, ...]:
+    """Options of `export` for a form, where these files are there already."""
+    file, options = FORMS[name]
+    return (*options, "--overwrite") if file in written else options
 
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:

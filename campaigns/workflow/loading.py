@@ -31,6 +31,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
+from campaigns.workflow.files import identified_robot
 from campaigns.workflow.reduced_export import offered_forms
 from drivers.errors import Cancelled, DeviceRefused, DriverError, RobotStateUnknown
 from drivers.ports import RobotController
@@ -214,7 +215,9 @@ class _Loading:
         """
         lacking = self.controller.lacks(robot.parameters.extended_by)
         if lacking:
-            forms = offered_forms(self.campaign, robot, lacking)
+            whole = self._whole(source, robot)
+            beyond = self.controller.lacks(whole.parameters.extended_by)
+            forms = offered_forms(self.campaign, whole, beyond)
             for name, (_, left) in forms.items():
                 self.terms.tell(
                     f"{name}: leaves {left.rms_mm:.4f} mm rms, {left.max_mm:.4f} mm at most"
@@ -228,6 +231,15 @@ class _Loading:
         if not self.options.force:
             load_checks.refuse(source, found)
         return found
+
+    def _whole(self, source: Path, robot: RobotFile) -> RobotFile:
+        """Identified set that a file is a form of; the file's own where it is no such form."""
+        form = form_of(robot.provenance, str(source))
+        if form is not None and form.name in parameter_file.FORMS:
+            with suppress(errors.ShotsMissing, errors.VerdictBad):
+                whole = identified_robot(self.campaign).robot
+                return whole if whole.digest() == form.of else robot
+        return robot
 
     def _carry_out(
         self,

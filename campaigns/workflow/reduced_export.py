@@ -10,7 +10,17 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers import joint_tables, model_reduction
-from campaigns.controllers.export import PLAIN_FILE, TABLES_FILE, latest_identification
+from campaigns.controllers.export import (
+    FORMS,
+    JOINT_TABLES,
+    PLAIN,
+    PLAIN_FILE,
+    PLAIN_WITH_TABLES,
+    TABLES_FILE,
+    form_options,
+    forms_taken,
+    latest_identification,
+)
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
@@ -20,8 +30,6 @@ from campaigns.robots.reduced_form import FORM, ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile, compensated
 from campaigns.workflow.files import identified_robot, recorded
 
-PLAIN = "plain"
-JOINT_TABLES = "joint tables"
 WORKSPACE_POSES = 1000
 """So many poses stand for the workspace when parameters are fitted to it."""
 
@@ -115,7 +123,7 @@ def export_joint_tables(
         "these values and tables": _left(rest, robot, poses, tables),
         **_full(campaign),
     }
-    name = f"{PLAIN} with {JOINT_TABLES}" if plain else JOINT_TABLES
+    name = PLAIN_WITH_TABLES if plain else JOINT_TABLES
     form, own = _written_form(campaign, robot, name, rest, left["these values and tables"])
     path = to or campaign.path(TABLES_FILE)
     texts = {path.with_name(each): text for each, text in files_of(tables).items()}
@@ -132,21 +140,18 @@ def offered_forms(
 
     By name: the command, and what the form leaves of position. Raises `IdentificationRefused`.
     """
-    space, poses = robot.mechanism.parameters, _poses(campaign, robot)
-    export = f"pkmcal export {campaign.folder}"
-    rest, name, option = without_transmission(robot.kinematics), JOINT_TABLES, ""
-    if any(each in space.extensions for each in lacking):
-        workspace = model_reduction.Workspace.of(rest, poses)
-        rest = model_reduction.project_plain(rest, workspace).kinematics
-        name, option = f"{PLAIN} with {JOINT_TABLES}", " --format plain"
-    found: dict[str, tuple[str, model_reduction.ResidualError]] = {}
-    if any(each in space.transmission for each in lacking):
-        tables = joint_tables.joint_tables(robot.kinematics, robot.limits.joint)
-        left = _left(rest, robot, poses, tables)
-        found[name] = f"{export} --joint-table csv{option}", left
-    workspace = model_reduction.Workspace.of(robot.kinematics, poses)
-    plain = model_reduction.project_plain(robot.kinematics, workspace).kinematics
-    found[PLAIN] = f"{export} --format plain", _left(plain, robot, poses)
+    poses, found = _poses(campaign, robot), dict[str, tuple[str, model_reduction.ResidualError]]()
+    written = [file for file, _ in FORMS.values() if campaign.path(file).exists()]
+    for name in forms_taken(robot.mechanism.parameters, lacking):
+        own, tables = robot.kinematics, None
+        if name != PLAIN:
+            tables = joint_tables.joint_tables(own, robot.limits.joint)
+            own = without_transmission(own)
+        if name != JOINT_TABLES:
+            workspace = model_reduction.Workspace.of(own, poses)
+            own = model_reduction.project_plain(own, workspace).kinematics
+        command = " ".join(("pkmcal export", str(campaign.folder), *form_options(name, written)))
+        found[name] = command, _left(own, robot, poses, tables)
     by_targets = _left(robot.kinematics, robot, poses)
     found["corrected targets"] = f"pkmcal correct {campaign.folder}", by_targets
     return found

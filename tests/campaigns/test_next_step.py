@@ -3,11 +3,13 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
+from types import SimpleNamespace
 
 import pytest
 from paper_campaign import PaperCampaign
 
 from campaigns.campaign import open_campaign
+from campaigns.controllers.export import FORMS, JOINT_TABLES, PLAIN, PLAIN_WITH_TABLES, WrittenSet
 from campaigns.estimation.change_detection import CauseKind
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
@@ -15,9 +17,10 @@ from campaigns.evaluation.calibration_check import PartChange, RecordedCheck
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evidence import Evaluation, Evidence, gather
-from campaigns.identification.result import Pedigree, RecordedIdentification
+from campaigns.identification.result import IdentifiedParameter, Pedigree, RecordedIdentification
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.next_step import FEW, Answer, CampaignState, NextStep, Unusable, next_step, state_of
+from campaigns.robots.reduced_form import ReducedForm
 from campaigns.workflow.status import doubtful
 
 SESSIONS = {number: 1 + number // 60 for number in range(120)}
@@ -369,6 +372,53 @@ def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
         assert step is not None
         assert " ".join((step.command[0], *step.command[2:])) == said
         assert now.verdict.decision == "not decided"
+
+
+def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: PaperCampaign) -> None:
+    """A controller without tilts and backlash; tables are offered again where some were written."""
+    evidence = gather(open_campaign(whole.folder))
+    found, journal = evidence.identification, evidence.journal
+    assert found is not None
+    assert journal is not None
+    space = evidence.campaign.robot.mechanism.parameters
+    terms = {"arm1.axis_tilt_deg": 0.02, "arm2.backlash_deg": 0.01}
+    added = {
+        name: IdentifiedParameter(nominal=0.0, value=value, std=0.001, free=True)
+        for name, value in terms.items()
+    }
+    found = replace(found, parameters=found.parameters | added)
+    identified = Parameters.of(space, found.flat())
+    lacking = tuple(
+        replace(each, started=replace(each.started, lacks=tuple(terms))) for each in journal.series
+    )
+    file = SimpleNamespace(digest=identified.digest)
+    told = replace(
+        evidence,
+        identification=found,
+        journal=replace(journal, series=lacking),
+        parameter_file=file,
+        loaded=None,
+    )
+
+    def form(name: str, lost: tuple[str, ...], of: str = identified.digest()) -> WrittenSet:
+        own = Parameters.of(space, {k: v for k, v in identified.items() if k not in lost})
+        projection = ReducedForm(of, 0.1, 0.2, 0.1, name)
+        return WrittenSet.of(FORMS[name][0], own, projection=projection)
+
+    tables, tilted = form(PLAIN_WITH_TABLES, (*terms,)), form(JOINT_TABLES, ("arm2.backlash_deg",))
+    plain = form(PLAIN, (*terms,))
+    for forms, said in (
+        ((), "export --format plain"),
+        ((form(PLAIN, (*terms,), "older"),), "export --format plain --overwrite"),
+        ((plain,), "load --file robot-plain.yaml"),
+        ((tilted,), "export --joint-table csv --format plain --overwrite"),
+        ((tilted, plain), "load --file robot-plain.yaml"),
+        ((tables, plain), "load --file robot-joint-tables.yaml"),
+    ):
+        step = next_step(state_of(Evaluation(replace(told, forms=forms))))
+        assert step is not None
+        words = " ".join((step.command[0], *step.command[2:]))
+        assert words.replace(f"{whole.folder}/", "") == said, forms
 
 
 @pytest.mark.parametrize(

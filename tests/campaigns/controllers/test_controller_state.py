@@ -77,9 +77,9 @@ def test_joint_tables_come_with_a_form_that_names_what_it_is_of(identified: Pape
     assert known_sets(identified.campaign).forms[robot.digest()] == form
     assert [each.name for each in found.files] == [f"joint{joint}.comp" for joint in range(4)]
     assert all(each.exists() for each in found.files)
-    assert gather(identified.campaign).form_files == {form.of: found.path.name}
+    assert gather(identified.campaign).forms[0].file == found.path.name
     hidden = found.path.rename(found.path.with_name("elsewhere.yaml"))
-    assert found.path.name not in gather(identified.campaign).form_files.values()
+    assert found.path.name not in [each.file for each in gather(identified.campaign).forms]
     hidden.rename(found.path)
 
 
