@@ -22,7 +22,7 @@ from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification import change
-from campaigns.identification.identify import fitted, identify
+from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import (
     FULL,
     STANDARD,
@@ -213,8 +213,8 @@ def test_a_robot_without_gears_errors_gets_no_term_of_them():
 def test_of_several_causes_the_one_that_gains_most_is_told_first_and_none_that_is_not_needed():
     data, _ = geared(encoder_gain_ppm=800.0, eccentricity_cos_deg=0.05)
     terms, options = terms_to_add(SPACE, Model.AUTO), IdentificationOptions()
-    fit = fitted(NOMINAL, data, USUAL, options)
-    standard, tried = _Candidate(STANDARD, USUAL, NOMINAL, data, options, *fit), []
+    standard = _Candidate("", USUAL, NOMINAL, data, options).instead(STANDARD, USUAL)
+    tried = []
 
     def of(stem):
         return {name for name in terms.free if stem in name}

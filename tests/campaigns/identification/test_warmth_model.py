@@ -13,7 +13,7 @@ from app.report.model_sections import warmth_in_words
 from campaigns.arrays import Array
 from campaigns.estimation.estimators import Model
 from campaigns.identification import model_selection
-from campaigns.identification.identify import fitted, identify
+from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
@@ -173,9 +173,8 @@ def of_carriages(**error_ppm: float) -> tuple[model_selection._Candidate, Parame
     member = Member("linear-delta")
     shots = on_rails(np.expm1(-5.0 * TIME) / np.expm1(-5.0), member=member, **error_ppm)
     known, options = select_parameters(member.space), IdentificationOptions()
-    fit = fitted(member.nominal, shots, known, options)
-    standard = model_selection._Candidate("standard", known, member.nominal, shots, options, *fit)
-    return standard, terms_to_add(member.space, Model.AUTO)
+    standard = model_selection._Candidate("", known, member.nominal, shots, options)
+    return standard.instead("standard", known), terms_to_add(member.space, Model.AUTO)
 
 
 def test_a_scale_that_comes_with_time_is_growth_of_the_rails_where_pitches_are_off_alike() -> None:
