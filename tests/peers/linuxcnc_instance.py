@@ -128,7 +128,8 @@ class LinuxcncInstance:
     def kill(self, program):
         """Kill one of its programs without any warning."""
         pids = self.run("pidof", "-x", program).split()
-        self.run("kill", "-9", *pids)
+        # a child of one that was killed before may end by itself in between
+        self.run("sh", "-c", f"kill -9 {' '.join(pids)} || ! kill -0 {' '.join(pids)}")
 
     def hal(self, *words):
         """Run halcmd beside it; gives what it says."""
