@@ -8,12 +8,12 @@ for 22 parameters, and 30 pairs some of which are wrong, by bare distances. The 
 kind is enough.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from math import inf, nan
 
 import numpy as np
 
-from benchmarks.shared.studies import Studied, options, studied
+from benchmarks.shared.studies import Studied, mean, options, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.evaluation.diagnostics import CHANGE, COMMON_SCALE
 from campaigns.studies.perturbations import KINDS
@@ -146,12 +146,6 @@ def wrong_pairs(found: Studied) -> Iterator[Figure]:
         elif not kind.gross:
             alarms = mean(each.too_many > 0 for each in verdicts)
             yield Figure("bare distances: false alarms", alarms, "", highest=0.01)
-
-
-def mean(values: Iterable[float]) -> float:
-    """Mean, or share of what is true; NaN of none, which keeps no limit."""
-    taken = list(values)
-    return sum(taken) / len(taken) if taken else nan
 
 
 if __name__ == "__main__":

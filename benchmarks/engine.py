@@ -10,7 +10,7 @@ the shots may cost 1.5 times what the first hundred do.
 
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -77,11 +77,15 @@ def plan_of(shots: int) -> tuple[PlannedShot, ...]:
     return tuple(make_plan(ROBOT, VIEW, request, np.random.default_rng(SEED)))
 
 
-def run(folder: Path, shots: Sequence[PlannedShot]) -> "InstantTracker":
-    """Measure a plan on instant devices."""
+def run(
+    folder: Path,
+    shots: Sequence[PlannedShot],
+    tracker_of: "Callable[[Array], InstantTracker] | None" = None,
+) -> "InstantTracker":
+    """Measure a plan on instant devices; `tracker_of` makes another tracker of its points."""
     clock, robot = HandClock(), InstantRobot(shots[0].joints)
     points = NOMINAL.forward(joints_of(shots)).values_or_raise()[:, :3] + TRACKER_FROM_BASE_MM
-    tracker = InstantTracker(points)
+    tracker = (tracker_of or InstantTracker)(points)
     # they know only what a run asks of them
     cell = Cell(cast(RobotController, robot), cast(LaserTracker, tracker), clock, clock)
     with open_journal(folder / "campaign.db", now_utc=now_utc, create=True) as journal:

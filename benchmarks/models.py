@@ -9,7 +9,7 @@ robots that need none: benchmarks.transmission. Exit code 1 when a figure misses
 """
 
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from math import nan
@@ -66,15 +66,14 @@ def measure(robots: int) -> Report:
             Table(
                 "medians by model",
                 ("free", "errors over the 22's", "χ² per degree of freedom"),
-                [(name, *medians([each[name] for each in gains])) for name in ALL_MODELS],
+                [(name, *middle(each[name] for each in gains)) for name in ALL_MODELS],
             ),
         ],
     )
 
 
-def medians(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    first, second = (statistics.median(values) for values in zip(*pairs, strict=True))
-    return first, second
+def middle(pairs: Iterable[tuple[float, float]]) -> Iterator[float]:
+    return map(statistics.median, zip(*pairs, strict=True))
 
 
 def realistic_robot(

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.shared.studies import Studied, options, studied
+from benchmarks.shared.studies import Studied, mean, options, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.studies.study import CampaignRow
 
@@ -80,26 +80,21 @@ def choices(by_model: Mapping[str, Studied]) -> list[Figure]:
         for row in rows["auto"]
         if row.what == "none"
     ]
-    halved, enough = 0, 0
-    for auto, standard, full in zip(rows["auto"], rows["standard"], rows["full"], strict=True):
-        least = left_mm(full)
-        if least < 0.5 * left_mm(standard):
-            halved += 1
-            larger = auto.verdict is not None and auto.verdict.model not in {"standard", "rods"}
-            enough += larger or left_mm(auto) <= ABOVE * least
+    enough = [
+        left_mm(auto) <= ABOVE * left_mm(full)
+        or (auto.verdict is not None and auto.verdict.model not in {"standard", "rods"})
+        for auto, standard, full in zip(rows["auto"], rows["standard"], rows["full"], strict=True)
+        if left_mm(full) < 0.5 * left_mm(standard)
+    ]
     return [
-        Figure("22 kept of perfect parts", share_of(sum(perfect), len(perfect)), lowest=RIGHTLY),
-        Figure("full or as good where it halves", share_of(enough, halved), lowest=RIGHTLY),
-        Figure("campaigns where full leaves less than half", float(halved)),
+        Figure("22 kept of perfect parts", mean(perfect), lowest=RIGHTLY),
+        Figure("full or as good where it halves", mean(enough), lowest=RIGHTLY),
+        Figure("campaigns where full leaves less than half", float(len(enough))),
     ]
 
 
 def left_mm(row: CampaignRow) -> float:
     return math.nan if row.verdict is None else row.verdict.position_mm
-
-
-def share_of(some: int, count: int) -> float:
-    return some / count if count else math.nan
 
 
 def words(kept: Mapping[str, int]) -> str:

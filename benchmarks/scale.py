@@ -8,9 +8,7 @@ a size and the one before it, 1 where time grows as the size does.
 """
 
 import math
-import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks import engine
-from benchmarks.shared.programs import pkmcal
+from benchmarks.shared.programs import Cost, cost_of, pkmcal
 from benchmarks.shared.prototype import CENTRE, FREE, NOMINAL, REGION, ROBOT
 from benchmarks.shared.yardstick import Report, Table, main
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -30,15 +28,6 @@ from campaigns.shots.shots_csv import ShotRow, write_shots
 LEAST = {"shots": 100, "campaigns": 100, "candidates": 1000}
 NOISE_MM = 0.01
 COLUMNS = ("", "size", "s", "exponent", "MB")
-KB_PER_MB = 1024.0
-
-
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """Cost of a work: processor time, and the largest resident memory."""
-
-    seconds: float
-    memory_mb: float
 
 
 def measure(shots: int, campaigns: int, candidates: int, picture: str) -> Report:
@@ -53,20 +42,6 @@ def measure(shots: int, campaigns: int, candidates: int, picture: str) -> Report
     if picture:
         draw(found, Path(picture))
     return Report(tables=[Table("processor time and memory by size", COLUMNS, [*_rows(found)])])
-
-
-def cost_of(work: Callable[[], object]) -> Cost:
-    """Cost of a work in a process of its own, and of those that it starts."""
-    if (child := os.fork()) == 0:
-        try:
-            work()
-        except BaseException:  # noqa: BLE001 - whatever it was, the parent says that it failed
-            os._exit(1)
-        os._exit(0)
-    _, status, spent = os.wait4(child, 0)
-    if status:
-        raise SystemExit(f"the work failed: exit code {os.waitstatus_to_exitcode(status)}")
-    return Cost(spent.ru_utime + spent.ru_stime, spent.ru_maxrss / KB_PER_MB)
 
 
 def of_shots(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object]]]:

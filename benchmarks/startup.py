@@ -12,7 +12,6 @@ by others on the machine, has to keep the limit. A table has the dearest imports
 import json
 import math
 import re
-import resource
 import statistics
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from benchmarks.shared.programs import pkmcal
+from benchmarks.shared.programs import cost_of, pkmcal
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 
 SHOTS = Path(__file__).parents[1] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
@@ -45,7 +44,7 @@ def measure(runs: int) -> Report:
         answers = [pkmcal(*words, expected=expected) for _ in range(runs)]
         pkmcal("status", campaign)
         spent_s = {
-            name: [_processor_s(partial(pkmcal, *_words(name, campaign))) for _ in range(runs)]
+            name: [cost_of(partial(pkmcal, *_words(name, campaign))).seconds for _ in range(runs)]
             for name in PROCESSOR_LIMITS_S
         }
         commands: dict[str, Callable[[], object]] = {
@@ -53,7 +52,9 @@ def measure(runs: int) -> Report:
             for model in OVER_BARE
         }
         commands["bare"] = partial(subprocess.run, BARE, check=True)
-        rounds = [{name: _processor_s(run) for name, run in commands.items()} for _ in range(runs)]
+        rounds = [
+            {name: cost_of(run).seconds for name, run in commands.items()} for _ in range(runs)
+        ]
         imports = [
             (name, module, own_s)
             for name in (*PROCESSOR_LIMITS_S, "identify")
@@ -63,15 +64,14 @@ def measure(runs: int) -> Report:
     solved_s = [json.loads(answer)["seconds"] for _, answer in answers]
     times_s = (helped_s, [seconds for seconds, _ in answers], solved_s)
     limits = [*LIMITS_S.items(), *((f"{n}, processor", s) for n, s in PROCESSOR_LIMITS_S.items())]
-    figures = []
-    for (name, limit), runs_s in zip(limits, (*times_s, *spent_s.values()), strict=True):
-        figures.append(Figure(f"{name}, median", statistics.median(runs_s), "s"))
-        figures.append(Figure(f"{name}, least", min(runs_s), "s", highest=limit))
+    found = [(*each, "s") for each in zip(limits, (*times_s, *spent_s.values()), strict=True)]
     for model, limit in OVER_BARE.items():
         ratios = [each[model] / each["bare"] for each in rounds]
-        name = f"identify --model {model} over a bare import"
-        figures.append(Figure(f"{name}, median", statistics.median(ratios)))
-        figures.append(Figure(f"{name}, least", min(ratios), highest=limit))
+        found.append(((f"identify --model {model} over a bare import", limit), ratios, ""))
+    figures = []
+    for (name, limit), values, unit in found:
+        figures.append(Figure(f"{name}, median", statistics.median(values), unit))
+        figures.append(Figure(f"{name}, least", min(values), unit, highest=limit))
     heads = ("command", "module", "s, its own alone")
     return Report(figures, [Table("dearest imports", heads, imports)])
 
@@ -91,14 +91,6 @@ def _dearest_imports(words: tuple[str, ...]) -> list[tuple[str, float]]:
         for own_us, module in IMPORTED.findall(told):
             least_s[module] = min(float(own_us) * 1e-6, least_s.get(module, math.inf))
     return sorted(least_s.items(), key=lambda each: each[1], reverse=True)[:DEAREST]
-
-
-def _processor_s(run: Callable[[], object]) -> float:
-    """Processor time of a command."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    run()
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from app.study.rods import terms_of
-from benchmarks.shared.studies import studied
+from benchmarks.shared.studies import mean, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.information import covariance
@@ -113,10 +113,10 @@ def measure(robots: int, clean: int) -> Report:
     held = [abs(sigmas) < NORMAL_95 for one in every for sigmas in one.sigmas]
     full, with_all = (statistics.median(one.seconds[at] for one in every) for at in (0, 1))
     kept = [model for name in ROBOTS for model in kept_of_clean(name, clean)]
-    terms, larger = (sum(own) / len(kept) for own in zip(*map(is_larger, kept), strict=True))
+    terms, larger = mean("+" in model for model in kept), mean(model != STANDARD for model in kept)
     of = f"of {len(kept)}"
     figures += [
-        Figure("95 % intervals of added parameters hold", sum(held) / len(held), "", 0.93, 0.97),
+        Figure("95 % intervals of added parameters hold", mean(held), "", 0.93, 0.97),
         Figure("all terms, time over the full model's", with_all / full, highest=LONGER),
         Figure("clean robots of which auto keeps a term", terms, of, highest=TERMS_OF_CLEAN),
         Figure("or a larger model of any kind", larger, of, highest=LARGER_OF_CLEAN),
@@ -132,14 +132,9 @@ def kept_of_clean(name: str, robots: int) -> list[str]:
     return [verdict.model for verdict in found.verdicts()]
 
 
-def is_larger(model: str) -> tuple[bool, bool]:
-    """Whether a model has terms, and whether it is any but the usual one."""
-    return "+" in model, model != STANDARD
-
-
 def medians(found: Sequence[Fitted]) -> tuple[float, float, float]:
     plain, fitted = (statistics.median(one.errors[at] for one in found) for at in (0, 1))
-    return plain, fitted, sum(one.said for one in found) / len(found)
+    return plain, fitted, mean(one.said for one in found)
 
 
 def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> Fitted:

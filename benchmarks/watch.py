@@ -19,23 +19,16 @@ import tempfile
 import time
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import cast
 from urllib.parse import urlsplit
 
 import numpy as np
 
-from benchmarks.engine import TRACKER_FROM_BASE_MM, HandClock, InstantRobot, InstantTracker, work_of
+from benchmarks.engine import InstantTracker, run
 from benchmarks.shared.programs import PKMCAL, pkmcal
-from benchmarks.shared.prototype import NOMINAL
 from benchmarks.shared.yardstick import Figure, Report, main
-from campaigns.campaign import now_utc, open_campaign
-from campaigns.journal.journal import open_journal
-from campaigns.measuring.run_state import SILENT
-from campaigns.measuring.session import measure_series
-from campaigns.measuring.work import Cell
-from campaigns.planning.plans import joints_of
-from drivers.ports import LaserTracker, RobotController
+from campaigns.campaign import open_campaign
 from drivers.values import Measurement
 
 LIMIT = 1.05
@@ -72,7 +65,8 @@ def measure() -> Report:
         url = json.loads(watch.stdout.readline())["url"]
         page = subprocess.Popen([sys.executable, __file__, url], stdout=subprocess.PIPE)
         try:
-            tracker = run(folder, watch.pid)
+            plan = open_campaign(folder).read_plan()
+            tracker = run(folder, plan, partial(WatchedTracker, watcher=watch.pid))
             spent_s = _processor_s(watch.pid)
         finally:
             watch.send_signal(signal.SIGCONT)
@@ -94,18 +88,6 @@ def measure() -> Report:
             Figure("shots", shots),
         ]
     )
-
-
-def run(folder: Path, watcher: int) -> WatchedTracker:
-    """Measure the campaign's plan beside a watcher, given by its process's id."""
-    shots = open_campaign(folder).read_plan()
-    points = NOMINAL.forward(joints_of(shots)).values_or_raise()[:, :3] + TRACKER_FROM_BASE_MM
-    tracker, clock = WatchedTracker(points, watcher=watcher), HandClock()
-    robot = cast(RobotController, InstantRobot(shots[0].joints))
-    cell = Cell(robot, cast(LaserTracker, tracker), clock, clock)
-    with open_journal(folder / "campaign.db", now_utc=now_utc, create=True) as journal:
-        measure_series(cell, journal, work_of(shots), SILENT, lambda: False)
-    return tracker
 
 
 def _ratios(times_s: np.ndarray) -> np.ndarray:

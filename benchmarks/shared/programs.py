@@ -1,12 +1,23 @@
-"""The program itself, as a shell starts it."""
+"""The program itself, as a shell starts it, and what works cost in processes of their own."""
 
+import os
 import subprocess
 import sys
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
 
 PKMCAL = str(Path(sys.executable).with_name("pkmcal"))
+KB_PER_MB = 1024.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Cost of a work: processor time, and the largest resident memory."""
+
+    seconds: float
+    memory_mb: float
 
 
 def pkmcal(*words: str, expected: Collection[int] = (0,)) -> tuple[float, str]:
@@ -17,3 +28,17 @@ def pkmcal(*words: str, expected: Collection[int] = (0,)) -> tuple[float, str]:
     if done.returncode not in expected:
         raise SystemExit(f"pkmcal {' '.join(words)}: exit code {done.returncode}\n{done.stderr}")
     return seconds, done.stdout
+
+
+def cost_of(work: Callable[[], object]) -> Cost:
+    """Cost of a work in a process of its own, and of those that it starts."""
+    if (child := os.fork()) == 0:
+        try:
+            work()
+        except BaseException:  # noqa: BLE001 - whatever it was, the parent says that it failed
+            os._exit(1)
+        os._exit(0)
+    _, status, spent = os.wait4(child, 0)
+    if status:
+        raise SystemExit(f"the work failed: exit code {os.waitstatus_to_exitcode(status)}")
+    return Cost(spent.ru_utime + spent.ru_stime, spent.ru_maxrss / KB_PER_MB)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -88,3 +89,9 @@ def lines_of(path: str) -> list[str]:
 def options(name: str, values: Iterable[str]) -> list[str]:
     """A repeated option."""
     return [word for value in values for word in (f"--{name}", value)]
+
+
+def mean(values: Iterable[float]) -> float:
+    """Mean, or share of what is true; NaN of none, which keeps no limit."""
+    taken = list(values)
+    return sum(taken) / len(taken) if taken else nan
