@@ -21,6 +21,7 @@ from campaigns.journal.records import (
 from campaigns.journal.views import Entry, Series
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.running import run_work
 from campaigns.workflow.status import campaign_status
@@ -45,6 +46,11 @@ class Follower:
         self._monitored: object = None
         self._status_of: object = None
         self._told = ("", "")
+        self._watched, self._taken_up = Watched(), 0
+        """What so many records say, of one series and plan."""
+        self._watched_as: object = None
+        self._plan: tuple[PlannedShot, ...] = ()
+        self._plan_of: object = None
         self._marks = self._counted = 0
         """Marks among so many records."""
 
@@ -69,18 +75,12 @@ class Follower:
         try:
             phase, following = self._status(entries)
             series = self._journal.series()[-1] if self._journal and entries else None
-            plan = campaign.read_plan() if campaign.plan_path.exists() else ()
+            plan = self._planned()
         except (CampaignError, OSError) as error:
             return self._trouble(error)
-        watched = Watched(
-            entries=entries,
-            series=series,
-            plan=plan,
-            held_by=held_by,
-            known=self._uncertainty(series),
-            phase=phase,
-            next=following,
-        )
+        watched = self._taken(entries, series, plan)
+        watched.series, watched.held_by, watched.known = series, held_by, self._uncertainty(series)
+        watched.phase, watched.next = phase, following
         view = View.from_tracker(
             campaign.config.tracker.place_mm, campaign.config.validation.centre_mm
         )
@@ -96,6 +96,27 @@ class Follower:
             self._marks = self._counted = 0
             self._journal, self._file = self._campaign.journal_reader(), (stat.st_dev, stat.st_ino)
         return self._journal
+
+    def _planned(self) -> tuple[PlannedShot, ...]:
+        """plan.csv, read where it is another than before."""
+        of = (self._campaign.plan_path, self._plan_time())
+        if of != self._plan_of:
+            exists = self._campaign.plan_path.exists()
+            self._plan = self._campaign.read_plan() if exists else ()
+            self._plan_of = of
+        return self._plan
+
+    def _taken(
+        self, entries: Sequence[Entry[Record]], series: Series | None, plan: tuple[PlannedShot, ...]
+    ) -> Watched:
+        """What all records say; those of another series or plan are taken up from the first on."""
+        of = (self._file, series and series.number, self._plan_of)
+        if of != self._watched_as or self._taken_up > len(entries):
+            self._watched, self._watched_as = Watched(series=series, plan=plan), of
+            self._taken_up = 0
+        self._watched.take_up(entries[self._taken_up :])
+        self._taken_up = len(entries)
+        return self._watched
 
     def _plan_time(self) -> int:
         path = self._campaign.plan_path

@@ -6,9 +6,8 @@ a map as the tracker sees the workspace: metres to the right and up, from its mi
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime, timedelta
-from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -34,6 +33,8 @@ MOST_POINTS = 300
 """Of a curve, about."""
 LOST = ("beam broken", "suspended")
 SKIPPED = ("shot skipped", "shots left out")
+WORK = (records.Intent, records.Outcome, records.SessionStarted)
+ENDS = (records.SeriesFinished, records.SessionStopped)
 TELL_DRIFT = {ShotSet.DRIFT.value, ShotSet.NEST.value}
 LONGEST_PAUSE_S = 600.0
 """A longer time between two shots was no part of the work's pace."""
@@ -67,36 +68,83 @@ class View:
         return [round(float(from_centre @ self.right), 4), round(float(from_centre @ self.up), 4)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class Watched:
-    """What is known of a campaign at one moment; entries are all of its journal."""
+    """Campaign as its journal grows: entries are taken up once each, in their order.
 
-    entries: Sequence[Entry[records.Record]] = ()
+    Beside the time of the latest, those count that are the series' or the campaign's own.
+    """
+
     series: Series | None = None
-    """The one begun last."""
+    """The one begun last; another one is watched anew."""
     plan: tuple[PlannedShot, ...] = ()
     held_by: Holder | None = None
     known: tuple[ParameterUncertainty, ...] = ()
     """Uncertainty after growing numbers of shots."""
     phase: str = ""
     next: str = ""
+    places: dict[int, tuple[Pose, str]] = field(init=False)
+    """Pose and set of each shot: as planned, and in a stage without a plan as asked for."""
+    skipped: set[int] = field(default_factory=set)
+    lost: deque[Pose] = field(default_factory=lambda: deque(maxlen=MOST_LOST))
+    """Targets on the way to which, or at which, the beam was lost."""
+    events: deque[dict[str, str]] = field(default_factory=lambda: deque(maxlen=EVENTS))
+    """What the operator should know, the latest first."""
+    since_work: list[records.Record] = field(default_factory=list)
+    """Ends and lost beams since a shot was last asked for or measured, or the work begun."""
+    last_shot: int | None = None
+    residual_mm: float | None = None
+    """Of the last outcome."""
+    latest_utc: str | None = None
+
+    def __post_init__(self) -> None:
+        """Begin with the plan."""
+        self.places = {shot.shot: (shot.pose, shot.purpose.value) for shot in self.planned}
+
+    @property
+    def planned(self) -> tuple[PlannedShot, ...]:
+        """The plan, of a stage that has one."""
+        return self.plan if self.series is None or self.series.started.stage == "run" else ()
+
+    def take_up(self, entries: Iterable[Entry[records.Record]]) -> None:
+        """Take up what came since."""
+        for each in entries:
+            self.latest_utc = each.at_utc
+            if self.series is not None and each.series not in (None, self.series.number):
+                continue
+            record = each.record
+            match record:
+                case records.Intent(shot=shot, target=target, purpose=purpose):
+                    self.places[shot] = target, purpose
+                    self.last_shot = shot
+                case records.Outcome(residual_mm=residual_mm):
+                    self.residual_mm = residual_mm
+                case records.Event(kind=kind, shots=shots) if kind in SKIPPED:
+                    self.skipped.update(shots)
+                case records.Event(kind=kind) if kind in LOST and self.last_shot is not None:
+                    self.lost.append(self.places[self.last_shot][0])
+                case _:
+                    pass
+            if _is_work(record):
+                self.since_work.clear()
+            elif isinstance(record, ENDS) or _is_lost(record):
+                self.since_work.append(record)
+            if text := _text(record):
+                self.events.appendleft({"at_utc": each.at_utc, "text": text[:SHORT]})
 
 
 def live_state(
     watched: Watched, view: View, mechanism: ClosedChain, name: str, now_utc: datetime
 ) -> dict[str, object]:
     """State as the page is told."""
-    own = [each for each in watched.entries if _is_of(each, watched.series)]
-    series = watched.series
-    planned = watched.plan if series is None or series.started.stage == "run" else ()
+    series, planned = watched.series, watched.planned
     done = {shot.intent.shot: shot for shot in series.shots} if series else {}
-    skipped = {shot for each in own for shot in _shots_of(each.record, SKIPPED)} - {*done}
+    skipped = watched.skipped - {*done}
     total = max(len(planned) - len(skipped), len(done)) if planned else None
-    colour, state, detail = _activity(own, watched)
+    colour, state, detail = _activity(watched)
     times = [each.measured_utc for each in done.values()]
     visits = [*_visits(series.shots)] if series else []
     drift = time_series("", shots_of_journal(visits, mechanism)) if visits else None
-    latest = watched.entries[-1].at_utc if watched.entries else None
     return {
         "name": name,
         "phase": watched.phase,
@@ -107,41 +155,43 @@ def live_state(
         "done": len(done),
         "total": total,
         "end_utc": _end_utc(times, total, now_utc) if state == "measuring" else None,
-        "residual_mm": _last_residual(own),
-        "map": [*_map(planned, own, {*done}, skipped, view)],
-        "lost": [view.place(pose) for pose in _lost_at(own)],
+        "residual_mm": watched.residual_mm,
+        "map": [*_map(watched, {*done}, skipped, view)],
+        "lost": [view.place(pose) for pose in watched.lost],
         "drift": [] if drift is None else _pairs(drift.drift_s, drift.drift_mm),
         "sigma": [[each.shots, each.position_std_mm] for each in watched.known],
         "known": asdict(watched.known[-1]) if watched.known else None,
-        "events": [*_events(own)],
-        "latest_utc": latest,
+        "events": [*watched.events],
+        "latest_utc": watched.latest_utc,
         "now_utc": now_utc.isoformat(timespec="milliseconds"),
         "next": watched.next,
     }
 
 
-def _is_of(entry: Entry[records.Record], series: Series | None) -> bool:
-    return series is None or entry.series in (None, series.number)
+def _is_work(record: records.Record) -> bool:
+    return isinstance(record, WORK) or (
+        isinstance(record, records.Event) and record.kind == "resumed"
+    )
 
 
-def _activity(own: Sequence[Entry[records.Record]], watched: Watched) -> tuple[Colour, str, str]:
+def _is_lost(record: records.Record) -> bool:
+    return isinstance(record, records.Event) and record.kind in LOST
+
+
+def _activity(watched: Watched) -> tuple[Colour, str, str]:
     """Colour, state and what it is about, by the last records that speak of it."""
     if watched.series is None:
         return "grey", "nothing was measured yet", ""
-    for each in reversed(own):
-        match each.record:
+    for each in reversed(watched.since_work):
+        match each:
             case records.SeriesFinished():
                 return "green", "finished", ""
             case records.SessionStopped() if watched.series.finished:
                 return "green", "finished", ""
             case records.SessionStopped(how=how, reason=reason):
                 return ("green" if how == "finished" else "amber"), "stopped", reason
-            case records.Event(kind=kind, text=text) if kind in LOST and watched.held_by:
+            case records.Event(text=text) if watched.held_by:
                 return "red", "the beam is broken", text
-            case records.Intent() | records.Outcome() | records.SessionStarted():
-                break
-            case records.Event(kind="resumed"):
-                break
             case _:
                 continue
     if watched.held_by is None:
@@ -151,10 +201,6 @@ def _activity(own: Sequence[Entry[records.Record]], watched: Watched) -> tuple[C
             "the process that measured is gone; its command resumes",
         )
     return "green", "measuring", ""
-
-
-def _shots_of(record: records.Record, kinds: Iterable[str]) -> tuple[int, ...]:
-    return record.shots if isinstance(record, records.Event) and record.kind in kinds else ()
 
 
 def _end_utc(times: Sequence[str], total: int | None, now_utc: datetime) -> list[str] | None:
@@ -168,50 +214,18 @@ def _end_utc(times: Sequence[str], total: int | None, now_utc: datetime) -> list
     return [(now_utc + timedelta(seconds=s)).isoformat(timespec="seconds") for s in ends]
 
 
-def _last_residual(own: Sequence[Entry[records.Record]]) -> float | None:
-    outcomes = (each.record for each in reversed(own) if isinstance(each.record, records.Outcome))
-    return next((each.residual_mm for each in outcomes), None)
-
-
 def _map(
-    planned: Sequence[PlannedShot],
-    own: Sequence[Entry[records.Record]],
-    done: set[int],
-    skipped: set[int],
-    view: View,
+    watched: Watched, done: set[int], skipped: set[int], view: View
 ) -> Iterable[dict[str, object]]:
     """Places of planned shots, of a stage without a plan those that were asked for."""
-    intents = [each.record for each in own if isinstance(each.record, records.Intent)]
-    poses = {shot.shot: (shot.pose, shot.purpose.value) for shot in planned}
-    poses |= {each.shot: (each.target, each.purpose) for each in intents}
-    last = intents[-1].shot if intents else None
-    every = 1 + len(poses) // MOST_PLACES
-    for place, (shot, (pose, purpose)) in enumerate(poses.items()):
-        state = "done" if shot in done else "skipped" if shot in skipped else "left"
-        if shot == last and shot not in done:
-            state = "now"
-        if place % every and state in {"done", "left"}:
+    every = 1 + len(watched.places) // MOST_PLACES
+    now = None if watched.last_shot in done else watched.last_shot
+    for place, (shot, (pose, purpose)) in enumerate(watched.places.items()):
+        if place % every and shot != now and shot not in skipped:
             continue
+        state = "done" if shot in done else "skipped" if shot in skipped else "left"
+        state = "now" if shot == now else state
         yield {"shot": shot, "set": purpose, "state": state, "at": view.place(pose)}
-
-
-def _lost_at(own: Sequence[Entry[records.Record]]) -> Iterable[Pose]:
-    """Targets on the way to which, or at which, the beam was lost."""
-    target: Pose | None = None
-    found: deque[Pose] = deque(maxlen=MOST_LOST)
-    for each in own:
-        if isinstance(each.record, records.Intent):
-            target = each.record.target
-        elif isinstance(each.record, records.Event) and each.record.kind in LOST and target:
-            found.append(target)
-    return found
-
-
-def _events(own: Sequence[Entry[records.Record]]) -> Iterable[dict[str, str]]:
-    """What the operator should know, the latest first."""
-    told = ((each.at_utc, _text(each.record)) for each in reversed(own))
-    for at_utc, text in islice((each for each in told if each[1]), EVENTS):
-        yield {"at_utc": at_utc, "text": text[:SHORT]}
 
 
 def _text(record: records.Record) -> str:

@@ -56,6 +56,8 @@ class JournalReader:
         self._series: tuple[Series, ...] = ()
         self._series_of = 0
         """Number of records that they are of."""
+        self._parts: tuple[int, views.Parts] = 0, {}
+        """Number of records taken up, and what series are made of."""
         self._read_to = EMPTY
         """End of the chain over what is known."""
         self._hashed: _Hashed = 0, hashlib.sha256()
@@ -103,7 +105,9 @@ class JournalReader:
             self._known.append(self._entry(row))
         if len(self._known) == self._end.number:
             self._read_to = self._end
-        return tuple(each for each in self._known if series is None or each.series == series)
+        if series is None:
+            return tuple(self._known)
+        return tuple(each for each in self._known if each.series == series)
 
     def records_of(
         self, kind: type[RecordT], series: int | None = None
@@ -119,7 +123,10 @@ class JournalReader:
         """Return the series of one stage, or of all, oldest first."""
         entries = self.records()
         if self._series_of != len(entries):
-            self._series, self._series_of = views.all_series(entries), len(entries)
+            done, parts = self._parts
+            views.take_up(parts, entries[done:])
+            self._parts = len(entries), parts
+            self._series, self._series_of = views.series_of(parts), len(entries)
         return tuple(each for each in self._series if stage in (None, each.started.stage))
 
     def latest_series(self, stage: kinds.Stage) -> Series | None:
@@ -291,6 +298,7 @@ class Journal(JournalReader):
     def _forget(self, after: int) -> None:
         """Forget what was read after so many records."""
         self._known, self._series, self._series_of = self._known[:after], (), 0
+        self._parts = 0, {}
         self._read_to, self._hashed = EMPTY, (0, hashlib.sha256())
 
     def _append(self, record: kinds.Record, series: int | None) -> None:

@@ -1,4 +1,4 @@
-"""Series of a journal with their shots, read in one walk over its records. Pure."""
+"""Series of a journal with their shots, as its records are taken up, each once. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -63,29 +63,32 @@ class Series:
         return of_run and bool(self.shots) and not self.of_known_lengths
 
 
+Parts = dict[
+    int | None,
+    tuple[
+        Entry[records.Record],
+        Counter[type[records.Record]],
+        dict[tuple[int, int], records.Intent],
+        dict[int, AcceptedShot],
+    ],
+]
+"""By series: its first record, how many there are of each kind, intents by shot and attempt, and
+accepted shots."""
+
+
 def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
     """Return all series, in the order of their beginning."""
-    own: dict[int | None, list[Entry[records.Record]]] = {}
-    for entry in entries:
-        own.setdefault(entry.series, []).append(entry)
-    return tuple(
-        _series(number, first.at_utc, first.record, each)
-        for number, each in own.items()
-        if number is not None and isinstance((first := each[0]).record, records.SeriesStarted)
-    )
+    parts: Parts = {}
+    take_up(parts, entries)
+    return series_of(parts)
 
 
-def _series(
-    number: int,
-    started_utc: str,
-    started: records.SeriesStarted,
-    entries: Iterable[Entry[records.Record]],
-) -> Series:
-    """One of them; an outcome without its intent, of a damaged journal, does not count."""
-    kinds: Counter[type[records.Record]] = Counter()
-    intents: dict[tuple[int, int], records.Intent] = {}
-    accepted: dict[int, AcceptedShot] = {}
+def take_up(parts: Parts, entries: Iterable[Entry[records.Record]]) -> None:
+    """Take up further records; an outcome without its intent, of a damaged journal, counts not."""
     for entry in entries:
+        if entry.series not in parts:
+            parts[entry.series] = entry, Counter(), {}, {}
+        _, kinds, intents, accepted = parts[entry.series]
         kinds[type(entry.record)] += 1
         match entry.record:
             case records.Intent() as intent:
@@ -101,12 +104,20 @@ def _series(
             case records.PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)
-    return Series(
-        number,
-        started_utc,
-        started,
-        finished=kinds[records.SeriesFinished] > 0,
-        shots=tuple(accepted[shot] for shot in sorted(accepted)),
-        sessions=kinds[records.SessionStarted],
-        unstopped=kinds[records.SessionStarted] - kinds[records.SessionStopped],
+
+
+def series_of(parts: Parts) -> tuple[Series, ...]:
+    """Series as they stand, in the order of their beginning."""
+    return tuple(
+        Series(
+            number,
+            first.at_utc,
+            first.record,
+            finished=kinds[records.SeriesFinished] > 0,
+            shots=tuple(accepted[shot] for shot in sorted(accepted)),
+            sessions=kinds[records.SessionStarted],
+            unstopped=kinds[records.SessionStarted] - kinds[records.SessionStopped],
+        )
+        for number, (first, kinds, _, accepted) in parts.items()
+        if number is not None and isinstance(first.record, records.SeriesStarted)
     )

@@ -34,7 +34,9 @@ def told(tmp_path):
                 journal.append(record, series=series)
             entries, every = journal.records(), journal.series()
         now = datetime.fromisoformat(entries[-1].at_utc)
-        watched = Watched(entries=entries, series=every[-1], plan=plan, held_by=held_by)
+        watched = Watched(series=every[-1], plan=plan, held_by=held_by)
+        watched.take_up(entries[:9])
+        watched.take_up(entries[9:])
         return live_state(watched, VIEW, MECHANISM, "cell 7", now)
 
     return state

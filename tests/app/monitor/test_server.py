@@ -11,8 +11,9 @@ import pytest
 from paper_campaign import new_campaign
 
 from app.monitor.follower import Follower
-from app.monitor.live_state import utc_now
+from app.monitor.live_state import Watched, utc_now
 from app.monitor.server import LiveServer, News, follow
+from campaigns.journal.records import Event
 
 EVIL = "<script>alert(1)</script>\"'&"
 
@@ -101,6 +102,30 @@ def test_a_follower_tells_what_is_new_and_nothing_twice(tmp_path):
         assert (second["stage"], second["done"], second["colour"]) == ("run", 6, "green")
         paper.campaign.journal_path.unlink()
         assert follower.news()["state"] == "nothing was measured yet"
+
+
+def test_a_follower_takes_up_each_record_once_and_tells_what_a_new_one_would(tmp_path, monkeypatch):
+    paper, taken, take_up = new_campaign(tmp_path / "c"), [], Watched.take_up
+
+    def counted(watched, entries):
+        taken.append(len(entries))
+        take_up(watched, entries)
+
+    monkeypatch.setattr(Watched, "take_up", counted)
+    paper.measure("before", paper.plan(1, 0))
+    series = paper.measure("run", paper.plan(1, 1), finished=False, stopped=False)
+    with closing(Follower(paper.folder, utc_now)) as follower:
+        follower.news()
+        with paper.journal() as journal:
+            for shot, kind in ((1, "shot skipped"), (90, "beam broken")):
+                journal.append(Event(kind, f"shot {shot}", (shot,)), series=series)
+            whole = journal.last_number()
+        grown = follower.news()
+        assert taken == [whole - 2, 2]
+        with closing(Follower(paper.folder, utc_now)) as new:
+            told = new.news()
+    assert [each["text"] for each in told["events"]] == ["shot 90", "shot 1"]
+    assert {**grown, "now_utc": ""} == {**told, "now_utc": ""}
 
 
 def test_a_journal_that_cannot_be_read_is_said_and_the_follower_lives_on(tmp_path):

@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,7 @@ from campaigns.journal.records import (
     Rejected,
     SeriesFinished,
 )
+from campaigns.journal.views import all_series
 
 
 @pytest.fixture
@@ -254,6 +255,21 @@ def test_what_was_read_is_taken_over_by_a_later_reader_of_the_same_journal(
             assert reader.series() == alone.series()
             assert reader.digest() == alone.digest()
             assert reader.digest(through=2) == alone.digest(through=2)
+
+
+def test_series_of_a_journal_that_grows_are_those_of_all_its_records(
+    journal: Journal, run: int
+) -> None:
+    more = (intent(1), outcome(1), intent(2), outcome(2), PairVoided(1, (1,), "beam broken"))
+    for record in (*more, SESSION):
+        appended(journal, run, record)
+        assert journal.series() == all_series(journal.records())
+    with suppress(RuntimeError), journal.in_one_commit():
+        appended(journal, run, intent(3), outcome(3))
+        assert len(journal.shots(run)) == 2
+        raise RuntimeError
+    appended(journal, run, intent(4), outcome(4))
+    assert [shot.intent.shot for shot in journal.shots(run)] == [2, 4]
 
 
 def test_nothing_is_taken_over_from_a_journal_that_went_another_way(
