@@ -25,6 +25,7 @@ GOOD_PIVOT = 1e-2
 """Least pivot by which one Cholesky loses four digits of sixteen."""
 SYMMETRICAL = ((0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1))
 """Entries of a symmetrical matrix."""
+QUARTER = 0.5 * np.pi
 NEWTON_STEPS = 10
 """More are left to the slower way, which also tries other guesses."""
 
@@ -36,12 +37,42 @@ def _compiled(function: Function) -> Function:
 
 
 @_compiled
+def _cos_sin(angles: Array, cos: Array, sin: Array) -> None:
+    """Cosines and sines (N,), by series within an eighth of a turn, in vector instructions."""
+    for n in range(len(angles)):
+        quarters = np.floor(angles[n] / QUARTER + 0.5)
+        x = angles[n] - quarters * QUARTER
+        y = x * x
+        c = 1.0 - y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (
+            1.0 - y / 90.0 * (1.0 - y / 132.0 * (1.0 - y / 182.0 * (1.0 - y / 240.0)))
+        ))))  # fmt: skip
+        s = x * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (
+            1.0 - y / 110.0 * (1.0 - y / 156.0 * (1.0 - y / 210.0)))
+        ))))  # fmt: skip
+        halves = np.floor(0.5 * quarters)
+        sign = 1.0 - 2.0 * (halves - 2.0 * np.floor(0.5 * halves))
+        odd = quarters - 2.0 * halves
+        cos[n] = sign * (c - odd * (c + s))
+        sin[n] = sign * (s + odd * (c - s))
+
+
+@_compiled
 def _forearms(
-    functions: Array, upper: Array, lower: Array, pose: Array, forearms: Array, by_turn: Array
+    functions: Array,
+    upper: Array,
+    lower: Array,
+    pose: Array,
+    of_turns: Array,
+    forearms: Array,
+    by_turn: Array,
 ) -> None:
-    """Forearms (4, 3, N), and the turn's part of the halved closures' derivatives (4, N)."""
+    """Forearms (4, 3, N), and the turn's part of the halved closures' derivatives (4, N).
+
+    And cosines and sines of the turns, (2, N).
+    """
     _, arms, shots = functions.shape
-    turn, cos, sin = pose[3], np.cos(pose[3]), np.sin(pose[3])
+    turn, cos, sin = pose[3], of_turns[0], of_turns[1]
+    _cos_sin(turn, cos, sin)
     for arm in range(arms):
         first, second = functions[1, arm], functions[2, arm]
         by_turn[arm] = 0.0
@@ -131,11 +162,11 @@ def assemble(
     found = np.zeros(robots, dtype=np.bool_)
     forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
     inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
-    misfit, step = np.zeros((4, shots)), np.empty((4, shots))
+    misfit, step, of_turns = np.zeros((4, shots)), np.empty((4, shots)), np.empty((2, shots))
     for r in range(robots):
         pose = poses[r]
         for _ in range(NEWTON_STEPS):
-            _forearms(functions, upper[r], lower[r], pose, forearms, by_turn)
+            _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
             _misfits(forearms, lengths[r], misfit)
             _inverted(forearms, by_turn, inverse, determinant)
             for axis in range(CLOSURES):
@@ -183,7 +214,8 @@ def _columns(
     owner: Index,
     own_mm: Array,
     by_lower: Array,
-    pose: Array,
+    turn: Array,
+    of_turns: Array,
     forearms: Array,
     through: Array,
     closure: Array,
@@ -191,8 +223,7 @@ def _columns(
 ) -> None:
     """Derivatives (F, k, N) by the parameters of k values moved by closures, (k, 4, N)."""
     _closure_columns(functions, by_upper, owner, own_mm, forearms, closure)
-    arms = functions.shape[1]
-    turn, cos, sin = pose[3], np.cos(pose[3]), np.sin(pose[3])
+    arms, cos, sin = functions.shape[1], of_turns[0], of_turns[1]
     for place in range(len(owner)):
         if owner[place] >= 0:
             for row in range(len(through)):
@@ -334,15 +365,16 @@ def _point_jacobian(
     functions, upper, lower, by_upper, owner, own_mm, by_lower, pose = closed
     forearms, inverse, through, closure = room
     free, angles, shots = len(owner), len(by_angle), pose.shape[1]
-    by_turn, determinant = np.empty((4, shots)), np.empty(shots)
-    _forearms(functions, upper, lower, pose, forearms, by_turn)
+    by_turn, determinant, of_turns = np.empty((4, shots)), np.empty(shots), np.empty((2, shots))
+    _forearms(functions, upper, lower, pose, of_turns, forearms, by_turn)
     _inverted(forearms, by_turn, inverse, determinant)
     for arm in range(CLOSURES):
         _turned(rotation, inverse[:3, arm], through[:, arm])
         _whitened(whitening, through[:, arm])
     _columns(
-        functions, by_upper, owner, own_mm, by_lower, pose, forearms, through, closure, jacobian
-    )
+        functions, by_upper, owner, own_mm, by_lower, pose[3], of_turns, forearms, through, closure,
+        jacobian,
+    )  # fmt: skip
     for axis in range(angles):
         _turned(by_angle[axis], pose[:3], jacobian[free + axis])
         _whitened(whitening, jacobian[free + axis])
@@ -396,24 +428,29 @@ def distance_jacobians(closed: Closed, first: Index, second: Index, whitening: A
     forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
     inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
     closure, of_points = np.empty((free, shots)), np.empty((free, 3, shots))
-    jacobians = np.zeros((robots, free, len(first)))
+    jacobians, of_turns = np.empty((robots, free, len(first))), np.empty((2, shots))
+    along = np.empty((3, len(first)))
     for r in range(robots):
         pose = poses[r]
-        _forearms(functions, upper[r], lower[r], pose, forearms, by_turn)
+        _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
         _inverted(forearms, by_turn, inverse, determinant)
         _columns(
-            functions, by_upper[r], owner, own_mm[r], by_lower, pose, forearms, inverse[:3],
-            closure, of_points,
+            functions, by_upper[r], owner, own_mm[r], by_lower, pose[3], of_turns, forearms,
+            inverse[:3], closure, of_points,
         )  # fmt: skip
         for m in range(len(first)):
-            a, b, square = first[m], second[m], 0.0
+            square = 0.0
             for axis in range(3):
-                square += (pose[axis, b] - pose[axis, a]) ** 2
+                along[axis, m] = pose[axis, second[m]] - pose[axis, first[m]]
+                square += along[axis, m] ** 2
             for axis in range(3):
-                along = whitening[r, m] * (pose[axis, b] - pose[axis, a]) / np.sqrt(square)
-                for place in range(free):
-                    by = of_points[place, axis]
-                    jacobians[r, place, m] += along * (by[b] - by[a])
+                along[axis, m] *= whitening[r, m] / np.sqrt(square)
+        for place in range(free):
+            (x, y, z), row = of_points[place], jacobians[r, place]
+            for m in range(len(first)):
+                a, b = first[m], second[m]
+                row[m] = along[0, m] * (x[b] - x[a])
+                row[m] += along[1, m] * (y[b] - y[a]) + along[2, m] * (z[b] - z[a])
     return jacobians
 
 

@@ -150,14 +150,15 @@ class RobotStack:
             found = closures(self._mechanism, self._p_of(x, rows), wanted, self._by_platform)
         upper, _, lower, *_, by_upper, own_mm = found
         owner = owners(self._mechanism, wanted)[0]
-        poses = self._padded[rows]
+        poses = rows_of(self._padded, rows)
         return self._functions, upper, lower, by_upper, owner, own_mm, self._by_platform, poses
 
     def _assembled(self, kernel: ModuleType, x: Array, rows: Index) -> tuple[Array, Mask]:
         found = closures(self._mechanism, self._p_of(x, rows), self._free, self._by_platform)
-        self._closed, poses = (rows, found), self._padded[rows]
+        self._closed, poses = (rows, found), rows_of(self._padded, rows)
         is_found = kernel.assemble(self._functions, *found[:6], CONVERGED_MM, poses)
-        self._padded[rows] = poses
+        if poses is not self._padded:
+            self._padded[rows] = poses
         return poses[:, :3], np.asarray(is_found)
 
     def _p_of(self, x: Array, rows: Index) -> Array:

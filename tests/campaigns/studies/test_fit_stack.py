@@ -183,6 +183,15 @@ def test_closures_as_numbers_are_those_of_the_mechanism(member):
 
 @pytest.mark.peer
 @pytest.mark.timeout(0)
+def test_compiled_cosines_and_sines_are_those_of_the_library_all_around():
+    angles = np.linspace(-20.0, 20.0, 4001)
+    cos, sin = np.empty_like(angles), np.empty_like(angles)
+    kernel_of(ALL_MEMBERS[0])._cos_sin(angles, cos, sin)
+    np.testing.assert_allclose([cos, sin], [np.cos(angles), np.sin(angles)], rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.peer
+@pytest.mark.timeout(0)
 @pytest.mark.parametrize("apart", [1.0, 1e-2, 1e-4])
 def test_compiled_triangles_are_those_of_qr_where_columns_are_nearly_alike(apart):
     columns = np.random.default_rng(5).standard_normal((2, 4, 30)) * [[[1.0], [1e3], [1e-3], [1.0]]]
