@@ -103,8 +103,12 @@ def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
 
     Angles are (…, 3), derivatives (…, 3, 3, 3).
     """
-    (cz, cy, cx), (sz, sy, sx) = (np.moveaxis(of(angles_rad), -1, 0) for of in (np.cos, np.sin))
-    none = np.zeros_like(cz)
+    is_one = angles_rad.ndim == 1  # whose plain numbers take a third of the time
+    (cz, cy, cx), (sz, sy, sx) = (
+        of(angles_rad).tolist() if is_one else np.moveaxis(of(angles_rad), -1, 0)
+        for of in (np.cos, np.sin)
+    )
+    none = 0.0 if is_one else np.zeros_like(cz)
     turn = [
         [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
         [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
@@ -115,5 +119,5 @@ def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
     by_y += [[each * sz for each in (-sy, cy * sx, cy * cx)], [-cy, -sy * sx, -sy * cx]]
     by_x = [[none, row[2], -row[1]] for row in turn]
     every = np.array([turn, by_z, by_y, by_x])
-    turns = np.moveaxis(every, (0, 1, 2), (-3, -2, -1))
+    turns = every if is_one else np.moveaxis(every, (0, 1, 2), (-3, -2, -1))
     return turns[..., 0, :, :], turns[..., 1:, :, :]

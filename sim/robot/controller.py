@@ -144,14 +144,18 @@ class SimulatedController:
 
     def state(self, now_s: float) -> RobotState:
         """Readings of the encoders now."""
-        self._advance(now_s)
-        trouble = self._trouble
+        moving, trouble = self.is_moving(now_s), self._trouble
         return RobotState(
             joints=tuple(map(float, self.encoders(now_s))),
-            moving=self._motion is not None or trouble.kind == "stall",
+            moving=moving,
             fault=trouble.text if trouble.kind != "stall" else "",
             emergency_stop=trouble.kind == "emergency_stop",
         )
+
+    def is_moving(self, now_s: float) -> bool:
+        """Whether it says that the robot moves."""
+        self._advance(now_s)
+        return self._motion is not None or self._trouble.kind == "stall"
 
     def encoders(self, now_s: float) -> Array:
         """(n,): the encoders now, rad or mm, whole steps of the encoders' resolution."""

@@ -53,6 +53,10 @@ class FollowingController:
             joints=tuple(map(float, joints)), moving=moving, fault="", emergency_stop=False
         )
 
+    def is_moving(self, now_s: float) -> bool:  # noqa: ARG002 - as in `state`
+        """Whether the joints move."""
+        return self._follow()[1]
+
     def encoders(self, now_s: float) -> Array:  # noqa: ARG002 - as in `state`
         """(n,): the joints now."""
         return self._follow()[0]

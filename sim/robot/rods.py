@@ -35,8 +35,10 @@ def rotation(about_x: float, about_y: float, about_z: float) -> Array:
 def rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[Array, Array]:
     """Rotation (3, 3), and its derivatives (3, 3, 3) by the three angles."""
     (x, dx), (y, dy), (z, dz) = _about(0, about_x), _about(1, about_y), _about(2, about_z)
-    zy = z @ y
-    return zy @ x, np.stack([zy @ dx, z @ dy @ x, dz @ y @ x])
+    zy, rates = z @ y, np.empty((3, 3, 3))
+    for rate, one, other in zip(rates, (zy, z @ dy, dz @ y), (dx, x, x), strict=True):
+        np.matmul(one, other, out=rate)
+    return zy @ x, rates
 
 
 RADIAN_AS_MM = 100.0
@@ -112,6 +114,7 @@ class RodMechanism:
     def __init__(self, truth: Geometry, build: Build) -> None:
         self.kind = truth.kind
         self._truth = truth
+        self._outward = truth.outward
         outward, sideways = truth.outward, truth.sideways
         half_bar_mm = 0.5 * build.rod_spacing_mm
         self._motors_mm = truth.motors_mm + build.plate_joints_mm
@@ -130,7 +133,7 @@ class RodMechanism:
         if self.kind.on_rails:
             ways_mm = (1.0 + growth.arms) * places * self._rails
             return _pairs(motors_mm + ways_mm, self._elbow_bar_mm)
-        cranks = np.cos(places) * self._truth.outward + np.sin(places) * self._down
+        cranks = np.cos(places) * self._outward + np.sin(places) * self._down
         lengths_mm = (self._truth.arms_mm * (1.0 + growth.arms))[:, None]
         return _pairs(motors_mm + lengths_mm * cranks, self._elbow_bar_mm)
 

@@ -30,7 +30,7 @@ class Scene:
 
     def robot_is_still(self, now_s: float) -> bool:
         """Whether the robot stands."""
-        return not self._controller.state(now_s).moving
+        return not self._controller.is_moving(now_s)
 
     def robot_target(self) -> tuple[int, ...]:
         """Key of the place where the robot rests."""
