@@ -1,6 +1,6 @@
 """The plans of these tests are few, and run again and again: what they need is looked for once."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,18 +28,20 @@ def told(asked: object) -> object:
     match asked:
         case np.ndarray():
             return asked.tobytes()
-        case Kinematics():
-            return asked.mechanism.name, asked.p.tobytes()
+        case Kinematics():  # mechanisms of a name differ: by the half that carries the reflector
+            return asked.mechanism, asked.p.tobytes()
         case RobotModel():
             return tuple(map(told, (asked.kinematics, asked.limits, asked.centre, asked.space)))
         case _:
             return repr(asked)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def looked_for_once() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(RobotModel, "safe_path", remembered(RobotModel.safe_path))
-        sample_positions = remembered(uncertainty_monitor.sample_positions)
-        patch.setattr(uncertainty_monitor, "sample_positions", sample_positions)
-        yield
+SAFE_PATH = remembered(RobotModel.safe_path)
+SAMPLE_POSITIONS = remembered(uncertainty_monitor.sample_positions)
+
+
+@pytest.fixture(autouse=True)
+def looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For these tests alone: others of the process come with other robots."""
+    monkeypatch.setattr(RobotModel, "safe_path", SAFE_PATH)
+    monkeypatch.setattr(uncertainty_monitor, "sample_positions", SAMPLE_POSITIONS)
