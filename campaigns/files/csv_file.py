@@ -127,7 +127,14 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([_marked(_one_line(value)) for value in row] for row in rows)
+    writer.writerows(
+        [
+            # most are words or numbers, which stay as they are
+            value if value.isalnum() or NUMBER.fullmatch(value) else _marked(_one_line(value))
+            for value in row
+        ]
+        for row in rows
+    )
     return stream.getvalue()
 
 

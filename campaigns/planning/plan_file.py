@@ -94,8 +94,14 @@ def _digest(shots: tuple[PlannedShot, ...], mechanism: ClosedChain) -> str:
 
 def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """Text of a plan's file."""
-    rows = [_row_of(shot, mechanism) for shot in shots]
     head = plan_columns(mechanism)
+    texts = [
+        [str(shot.shot) for shot in shots],
+        [shot.purpose.value for shot in shots],
+        ["" if shot.pair is None else str(shot.pair) for shot in shots],
+        *columns.axis_text_columns(mechanism.task, [shot.pose.coordinates for shot in shots]),
+        *columns.axis_text_columns(mechanism.joints, [shot.joints for shot in shots]),
+    ]
     told = {
         columns.NEST: [shot.nest for shot in shots],
         MODEL: [shot.model or "" for shot in shots],
@@ -104,8 +110,8 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     for name, values in told.items():
         if any(values):
             head = (*head, name)
-            rows = [[*row, value] for row, value in zip(rows, values, strict=True)]
-    return csv_text(head, rows)
+            texts.append(values)
+    return csv_text(head, zip(*texts, strict=True))
 
 
 @lru_cache(maxsize=1)  # likewise
@@ -195,13 +201,3 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
         asked=_asked_of(row),
         nest=columns.nest_name(row, purpose),
     )
-
-
-def _row_of(shot: PlannedShot, mechanism: ClosedChain) -> list[str]:
-    return [
-        str(shot.shot),
-        shot.purpose.value,
-        "" if shot.pair is None else str(shot.pair),
-        *columns.axis_texts(mechanism.task, shot.pose.coordinates),
-        *columns.axis_texts(mechanism.joints, shot.joints),
-    ]

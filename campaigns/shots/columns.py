@@ -72,6 +72,13 @@ def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
     return [angle_text(value) if axis.is_revolute else number_text(value) for axis, value in each]
 
 
+def axis_text_columns(axes: Sequence[Axis], rows: Sequence[Sequence[float]]) -> list[list[str]]:
+    """Texts of many rows by column, those of each row as by `axis_texts`."""
+    by_axis = zip(*rows, strict=True) if rows else [()] * len(axes)
+    each = zip(axes, by_axis, strict=True)
+    return [[*map(angle_text if axis.is_revolute else number_text, own)] for axis, own in each]
+
+
 def _axis_value(row: CsvRow, axis: Axis) -> float:
     value = row.number(axis.column)
     if not axis.is_revolute or abs(value) <= ANGLE_LIMIT_DEG:
