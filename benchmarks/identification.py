@@ -1,52 +1,71 @@
-"""What identification costs: both estimators on 60 measured pairs, and the fit while measuring.
-
-The full model, with unequal rods and tilted axes, beside the 22 parameters.
+"""What identification costs: one robot's, the fit while measuring, and campaigns of a study.
 
 python -m benchmarks.identification [--rounds N] [--json]
 
-Milliseconds of one core: medians of 21, of the least disturbed of some rounds. The shots are those
-of tests/data/vectors/table1-tracker-noise.csv. Exit code 1 when a solution misses its limit.
+Processor time of one core in the least disturbed of some rounds. Milliseconds of both estimators on
+60 measured pairs, medians of 21, and of the full model, with unequal rods and tilted axes, beside
+the 22 parameters; the shots are those of tests/data/vectors/table1-tracker-noise.csv.
+
+Then simulated campaigns a second, by estimator and number of pairs: by distances alone 22
+parameters need more than 22 pairs; by points fewer do. Where numba is installed (`[fast]`) also by
+compiled loops, compiled before anything is measured, and how many times as fast these are: the
+median of the rounds. What several workers gain: benchmarks.study_workers. Exit code 1 when a
+solution misses its limit, or 60 pairs by distances are slower than 100 campaigns a second.
 """
 
 import statistics
 from functools import partial
+from types import ModuleType
 
 from benchmarks.shared.measured_robot import MeasuredRobot, by_distances, by_points, measured_robot
 from benchmarks.shared.prototype import FREE, FREE_PLACES, NOMINAL, SPACE
-from benchmarks.shared.rounds import contestant, least_s, take_turns, timed_s
+from benchmarks.shared.rounds import (
+    Contestant,
+    Run,
+    contestant,
+    least_s,
+    ratio,
+    take_turns,
+    timed_s,
+)
+from benchmarks.shared.studies import tasks_of
 from benchmarks.shared.yardstick import Figure, Report, main
+from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.residual_stacks import closure_kernel
+from campaigns.studies.estimates import estimated
 
 REPEATS = 21
 RUNNING_AT = (20, 60, 160)
 FULL = SPACE.places(SPACE.free_in_full)
 FULL_OVER_USUAL = 1.6
 LIMITS_MS = {"60 distances": 4.0, "120 points": 8.0}
+CAMPAIGNS = 400
+"""Each round, of each case."""
+HEADLINE = (Estimator.DISTANCES, 60)
+CASES = (
+    *((Estimator.DISTANCES, pairs) for pairs in (30, 60, 120)),
+    *((Estimator.POINTS, pairs) for pairs in (20, 40, 60, 120)),
+)
+LEAST_PER_S = {HEADLINE: 100.0}
 
 
 def measure(rounds: int) -> Report:
     robot = measured_robot()
-    return Report([*solving(robot, rounds), *running(robot)])
+    return Report([*solving(robot, rounds), *running(robot), *studying(rounds)])
 
 
 def solving(robot: MeasuredRobot, rounds: int) -> list[Figure]:
     estimators = by_distances, by_points
     solves = [partial(solve, robot, free) for free in (FREE_PLACES, FULL) for solve in estimators]
-    taken_ms = [
-        1e3 * least_s(runs)
-        for runs in take_turns([contestant(solve, REPEATS) for solve in solves], rounds)
-    ]
-    usual, full = taken_ms[: len(estimators)], taken_ms[len(estimators) :]
-    return [
-        *(
-            Figure(f"solution of {name}", ms, "ms", highest=limit)
-            for (name, limit), ms in zip(LIMITS_MS.items(), usual, strict=True)
-        ),
-        *(
-            Figure(f"full model over the 22, {name}", more / ms, highest=FULL_OVER_USUAL)
-            for name, more, ms in zip(LIMITS_MS, full, usual, strict=True)
-        ),
-    ]
+    taken = take_turns([contestant(solve, REPEATS) for solve in solves], rounds)
+    usual, full = map(least_s, taken[: len(estimators)]), map(least_s, taken[len(estimators) :])
+    figures, beside = list[Figure](), list[Figure]()
+    for (name, limit), own_s, full_s in zip(LIMITS_MS.items(), usual, full, strict=True):
+        figures.append(Figure(f"solution of {name}", 1e3 * own_s, "ms", highest=limit))
+        label = f"full model over the 22, {name}"
+        beside.append(Figure(label, full_s / own_s, highest=FULL_OVER_USUAL))
+    return [*figures, *beside]
 
 
 def running(robot: MeasuredRobot) -> list[Figure]:
@@ -62,5 +81,39 @@ def running(robot: MeasuredRobot) -> list[Figure]:
     ]
 
 
+def studying(rounds: int) -> list[Figure]:
+    """Campaigns a second."""
+    kernel = closure_kernel(NOMINAL)
+    ways = [None] if kernel is None else [None, kernel]
+    contestants = [campaigns_of(*case, way) for case in CASES for way in ways]
+    for contender in contestants if kernel else ():
+        contender()  # compiles
+    taken = take_turns(contestants, rounds)
+    by_case = [taken[place : place + len(ways)] for place in range(0, len(taken), len(ways))]
+    return [each for case in zip(CASES, by_case, strict=True) for each in figures(*case)]
+
+
+def figures(case: tuple[Estimator, int], taken: list[list[Run[None]]]) -> list[Figure]:
+    """Rates by NumPy and compiled, and their ratio."""
+    name, least = f"{case[1]} pairs by {case[0]}", LEAST_PER_S.get(case, float("-inf"))
+    by_numpy, *compiled = taken
+    found = [Figure(name, 1.0 / least_s(by_numpy), "campaigns/s", lowest=least)]
+    for runs in compiled:
+        found.append(Figure(f"{name}, compiled", 1.0 / least_s(runs), "campaigns/s"))
+        found.append(Figure(f"{name}, compiled", ratio(by_numpy, runs)[0], "× as fast"))
+    return found
+
+
+def campaigns_of(estimator: Estimator, pairs: int, kernel: ModuleType | None) -> Contestant[None]:
+    """Its cost is that of one campaign."""
+    tasks = tasks_of(estimator, pairs, CAMPAIGNS, is_long=kernel is not None)
+
+    def work() -> None:
+        for task in tasks:
+            estimated(task, kernel)
+
+    return contestant(work, 1, parts=CAMPAIGNS)
+
+
 if __name__ == "__main__":
-    raise SystemExit(main(__doc__, measure, rounds=5))
+    raise SystemExit(main(__doc__, measure, rounds=3))
