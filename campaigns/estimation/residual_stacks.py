@@ -68,8 +68,8 @@ class RobotStack:
         self._about = self.start
         self._last: tuple[Index, Configuration] | None = None
         if kernel is None:
-            self._by_x = np.zeros((count, tasks, shots, len(free)))
-            self._by_joints = np.zeros((count, 3, shots, joints.shape[1]))
+            self._by_x = np.zeros((tasks, len(free), count, shots))
+            self._by_joints = np.zeros((3, joints.shape[1], count, shots))
         else:
             self._functions = joint_functions(mechanism, joints)
             self._by_platform = ends_by_platform(mechanism, p[0])
@@ -91,7 +91,7 @@ class RobotStack:
         by_all = configuration.jacobian(self.poses[0].T, extended=False)
         by_x = by_all[..., self._free].swapaxes(0, 1)
         if self.kernel is None:
-            self._by_x[:] = by_x
+            self._by_x[:] = by_x.swapaxes(1, 2)[:, :, None]
         return self.poses[0, :3], by_x[:3]
 
     def positions_mm(self, x: Array, rows: Index) -> tuple[Array, Mask]:
@@ -99,11 +99,11 @@ class RobotStack:
         if self.kernel is not None:
             return self._assembled(self.kernel, x, rows)
         tasks, shots = self.poses.shape[1:]
-        further = (x - self._about[rows])[:, :, None]
-        expected = rows_of(self._by_x, rows).reshape(len(rows), -1, x.shape[1]) @ further
-        near = self.poses[rows] + expected.reshape(len(rows), tasks, shots)
+        near, by_x = self.poses[rows].swapaxes(0, 1), self._of(self._by_x, rows)
+        for place, further in enumerate((x - self._about[rows]).T):
+            near += by_x[:, place] * further[:, None]
         configuration = self._configuration(x, rows)
-        start = near.swapaxes(1, 2).reshape(-1, tasks)
+        start = near.reshape(tasks, -1).T
         solution = configuration.assemble(start, self._converged_mm)
         poses = solution.values.reshape(len(rows), shots, tasks).swapaxes(1, 2)
         self.poses[rows], self._about[rows], self._last = poses, x, (rows, configuration)
@@ -111,22 +111,28 @@ class RobotStack:
         return poses[:, :3], np.asarray(found)
 
     def jacobian(self, x: Array, rows: Index) -> tuple[Array, Array]:
-        """Positions (R, 3, N) where they were last asked for, and derivatives, (R, 3, N, F)."""
-        poses, here, last, p = self.poses[rows], rows, self._last, self._p[rows]
-        if all((each == each[0]).all() for each in (x, poses, p)):  # as where all begin
-            here, x = rows[:1], x[:1]
-        is_last = last is not None and np.array_equal(last[0], here)
-        configuration = last[1] if last and is_last else self._configuration(x, here)
-        flat = self.poses[here].swapaxes(1, 2).reshape(-1, poses.shape[1])
+        """Positions (R, 3, N) where they were last asked for, and derivatives, (3, F, R, N)."""
+        poses, last = self.poses[rows], self._last
+        is_last = last is not None and np.array_equal(last[0], rows)
+        configuration = last[1] if last and is_last else self._configuration(x, rows)
+        flat = poses.swapaxes(1, 2).reshape(-1, poses.shape[1])
         by_all = configuration.jacobian(flat, extended=False).transpose(1, 2, 0)
-        self._by_x[rows] = self._by_robot(by_all[:, self._free], len(x))
-        by_joints = by_all[:3, self.offsets]
-        self._by_joints[rows] = self._by_robot(by_joints, len(x))
-        return poses[:, :3], rows_of(self._by_x, rows)[:, :3]
+        by_all = by_all.reshape(*by_all.shape[:2], len(x), -1)
+        if len(rows) == len(self.poses):
+            self._by_x, self._by_joints = by_all[:, self._free], by_all[:3, self.offsets]
+        else:
+            self._by_x[:, :, rows] = by_all[:, self._free]
+            self._by_joints[:, :, rows] = by_all[:3, self.offsets]
+        return poses[:, :3], self._of(self._by_x, rows)[:3]
 
     def by_joints(self, rows: Index) -> Array:
-        """∂point/∂joints (R, 3, N, n) where Jacobians were last asked for."""
-        return rows_of(self._by_joints, rows)
+        """∂point/∂joints (3, n, R, N) where Jacobians were last asked for."""
+        return self._of(self._by_joints, rows)
+
+    @staticmethod
+    def _of(columns: Array, rows: Index) -> Array:
+        """Columns (k, F, C, N) of these robots."""
+        return columns if len(rows) == columns.shape[2] else columns[:, :, rows]
 
     def joint_slopes(self) -> Array:
         """Derivatives by the joints of the functions that closures are made of, (2, n, N)."""
@@ -170,11 +176,6 @@ class RobotStack:
     def _configuration(self, x: Array, rows: Index) -> Configuration:
         joints = np.tile(self._joints, (len(x), 1))
         return self._mechanism.configuration(self._p_of(x, rows), joints)
-
-    @staticmethod
-    def _by_robot(columns: Array, robots: int) -> Array:
-        """Columns (t, F, R N) as (R, t, N, F)."""
-        return columns.reshape(*columns.shape[:2], robots, -1).transpose(2, 0, 3, 1)
 
 
 def with_frames(parameters: Array) -> Array:
@@ -277,13 +278,13 @@ class PointStack:
             return np.asarray(found.reshape(*found.shape[:2], -1).swapaxes(1, 2))
         rotation, by_angle = self._turned(x, rows)
         positions, by_robot = self.robots.jacobian(x[:, :-FRAME_COLUMNS], rows)
-        count, _, shots, free = by_robot.shape
-        jacobian = np.zeros((count, 3, shots, x.shape[1]))
-        jacobian[..., :free] = (rotation @ by_robot.reshape(count, 3, -1)).reshape(by_robot.shape)
-        jacobian[..., free : free + 3] = (by_angle @ positions[:, None]).transpose(0, 2, 3, 1)
+        count, _, shots = positions.shape
+        turned = np.zeros((count, 3, x.shape[1], shots))
+        turned[:, :, :-6] = self._turned_columns(rotation, by_robot)
+        turned[:, :, -6:-3] = (by_angle @ positions[:, None]).swapaxes(1, 2)
         for axis in range(3):
-            jacobian[:, axis, :, free + 3 + axis] = 1.0
-        return self._whitened(jacobian, rows).reshape(count, -1, x.shape[1])
+            turned[:, axis, axis - 3] = 1.0
+        return self._whitened_columns(turned, rows).reshape(count, x.shape[1], -1).swapaxes(1, 2)
 
     def whitened_by_joints(self, x: Array, rows: Index) -> Array:
         """∂point/∂joints where Jacobians were last asked for, (R, n, 3, N)."""
@@ -292,19 +293,28 @@ class PointStack:
             closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, self.robots.offsets)
             frames = (rotation, np.empty((len(rows), 0, 3, 3)), rows_of(self.whitening, rows))
             return np.asarray(self.robots.kernel.point_jacobians(closed, *frames))
-        by_joints = self.robots.by_joints(rows)
-        turned = (rotation @ by_joints.reshape(len(rows), 3, -1)).reshape(by_joints.shape)
-        return self._whitened(turned, rows).transpose(0, 3, 1, 2)
+        turned = self._turned_columns(rotation, self.robots.by_joints(rows))
+        return self._whitened_columns(turned, rows)
+
+    @staticmethod
+    def _turned_columns(rotation: Array, columns: Array) -> Array:
+        """Columns (3, k, R, N) turned by rotations (R, 3, 3), as (R, 3, k, N)."""
+        by_robot = columns.transpose(2, 0, 1, 3)
+        return (rotation @ by_robot.reshape(len(rotation), 3, -1)).reshape(by_robot.shape)
+
+    def _whitened_columns(self, columns: Array, rows: Index) -> Array:
+        """Columns (R, 3, k, N) in units of their σ, as (R, k, 3, N)."""
+        w = rows_of(self.whitening, rows)[:, :, :, None]
+        found = np.empty(columns.swapaxes(1, 2).shape)
+        for row in range(3):
+            np.multiply(w[:, row, row], columns[:, row], out=found[:, :, row])
+            for before in range(row):
+                found[:, :, row] += w[:, row, before] * columns[:, before]
+        return found
 
     def _whitened(self, each: Array, rows: Index) -> Array:
-        """Rows (R, 3, N, …) in units of their σ, in place; a vector's as (R, 3 N)."""
-        w = rows_of(self.whitening, rows).reshape(len(rows), 3, 3, -1, *(1,) * (each.ndim - 3))
-        each[:, 2] *= w[:, 2, 2]
-        each[:, 2] += w[:, 2, 0] * each[:, 0] + w[:, 2, 1] * each[:, 1]
-        each[:, 1] *= w[:, 1, 1]
-        each[:, 1] += w[:, 1, 0] * each[:, 0]
-        each[:, 0] *= w[:, 0, 0]
-        return each.reshape(len(rows), -1) if each.ndim == 3 else each
+        """Vectors (R, 3, N) in units of their σ, (R, 3 N)."""
+        return self._whitened_columns(each[:, :, None], rows).reshape(len(rows), -1)
 
 
 class DistanceStack:
@@ -351,9 +361,10 @@ class DistanceStack:
         positions, by_x = self.robots.jacobian(x, rows)
         between = self._between(positions)
         lengths = np.maximum(np.linalg.norm(between, axis=1), TINY_MM)
-        along = between * (rows_of(self._whitening, rows) / lengths)[:, None]
-        return np.asarray(np.sum(along[..., None] * self._between(by_x), axis=1))
+        along = (between * (rows_of(self._whitening, rows) / lengths)[:, None]).swapaxes(0, 1)
+        columns = sum(a * b for a, b in zip(along, self._between(by_x), strict=True))
+        return np.ascontiguousarray(np.swapaxes(columns, 0, 1)).swapaxes(1, 2)
 
     def _between(self, each: Array) -> Array:
-        """From first to second shots, (R, 3, M, …) of (R, 3, N, …)."""
-        return np.asarray(each[:, :, self._second] - each[:, :, self._first])
+        """From first to second shots, (…, M) of (…, N)."""
+        return np.asarray(each[..., self._second] - each[..., self._first])
