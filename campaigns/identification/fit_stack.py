@@ -190,16 +190,17 @@ def _scored(
     x, residual = solution.x[rows], solution.residual[rows]
     if compiled := problem.scored(x, residual, rows):
         triangles, norms, regular, scores = compiled
-        if regular.all():
-            if not of_points:
-                return np.zeros((len(rows), x.shape[1], x.shape[1])), scores
-            return information.covariance_of_triangle(triangles, norms), scores
+        if not regular.all():  # by another way others' rounding would depend on it
+            raise np.linalg.LinAlgError("a Jacobian is all but singular")
+        if not of_points:
+            return np.zeros((len(rows), x.shape[1], x.shape[1])), scores
+        return information.covariance_of_triangle(triangles, norms), scores
     jacobians, left = problem.last_jacobians(x, rows), residual.reshape(len(x), COORDINATES, -1)
-    covariances = information.covariance(jacobians)
+    own = information.covariance(jacobians)
     by_x = jacobians.reshape(*left.shape, x.shape[1])
-    leverage = np.einsum("cinp,cjnp->cijn", by_x @ covariances[:, None], by_x)
+    leverage = np.einsum("cinp,cjnp->cijn", by_x @ own[:, None], by_x)
     columns = (problem.whitening[rows], problem.whitened_by_joints(x, rows).swapaxes(1, 2))
-    return covariances, variance_components.component_scores(left, leverage, *columns)
+    return own, variance_components.component_scores(left, leverage, *columns)
 
 
 def _fit_distances(
@@ -229,7 +230,7 @@ def _fit_distances(
     rows, covariance = np.flatnonzero(plain), np.zeros((len(plain), free, free))
     if rows.size:
         jacobians = problem.last_jacobians(solution.x[rows], rows)
-        covariance[rows] = _covariances(kernel, jacobians)
+        covariance[rows] = covariances(kernel, jacobians)
     return FitStack(solution.x, covariance, plain)
 
 
@@ -290,10 +291,12 @@ def _without_outliers(problem: PointStack, solution: StackSolution, kept: Mask) 
     return solution
 
 
-def _covariances(kernel: ModuleType | None, jacobians: Array) -> Array:
+def covariances(kernel: ModuleType | None, jacobians: Array) -> Array:
     """Covariances (R, P, P) of Jacobians (R, M, P); `LinAlgError` for a lost rank."""
-    if kernel is not None:
-        triangles, norms, regular = kernel.triangles(np.ascontiguousarray(jacobians.swapaxes(1, 2)))
-        if regular.all():
-            return information.covariance_of_triangle(triangles, norms)
-    return information.covariance(jacobians)
+    if kernel is None:
+        return information.covariance(jacobians)
+    columns = np.ascontiguousarray(jacobians.swapaxes(1, 2))
+    triangles, norms, regular = kernel.triangles(columns)
+    if not regular.all():
+        triangles[~regular] = np.linalg.qr(jacobians[~regular] / norms[~regular][:, None], mode="r")
+    return information.covariance_of_triangle(triangles, norms)

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import covariance, predict_distances, predict_points
+from campaigns.estimation.information import predict_distances, predict_points
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack, with_frames
 from campaigns.estimation.tracker_noise import (
@@ -18,7 +18,7 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
 )
 from campaigns.identification.fit import fit_shots
-from campaigns.identification.fit_stack import fit_stack
+from campaigns.identification.fit_stack import covariances, fit_stack
 from campaigns.identification.observations import Inputs
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.configuration import CONVERGED_MM
@@ -57,7 +57,7 @@ def estimated(
     """Rows with an estimate each, or with why there is none; by compiled loops with a `kernel`."""
     setup = task.setup
     at_nominal = setup.nominal.forward(setup.shots.joints)
-    found = true_robots(setup, at_nominal.values_or_raise(), task.truths)
+    found = true_robots(setup, at_nominal.values_or_raise(), task.truths, kernel)
     robots, points, rows = list[TrueRobot](), list[Array](), dict[int, study.CampaignRow]()
     for number, robot in zip(task.numbers, found, strict=True):
         if isinstance(robot, str):
@@ -76,23 +76,27 @@ def estimated(
     return tuple(rows[number] for number in task.numbers)
 
 
-def true_robots(setup: study.StudySetup, near: Array, truths: Array) -> Iterator[TrueRobot | str]:
+def true_robots(
+    setup: study.StudySetup, near: Array, truths: Array, kernel: ModuleType | None = None
+) -> Iterator[TrueRobot | str]:
     """True robots of parameters (C, P), of level plates all at once, or why one is none.
 
-    `near` are poses (N, t) near theirs.
+    `near` are poses (N, t) near theirs. By compiled loops with a `kernel`.
     """
     different, places = np.unique(truths, axis=0, return_inverse=True)
-    known = [*_different_robots(setup, near, different)]  # without tolerances there is one
+    known = [*_different_robots(setup, near, different, kernel)]  # without tolerances there is one
     yield from (known[place] for place in places.tolist())
 
 
-def _different_robots(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRobot | str]:
+def _different_robots(
+    setup: study.StudySetup, near: Array, p: Array, kernel: ModuleType | None
+) -> Iterator[TrueRobot | str]:
     try:
-        yield from [*_stacked(setup, near, p)]
+        yield from [*_stacked(setup, near, p, kernel)]
     except (NoSolution, np.linalg.LinAlgError):
         if len(p) > 1:
             for one in p:
-                yield from _different_robots(setup, near, one[None])
+                yield from _different_robots(setup, near, one[None], kernel)
             return
         try:
             yield true_robot(setup, near, tuple(p[0].tolist()))
@@ -100,7 +104,9 @@ def _different_robots(setup: study.StudySetup, near: Array, p: Array) -> Iterato
             yield str(error)
 
 
-def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRobot]:
+def _stacked(
+    setup: study.StudySetup, near: Array, p: Array, kernel: ModuleType | None
+) -> Iterator[TrueRobot]:
     """True robots; raises `NoSolution`, and `LinAlgError` where one has no bound."""
     mechanism, shots, every = setup.nominal.mechanism, setup.shots, np.arange(len(p))
     places, instrument = mechanism.parameters.places(setup.free), setup.options.instrument
@@ -109,7 +115,7 @@ def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRob
     ):
         raise NoSolution("only of level plates and perfect transmissions")
     start = np.tile(near.T, (len(p), 1, 1))
-    robots = RobotStack(mechanism, p, places, shots.joints, start, CONVERGED_MM)
+    robots = RobotStack(mechanism, p, places, shots.joints, start, CONVERGED_MM, kernel)
     positions, seen = robots.positions_mm(robots.start, every)
     if not seen.all():
         raise NoSolution("a robot cannot take a shot")
@@ -131,7 +137,8 @@ def _stacked(setup: study.StudySetup, near: Array, p: Array) -> Iterator[TrueRob
         variance = distance_variance_mm2(in_base_axes_mm, noise_mm2, first, second)
         of_pairs = DistanceStack(robots, first, second, variance, 1.0 / np.sqrt(variance))
         jacobian = of_pairs.jacobian(robots.start, every)
-    bound = np.sqrt(np.diagonal(covariance(jacobian), axis1=1, axis2=2))[:, : len(places)]
+    of_all = covariances(kernel, jacobian)
+    bound = np.sqrt(np.diagonal(of_all, axis1=1, axis2=2))[:, : len(places)]
     roots = np.linalg.cholesky(stated)
     for row in every.tolist():
         true, poses = Kinematics(mechanism, p[row]), robots.poses[row].T

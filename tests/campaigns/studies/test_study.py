@@ -262,15 +262,21 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
         assert found.chi2.believable == (louder == 1.0)
 
 
+BY_NUMPY, COMPILED = lambda _: None, residual_stacks.closure_kernel
+
+
+@pytest.mark.parametrize("way", [BY_NUMPY, pytest.param(COMPILED, marks=pytest.mark.peer)])
 @pytest.mark.parametrize("estimator", list(Estimator))
-def test_true_robots_are_the_same_in_any_company(setup, estimator):
+def test_true_robots_are_the_same_in_any_company(setup, estimator, way):
+    if (kernel := way(NOMINAL)) is None and way is COMPILED:
+        pytest.skip("numba is not installed: pip install -e '.[fast]'")
     own = with_options(setup, estimator=estimator)
     near, truths = NOMINAL.forward(setup.shots.joints).values_or_raise(), robots(3)
     truths[1, [NAMES.index(f"arm{arm}.forearm_mm") for arm in range(4)]] = 1.0
-    first, impossible, last = true_robots(own, near, truths)
+    first, impossible, last = true_robots(own, near, truths, kernel)
     assert impossible.startswith("no assembly")
     for robot, truth in ((first, truths[0]), (last, truths[2])):
-        (alone,) = true_robots(own, near, truth[None])
+        (alone,) = true_robots(own, near, truth[None], kernel)
         by_one = true_robot(own, near, tuple(truth))
         for found in ("points_mm", "scatter_mm", "bound", "poses"):
             np.testing.assert_array_equal(getattr(robot, found), getattr(alone, found))
