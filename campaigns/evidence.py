@@ -5,6 +5,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -151,6 +152,20 @@ class Evidence:
         started = every[-1].series.started
         state, targets = self.state(started.robot_file_digest), started.stage == "after by targets"
         return state and replace(state, targets=targets, declared=started.declared)
+
+    @property
+    def loaded_since(self) -> bool:
+        """Whether, since it was validated after, the controller was given another set.
+
+        Beside corrected targets any but the nominal one is another.
+        """
+        after, loaded = self.held("after"), self.loaded
+        if after is None or after.declared or loaded is None or self.sets is None:
+            return False
+        held = self.campaign.robot.digest() if after.targets else after.digest
+        started = datetime.fromisoformat(self.after[-1].series.started_utc)
+        later = bool(loaded.at_utc) and datetime.fromisoformat(loaded.at_utc) > started
+        return later and not self.sets.are_one(loaded.digest, held)
 
     @property
     def unanswered(self) -> RecordedCheck | None:
@@ -308,6 +323,12 @@ def gather(campaign: Campaign) -> Evidence:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)
+        ended = [
+            each.at_utc
+            for each in entries
+            if isinstance(each.record, Finding) and each.record.kind == "load"
+        ]
+        loaded = loaded and replace(loaded, at_utc=ended[-1])
         through = identification.journal_records if identification else None
         through_then = None if through is None else journal.digest(through=through)
         facts = JournalFacts(
@@ -585,6 +606,9 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
         yield _same_origin("what was loaded last is what was identified", last, parameters)
     statement = f"{how} when the robot was validated after"
     yield _same_origin(statement, evidence.held("after"), parameters)
+    if loaded is not None and evidence.loaded_since:
+        statement = "the robot was validated after with what its controller holds now"
+        yield Check(statement, holds=False, detail=f"{loaded.source} was loaded since")
 
 
 def _same_origin(statement: str, held: ControllerState | None, identified: str) -> Check:

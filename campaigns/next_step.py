@@ -499,8 +499,9 @@ def _calibrated(
     taken_back = loaded is not None and loaded.rolls_back is not None
     corrected = evidence.written is not None and evidence.written.by == "targets"
     by_targets = after is not None and after.targets
-    if known_other and not (by_targets or taken_back):
-        after = None  # something else was loaded since
+    given_back = taken_back and not holds
+    if not given_back and (evidence.loaded_since or (known_other and not by_targets)):
+        after = None
     is_there = file is not None or evidence.spoilt_parameter_file
     return replace(
         state,

@@ -98,6 +98,12 @@ class KnownSets:
                 return known
         return Parameters.of(self.nominal.space, values)
 
+    def are_one(self, digest: str, other: str) -> bool:
+        """Whether two sets are the same to a controller, which may keep them in other units."""
+        known = {each.digest(): each for each in self.sets}
+        both = digest in known and other in known
+        return digest == other or (both and not differing(known[digest], known[other]))
+
     def state_of(self, values: Mapping[str, float]) -> ControllerState:
         """State of a controller that holds these values."""
         return self.state(self.held(values).digest())

@@ -374,6 +374,31 @@ def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
         assert now.verdict.decision == "not decided"
 
 
+def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign) -> None:
+    """A form of what was validated, and parameters beside corrected targets."""
+    evidence = gather(open_campaign(whole.folder))
+    assert evidence.loaded is not None
+    assert evidence.sets is not None
+    form = ReducedForm(evidence.loaded.digest, 0.1, 0.2, 0.1, PLAIN)
+    known = replace(evidence.sets, forms={"f": form})
+    series = evidence.after[-1].series
+    targets = replace(series, started=replace(series.started, stage="after by targets"))
+    by_targets = (replace(evidence.after[-1], series=targets),)
+    loaded = replace(evidence.loaded, at_utc="2999-01-01T00:00:00+00:00")
+    for changed, said in (
+        ({"loaded": replace(loaded, digest="f")}, "validate --stage after"),
+        ({"loaded": loaded, "after": by_targets}, "validate --stage after"),
+        ({"loaded": loaded}, None),
+        ({"loaded": replace(evidence.loaded, digest="f")}, None),
+    ):
+        now = Evaluation(replace(evidence, sets=known, **changed))  # type: ignore[arg-type]
+        step = next_step(state_of(now, reported=True))
+        since = [c for c in now.checks if "holds now" in c.statement]
+        assert [c.holds for c in since] == ([False] if said else []), changed
+        words = " ".join((step.command[0], *step.command[2:])) if said and step else None
+        assert words == said, changed
+
+
 def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: PaperCampaign) -> None:
     """A controller without tilts and backlash; tables are offered again where some were written."""
     evidence = gather(open_campaign(whole.folder))
