@@ -241,6 +241,8 @@ TYPE_OF_KIND: Mapping[str, type[Record]] = {
     "finding": Finding,
 }
 FoundT = TypeVar("FoundT")
+_JSON = json.JSONEncoder(allow_nan=False, ensure_ascii=False)
+"""Made once: `json.dumps` makes one for each record."""
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
 
@@ -273,7 +275,7 @@ def to_text(record: Record) -> str:
     kind = KIND_OF_TYPE[type(record)]
     # without its warnings: what does not fit is refused by name, in reading it back
     values = _adapter(kind).dump_python(record, by_alias=True, warnings="none")
-    text = json.dumps(values, allow_nan=False, ensure_ascii=False)
+    text = _JSON.encode(values)
     from_text(kind, text)
     return text
 
