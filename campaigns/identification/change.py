@@ -70,6 +70,8 @@ class Tested:
     possible: LackOfFit | None = None
     """Where nothing is significant: what is worth a trial."""
     change: Change | None = None
+    grows: bool = False
+    """Whether tests of growth alone show it, which a change or chance over all tests may hide."""
     between: tuple[int, int] | None = None
     """Shots before and after the change."""
     swapped: tuple[tuple[int, int], ...] = ()
@@ -114,7 +116,19 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         change, rows = shown
         between = numbers[rows[change.after]], numbers[rows[change.after + 1]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
-    return Tested(lacks, possible, change, between, named, off, _hidden(smooth, groups))
+    grows = not lacks and _shows_growth(steps)
+    return Tested(lacks, possible, change, grows, between, named, off, _hidden(smooth, groups))
+
+
+def _shows_growth(steps: "_Rows") -> bool:
+    """Whether growth is significant among drifts, beside noise with a memory too."""
+    drifts = tuple(_drifts(steps.shots))
+    change = detect_change(steps.fit, steps.of(drifts))
+    if change is None or change.name == "drift":
+        return False
+    left = steps.fit.fitted(steps.white(_changed(drifts, change, steps))).left
+    again = replace(steps, phi=memory(left.reshape(-1, 3)))
+    return not len(again.phi) or detect_change(again.fit, again.of(drifts)) is not None
 
 
 def _shown_by_one(shots: "_AllShots", gross: Mask, apart: Index) -> tuple[Change, Index] | None:
@@ -379,10 +393,14 @@ def _causes(shots: _AllShots) -> Iterator[Cause]:
     """Causes of a change, with their columns of all shots."""
     space = shots.space
     yield from part_causes(space, shots.linearized.by_joints, shots.by_parameters)
-    frame = shots.linearized.jacobian[:, :, -FRAME_COLUMNS:]
-    yield Cause("frame", "frame", frame)
-    yield Cause("drift", "drift", frame)
-    lengths = shots.by_parameters(space.arm_lengths).sum(axis=2, keepdims=True)
+    yield Cause("frame", "frame", shots.linearized.jacobian[:, :, -FRAME_COLUMNS:])
+    yield from _drifts(shots)
+
+
+def _drifts(shots: _AllShots) -> Iterator[Cause]:
+    """Those that go on all the time: of the tracker's stand, and as parts grow warm."""
+    yield Cause("drift", "drift", shots.linearized.jacobian[:, :, -FRAME_COLUMNS:])
+    lengths = shots.by_parameters(shots.space.arm_lengths).sum(axis=2, keepdims=True)
     yield Cause("drift", "lengths", lengths, time_constants=TIME_CONSTANTS)
     yield Cause("drift", "growth", shots.by_expansions(), time_constants=TIME_CONSTANTS)
 

@@ -11,7 +11,6 @@ from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
-from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.evaluation import diagnostics, identification
@@ -41,7 +40,7 @@ from campaigns.shots.shots import Shots
 Fitted = tuple[
     Callable[[], result.IdentificationResult],
     Callable[[], result.IdentificationResult],
-    Callable[[], LackOfFit | None],
+    Callable[[], Tested],
 ]
 NO_EFFECT = 1e-6
 """What a lost combination may leave of its parameters' single effects to be a change of frame."""
@@ -71,7 +70,7 @@ def fitted(
     """As `identify`: what models are compared by, and what tests all shots for causes too.
 
     The tests take nearly as long as the fit; without them doubts by causes and by changes lack.
-    Last a cause that is worth a trial where none is significant.
+    Last what they show, with what is worth a trial where nothing is significant.
     """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
@@ -102,7 +101,7 @@ def fitted(
     return (
         lambda: found((None, Tested())),
         cache(lambda: _with_nests(found(tests()), every, inputs, fit)),
-        lambda: tests()[1].possible,
+        lambda: tests()[1],
     )
 
 

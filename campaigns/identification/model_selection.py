@@ -2,8 +2,9 @@
 
 A larger model always fits better; it is kept only where Schwarz's (1978) criterion says that its
 gain is more than its parameters would make of chance, and pairs that it never saw do not say that
-it knows less. Where the criterion speaks very strongly they must only not be worse beyond chance:
-beside a robot's own scatter a few of them may have larger errors with a model that leaves half.
+it knows less: where they are farther off, the criterion must gain more than they lose, and they
+must not be worse beyond chance. Beside a robot's own scatter a few of them may have larger errors
+with a model that leaves half.
 """
 
 import math
@@ -16,8 +17,8 @@ import scipy
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
-from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.diagnostics import CHANGE, LACK, Doubt, lack_doubt
+from campaigns.identification.change import Tested
 from campaigns.identification.identify import fitted, identify
 from campaigns.identification.nests import compensated
 from campaigns.identification.options import IdentificationOptions
@@ -32,8 +33,6 @@ from campaigns.shots.warmth import FINER, Course, by_temperature, courses, finer
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 SCALE = "ratio"
 """Cause of all joints' ratios together."""
-VERY_STRONG = 10.0
-"""Difference of the criterion, after Kass and Raftery (1995)."""
 MOST_TERMS = 8
 """Terms of the joints' transmission that are tried, one after the other."""
 WORSE_BEYOND = 0.95
@@ -59,8 +58,8 @@ class _Candidate:
     """What it is compared by; None where there is a problem."""
     tested: Callable[[], IdentificationResult] | None = None
     """Gives the same with all shots tested for causes, which only the best one is asked for."""
-    possible: Callable[[], LackOfFit | None] = lambda: None
-    """Gives a cause that is worth a trial where none is significant."""
+    shown: Callable[[], Tested] = Tested
+    """Gives what these tests show, with what is worth a trial where nothing is significant."""
     problem: str = ""
     course: Course | None = None
     """Of warmth, by which it lets the robot grow."""
@@ -86,8 +85,8 @@ class _Candidate:
         """Those of its result, and what is worth a trial."""
         if self.tested is None:
             return ()
-        space, possible = self.nominal.mechanism.parameters, self.possible()
-        more = () if possible is None else (lack_doubt(possible, space, limits_met=True),)
+        possible = self.shown().possible
+        more = () if possible is None else (lack_doubt(possible, self.space, limits_met=True),)
         return (*self.tested().doubts, *more)
 
     @property
@@ -104,11 +103,11 @@ class _Candidate:
         if backlash and not self.shots.knows_approach:
             return replace(other, problem="the shots do not say how their joints came")
         try:
-            untested, tested, possible = fitted(self.nominal, self.shots, known, self.options)
+            untested, tested, shown = fitted(self.nominal, self.shots, known, self.options)
             found = untested()
         except CampaignError as error:
             return replace(other, problem=error.problem)
-        return replace(other, found=found, tested=tested, possible=possible)
+        return replace(other, found=found, tested=tested, shown=shown)
 
     def adding(self, cause: str, names: Collection[str], terms: ParameterSelection) -> "_Candidate":
         """The same with the terms of a cause too, and with what is known of them before."""
@@ -254,10 +253,10 @@ def select_model(
     """
     options = options or IdentificationOptions()
     (name, known), *others = models.items()
-    untested, tested, possible = fitted(nominal, shots, known, options)
+    untested, tested, shown = fitted(nominal, shots, known, options)
     if not others:
         return tested()
-    standard = _Candidate(name, known, nominal, shots, options, untested(), tested, possible)
+    standard = _Candidate(name, known, nominal, shots, options, untested(), tested, shown)
     larger = [standard.instead(name, known) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not _objection(each, standard)]
@@ -349,7 +348,8 @@ def _with_late_growth(
     """
     hidden = _hides_growth(best)
     others = [_with_pitches(best, terms)] if hidden else []
-    others += _with_warmth(best, terms) if hidden or _grows(best) else ()
+    grows = _grows(best) or best.shown().grows
+    others += _with_warmth(best, terms) if hidden or grows else ()
     unexplained = {CHANGE, LACK} if hidden else {CHANGE}
 
     def explains(each: _Candidate) -> bool:
@@ -549,15 +549,23 @@ def _objection(candidate: _Candidate, standard: _Candidate) -> str:
         return f"the data cannot tell apart: {', '.join(found.unobservable[0])}"
     if candidate.unseen_rms_mm is None or standard.unseen_rms_mm is None:
         return "no hold-out pairs to support it"
-    is_better = candidate.unseen_rms_mm < standard.unseen_rms_mm
     price = _likely(candidate) if math.isinf(standard.alike) else _price(candidate)
-    if not is_better and price > _price(standard) - VERY_STRONG:
+    lost = _lost_unseen(candidate, standard)
+    if lost >= 0.0 and price + lost >= _price(standard):
         return "hold-out pairs are no better with it"
     if _is_worse(candidate, standard):
         return "hold-out pairs are worse with it, beyond chance"
     if price >= _price(standard):
         return "its gain is not worth its parameters (BIC)"
     return ""
+
+
+def _lost_unseen(candidate: _Candidate, standard: _Candidate) -> float:
+    """χ² that hold-out pairs lose by a model; by their scatter where that is more than their σ."""
+    squares, before = (_unseen_mm(each) ** 2 for each in (candidate, standard))
+    told = candidate.found and candidate.found.hold_out
+    chi2 = min(told.chi2, len(squares)) if told else len(squares)
+    return float(chi2 * (1.0 - before.sum() / max(squares.sum(), NO_SCATTER)))
 
 
 def _is_worse(candidate: _Candidate, standard: _Candidate) -> bool:

@@ -28,6 +28,7 @@ from campaigns.identification.model_selection import (
     STANDARD,
     _Candidate,
     _needed,
+    _objection,
     asked_of,
     bic,
     candidate_models,
@@ -375,6 +376,23 @@ def test_few_unseen_pairs_that_are_worse_within_chance_leave_the_choice_to_the_f
     standard, backlash = choice.models
     assert backlash.unseen_rms_mm > 2.0 * standard.unseen_rms_mm
     assert kept(choice) == "backlash"
+
+
+def test_unseen_pairs_that_are_worse_weigh_as_much_as_they_lose():
+    data, options = shots(TRUTH, 0.037 * BACKLASH_RAD), IdentificationOptions()
+    standard = _Candidate("", USUAL, NOMINAL, data, options).instead(STANDARD, USUAL)
+    larger = standard.instead("backlash", MODELS["backlash"])
+    unseen = standard.found.unseen
+
+    def times(factor):
+        errors = factor * unseen.after
+        table = type(unseen).from_arrays("pairs", unseen.numbers, unseen.before, errors)
+        found = replace(larger.found, unseen=table, unseen_mm=table.summary())
+        return replace(larger, found=found)
+
+    assert 5.0 < standard.bic - larger.bic < 0.7 * larger.found.hold_out.chi2
+    assert _objection(times(1.001), standard) == ""
+    assert _objection(times(2.0), standard) == "hold-out pairs are no better with it"
 
 
 def test_without_unseen_pairs_nothing_speaks_for_a_larger_model():

@@ -83,6 +83,14 @@ def test_growth_from_one_day_to_the_next_is_taken_up_where_temperatures_tell_it(
     assert found.verdict == "pass"
 
 
+@pytest.mark.slow
+def test_growth_that_shows_among_drifts_alone_is_tried() -> None:
+    shots = warming(50.0)
+    assert identify(NOMINAL, shots, select_parameters(SPACE)).doubts == ()
+    found = identified(shots)
+    assert [each.name for each in found.models if each.kept] == ["standard+warmth"]
+
+
 def test_a_robot_that_stays_as_it_is_has_no_warmth() -> None:
     found = identified(warming(0.0))
     assert found.warmth is None
