@@ -109,3 +109,10 @@ def test_no_two_test_modules_share_a_name():
     """The test folders are no packages, so pytest imports a module by its file name alone."""
     names = [file.name for file in Path(__file__).parent.rglob("test_*.py")]
     assert sorted({name for name in names if names.count(name) > 1}) == []
+
+
+def test_a_patch_lasts_no_longer_than_its_test():
+    """One that stays for the session changes tests of other rooms, when a worker gets both."""
+    made = [f"MonkeyPatch{end}" for end in (".context", "(")]
+    texts = {path: path.read_text(encoding="utf-8") for path in Path(__file__).parent.rglob("*.py")}
+    assert not [path for path, text in texts.items() if any(each in text for each in made)]
