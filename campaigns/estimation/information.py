@@ -180,6 +180,16 @@ def common_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shi
     return np.asarray(covariance_matrix @ (jacobian.T @ shift) / sigma0**2)
 
 
+def told_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shift: Array) -> Array:
+    """Changes of the unknowns, (P,), by one σ of an error that the residuals tell as well.
+
+    As `common_changes`; `shift` (M,) is by one σ of what is known of the error before.
+    """
+    changes = common_changes(jacobian, covariance_matrix, sigma0, shift)
+    beside = float(shift @ (shift - jacobian @ changes)) / sigma0**2
+    return np.asarray(changes / np.sqrt(1.0 + max(beside, 0.0)))
+
+
 def column_effect(fit: FittedShots, columns: Array) -> tuple[Array, Array, float]:
     """Sizes (k,) of columns (N, 3, k) beside a fit of unit variance, covariance and gain in χ²."""
     beside = fit.beside(columns)

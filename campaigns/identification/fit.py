@@ -5,7 +5,7 @@ them are wrong and how much the robot scatters: three times as many numbers as d
 frame is no concern of theirs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -84,13 +84,15 @@ class Fit:
         hold_out: information.HoldOut | None = None,
         instrument: TrackerUncertainty | None = None,
         noise_mm: Iterable[Array] = (),
+        told_mm: Iterable[Array] = (),
         hidden: Mapping[str, Array] | None = None,
     ) -> information.Uncertainty | None:
         """Uncertainty of the parameters that were looked for; None where nothing tells it.
 
         With what all shots have in common where the `instrument` is given. `noise_mm`: shifts of
-        the shots, (N, 3), by one σ of each error beside their own. `hidden`: changes of the
-        parameters, (F, k), that causes may hide; of distances no test tells them.
+        the shots, (N, 3), by one σ of each error beside their own; `told_mm`: by one σ of what is
+        known before of an error that they tell too. `hidden`: changes of the parameters, (F, k),
+        that causes may hide; of distances no test tells them.
         """
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
@@ -107,17 +109,28 @@ class Fit:
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
             common={name: each[:count] for name, each in zip(shifts, common, strict=True)},
             undetected={} if self.asked is None else undetected(hidden or {}),
-            beside=(each[:count] for each in self._changes(found.covariance, noise_mm)),
+            beside=(each[:count] for each in self._beside(found.covariance, noise_mm, told_mm)),
         )
 
-    def _changes(self, covariance: Array, shifts_mm: Iterable[Array]) -> Iterator[Array]:
+    def _beside(
+        self, covariance: Array, noise_mm: Iterable[Array], told_mm: Iterable[Array]
+    ) -> Iterator[Array]:
+        yield from self._changes(covariance, noise_mm)
+        yield from self._changes(covariance, told_mm, information.told_changes)
+
+    def _changes(
+        self,
+        covariance: Array,
+        shifts_mm: Iterable[Array],
+        of: Callable[[Array, Array, float, Array], Array] = information.common_changes,
+    ) -> Iterator[Array]:
         """Changes of all unknowns, (P,), by shifts of the fitted shots (N, 3)."""
         fitted, found = self.observations, self.found
-        kept = np.repeat(found.kept, fitted.problem.block)[:, None]
-        jacobian, sigma0 = fitted.residuals.jacobian(found.x) * kept, found.noise.sigma0 or 1.0
+        kept = np.repeat(found.kept, fitted.problem.block)
+        jacobian = fitted.residuals.jacobian(found.x) * kept[:, None]
         for each in shifts_mm:
-            shift = fitted.whitened_shifts(each)
-            yield information.common_changes(jacobian, covariance, sigma0, shift)
+            shift = fitted.whitened_shifts(each) * kept
+            yield of(jacobian, covariance, found.noise.sigma0 or 1.0, shift)
 
     @property
     def scatter(self) -> variance_components.VarianceComponents:

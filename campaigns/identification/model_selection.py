@@ -145,7 +145,11 @@ class _Candidate:
 
     def warmed(self, course: Course) -> "_Candidate":
         """The same with shots as warm as a course says."""
-        return replace(self, shots=replace(self.shots, warmth=course.values), course=course)
+        shots = replace(self.shots, warmth=course.values)
+        errors = () if course.errors is None else course.errors.tolist()
+        errors_by_number = dict(zip(shots.numbers, errors, strict=False))
+        options = replace(self.options, course_errors=errors_by_number)
+        return replace(self, shots=shots, course=course, options=options)
 
 
 def select_geometry(

@@ -150,6 +150,8 @@ class IdentificationOptions(Selection):
     tolerance: Tolerance = field(default_factory=Tolerance)
     ripple_p: float | None = None
     """Chance of a false alarm by which ripples were found; None: their rate is not fitted."""
+    course_errors: Mapping[int, float] = field(default_factory=dict)
+    """Changes of warmth by one σ of what is known of its course before, by the shots' numbers."""
     yielding: bool = False
     """Whether terms of eccentric encoders stand for gears that yield under the plate's weight."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)

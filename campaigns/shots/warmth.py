@@ -23,6 +23,10 @@ TIME_CONSTANTS = (0.1, 0.2, 1.0 / 3.0, 0.6, 1.2, math.inf)
 """Of warming up that are tried, in parts of the run; by the last it goes on evenly."""
 FINER = (1.35, 1.16, 1.08)
 """Factors of the time constant that explains most, one after the other."""
+LOG_SPREAD = math.log(TIME_CONSTANTS[-2] / TIME_CONSTANTS[0]) / math.sqrt(12.0)
+"""σ of a time constant's logarithm that may be any of those with equal chance."""
+LOG_STEP = 0.05
+"""Of a time constant, for a derivative."""
 FEWEST_VISITS = 5
 """Of the drift pose by which a course can be told."""
 ALONG = 10.0
@@ -45,6 +49,20 @@ class Course:
     """Of warmth by time, in parts of the run."""
     reference_degC: float | None = None
     """Of warmth by temperature: what 0 stands for."""
+    errors: Array | None = None
+    """Of warmth by time: changes by one σ of what is known of its time constant before, (N,)."""
+
+    @classmethod
+    def by_time(cls, passed: Array, time_constant: float) -> "Course":
+        """Course over the parts of a run that have passed, (N,)."""
+        values = drifted(passed, time_constant)
+        if math.isinf(time_constant):
+            errors = drifted(passed, TIME_CONSTANTS[-2]) - values
+        else:
+            ends = (time_constant * math.exp(step) for step in (LOG_STEP, -LOG_STEP))
+            slower, faster = (drifted(passed, each) for each in ends)
+            errors = LOG_SPREAD / (2.0 * LOG_STEP) * (slower - faster)
+        return cls("time", values - 1.0, time_constant, errors=errors)
 
     @property
     def told(self) -> dict[str, float | str | None]:
@@ -80,7 +98,7 @@ def courses(shots: Shots, reference_degC: float) -> tuple[Course, ...]:
         return (Course("temperature", above, reference_degC=reference_degC),)
     if drift is not None:
         return (Course("drift pose", drift),)
-    return tuple(Course("time", drifted(passed, each) - 1.0, each) for each in TIME_CONSTANTS)
+    return tuple(Course.by_time(passed, each) for each in TIME_CONSTANTS)
 
 
 def finer(shots: Shots, course: Course, factor: float) -> tuple[Course, ...]:
@@ -89,7 +107,7 @@ def finer(shots: Shots, course: Course, factor: float) -> tuple[Course, ...]:
         return ()
     passed = part_passed(shots)
     near = (course.time_constant * factor, course.time_constant / factor)
-    return tuple(Course("time", drifted(passed, each) - 1.0, each) for each in near)
+    return tuple(Course.by_time(passed, each) for each in near)
 
 
 def by_temperature(shots: Shots) -> bool:

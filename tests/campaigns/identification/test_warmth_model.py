@@ -20,6 +20,7 @@ from campaigns.identification.parameter_selection import ParameterSelection, sel
 from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shots import Shots
+from campaigns.shots.warmth import Course, part_passed
 
 
 def warming(
@@ -89,6 +90,31 @@ def test_growth_that_shows_among_drifts_alone_is_tried() -> None:
     assert identify(NOMINAL, shots, select_parameters(SPACE)).doubts == ()
     found = identified(shots)
     assert [each.name for each in found.models if each.kept] == ["standard+warmth"]
+
+
+def test_a_time_constant_that_was_searched_has_its_part_in_the_uncertainty() -> None:
+    shots, names = warming(200.0), ("arm_expansion_ppm", "arm1.arm_mm", "arm2.forearm_mm")
+    known = select_parameters(SPACE, SPACE.thermal, names=SPACE.model)
+    robot = model_selection._Candidate("", known, NOMINAL, shots, IdentificationOptions())
+
+    def fitted_by(course: Course) -> tuple[float, Array, Array]:
+        candidate = robot.warmed(course).instead("", known)
+        found = [candidate.found.parameters[name] for name in names]
+        return candidate.bic, *np.array([[each.value, each.std] for each in found]).T
+
+    searched = Course.by_time(part_passed(shots), 0.28)
+    _, _, with_it = fitted_by(searched)
+    price, _, without = fitted_by(replace(searched, errors=None))
+    part = np.sqrt(with_it**2 - without**2)
+    (slower, more, _), (faster, less, _) = (
+        fitted_by(Course.by_time(part_passed(shots), 0.28 * factor)) for factor in (1.2, 1.0 / 1.2)
+    )
+    by_log = np.abs(more - less) / (2.0 * np.log(1.2))
+    std_log = part / by_log
+    assert np.ptp(std_log) < 0.1 * std_log.mean()
+    # as far as the criterion, which goes with its square, says
+    curvature = (slower + faster - 2.0 * price) / np.log(1.2) ** 2
+    assert abs(std_log.mean() * np.sqrt(0.5 * curvature) - 1.0) < 0.15
 
 
 def test_a_robot_that_stays_as_it_is_has_no_warmth() -> None:
