@@ -1,7 +1,7 @@
 """Uncertainty monitor: how surely the parameters are known while a plan is measured."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,6 +44,10 @@ class UncertaintyMonitor:
     """Its uncertainty is for shots of which the tracker states none."""
     workspace: information.WorkspaceSample
     """By the nominal robot."""
+    _last: list[tuple[tuple[Outcome, ...], Inputs, Fit | None]] = field(
+        default_factory=list, init=False
+    )
+    """Shots last fitted, and their fit: at a run's end several ask for the same."""
 
     @classmethod
     def of_plan(
@@ -93,9 +97,7 @@ class UncertaintyMonitor:
 
         Takes some twenty times as long.
         """
-        shots, free = self._shots(outcomes), self.setup.free
-        inputs = self._inputs(shots)
-        fit = _fit(inputs)
+        free, (inputs, fit) = self.setup.free, self._fit(outcomes)
         if fit is None:
             return None
         found, noise = fit.found, fit.stated_noise
@@ -112,12 +114,12 @@ class UncertaintyMonitor:
         sample = information.WorkspaceSample.of_workspace(identified, free, self.workspace.poses)
         if known is None or sample is None:
             return None
-        count = sum(purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes)
+        count = sum(purpose is ShotSet.IDENTIFICATION for purpose in inputs.shots.purposes)
         return self._in_words(count, known, sample, noise, robot_scatters=fit.scatter.any)
 
     def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:
         """Fit of all coordinates as `identify` makes it; None for too few shots to tell scatter."""
-        fit = _fit(self._inputs(self._shots(outcomes)))
+        _, fit = self._fit(outcomes)
         points = None if fit is None else fit.points
         if points is None or not points.found.fit.converged:
             return None
@@ -146,9 +148,15 @@ class UncertaintyMonitor:
         planned = self.planned.get(outcome.shot)
         return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
 
-    def _shots(self, outcomes: Iterable[Outcome]) -> Shots:
-        """Shots that are in the plan."""
-        taken = [outcome for outcome in outcomes if outcome.shot in self.planned]
+    def _fit(self, outcomes: Iterable[Outcome]) -> tuple[Inputs, Fit | None]:
+        """Fit of those that are in the plan."""
+        taken = tuple(outcome for outcome in outcomes if outcome.shot in self.planned)
+        if not self._last or self._last[0][0] != taken:
+            inputs = self._inputs(self._shots(taken))
+            self._last[:] = [(taken, inputs, _fit(inputs))]
+        return self._last[0][1:]
+
+    def _shots(self, taken: Sequence[Outcome]) -> Shots:
         planned = [self.planned[outcome.shot] for outcome in taken]
         return shots_of_outcomes(
             taken,

@@ -1,7 +1,7 @@
 """Work of a session: what is to be measured, by which rules, and what all that do it share."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydantic import JsonValue
 
@@ -80,6 +80,8 @@ class Work:
     measuring_time_s: float = 1.0
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
+    _monitors: list[UncertaintyMonitor] = field(default_factory=list, init=False)
+    """That of this work, once somebody has asked for it."""
 
     @property
     def park_joints(self) -> tuple[float, ...] | None:
@@ -94,8 +96,10 @@ class Work:
 
     def uncertainty_monitor(self) -> UncertaintyMonitor:
         """Monitor of how much is known of the parameters."""
-        shots = [step.planned for step in self.steps]
-        return UncertaintyMonitor.of_plan(shots, self.robot, self.setup)
+        if not self._monitors:
+            shots = [step.planned for step in self.steps]
+            self._monitors.append(UncertaintyMonitor.of_plan(shots, self.robot, self.setup))
+        return self._monitors[0]
 
     def known_from(self, shots: Iterable[AcceptedShot]) -> ParameterUncertainty | None:
         """What the accepted shots of a series tell of the parameters, as `identify` will find."""

@@ -11,6 +11,7 @@ from par4_space import FREE_BY_DEFAULT, par4
 from small_plans import SETUP
 
 from campaigns.journal.records import Outcome
+from campaigns.measuring import uncertainty_monitor
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
@@ -107,3 +108,15 @@ def test_parameters_held_wrongly_do_not_refuse_shots() -> None:
     for outcome in outcomes(truth=long_armed):
         assert not gate.judge(outcome.joints, outcome.point_in_tracker_mm).refusal
         gate.accept(outcome)
+
+
+def test_what_a_run_asks_of_the_same_shots_at_its_end_is_fitted_once(monkeypatch) -> None:
+    fits, fit = [], uncertainty_monitor.fit_shots
+    monkeypatch.setattr(uncertainty_monitor, "fit_shots", lambda of: fits.append(of) or fit(of))
+    work, measured = freeing(FREE_BY_DEFAULT), outcomes()
+    known = work.uncertainty_monitor().fitted(measured)
+    assert work.reference_noise([*measured]).scatter is not None
+    assert work.uncertainty_monitor().fitted(iter(measured)) == known == fitted(measured)
+    assert len(fits) == 2  # once more by the other work's own monitor
+    assert work.uncertainty_monitor().fitted(measured[:-1]) != known
+    assert len(fits) == 3
