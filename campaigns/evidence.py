@@ -154,6 +154,15 @@ class Evidence:
         return state and replace(state, targets=targets, declared=started.declared)
 
     @property
+    def file_origin(self) -> str | None:
+        """Digest of the set that the parameter file holds, or is a form of, as for warmer parts."""
+        if self.parameter_file is None:
+            return None
+        digest = self.parameter_file.digest()
+        known = self.state(digest)
+        return known.origin if known and known.origin else digest
+
+    @property
     def loaded_since(self) -> bool:
         """Whether, since it was validated after, the controller was given another set.
 
@@ -591,12 +600,12 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
         yield Check(statement, holds=False, detail=f"{', '.join(outdated)} changed since")
     else:
         yield Check(statement, holds=True, detail="as then")
-    file, loaded = evidence.parameter_file, evidence.loaded
+    loaded = evidence.loaded
     statement = "the parameter file contains the identified parameters"
     if evidence.spoilt_parameter_file:
         yield Check(statement, holds=False, detail="it cannot be read")
     else:
-        yield same_digest(statement, None if file is None else file.digest(), parameters)
+        yield same_digest(statement, evidence.file_origin, parameters)
     after = evidence.after[-1].series.started if evidence.after else None
     how = "the controller held the identified set"
     if after is not None and after.stage == "after by targets":

@@ -473,7 +473,7 @@ def _calibrated(
     evidence = evaluation.evidence
     space, journal = evidence.campaign.robot.mechanism.parameters, evidence.journal
     identified = Parameters.of(space, found.flat())
-    digest, file, loaded = identified.digest(), evidence.parameter_file, evidence.loaded
+    digest, loaded = identified.digest(), evidence.loaded
     every = [each.started.lacks for each in (journal.series if journal else ())]
     lacks = next((each for each in reversed(every) if each is not None), None)
     lacking = {*(lacks or ())} & {*identified.extended_by}
@@ -499,13 +499,14 @@ def _calibrated(
     taken_back = loaded is not None and loaded.rolls_back is not None
     corrected = evidence.written is not None and evidence.written.by == "targets"
     by_targets = after is not None and after.targets
-    given_back = taken_back and not holds
-    if not given_back and (evidence.loaded_since or (known_other and not by_targets)):
+    given_back = taken_back and not holds and state.measured != "import"
+    known_other &= after is not None and not (by_targets or after.declared)
+    if not given_back and (evidence.loaded_since or known_other):
         after = None
-    is_there = file is not None or evidence.spoilt_parameter_file
+    is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
     return replace(
         state,
-        file="identified" if file and file.digest() == digest else "other" if is_there else "",
+        file="identified" if evidence.file_origin == digest else "other" if is_there else "",
         form="exported" if has_form else "needed" if lacking else "",
         form_file=taken.file if taken else PLAIN_FILE,
         form_options=form_options(form, [each.file for each in evidence.forms]),

@@ -51,8 +51,9 @@ def confusions(
             robot, by_all[:, :, space.offsets], lambda names: by_all[:, :, space.places(names)]
         )
     ]
-    frame = information.point_jacobian(robot, (), joints, poses)[:, :, -FRAME_COLUMNS:]
-    known = by_all[:, :, space.places(stored.known.names)].reshape(3 * count, -1)
+    told = information.point_jacobian(robot, stored.known.names, joints, poses)
+    frame = told[:, :, -FRAME_COLUMNS:]
+    known = told[:, :, :-FRAME_COLUMNS].reshape(3 * count, -1)
     expected = known @ stored.covariance @ known.T
     blocks = expected.reshape(count, 3, count, 3)
     blocks[np.arange(count), :, np.arange(count)] += noise_mm2

@@ -390,6 +390,7 @@ def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign
         ({"loaded": loaded, "after": by_targets}, "validate --stage after"),
         ({"loaded": loaded}, None),
         ({"loaded": replace(evidence.loaded, digest="f")}, None),
+        ({"parameter_file": SimpleNamespace(digest=lambda: "f")}, None),
     ):
         now = Evaluation(replace(evidence, sets=known, **changed))  # type: ignore[arg-type]
         step = next_step(state_of(now, reported=True))

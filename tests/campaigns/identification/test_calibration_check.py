@@ -231,3 +231,19 @@ def test_a_part_that_held_the_base_frame_is_found_anew_too():
     assert abs(value - now.parameters[name]) < 4.0 * known.std()[name] < 1.0
     said = hidden_in_words(replace(stored().found, covariance=known))
     assert said == hidden_in_words(stored().found) != ""
+
+
+def test_shots_are_chosen_for_a_robot_whose_growth_is_known_too():
+    own, chosen, noise = (
+        region(stored().kinematics),
+        np.arange(8),
+        np.tile(1e-4 * np.eye(3), (8, 1, 1)),
+    )
+    poses = workspace_poses(own.kinematics, own.limits, own.centre, 8, np.random.default_rng(1))
+    joints = own.kinematics.inverse(poses).values_or_raise()
+    known = stored().known.with_exact(dict.fromkeys(SPACE.thermal, "ppm"))
+    grown = StoredCalibration(NOMINAL, replace(stored().found, covariance=known))
+    with_growth, without = (
+        confusions(each, joints, poses, noise)(chosen[None]) for each in (grown, stored())
+    )
+    assert with_growth == pytest.approx(without)
