@@ -22,21 +22,19 @@ from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification import change
+from campaigns.identification.candidates import Candidate, bic, objection_to
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import (
     FULL,
     STANDARD,
-    _Candidate,
-    _needed,
-    _objection,
     asked_of,
-    bic,
     candidate_models,
     select_model,
     terms_to_add,
 )
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
+from campaigns.identification.term_selection import _needed
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 
@@ -214,7 +212,7 @@ def test_a_robot_without_gears_errors_gets_no_term_of_them():
 def test_of_several_causes_the_one_that_gains_most_is_told_first_and_none_that_is_not_needed():
     data, _ = geared(encoder_gain_ppm=800.0, eccentricity_cos_deg=0.05)
     terms, options = terms_to_add(SPACE, Model.AUTO), IdentificationOptions()
-    standard = _Candidate("", USUAL, NOMINAL, data, options).instead(STANDARD, USUAL)
+    standard = Candidate("", USUAL, NOMINAL, data, options).instead(STANDARD, USUAL)
     tried = []
 
     def of(stem):
@@ -380,7 +378,7 @@ def test_few_unseen_pairs_that_are_worse_within_chance_leave_the_choice_to_the_f
 
 def test_unseen_pairs_that_are_worse_weigh_as_much_as_they_lose():
     data, options = shots(TRUTH, 0.037 * BACKLASH_RAD), IdentificationOptions()
-    standard = _Candidate("", USUAL, NOMINAL, data, options).instead(STANDARD, USUAL)
+    standard = Candidate("", USUAL, NOMINAL, data, options).instead(STANDARD, USUAL)
     larger = standard.instead("backlash", MODELS["backlash"])
     unseen = standard.found.unseen
 
@@ -391,8 +389,8 @@ def test_unseen_pairs_that_are_worse_weigh_as_much_as_they_lose():
         return replace(larger, found=found)
 
     assert 5.0 < standard.bic - larger.bic < 0.7 * larger.found.hold_out.chi2
-    assert _objection(times(1.001), standard) == ""
-    assert _objection(times(2.0), standard) == "hold-out pairs are no better with it"
+    assert objection_to(times(1.001), standard) == ""
+    assert objection_to(times(2.0), standard) == "hold-out pairs are no better with it"
 
 
 def test_without_unseen_pairs_nothing_speaks_for_a_larger_model():

@@ -12,7 +12,8 @@ from identified_cases import NOISE_MM, SPACE, TRACKER_FROM_BASE, TRUTH, simulate
 from app.report.model_sections import warmth_in_words
 from campaigns.arrays import Array
 from campaigns.estimation.estimators import Model
-from campaigns.identification import model_selection
+from campaigns.identification import term_selection
+from campaigns.identification.candidates import Candidate
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import candidate_models, select_model, terms_to_add
 from campaigns.identification.options import IdentificationOptions
@@ -95,7 +96,7 @@ def test_growth_that_shows_among_drifts_alone_is_tried() -> None:
 def test_a_time_constant_that_was_searched_has_its_part_in_the_uncertainty() -> None:
     shots, names = warming(200.0), ("arm_expansion_ppm", "arm1.arm_mm", "arm2.forearm_mm")
     known = select_parameters(SPACE, SPACE.thermal, names=SPACE.model)
-    robot = model_selection._Candidate("", known, NOMINAL, shots, IdentificationOptions())
+    robot = Candidate("", known, NOMINAL, shots, IdentificationOptions())
 
     def fitted_by(course: Course) -> tuple[float, Array, Array]:
         candidate = robot.warmed(course).instead("", known)
@@ -188,34 +189,34 @@ def test_a_scale_of_carriages_that_looks_like_sag_is_taken_up_where_no_stand_mov
 def test_growth_that_shows_beside_other_terms_alone_is_taken_up_then(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    shows = model_selection._grows
+    shows = term_selection._grows
     asked: list[bool] = []
 
-    def later(best: model_selection._Candidate) -> bool:
+    def later(best: Candidate) -> bool:
         asked.append(shows(best))
         return len(asked) > 1 and asked[-1]
 
-    monkeypatch.setattr(model_selection, "_grows", later)
+    monkeypatch.setattr(term_selection, "_grows", later)
     found = of_rails(on_rails(WARMING, arm_expansion_ppm=150.0))
     assert asked[0]
     assert found.warmth is not None
     assert found.verdict == "pass"
 
 
-def of_carriages(**error_ppm: float) -> tuple[model_selection._Candidate, ParameterSelection]:
+def of_carriages(**error_ppm: float) -> tuple[Candidate, ParameterSelection]:
     """Standard model of a linear Delta whose parts grow, or whose pitches are off, and terms."""
     member = Member("linear-delta")
     shots = on_rails(np.expm1(-5.0 * TIME) / np.expm1(-5.0), member=member, **error_ppm)
     known, options = select_parameters(member.space), IdentificationOptions()
-    standard = model_selection._Candidate("", known, member.nominal, shots, options)
+    standard = Candidate("", known, member.nominal, shots, options)
     return standard.instead("standard", known), terms_to_add(member.space, Model.AUTO)
 
 
 def test_a_scale_that_comes_with_time_is_growth_of_the_rails_where_pitches_are_off_alike() -> None:
     parts = Member("linear-delta").space.thermal
     standard, terms = of_carriages(**dict(zip(parts, (30.0, 15.0, 15.0), strict=True)))
-    pitches = model_selection._with_pitches(standard, terms)
-    [grown] = model_selection._grown_alike(standard, pitches, terms)
+    pitches = term_selection._with_pitches(standard, terms)
+    [grown] = term_selection._grown_alike(standard, pitches, terms)
     assert grown.name == "standard+warmth"
     assert grown.alike < pitches.bic < grown.bic, "its pitches each by itself cost more"
     found = grown.found.parameters["arm_expansion_ppm"]
@@ -224,4 +225,4 @@ def test_a_scale_that_comes_with_time_is_growth_of_the_rails_where_pitches_are_o
 
 def test_a_scale_that_is_off_all_the_time_is_no_growth() -> None:
     standard, terms = of_carriages(gain_ppm=30.0)
-    assert not [*model_selection._grown_alike(standard, standard, terms)]
+    assert not [*term_selection._grown_alike(standard, standard, terms)]
