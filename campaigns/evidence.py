@@ -563,6 +563,10 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:
         yield from _identified_checks(evidence, found)
+    check = evidence.unanswered
+    if check is not None and check.decision == "fail":
+        detail = f"check, series {check.series}: {check.says}"
+        yield Check("the robot is as it was identified", holds=False, detail=detail)
     yield _before_check(evidence)
     yield _limits_check(evidence)
     if journal is not None and journal.unended_load:
@@ -613,9 +617,9 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
     elif after is None or not after.declared:
         last = evidence.state(loaded.digest if loaded else None)
         yield _same_origin("what was loaded last is what was identified", last, parameters)
-    statement = f"{how} when the robot was validated after"
-    yield _same_origin(statement, evidence.held("after"), parameters)
-    if loaded is not None and evidence.loaded_since:
+    statement, held = f"{how} when the robot was validated after", evidence.held("after")
+    yield _same_origin(statement, held, parameters)
+    if loaded and held and held.origin == parameters and evidence.loaded_since:
         statement = "the robot was validated after with what its controller holds now"
         yield Check(statement, holds=False, detail=f"{loaded.source} was loaded since")
 

@@ -10,7 +10,7 @@ RULE = (
     "Decision rule (ISO 14253-1): a limit is kept only if |e| + U ≤ limit, and broken only if "
     "|e| − U > limit; in between nothing is decided. U = 2 u is the expanded uncertainty of "
     "measurement (k = 2, about 95 %). All passes only if the identification passed, every limit "
-    "that is asked for is kept, and the files belong together."
+    "that is asked for is kept, the files belong together, and no check found the robot changed."
 )
 NOT_DECIDED: Decision = "not decided"
 HEADLINES: Mapping[Decision, str] = {

@@ -128,7 +128,7 @@ def doubtful(evaluation: Evaluation) -> Iterator[str]:
     found, check = evaluation.evidence.identification, evaluation.evidence.unanswered
     if found is None:
         return
-    if check is not None:
+    if check is not None and check.decision != "fail":  # which is among the checks
         yield f"check, series {check.series}: {check.says}"
     yield from (doubt.says for doubt in found.doubts if doubt.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)

@@ -494,7 +494,11 @@ def told(evidence: Evidence, check: RecordedCheck) -> Answer:
     """What is said to answer a check, by state and by status alike."""
     evaluation = Evaluation(replace(evidence, checked=check))
     answer = state_of(evaluation).check
-    assert any(check.says in each for each in doubtful(evaluation)) is bool(answer)
+    said = [check.says in each for each in doubtful(evaluation)]
+    assert said.count(True) == bool(answer)
+    changed = "the robot is as it was identified"
+    found = [each.holds for each in evaluation.checks if each.statement == changed]
+    assert found == ([False] if answer and check.decision == "fail" else [])
     return answer
 
 
