@@ -175,13 +175,13 @@ def assemble(
                     own = of[0, n] * misfit[0, n] + of[1, n] * misfit[1, n]
                     step[axis, n] = -own - of[2, n] * misfit[2, n] - of[3, n] * misfit[3, n]
                     pose[axis, n] += step[axis, n]
-            longest = 0.0
+            underway = 0  # a sum, for a maximum is formed one by one
             for n in range(shots):
                 way = max(abs(step[0, n]), abs(step[1, n]), abs(step[2, n]))
-                longest = max(longest, way + lever_mm[r] * abs(step[3, n]))
-            if longest < converged_mm:
+                underway += not way + lever_mm[r] * abs(step[3, n]) < converged_mm
+            if not underway:
                 break
-        found[r] = longest < converged_mm and _is_wanted(
+        found[r] = not underway and _is_wanted(
             functions, upper[r], limit_rad[r], sign[r], pose, determinant
         )
         for arm in range(arms):
@@ -264,6 +264,23 @@ def _turned(rotation: Array, vectors: Array, out: Array) -> None:
         a, row = rotation[axis], out[axis]
         for n in range(len(row)):
             row[n] = a[0] * x[n] + a[1] * y[n] + a[2] * z[n]
+
+
+@_compiled
+def point_residuals(
+    poses: Array, rotation: Array, shift_mm: Array, points_mm: Array, whitening: Array
+) -> Array:
+    """Whitened differences (R, 3 N) of turned and shifted poses (R, 4, N) from points."""
+    robots, _, shots = poses.shape
+    residuals = np.empty((robots, 3, shots))
+    for r in range(robots):
+        _turned(rotation[r], poses[r, :3], residuals[r])
+        for axis in range(3):
+            row, measured = residuals[r, axis], points_mm[r, axis]
+            for n in range(shots):
+                row[n] += shift_mm[r, axis] - measured[n]
+        _whitened(whitening[r], residuals[r])
+    return residuals.reshape(robots, 3 * shots)
 
 
 @_compiled

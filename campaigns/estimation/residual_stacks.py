@@ -223,9 +223,13 @@ class PointStack:
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Component by component, (R, 3 N); which have an answer."""
         positions, found = self.robots.positions_mm(x[:, :-FRAME_COLUMNS], rows)
-        translation = self._translation_mm[rows] + x[:, -3:]
-        modelled = self.rotations(x, rows) @ positions + translation[:, :, None]
-        return self._whitened(modelled - rows_of(self._points_mm, rows), rows), found
+        translation, rotation = self._translation_mm[rows] + x[:, -3:], self.rotations(x, rows)
+        points, whitening = rows_of(self._points_mm, rows), rows_of(self.whitening, rows)
+        if self.robots.kernel is not None:
+            modelled = positions, rotation, translation
+            return self.robots.kernel.point_residuals(*modelled, points, whitening), found
+        modelled_mm = rotation @ positions + translation[:, :, None]
+        return self._whitened(modelled_mm - points, rows), found
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, 3 N), as `normal_step`."""
