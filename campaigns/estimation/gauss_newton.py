@@ -51,8 +51,13 @@ class StackSolution:
     """Of residuals, by the row that took most."""
 
 
-def gauss_newton(problem: ProblemStack, start: Array, rows: Index | None = None) -> StackSolution:
-    """Minima from unknowns (C, P), of these rows if not of all."""
+def gauss_newton(
+    problem: ProblemStack, start: Array, rows: Index | None = None, settled_at: float = SETTLED
+) -> StackSolution:
+    """Minima from unknowns (C, P), of these rows if not of all.
+
+    A step behind which the next one is expected to be `settled_at` of the residual is the last.
+    """
     x, asked = start.copy(), np.arange(len(start)) if rows is None else rows
     first, found = problem.residual(rows_of(x, asked), asked)
     (count, unknowns), measured = x.shape, first.shape[1]
@@ -71,7 +76,7 @@ def gauss_newton(problem: ProblemStack, start: Array, rows: Index | None = None)
         shrunk = size <= (1.0 + SAME_SIZE) * np.linalg.norm(rows_of(residual, active), axis=1)
         nearer = shrunk & (length <= CONTRACTION * before)
         rate = np.where(np.isinf(before), 1.0, length / before)
-        settled = (length * rate <= SETTLED * unit) | (at_end & ~nearer)
+        settled = (length * rate <= settled_at * unit) | (at_end & ~nearer)
         good = found & regular & (nearer | at_end)
         kept = active[good]
         x[kept], residual[kept], last[kept] = further[good], left[good], length[good]

@@ -14,7 +14,7 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
-from campaigns.estimation.gauss_newton import StackSolution, gauss_newton
+from campaigns.estimation.gauss_newton import SETTLED, StackSolution, gauss_newton
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack
 from campaigns.estimation.rigid_transforms import fit_frames
@@ -29,6 +29,14 @@ from campaigns.estimation.tracker_noise import (
 from campaigns.identification.fit import SCATTER_ROUNDS, settled
 from campaigns.identification.observations import COORDINATES, SHORTEST_MM, Inputs
 from campaigns.shots.shot_sets import ShotSet
+
+NEARLY = 1e-4
+"""Expected length of the next step over the residual's, behind which a fit that only judges shots
+is near enough: steps shrink by their square, and what is left moves no residual by 1e-5 σ."""
+CLOSE = 1e-3
+"""Share of the limit by which the largest size has to be beside it to be judged by such a fit."""
+WORTH_A_LOOK = 2.0
+"""Score of a component beside which such a fit is ended: none below about 2.4 is found."""
 
 FittedPoints: TypeAlias = tuple[Array, Array, Mask]
 """Of shots: poses (C, t, N), covariances (C, N, 3, 3) that weighed them, those kept (C, N)."""
@@ -103,8 +111,8 @@ def _fit_points(
     guesses, covariance = fit_frames(near[:, :3], measured), stated.copy()
     robots = _robots(inputs, joints, np.tile(near.T, (len(measured), 1, 1)), kernel)
     problem, kept = _points(robots, measured, stated, guesses), np.ones(measured.shape[:2], bool)
-    solution, plain = _solved(problem, problem.start(), kept)
     of_points = inputs.options.estimator is Estimator.POINTS
+    solution, plain = _solved(problem, problem.start(), kept, SETTLED if of_points else NEARLY)
     unknowns = solution.x.shape[1]
     found = FitStack(solution.x, np.zeros((len(plain), unknowns, unknowns)), plain)
     if not (every := np.flatnonzero(plain)).size:
@@ -115,6 +123,9 @@ def _fit_points(
     scores, every = scores[:, hopeful & plain[every]], every[hopeful & plain[every]]
     if not every.size:
         return found, (robots.poses, covariance, kept)
+    if not of_points:
+        _solve_on(problem, solution, every[(scores >= WORTH_A_LOOK).any(axis=0)])
+        plain &= solution.converged
     by_x = problem.last_jacobians(solution.x[every], every)
     by_joints = problem.whitened_by_joints(solution.x[every], every)
     for at, row in enumerate(every.tolist()):
@@ -241,15 +252,15 @@ def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | Non
 
 
 def _solved(
-    problem: PointStack | DistanceStack, start: Array, kept: Mask
+    problem: PointStack | DistanceStack, start: Array, kept: Mask, settled_at: float = SETTLED
 ) -> tuple[StackSolution, Mask]:
     """Fits of blocks (C, B) that are kept, and where chance explains these and χ², (C,).
 
     Outliers among points are left out of what is kept, here too.
     """
-    solution = gauss_newton(problem, start)
+    solution = gauss_newton(problem, start, settled_at=settled_at)
     if isinstance(problem, PointStack):  # those among distances were looked for among the points
-        solution = _without_outliers(problem, solution, kept)
+        _leave_out(problem, solution, kept)
     plain, block = solution.converged.copy(), solution.residual.shape[1] // kept.shape[1]
     dof = block * kept.sum(axis=1) - start.shape[1]
     for row in np.flatnonzero(plain):
@@ -258,37 +269,41 @@ def _solved(
     return solution, plain
 
 
-def _without_outliers(problem: PointStack, solution: StackSolution, kept: Mask) -> StackSolution:
-    """Solution without shots apart from the others, which are taken out of problem and `kept`.
+def _leave_out(problem: PointStack, solution: StackSolution, kept: Mask) -> None:
+    """Take shots apart from the others out of the problem, `kept` and solution.
 
     A row where these may be told otherwise has not converged.
     """
-    by_shot = solution.residual.reshape(len(kept), COORDINATES, -1)
-    apart = np.linalg.norm(by_shot, axis=1).max(axis=1) > rejection_threshold(
-        kept.shape[1], COORDINATES
-    )
-    rows = np.flatnonzero(solution.converged & apart)
+    limit = rejection_threshold(kept.shape[1], COORDINATES)
+    rows = np.flatnonzero(solution.converged & (_largest(solution) > (1.0 - CLOSE) * limit))
+    _solve_on(problem, solution, rows)
+    rows = rows[solution.converged[rows] & (_largest(solution)[rows] > limit)]
     if not rows.size:
-        return solution
+        return
     solution.converged[rows] = False
     jacobians = problem.last_jacobians(solution.x[rows], rows)
     for row, jacobian in zip(rows.tolist(), jacobians, strict=True):
         shots = jacobian.reshape(COORDINATES, kept.shape[1], -1).swapaxes(0, 1)
-        inliers = linear_inliers(shots.reshape(jacobian.shape), by_shot[row].T.ravel(), COORDINATES)
+        left = solution.residual[row].reshape(COORDINATES, -1).T.ravel()
+        inliers = linear_inliers(shots.reshape(jacobian.shape), left, COORDINATES)
         if inliers is not None:
             solution.converged[row], kept[row] = True, inliers
             problem.whitening[row] *= inliers
-    rows = rows[~kept[rows].all(axis=1)]
-    if not rows.size:
-        return solution
-    again = gauss_newton(problem, solution.x, rows)
-    for old, new in (
-        (solution.x, again.x),
-        (solution.residual, again.residual),
-        (solution.converged, again.converged),
-    ):
-        old[rows] = new[rows]
-    return solution
+    _solve_on(problem, solution, rows[~kept[rows].all(axis=1)])
+
+
+def _largest(solution: StackSolution) -> Array:
+    """Size of the largest misfit of a shot, (C,)."""
+    by_shot = solution.residual.reshape(len(solution.x), COORDINATES, -1)
+    return np.asarray(np.linalg.norm(by_shot, axis=1).max(axis=1))
+
+
+def _solve_on(problem: PointStack, solution: StackSolution, rows: Index) -> None:
+    """Solve some rows on from where they are, to the end."""
+    if rows.size:
+        again = gauss_newton(problem, solution.x, rows)
+        solution.x[rows], solution.residual[rows] = again.x[rows], again.residual[rows]
+        solution.converged[rows] = again.converged[rows]
 
 
 def covariances(kernel: ModuleType | None, jacobians: Array) -> Array:
