@@ -131,6 +131,23 @@ def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
     return None
 
 
+def likeliest_drift(shots: FittedShots, drifts: Sequence[Cause]) -> Change | None:
+    """Drift that is most significant among some, wherever the shots show it; None by chance."""
+    chi2, freedom = shots.chi2, shots.freedom
+    if freedom < 2 * FEWEST_BEYOND or chi2 <= EXACT**2 * freedom:
+        return None
+    tests = [_Tests.of(cause, shots) for cause in drifts]
+    chances = [log_p(each.size.shape[1], freedom, each.gain, chi2) for each in tests]
+    least, test, found = min(
+        ((float(found.min()), test, found) for test, found in zip(tests, chances, strict=True)),
+        key=lambda each: each[0],
+    )
+    chance = least + math.log(sum(len(each) for each in chances))
+    if chance >= math.log(SIGNIFICANCE):
+        return None
+    return test.change(int(np.argmin(found)), chi2, freedom, chance)
+
+
 def outlier_as_step(shots: FittedShots, causes: Sequence[Cause], at: int) -> Change | None:
     """Step of a part that explains shots from one on as well as its being wrong; else None.
 

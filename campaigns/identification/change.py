@@ -19,6 +19,7 @@ from campaigns.estimation.change_detection import (
     detect_change,
     drifted,
     last_together,
+    likeliest_drift,
     memory,
     outlier_as_step,
     without_memory,
@@ -123,12 +124,12 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
 def _shows_growth(steps: "_Rows") -> bool:
     """Whether growth is significant among drifts, beside noise with a memory too."""
     drifts = tuple(_drifts(steps.shots))
-    change = detect_change(steps.fit, steps.of(drifts))
+    change = likeliest_drift(steps.fit, steps.of(drifts))
     if change is None or change.name == "drift":
         return False
     left = steps.fit.fitted(steps.white(_changed(drifts, change, steps))).left
     again = replace(steps, phi=memory(left.reshape(-1, 3)))
-    return not len(again.phi) or detect_change(again.fit, again.of(drifts)) is not None
+    return not len(again.phi) or likeliest_drift(again.fit, again.of(drifts)) is not None
 
 
 def _shown_by_one(shots: "_AllShots", gross: Mask, apart: Index) -> tuple[Change, Index] | None:

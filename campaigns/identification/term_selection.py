@@ -107,7 +107,7 @@ def _with_late_growth(
 
     worthy = [each for each in others if not objection_to(each, best) and explains(each)]
     chosen = min(worthy, key=price_of, default=best)
-    if hidden and explains(others[0]):
+    if grows or (hidden and explains(others[0])):
         for grown in _grown_alike(best, chosen, terms):
             others.append(grown)
             chosen = grown if not objection_to(grown, best) and explains(grown) else chosen

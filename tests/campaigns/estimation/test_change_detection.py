@@ -12,6 +12,7 @@ from campaigns.estimation.change_detection import (
     detect_change,
     drifted,
     last_together,
+    likeliest_drift,
     memory,
     without_memory,
 )
@@ -61,6 +62,25 @@ def test_a_drift_that_slows_down_is_told_with_its_time_constant_and_size():
     found = found_of(shifted, (*CAUSES, FRAME, slowing))
     assert (found.kind, found.name, found.time_constant) == ("drift", "growth", 0.5)
     assert found.size[0] == pytest.approx(5.0, abs=5.0 * found.std[0])
+
+
+def test_a_drift_is_significant_among_drifts_alone_at_their_own_level():
+    slowing = Cause("drift", "growth", CAUSES[1].columns, time_constants=(0.1, 0.5, np.inf))
+    course = drifted(np.linspace(0.0, 1.0, SHOTS), 0.5)
+    shots = FittedShots.of(
+        residual(2) - 5.0 * course[:, None] * CAUSES[1].columns[:, :, 0], JACOBIAN
+    )
+    found = likeliest_drift(shots, (slowing,))
+    assert (found.name, found.time_constant) == ("growth", 0.5)
+    alone = log_p(
+        1,
+        shots.freedom,
+        shots.chi2 - shots.fitted(course[:, None, None] * slowing.columns).chi2,
+        shots.chi2,
+    )
+    assert found.log_p == pytest.approx(alone + np.log(3.0)), "three time constants were tried"
+    good = (FittedShots.of(residual(seed), JACOBIAN) for seed in range(30))
+    assert [likeliest_drift(each, (slowing,)) for each in good] == [None] * 30
 
 
 def test_good_shots_show_no_change():
