@@ -177,7 +177,7 @@ WARMING = np.expm1(-3.0 * TIME) / np.expm1(-3.0)
 def test_a_scale_of_carriages_that_looks_like_sag_is_taken_up_where_no_stand_moved() -> None:
     grown = dict(zip(RAILS.space.thermal, (40.0, 20.0, 20.0), strict=True))
     found = of_rails(on_rails(WARMING, gain_ppm=100.0, **grown))
-    assert next(each.name for each in found.models if each.kept) == "standard+ratio"
+    assert next(each.name for each in found.models if each.kept) == "standard+ratio+warmth"
     assert (found.verdict, found.doubts) == ("pass", ())
     moved = of_rails(on_rails(np.round(TIME), stand_mm=0.1, gain_ppm=300.0))
     assert {"standard+ratio", "standard+warmth"} < {each.name for each in moved.models}
