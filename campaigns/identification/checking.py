@@ -137,8 +137,8 @@ def check_calibration(
 ) -> CalibrationCheck:
     """Judgement on shots of a robot whose parameters were identified; raises `ShotsInvalid`.
 
-    Where a length or offset changed they are linearised anew about the change. Nests among them
-    tell whether the base moved since.
+    Where a length or offset changed they are linearised anew about the change. Parts count as warm
+    as the parameters are stated for. Nests among them tell whether the base moved since.
     """
     every, moved = shots.rows(shots.order_of_time()), dict[str, float]()
     shots = every.on_robot()
@@ -151,6 +151,10 @@ def check_calibration(
         moved = {each.name: each.size for each in judged.changed if each.kind in BY_ONE}
         if not moved:
             break
+    degC = (stored.found.warmth or {}).get("reference_degC")
+    if judged.decision == "fail" and degC is not None:
+        says = f"{judged.says} (the set is of parts at {degC:g} °C: warmer ones have grown)"
+        judged = replace(judged, says=says)
     base = None if frame is None else _base_moved(stored, every, frame, instrument)
     if base is None:
         return judged

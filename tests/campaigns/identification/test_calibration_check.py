@@ -127,6 +127,15 @@ def test_a_change_is_told_with_its_uncertainty():
     assert judged[0].says.startswith("not good: arm 2's encoder by +0.0")
 
 
+def test_a_check_of_a_set_for_one_temperature_says_which():
+    rng = np.random.default_rng(2)
+    shots = measured(planned(), robot(rng, **{"arm2.joint_offset_deg": 0.05}), rng)
+    for warmth in ({"source": "temperature", "reference_degC": 20.0}, {"source": "drift"}, None):
+        found = replace(stored().found, warmth=warmth)
+        says = check_calibration(StoredCalibration(NOMINAL, found), shots, TRACKER).says
+        assert ("parts at 20 °C" in says) is ("reference_degC" in (warmth or ()))
+
+
 def of_a_rail(rng, moved_mm):
     """Check of a robot on rails whose first mount, (3,), moved: along (0.6, 0, 0.8) its encoder."""
     std_mm, rails = 0.01, find_robot("linear-delta").robot.mechanism.parameters
