@@ -172,9 +172,23 @@ class Evidence:
         if after is None or after.declared or loaded is None or self.sets is None:
             return False
         held = self.campaign.robot.digest() if after.targets else after.digest
-        started = datetime.fromisoformat(self.after[-1].series.started_utc)
-        later = bool(loaded.at_utc) and datetime.fromisoformat(loaded.at_utc) > started
-        return later and not self.sets.are_one(loaded.digest, held)
+        return self._is_loaded_later and not self.sets.are_one(loaded.digest, held)
+
+    @property
+    def _is_loaded_later(self) -> bool:
+        """Whether the last load came after the last validation began."""
+        if self.loaded is None or not self.loaded.at_utc:
+            return False
+        started = self.after[-1].series.started_utc
+        return datetime.fromisoformat(self.loaded.at_utc) > datetime.fromisoformat(started)
+
+    @property
+    def controller(self) -> ControllerState | None:
+        """State of the controller by what was loaded last, or read since for a validation."""
+        after = self.held("after")
+        if after is None or after.declared or after.targets or self._is_loaded_later:
+            return self.state(self.loaded.digest if self.loaded else None)
+        return after
 
     @property
     def unanswered(self) -> RecordedCheck | None:

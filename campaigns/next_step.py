@@ -483,7 +483,7 @@ def _calibrated(
     fullest = any(each.projection and each.projection.name != PLAIN for each in own)
     form = [*forms_taken(space, lacking)][0 if fullest else -1]
     has_form = taken is not None and (bool(lacking) or lacks is None)
-    held = held or evidence.state(loaded.digest if loaded else None)
+    held = held or evidence.controller
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
     known_other = held is not None and held.origin != digest and not evidence.campaign.is_offline
     known = held is not None and held.origin == digest and not evidence.campaign.is_offline

@@ -362,7 +362,8 @@ def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
 ) -> None:
     evidence = gather(open_campaign(whole.folder))
     assert evidence.loaded is not None
-    nominal = replace(evidence.loaded, digest=evidence.campaign.robot.digest())
+    since, digest = "2999-01-01T00:00:00+00:00", evidence.campaign.robot.digest()
+    nominal = replace(evidence.loaded, digest=digest, at_utc=since)
     for changed, said in (
         ({"loaded": nominal}, "load"),
         ({"parameter_file": None, "spoilt_parameter_file": True}, "export --overwrite"),
@@ -385,6 +386,11 @@ def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign
     targets = replace(series, started=replace(series.started, stage="after by targets"))
     by_targets = (replace(evidence.after[-1], series=targets),)
     loaded = replace(evidence.loaded, at_utc="2999-01-01T00:00:00+00:00")
+    nominal = replace(series.started, robot_file_digest=evidence.campaign.robot.digest())
+    lost = (replace(evidence.after[-1], series=replace(series, started=nominal)),)
+    step = next_step(state_of(Evaluation(replace(evidence, after=lost))))
+    assert step is not None
+    assert step.command[0] == "load"  # the controller did not keep what was loaded before
     for changed, said in (
         ({"loaded": replace(loaded, digest="f")}, "validate --stage after"),
         ({"loaded": loaded, "after": by_targets}, "validate --stage after"),
