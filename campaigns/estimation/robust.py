@@ -165,7 +165,8 @@ def reject_outliers(
 
     Nothing within the stated noise is ever an outlier. Beyond it a robust fit shows which blocks
     stand apart; the rest is fitted plainly, and whatever then agrees comes back, until nothing
-    changes. Where half of the blocks would have to go, none can be called wrong.
+    changes. What came back stays, or one that is close to the limit would come and go without end.
+    Where half of the blocks would have to go, none can be called wrong.
     """
     everything = np.ones(problem.blocks, dtype=bool)
     plain = solve(problem.weighted(everything), start=start, spent=spent)
@@ -175,15 +176,18 @@ def reject_outliers(
     if snooped is not None:
         return snooped
     kept, fit = _consensus_set(problem, plain.x), plain
+    back = np.zeros_like(kept)
     for _ in range(REJECTION_ROUNDS):
         if not _enough(kept, problem.block, len(plain.x) - len(problem.priors)):
             return Inliers(everything, (), plain)
         agreeing = problem.weighted(kept.astype(np.float64))
         fit = solve(agreeing, start=fit.x, spent=fit.evaluations)
         sizes, limit = _studentized(problem, fit, kept)
-        if settled := np.array_equal(sizes <= limit, kept):
+        back |= ~kept & (sizes <= limit)
+        agree = back | (sizes <= limit)
+        if settled := np.array_equal(agree, kept):
             break
-        kept = sizes <= limit
+        kept = agree
     outliers = ((row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
     return Inliers(kept, tuple(outliers), fit if settled else None)
 
@@ -212,13 +216,15 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
     limit = max(1.0, scale) * rejection_threshold(len(weights), block)
     within = LINEAR_WITHIN * float(block_norms(residual, block).max())
     kept, last = sizes <= limit, None
+    back = np.zeros_like(kept)
     for _ in range(REJECTION_ROUNDS):
         if (np.abs(sizes / limit - 1.0) < within).any() or not _enough(kept, block, rows.shape[1]):
             return None
         if last is not None and np.array_equal(kept, last):
             break
         sizes, limit = _studentized_sizes(sizes_by(kept.astype(np.float64)), rows, kept, block)
-        kept, last = sizes <= limit, kept
+        back |= ~kept & (sizes <= limit)
+        kept, last = back | (sizes <= limit), kept
     return kept
 
 

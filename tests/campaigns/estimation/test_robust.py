@@ -144,6 +144,15 @@ def test_a_problem_made_linear_says_nothing_of_a_shot_close_to_the_limit(shots):
         good, wrong = (0.5 * (good + wrong), wrong) if between else (good, 0.5 * (good + wrong))
 
 
+def test_a_block_that_came_back_does_not_go_again():
+    """Beside the others it agrees, in a fit with them it does not: close to the limit of both."""
+    rng = np.random.default_rng(1244)
+    jacobian, residual = rng.standard_normal((120, 5)), rng.standard_normal(120)
+    residual[0] += rng.uniform(3, 7)
+    residual[4] += rng.uniform(3, 6)
+    assert linear_inliers(jacobian, residual, 3).all()
+
+
 @pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
 def test_robust_loss_withstands_what_spoils_the_plain_one(shots, shape):
     spoilt = points_problem(shots, (7, 50, 99))
