@@ -177,7 +177,7 @@ def on_a_screen(*arguments, typed=b"", in_foreground=False, size=None):
     said = {"COLUMNS": "100", "LINES": "30"}
     if size:
         termios.tcsetwinsize(operator_end, size)
-        said = {}
+        said = dict.fromkeys(said, "")  # a worker of the tests has its own terminal's
     os.write(operator_end, typed)
     # in the foreground its keys are heard; else its group is its own, for nobody could continue it
     group = {"preexec_fn": lambda: os.login_tty(0)} if in_foreground else {"process_group": 0}
