@@ -3,7 +3,7 @@
 Only reads. The report and the live page show it; neither judges anything itself.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, partial
@@ -346,12 +346,8 @@ def gather(campaign: Campaign) -> Evidence:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)
-        ended = [
-            each.at_utc
-            for each in entries
-            if isinstance(each.record, Finding) and each.record.kind == "load"
-        ]
-        loaded = loaded and replace(loaded, at_utc=ended[-1])
+        if loaded is not None and (ended := _latest_finding(entries, "load")) is not None:
+            loaded = replace(loaded, at_utc=ended.at_utc)
         through = identification.journal_records if identification else None
         through_then = None if through is None else journal.digest(through=through)
         facts = JournalFacts(
@@ -419,25 +415,28 @@ def _read_if_there(
         return None
 
 
+def _latest_finding(entries: Sequence[Entry[Record]], kind: FindingKind) -> Entry[Finding] | None:
+    """Record of the last finding of a kind."""
+    for entry in reversed(entries):
+        if isinstance(entry.record, Finding) and entry.record.kind == kind:
+            return Entry(entry.number, entry.at_utc, entry.series, entry.record)
+    return None
+
+
 def _latest(
-    entries: Iterable[Entry[Record]],
+    entries: Sequence[Entry[Record]],
     kind: FindingKind,
     read: Callable[[Mapping[str, JsonValue]], FoundT],
     unreadable: list[str],
 ) -> FoundT | None:
     """The last finding of a kind."""
-    found = [
-        (entry.number, entry.record.body)
-        for entry in entries
-        if isinstance(entry.record, Finding) and entry.record.kind == kind
-    ]
-    if not found:
+    found = _latest_finding(entries, kind)
+    if found is None:
         return None
-    number, body = found[-1]
     try:
-        return read(body)
+        return read(found.record.body)
     except FindingUnreadable as error:
-        unreadable.append(f"record {number}: {error.problem}")
+        unreadable.append(f"record {found.number}: {error.problem}")
         return None
 
 

@@ -90,6 +90,14 @@ def rows_of(stack: Array, rows: Index) -> Array:
     return stack if len(rows) == len(stack) else stack[rows]
 
 
+def with_rows(stack: Array, rows: Index, renewed: Array) -> Array:
+    """Stack with these rows renewed, in place; the new ones themselves where these are all."""
+    if len(rows) == len(stack):
+        return renewed
+    stack[rows] = renewed
+    return stack
+
+
 def normal_step(jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
     """Steps (R, P), their lengths in the space of the residuals, and which are to be trusted.
 

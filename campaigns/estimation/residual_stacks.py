@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import normal_step, rows_of
+from campaigns.estimation.gauss_newton import normal_step, rows_of, with_rows
 from campaigns.estimation.point_sets import TINY_MM
 from campaigns.estimation.residuals import CLOSE_ENOUGH_MM, FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import small_rotation
@@ -239,10 +239,7 @@ class PointStack:
             )
             return step, length, regular
         jacobian = self.jacobian(x, rows)
-        if len(rows) == len(self._jacobians):
-            self._jacobians = jacobian
-        else:
-            self._jacobians[rows] = jacobian
+        self._jacobians = with_rows(self._jacobians, rows, jacobian)
         return normal_step(jacobian, residual)
 
     def last_jacobians(self, x: Array, rows: Index) -> Array:
@@ -342,10 +339,7 @@ class DistanceStack:
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, M), as `normal_step`."""
         jacobian = self.jacobian(x, rows)
-        if len(rows) == len(self._jacobians):
-            self._jacobians = jacobian
-        else:
-            self._jacobians[rows] = jacobian
+        self._jacobians = with_rows(self._jacobians, rows, jacobian)
         if self.robots.kernel is None:
             return normal_step(jacobian, residual)
         columns = np.ascontiguousarray(jacobian.swapaxes(1, 2))
