@@ -2,14 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from app.console import WARNING, Terminal
+from pydantic_core import to_jsonable_python
+
+from app.console import TALK, WARNING, Terminal
+from app.remembered import Answer, answer_to
 from campaigns.campaign import Campaign
-from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
-from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import CampaignState, NextStep, WayOn, next_step, state_of
+
+if TYPE_CHECKING:
+    from campaigns.controllers.controller_state import ControllerState
+    from campaigns.evidence import Evaluation
+    from campaigns.next_step import NextStep, WayOn
 
 
 def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
@@ -26,33 +32,43 @@ def tell_next(
     words: Sequence[str] = (),
     answered: bool = False,
     reported: bool = False,
-    held: ControllerState | None = None,
-    evaluation: Evaluation | None = None,
+    held: "ControllerState | None" = None,
+    evaluation: "Evaluation | None" = None,
 ) -> dict[str, object]:
     """Say which command is next; gives it as a part of what `--json` prints.
 
-    `words`: options that a next run or identification gets, not those recorded. `held`: what was
-    read from the controller. `evaluation`: the campaign's, where it is there. Where evidence cannot
-    be read, nothing is said: the command's own result stands.
+    `words`: options that a next run or identification gets, not those recorded. `answered`: the
+    devices answered, and the campaign's files stayed as they were, so that it is remembered.
+    `held`: what was read from the controller. `evaluation`: the campaign's, where it is there.
+    Where evidence cannot be read, nothing is said: the command's own result stands.
     """
-    try:
+
+    def find() -> Answer:
+        from campaigns.evidence import evaluate  # all that judges, which a remembered answer spares
+        from campaigns.next_step import next_step, state_of
+
         found = evaluation or evaluate(campaign)
         state = state_of(found, answered=answered, reported=reported, held=held)
         step = next_step(replace(state, words=tuple(words) or state.words))
+        ways = state.ways if state.verdict == "not decided" else ()
+        lines = [(way.says, TALK) for way in ways]
+        if step is not None:
+            lines.append((f"next: {step.says}", TALK))
+        document = next_document(step, ways)
+        if not ways:
+            del document["ways"]
+        return lines, to_jsonable_python(document)
+
+    try:
+        lines, document = answer_to("next", campaign.folder, find) if answered else find()
     except CampaignError:
-        state, step = CampaignState(), None
-    ways = state.ways if state.verdict == "not decided" else ()
-    for way in ways:
-        terminal.note(way.says)
-    if step is not None:
-        terminal.note(f"next: {step.says}")
-    document = next_document(step, ways)
-    if not ways:
-        del document["ways"]
+        return {"next": None, "before_next": None}
+    for text, style in lines:
+        terminal.note(text, style)
     return document
 
 
-def next_document(step: NextStep | None, ways: Sequence[WayOn]) -> dict[str, object]:
+def next_document(step: "NextStep | None", ways: "Sequence[WayOn]") -> dict[str, object]:
     """The next step and the ways on for programs."""
     return {
         "next": step and step.text,

@@ -7,7 +7,7 @@ nothing that is out of date can be shown; what cannot be read or written counts 
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -47,40 +47,49 @@ def digests(folder: Path) -> dict[str, str]:
     return found
 
 
-def remembered(folder: Path) -> Answer | None:
-    """Answer for a campaign whose files are all the same still; None where none is known."""
+def answer_to(asked: str, folder: Path, find: Callable[[], Answer]) -> Answer:
+    """Answer for a campaign: the one remembered, or the one found now, which is remembered."""
+    of = digests(folder)
+    known = remembered(asked, folder, of)
+    if known is not None:
+        return known
+    found = find()
+    if of and of == digests(folder):  # else files changed while it was looked for
+        _remember(asked, folder, of, found)
+    return found
+
+
+def remembered(asked: str, folder: Path, of: Mapping[str, str]) -> Answer | None:
+    """Answer for a campaign whose files had these digests; None where none is known."""
     try:
-        place = _place(folder)
+        place = _place(asked, folder)
         if place.stat().st_size > ANSWER_BYTES:
             return None
         kept = json.loads(place.read_bytes())
-        of, answer = kept["of"], ([(str(a), str(b)) for a, b in kept["lines"]], kept["document"])
-        same = of and isinstance(answer[1], dict) and of == digests(folder)
+        answer = [(str(a), str(b)) for a, b in kept["lines"]], kept["document"]
+        same = of and isinstance(answer[1], dict) and of == kept["of"]
     except (OSError, RuntimeError, ValueError, KeyError, TypeError):
         return None
     return answer if same else None
 
 
-def remember(folder: Path, of: Mapping[str, str], answer: Answer) -> None:
-    """Keep an answer, if the files are still those that they were before it was looked for."""
-    if not of or of != digests(folder):
-        return
+def _remember(asked: str, folder: Path, of: Mapping[str, str], answer: Answer) -> None:
     lines, document = answer
     kept = {"of": of, "lines": lines, "document": document}
     with suppress(OSError, RuntimeError):
-        place = _place(folder)
+        place = _place(asked, folder)
         place.parent.mkdir(parents=True, exist_ok=True)
         fresh = place.with_name(f"{place.name}.{os.getpid()}")
         fresh.write_text(json.dumps(kept), encoding="utf-8")
         fresh.replace(place)
 
 
-def _place(folder: Path) -> Path:
+def _place(asked: str, folder: Path) -> Path:
     """File of a campaign's answer; raises `RuntimeError` for a user without a home."""
     named = (os.environ.get(each) for each in CACHES)
     caches = Path(next(filter(None, named), None) or Path.home() / ".cache")
     name = hashlib.sha256(str(folder.resolve()).encode(errors="surrogateescape")).hexdigest()
-    return caches / "pkmcal" / f"{name[:32]}.json"
+    return caches / "pkmcal" / f"{name[:32]}-{asked}.json"
 
 
 def _software() -> str:

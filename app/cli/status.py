@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from pydantic_core import to_jsonable_python
 
 from app.console import BAD, GOOD, OPEN, WARNING, terminal_of
 from app.options import Folder, Json
-from app.remembered import Answer, Line, digests, remember, remembered
+from app.remembered import Answer, Line, answer_to
 from campaigns.files.lock import lock_holder
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
     terminal, held_by = terminal_of(context, as_json=json), lock_holder(folder)
-    lines, document = remembered(folder) or _found(folder)
+    lines, document = answer_to("status", folder, partial(_found, folder))
     for number, (text, style) in enumerate(lines):
         terminal.say(text, style)
         if number == 0 and held_by is not None:
@@ -43,13 +44,10 @@ def _found(folder: Path) -> Answer:
     from campaigns.campaign import open_campaign
     from campaigns.workflow.status import campaign_status
 
-    of = digests(folder)
     found = campaign_status(open_campaign(folder))
     document = {each.name: getattr(found, each.name) for each in fields(found)}
     document |= next_document(found.next, found.ways)
-    answer = [*_lines(found)], to_jsonable_python(document)
-    remember(folder, of, answer)
-    return answer
+    return [*_lines(found)], to_jsonable_python(document)
 
 
 def _lines(found: "CampaignStatus") -> Iterator[Line]:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-import scipy
 
 from sim.geometry import Array, Kind
 
@@ -38,6 +37,8 @@ def readings_for(
 def _reading(
     flat: Mapping[str, float], kind: Kind, ripple_rate: float, arm: int, joint: float, now: float
 ) -> float:
+    import scipy  # only for a controller that knows its gears
+
     def value(stem: str) -> float:
         return kind.inner(flat.get(f"arm{arm}.{stem}_{kind.unit}", 0.0))
 

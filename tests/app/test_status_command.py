@@ -7,6 +7,9 @@ import pytest
 from paper_campaign import new_campaign
 
 from app import remembered
+from app.console import Terminal
+from app.next import tell_next
+from campaigns import evidence
 from campaigns.campaign import now_utc, open_campaign
 from campaigns.evidence import evaluate
 from campaigns.files.lock import HOLDER_FILE, campaign_lock
@@ -111,6 +114,10 @@ def judged(monkeypatch, tmp_path):
     return found
 
 
+def kept_answer(folder):
+    return remembered.remembered("status", folder, remembered.digests(folder))
+
+
 def test_the_same_files_are_judged_once_and_who_measures_is_looked_for_each_time(
     pkmcal, tmp_path, judged
 ):
@@ -122,6 +129,25 @@ def test_the_same_files_are_judged_once_and_who_measures_is_looked_for_each_time
         assert status(pkmcal, paper.folder)["measuring"]["pid"] == os.getpid()
         assert f"now: process {os.getpid()}" in pkmcal("status", paper.folder)[1]
     assert len(judged) == 1
+
+
+def test_the_step_after_devices_is_named_again_until_a_file_changes(tmp_path, monkeypatch, capsys):
+    paper, judged = new_campaign(tmp_path / "c"), []
+    monkeypatch.setenv("PKMCAL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(evidence, "evaluate", lambda each: judged.append(each) or evaluate(each))
+
+    def told(**known):
+        document = tell_next(Terminal(as_json=True), open_campaign(paper.folder), **known)
+        return document, capsys.readouterr().err
+
+    first = told(answered=True)
+    assert f"next: {first[0]['next']}" in " ".join(first[1].split())
+    assert told(answered=True) == first
+    assert len(judged) == 1
+    told()
+    changed_setting(paper.folder)
+    told(answered=True)
+    assert len(judged) == 3
 
 
 def changed_setting(folder):
@@ -152,7 +178,7 @@ def test_nothing_is_remembered_of_other_files(pkmcal, tmp_path, judged, change):
     assert told[0] == told[1]
     assert len(judged) == 1
     change(paper.folder)
-    assert remembered.remembered(paper.folder) is None
+    assert kept_answer(paper.folder) is None
 
 
 def test_nothing_is_remembered_of_other_software(pkmcal, tmp_path, judged, monkeypatch):
@@ -175,7 +201,7 @@ def test_an_answer_is_not_kept_for_files_that_changed_meanwhile(pkmcal, tmp_path
 
     monkeypatch.setattr(judging, "campaign_status", disturbed)
     status(pkmcal, paper.folder)
-    assert remembered.remembered(paper.folder) is None
+    assert kept_answer(paper.folder) is None
 
 
 @pytest.mark.parametrize("kept", [b"", b"[]", b'{"of": 1}', b"\xff"])
