@@ -14,13 +14,18 @@ from campaigns.controllers import joint_tables
 from campaigns.controllers.export import PLAIN
 from campaigns.controllers.model_reduction import ResidualError
 from campaigns.controllers.reduced_parameters import FORMATS
-from campaigns.controllers.robot_description import FORMATS as DESCRIPTIONS
 from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.settings.option import Option, require_finite
 from campaigns.workflow.correction import Warm
-from campaigns.workflow.files import export, export_description, export_hal, export_shots
+from campaigns.workflow.files import (
+    DESCRIPTIONS,
+    export,
+    export_description,
+    export_hal,
+    export_shots,
+)
 from campaigns.workflow.reduced_export import ReducedExport, export_joint_tables, export_projected
 
 WORDS = ("yaml", "linuxcnc", *FORMATS, "plain", *DESCRIPTIONS)

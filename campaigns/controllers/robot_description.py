@@ -19,7 +19,6 @@ from campaigns.mechanisms.mechanism import Interval, Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
-FORMATS = ("urdf", "sdf")
 M_PER_MM = 1e-3
 UPRIGHT = 1e-9
 FREE_M, FREE_RAD = (-10.0, 10.0), (-np.pi, np.pi)
@@ -52,7 +51,7 @@ class Joint:
 
 
 def robot_description(robot: RobotFile, language: str) -> str:
-    """Text of a robot's description, in one of `FORMATS`."""
+    """Text of a robot's description, URDF or SDF."""
     joints = list(_joints(robot))
     arms = range(len(robot.mechanism.joints))
     return (_urdf if language == "urdf" else _sdf)(robot.name, joints, arms)

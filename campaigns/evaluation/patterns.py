@@ -4,7 +4,7 @@ Each test gives what it measures and p, the share of patternless errors that sho
 """
 
 import numpy as np
-import scipy.special
+import scipy
 
 from campaigns.arrays import Array
 

@@ -20,6 +20,8 @@ from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
+DESCRIPTIONS = ("urdf", "sdf")
+"""Languages of a robot's description."""
 DegC = float | None
 
 
