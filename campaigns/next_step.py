@@ -509,7 +509,7 @@ def _calibrated(
         file="identified" if evidence.file_origin == digest else "other" if is_there else "",
         form="exported" if has_form else "needed" if lacking else "",
         form_file=taken.file if taken else PLAIN_FILE,
-        form_options=form_options(form, [each.file for each in evidence.forms]),
+        form_options=form_options(form, {each.file: each.tables for each in evidence.forms}),
         holds=holds,
         after=decided if after else "",
         reasons="; ".join(verdict.reasons),

@@ -8,7 +8,8 @@ import typer
 from app.console import terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Overwrite
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.gcode_correction import TOLERANCE_MM
 from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.controllers.programs import LANGUAGES
@@ -99,7 +100,8 @@ def command(
         counts = {"moves": found.targets, "pieces": found.pieces}
     terminal.say(f"written: {path}")
     terminal.say(
-        f"{done}, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most{_sigma(std_mm)}"
+        f"{done}, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most"
+        f"{_sigma(std_mm, campaign, terms)}"
     )
     size_mm = {"mean": mean_mm, "max": max_mm}
     found_mm = {"correction_mm": size_mm, "position_std_mm": std_mm}
@@ -107,10 +109,16 @@ def command(
     terminal.document(document | tell_next(terminal, campaign))
 
 
-def _sigma(std_mm: float | None) -> str:
-    if std_mm is None:
-        return "; its uncertainty is unknown: no identification in the journal states it"
-    return f"; 1 σ of the position {std_mm:.3f} mm at most"
+def _sigma(std_mm: float | None, campaign: Campaign, terms: CorrectionTerms) -> str:
+    if std_mm is not None:
+        return f"; 1 σ of the position {std_mm:.3f} mm at most"
+    file = terms.robot.name if terms.robot else FILE_NAME
+    again = f"`pkmcal correct {campaign.folder}`"
+    again += " without --robot takes it" if terms.robot else " again"
+    return (
+        f"; its uncertainty is unknown: {file} holds no set that an identification in the journal "
+        f"found → `pkmcal export {campaign.folder} --overwrite` writes such a {FILE_NAME}, {again}"
+    )
 
 
 def _language(path: Path, told: ProgramLanguage | None) -> str:

@@ -69,8 +69,12 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     if held is not None and (held.form or held.declared or held.kind == "other"):
         terminal.say(f"the controller held {held.says}")
     verdict = found.verdict
+    # limits are for the calibrated robot
+    says, style = "before calibration, only stated", ""
+    if stage == "after":
+        says, style = "not good", STYLES.get(verdict.decision or "", "")
     for reason in verdict.reasons:
-        terminal.say(f"not good: {reason}", STYLES.get(verdict.decision or "", ""))
+        terminal.say(f"{says}: {reason}", style)
     whole = found.campaign_verdict
     if verdict.decision == "pass" and found.otherwise is None:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)

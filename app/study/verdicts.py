@@ -84,7 +84,6 @@ SHOWN: tuple[Column[SizedVerdicts], ...] = (
     _figure("95 %", lambda found: found.covered, PERCENT, 1),
     _figure("left µm", lambda found: found.position_mm, UM_PER_MM, 1),
 )
-KEPT: Column[SizedVerdicts] = Column("kept", lambda one: _kept_words(one.found), kind="words")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,10 +136,11 @@ class Verdicts:
         shown = [one for one in self.sized if one.shown]
         labels = labels_of([one.words for one in shown])
         rows = [replace(one, label=label) for label, one in zip(labels, shown, strict=True)]
-        chosen = any(one.studied.combination.method.model in CHOICES for one in shown)
-        columns = (*SHOWN, KEPT) if chosen else SHOWN
-        terminal.rows('How often is "pass" wrong?', columns, rows)
+        terminal.rows('How often is "pass" wrong?', SHOWN, rows)
         terminal.note(EXPLAINED)
+        for one in rows:
+            if one.studied.combination.method.model in CHOICES:  # as a column it leaves no place
+                terminal.say(f"{one.label}: kept {_kept_words(one.found)}")
         for method, counts in self.wrong_passes().items():
             terminal.say(f"{method}: {counts['wrong']} wrong of {counts['campaigns']} campaigns")
         for one in self._of_all_sizes():

@@ -1,6 +1,6 @@
 """Export: what was identified as a robot file, with its uncertainty and where it comes from."""
 
-from collections.abc import Collection, Container, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Self
@@ -24,9 +24,10 @@ TABLES_FILE = "robot-joint-tables.yaml"
 PLAIN = "plain"
 JOINT_TABLES = "joint tables"
 PLAIN_WITH_TABLES = f"{PLAIN} with {JOINT_TABLES}"
+CSV = "csv"
 FORMS = {
-    JOINT_TABLES: (TABLES_FILE, ("--joint-table", "csv")),
-    PLAIN_WITH_TABLES: (TABLES_FILE, ("--joint-table", "csv", "--format", PLAIN)),
+    JOINT_TABLES: (TABLES_FILE, ("--joint-table", CSV)),
+    PLAIN_WITH_TABLES: (TABLES_FILE, ("--joint-table", CSV, "--format", PLAIN)),
     PLAIN: (PLAIN_FILE, ("--format", PLAIN)),
 }
 """Forms of a set that are robot files: the file in a campaign's folder, and options of `export`."""
@@ -58,6 +59,8 @@ class WrittenSet:
     by: CalibrationRoute = "parameters"
     sha256: str = ""
     projection: ReducedForm | None = None
+    tables: str = CSV
+    """Form of the joint tables beside it, as `export --joint-table` names it."""
 
     @classmethod
     def of(cls, file: str, own: Parameters, **more: Any) -> Self:
@@ -76,10 +79,12 @@ def forms_taken(space: ParameterSpace, lacking: Collection[str]) -> Iterator[str
     yield PLAIN
 
 
-def form_options(name: str, written: Container[str]) -> tuple[str, ...]:
-    """Options of `export` for a form, where these files are there already."""
+def form_options(name: str, written: Mapping[str, str]) -> tuple[str, ...]:
+    """Options of `export` for a form, where files are there already, with tables of these forms."""
     file, options = FORMS[name]
-    return (*options, "--overwrite") if file in written else options
+    if file not in written:
+        return options
+    return (*(written[file] if each == CSV else each for each in options), "--overwrite")
 
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:

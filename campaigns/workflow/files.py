@@ -8,7 +8,7 @@ from pathlib import Path
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
-from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
+from campaigns.controllers.export import CSV, CalibrationRoute, WrittenSet, warm_robot
 from campaigns.errors import VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
@@ -71,6 +71,7 @@ def recorded(
     own: Parameters,
     by: CalibrationRoute = "parameters",
     form: ReducedForm | None = None,
+    tables: str = CSV,
 ) -> Iterator[None]:
     """While the block writes a file for a controller, hold the journal that then tells of it.
 
@@ -84,7 +85,8 @@ def recorded(
     with campaign.journal() as journal:
         yield
         sha256 = "" if by == "targets" else ImportedFile.of(path).sha256
-        written = WrittenSet.of(path.name, own, by=by, sha256=sha256, projection=form)
+        more = {"by": by, "sha256": sha256, "projection": form, "tables": tables}
+        written = WrittenSet.of(path.name, own, **more)
         if written != last:
             journal.append(Finding("export", asdict(written)))
 

@@ -11,6 +11,7 @@ from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers import joint_tables, model_reduction
 from campaigns.controllers.export import (
+    CSV,
     FORMS,
     JOINT_TABLES,
     PLAIN,
@@ -20,6 +21,7 @@ from campaigns.controllers.export import (
     form_options,
     forms_taken,
     latest_identification,
+    written_sets,
 )
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
@@ -127,7 +129,7 @@ def export_joint_tables(
     form, own = _written_form(campaign, robot, name, rest, left["these values and tables"])
     path = to or campaign.path(TABLES_FILE)
     texts = {path.with_name(each): text for each, text in files_of(tables).items()}
-    with recorded(campaign, path, own.robot.parameters, form=form):
+    with recorded(campaign, path, own.robot.parameters, form=form, tables=word):
         for file, text in (texts | {path: own.document.text}).items():
             write_text_unless_there(file, text, overwrite=overwrite)
     return ReducedExport(path, left, tables, tuple(texts))
@@ -141,7 +143,11 @@ def offered_forms(
     By name: the command, and what the form leaves of position. Raises `IdentificationRefused`.
     """
     poses, found = _poses(campaign, robot), dict[str, tuple[str, model_reduction.ResidualError]]()
-    written = [file for file, _ in FORMS.values() if campaign.path(file).exists()]
+    written = {file: CSV for file, _ in FORMS.values() if campaign.path(file).exists()}
+    if campaign.journal_path.exists():
+        with campaign.journal_reader() as journal:
+            oldest_first = reversed([*written_sets(journal)])
+        written |= {each.file: each.tables for each in oldest_first if each.file in written}
     for name in forms_taken(robot.mechanism.parameters, lacking):
         own, tables = robot.kinematics, None
         if name != PLAIN:

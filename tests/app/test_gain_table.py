@@ -1,15 +1,19 @@
 """The terminal's table of what was gained: by the same judgement as the report's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from paper_campaign import PaperCampaign
 from rich.cells import cell_len
+from typer import Exit
 
 from app.console import Terminal
 from app.report.results_sections import GAINS
-from app.report.validation_text import show_gain
+from app.report.validation_text import show_gain, show_validation
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts
+from campaigns.workflow.validation import Validated
 
 TERMINAL_WIDTH = 80
 
@@ -41,6 +45,21 @@ def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, 
         assert (rows[name][3] == "no change shown") is (on_page == "no change shown"), name
     assert rows["repeatability, radius of the sphere"][3] == "no change shown"
     assert rows["distances, mean error"][3].endswith(" × less")
+
+
+@pytest.mark.parametrize("stage", ["before", "after"])
+def test_limits_are_held_against_the_calibrated_robot_alone(capsys, whole: PaperCampaign, stage):
+    config = whole.campaign.config
+    limits = config.acceptance.model_copy(update={"distance_mean_mm": 1e-6})
+    campaign = replace(whole.campaign, config=config.model_copy(update={"acceptance": limits}))
+    found = evaluate(campaign)
+    result = found.before if stage == "before" else found.after
+    assert result is not None
+    with pytest.raises(Exit):
+        show_validation(Terminal(as_json=False), Validated(stage, result, found), campaign)
+    said = capsys.readouterr().out
+    assert ("before calibration, only stated: distances, mean" in said) is (stage == "before")
+    assert ("not good: distances, mean" in said) is (stage == "after")
 
 
 def test_the_uncertainty_of_each_difference_stands_beside_it(capsys, found):

@@ -438,12 +438,13 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
         return WrittenSet.of(FORMS[name][0], own, projection=projection)
 
     tables, tilted = form(PLAIN_WITH_TABLES, (*terms,)), form(JOINT_TABLES, ("arm2.backlash_deg",))
-    plain = form(PLAIN, (*terms,))
+    plain, compensation = form(PLAIN, (*terms,)), replace(tilted, tables="linuxcnc")
     for forms, said in (
         ((), "export --format plain"),
         ((form(PLAIN, (*terms,), "older"),), "export --format plain --overwrite"),
         ((plain,), "load --file robot-plain.yaml"),
         ((tilted,), "export --joint-table csv --format plain --overwrite"),
+        ((compensation,), "export --joint-table linuxcnc --format plain --overwrite"),
         ((tilted, plain), "load --file robot-plain.yaml"),
         ((tables, plain), "load --file robot-joint-tables.yaml"),
     ):

@@ -59,7 +59,9 @@ def test_choice_among_models_is_told_by_size_with_what_is_left(folder, pkmcal):
     assert both["kept"] == {"full": 1}
     assert both["position_mm"] < 0.3 * standard["by_kind"][-1]["position_mm"]
     told = pkmcal(*words).out
-    assert "kept" in told
+    table, _, kept = told.partition("wrong: passed")
+    assert all(f"auto · {one['kind']} " in table for one in auto["by_kind"])
+    assert "auto · rods 0.2 mm, axes 2 mrad: kept full" in kept
     assert "full 100" not in told, "one model alone needs no share"
 
 

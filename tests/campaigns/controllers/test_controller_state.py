@@ -77,7 +77,8 @@ def test_joint_tables_come_with_a_form_that_names_what_it_is_of(identified: Pape
     assert known_sets(identified.campaign).forms[robot.digest()] == form
     assert [each.name for each in found.files] == [f"joint{joint}.comp" for joint in range(4)]
     assert all(each.exists() for each in found.files)
-    assert gather(identified.campaign).forms[0].file == found.path.name
+    written = gather(identified.campaign).forms[0]
+    assert (written.file, written.tables) == (found.path.name, "linuxcnc")
     hidden = found.path.rename(found.path.with_name("elsewhere.yaml"))
     assert found.path.name not in [each.file for each in gather(identified.campaign).forms]
     hidden.rename(found.path)
