@@ -14,7 +14,7 @@ from campaigns.arrays import Array, Index, Mask
 STEPS = 12
 CONTRACTION = 0.5
 """Part of a step that the next one may have at most."""
-SETTLED = 1e-9
+SETTLED = 1e-10
 """Expected length of the next step over that of the residual."""
 ROUNDING = 1e-7
 """Length of a step over that of the residual that rounding may be all of."""

@@ -252,10 +252,14 @@ def solve(
         maxfev=evaluations,
         full_output=True,
     )
-    used, converged = spent + int(ended["nfev"]), status in CONVERGED
+    used, converged, left = spent + int(ended["nfev"]), status in CONVERGED, ended["fvec"]
+    if converged and evaluations > STEPS:  # it ends sooner than Gauss-Newton
+        found = gauss_newton(_AsStack(problem, len(first)), x[None])
+        used += found.evaluations
+        if found.converged[0]:
+            x, left = found.x[0], found.residual[0]
     message = _explain(int(status), used)
-    jacobian = problem.jacobian(x)
-    return _checked(Solution(x, ended["fvec"], jacobian, converged, used, message))
+    return _checked(Solution(x, left, problem.jacobian(x), converged, used, message))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

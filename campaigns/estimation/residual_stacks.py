@@ -183,6 +183,14 @@ def with_frames(parameters: Array) -> Array:
     return np.pad(parameters, ((0, 0), (0, FRAME_COLUMNS)))
 
 
+def _columns(count: int, measured: int, unknowns: int) -> Array:
+    """Jacobians (C, M, P) of zeros that lie in memory as new ones do, column by column.
+
+    Sums are added up as numbers lie: laid out otherwise they would differ by rounding.
+    """
+    return np.zeros((count, unknowns, measured)).swapaxes(1, 2)
+
+
 class PointStack:
     """Whitened coordinates (C, 3, N) of shots, behind the parameters frames that correct guesses.
 
@@ -197,7 +205,7 @@ class PointStack:
         self._rotation, self._translation_mm = guesses
         if robots.kernel is None:
             count, free = robots.start.shape
-            self._jacobians = np.zeros((count, 3 * points_mm.shape[2], free + FRAME_COLUMNS))
+            self._jacobians = _columns(count, 3 * points_mm.shape[2], free + FRAME_COLUMNS)
 
     def start(self) -> Array:
         """Unknowns (C, F + 6) where a step leads from one robot and guessed frames.
@@ -328,7 +336,7 @@ class DistanceStack:
         self._first, self._second = first, second
         self._measured_mm, self._whitening = measured_mm, whitening
         count, free = robots.start.shape
-        self._jacobians = np.zeros((count, len(first), free))
+        self._jacobians = _columns(count, len(first), free)
 
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """(R, M); which have an answer."""

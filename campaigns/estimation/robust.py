@@ -51,6 +51,8 @@ LEAST_LEFT = 1e-8
 LINEAR_WITHIN = 1e-4
 """Part of a size by which a problem made linear may have it wrong, for each σ of the largest size:
 ten times what the misfits of a mechanism's shots show."""
+LINEAR_TO = 100.0
+"""Largest size, in σ, that is judged so: of random wrong shots the first mistake was at 170."""
 MOST_FITTED_AWAY = 0.9
 """Share of the residuals' variance that the unknowns can take up."""
 INITIAL_M_ESTIMATOR = Loss(LossShape.CAUCHY)
@@ -196,8 +198,12 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
     """Blocks that agree, (blocks,), as `reject_outliers` tells them, by a problem made linear.
 
     Of the whitened residual (M,) and Jacobian (M, P) of its plain fit. None where the problem
-    itself might tell otherwise, a size being close to a limit, and where half would have to go.
+    itself might tell otherwise, a size being close to a limit or too large, and where half would
+    have to go.
     """
+    largest = float(block_norms(residual, block).max())
+    if largest > LINEAR_TO:
+        return None
     rows = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), ROUNDING)
     loss, weights = INITIAL_M_ESTIMATOR, np.ones(len(residual) // block)
 
@@ -214,7 +220,7 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
         if np.abs(weights - old).max() < WEIGHTS_SETTLED:
             break
     limit = max(1.0, scale) * rejection_threshold(len(weights), block)
-    within = LINEAR_WITHIN * float(block_norms(residual, block).max())
+    within = LINEAR_WITHIN * largest
     kept, last = sizes <= limit, None
     back = np.zeros_like(kept)
     for _ in range(REJECTION_ROUNDS):

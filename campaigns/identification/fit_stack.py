@@ -86,7 +86,9 @@ def _may_be_plain(inputs: Inputs) -> bool:
     space = nominal.mechanism.parameters
     places = space.places(selection.free)
     asked = options.loss is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
-    asked &= options.estimator is Estimator.POINTS or options.weights is Weights.STATED
+    if options.estimator is Estimator.DISTANCES:
+        pairs = inputs.shots.whole_pairs(ShotSet.IDENTIFICATION).rows
+        asked &= options.weights is Weights.STATED and len(pairs) > 0
     more = selection.priors or options.sessions or options.frees_reflector_constant
     shots = inputs.shots
     return bool(

@@ -77,6 +77,26 @@ def test_a_step_out_of_the_model_is_turned_back_and_a_start_outside_is_an_error(
         solve(Logarithm(begin=-1.0))
 
 
+@dataclass
+class BentLogarithm(Logarithm):
+    """Minimum at which residuals are left: steps shrink to a part of the one before."""
+
+    def residual(self, x):
+        return np.append(super().residual(x), 0.1 * x - 0.8)
+
+    def jacobian(self, x):
+        return np.vstack([super().jacobian(x), [[0.1]]])
+
+
+def test_a_fit_that_had_to_turn_back_ends_as_near_to_its_minimum_as_any():
+    problem = BentLogarithm(begin=12.0)
+    fit = solve(problem)
+    assert problem.refused > 0
+    assert fit.converged
+    slope = fit.jacobian.T @ fit.residual / np.linalg.norm(fit.jacobian)
+    assert np.abs(slope).max() < 1e-9 * np.linalg.norm(fit.residual)
+
+
 def test_a_far_start_still_arrives():
     """The nominal robot off by 4 mm and 1° everywhere."""
     joints = reachable_joints(TABLE1, 120, seed=43, limits=WELL_INSIDE)

@@ -71,7 +71,7 @@ WAYS = [
 @pytest.mark.parametrize("way", WAYS)
 def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(way, member, estimator):
     inputs, points_mm = inputs_of(member, estimator)
-    points_mm[0, 5] += 1.0
+    points_mm[0, 5] += 0.5
     stack = fit_stack(inputs, points_mm, kernel := way(member))
     assert stack.plain[0]
     assert stack.plain[1:].any()
@@ -136,6 +136,20 @@ def test_points_that_fix_no_frame_give_up_their_own_row_alone(way):
     found = fit_stack(inputs, points_mm, kernel)
     assert found.plain.tolist() == [False, *whole.plain[1:].tolist()]
     np.testing.assert_array_equal(found.x[1:], whole.x[1:])
+    np.testing.assert_array_equal(found.covariance[1:], whole.covariance[1:])
+
+
+def test_a_shot_far_off_whose_neighbours_the_plain_fit_bends_gives_its_row_up():
+    (h4,) = (each for each in ALL_MEMBERS if each.name == "h4")
+    inputs, points_mm = inputs_of(h4, Estimator.POINTS)
+    points_mm[0, 29, 0] += 20.0
+    assert fit_stack(inputs, points_mm[:1]).plain.tolist() == [False]
+
+
+def test_distances_of_shots_without_pairs_give_every_row_up():
+    inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.DISTANCES)
+    shots = replace(inputs.shots, pairs=(None,) * 2 * PAIRS)
+    assert not fit_stack(replace(inputs, shots=shots), points_mm).plain.any()
 
 
 @pytest.mark.parametrize("way", WAYS)
