@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 from pydantic_core import to_jsonable_python
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from app.exits import NotConfirmed
@@ -117,6 +115,9 @@ class Terminal:
 
         A last column without a name holds words, which are broken into lines before anything else.
         """
+        from rich import box  # for those answers that are tables
+        from rich.table import Table
+
         table = Table(
             title=printable(title),
             title_justify="left",

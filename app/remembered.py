@@ -95,7 +95,10 @@ def _place(asked: str, folder: Path) -> Path:
 def _software() -> str:
     """Digest of version, and of names, sizes and times of all modules that an answer is made by."""
     told = hashlib.sha256(VERSION.encode())
-    for path in sorted(each for name in SOFTWARE for each in (PACKAGES / name).rglob("*.py")):
-        stat = path.stat()
+    folders = (each for name in SOFTWARE for each in os.walk(PACKAGES / name))
+    for path in sorted(
+        f"{at}/{file}" for at, _, files in folders for file in files if file.endswith(".py")
+    ):
+        stat = os.stat(path)  # noqa: PTH116 - of 400 files, in a third of the time
         told.update(os.fsencode(path) + b" %d %d\n" % (stat.st_size, stat.st_mtime_ns))
     return told.hexdigest()
