@@ -75,8 +75,8 @@ COMMANDS = {
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 
-COLLECTED_AFTER = (10_000, 20, 20)
-"""Objects, and rounds, after which cycles are looked for: what a command imports makes many."""
+COLLECTED_AFTER = (100_000, 5, 10)
+"""Objects, and rounds, after which cycles are looked for: what a command imports makes 70 000."""
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
