@@ -15,7 +15,7 @@ from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_uncertainty import Forecast
-from campaigns.planning.stands import Stand
+from campaigns.planning.stands import Stand, best_stand
 from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
@@ -23,6 +23,9 @@ ONE_SIDED = 0.85
 
 BARELY_PPM = 100.0
 """σ of an encoder's ratio from which on wrong ratios of usual size hide."""
+
+ALIKE = 1.01
+"""Largest σ of stands over the least one, to which none is called the best."""
 
 Row = tuple[str, ...]
 
@@ -230,11 +233,17 @@ def _stand_text(stand: Stand | None) -> str:
     )
 
 
-def best_stand_lines(best: Stand) -> Iterator[str]:
-    """Best stand, as it is written into campaign.yaml."""
-    place = ", ".join(f"{each:.0f}" for each in best.place_mm)
+def best_stand_lines(stands: Sequence[Stand]) -> Iterator[str]:
+    """Best stand, as it is written into campaign.yaml, or that all are as good."""
+    best = best_stand(stands)
+    place = ", ".join(f"{round(each)}" for each in best.place_mm)
     std = f"±{best.position_std_mm:.4f} mm" if best.position_std_mm < math.inf else "undetermined"
     unseen = f", {best.unseen} shots unseen" if best.unseen else ""
+    worst = max(each.position_std_mm for each in stands if each.unseen == best.unseen)
+    if worst <= ALIKE * best.position_std_mm < math.inf:
+        yield f"every stand is as good: positions {std} at most{unseen}; by tracker.uncertainty in"
+        yield "campaign.yaml points are as uncertain from far away as from near"
+        return
     yield f"best: tracker.place_mm: [{place}], positions {std} at most{unseen}"
     yield "a plan made for that stand may tell more: write it into campaign.yaml and plan anew"
 

@@ -97,7 +97,7 @@ def _compare(terminal: Terminal, campaign: Campaign, options: PlanOptions) -> di
         return {"stands": [], "best_stand": None}
     terminal.table(*stands_table(stands))
     best = best_stand(stands)
-    for line in best_stand_lines(best):
+    for line in best_stand_lines(stands):
         terminal.say(line)
     return {"stands": [stand_document(each) for each in stands], "best_stand": stand_document(best)}
 

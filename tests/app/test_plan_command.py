@@ -12,7 +12,7 @@ from par4_space import SKEW_NAMES, SPACE
 
 from app.main import run_command
 from app.new_campaign import create_simulated
-from app.plan_text import paying_line, plate_warning, told_lines, warnings
+from app.plan_text import best_stand_lines, paying_line, plate_warning, told_lines, warnings
 from campaigns.campaign import open_campaign
 from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
@@ -24,6 +24,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement
 from campaigns.planning.predicted_uncertainty import Forecast
+from campaigns.planning.stands import Stand
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan
 
@@ -334,6 +335,17 @@ def test_a_plate_whose_size_nobody_said_is_warned_of():
     assert plate_warning(UNRESTRICTED) == ""
 
 
+@pytest.mark.parametrize("growth", [1.005, 1.1])
+def test_a_stand_is_called_the_best_only_where_another_is_worse(growth):
+    near = Stand(270.0, 1500.0, (-3e-13, -1500.0, -500.0), 0, 0.008)
+    far = replace(near, distance_mm=6000.0, position_std_mm=growth * near.position_std_mm)
+    hidden = replace(near, unseen=3, position_std_mm=0.02)
+    best, *more = best_stand_lines((far, near, hidden))
+    told = "tracker.place_mm: [0, -1500, -500], " if growth > 1.01 else "every stand is as good: "
+    assert f"{told}positions ±0.0080 mm at most" in best
+    assert more
+
+
 def test_stands_are_compared_for_the_plan_that_is_there(campaign, capsys, monkeypatch):
     monkeypatch.setattr("campaigns.planning.stands.DIRECTIONS_DEG", (0, 90))
     assert run_command(["plan", str(campaign.folder), "--shots", "40"]) == 0
@@ -342,7 +354,7 @@ def test_stands_are_compared_for_the_plan_that_is_there(campaign, capsys, monkey
     assert run_command(["plan", str(campaign.folder), "--where-tracker", "--json"]) == 0
     captured = capsys.readouterr()
     assert campaign.plan_path.read_bytes() == plan
-    assert "best: tracker.place_mm: [" in captured.err
+    assert "every stand is as good: positions ±" in captured.err
     document = json.loads(captured.out)
     assert len(document["stands"]) == 12
     assert document["best_stand"] in document["stands"]
