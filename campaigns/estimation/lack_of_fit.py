@@ -48,6 +48,7 @@ FEWEST_PERIODS = 2.0
 """Over the travel: fewer may as well be an eccentric encoder, a ratio or the geometry."""
 STEPS_A_TURN = 2.0
 """Frequencies looked at, from one that makes a turn more over the travel to the next."""
+SHOTS_AT_ONCE = 128
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,9 +244,11 @@ def best_period(shots: FittedShots, drives: Drives) -> Group:
     step = 1.0 / (STEPS_A_TURN * travel)
     lowest = max(1.0 / longest, FEWEST_PERIODS / travel)
     frequencies = np.arange(lowest, max(1.0 / shortest, lowest + step), step)
-    best = frequencies[int(np.argmax(_gains(shots, by_joints, joints, frequencies)))]
+    fine = step * np.arange(math.isqrt(len(frequencies)))
+    gains = _gains(shots, by_joints, joints, frequencies[:: len(fine)], fine)
+    best = frequencies[int(np.argmax(gains[: len(frequencies)]))]
     near = np.maximum(best + step * np.linspace(-1.0, 1.0, 9), lowest)
-    best = near[int(np.argmax(_gains(shots, by_joints, joints, near)))]
+    best = near[int(np.argmax(_gains(shots, by_joints, joints, near, np.zeros(1))))]
     columns = harmonic(by_joints, 2.0 * np.pi * best * joints)
     arms = np.repeat(np.arange(joints.shape[1]), 2)
     tests = len(frequencies) + len(near)
@@ -258,21 +261,37 @@ def best_period(shots: FittedShots, drives: Drives) -> Group:
     )
 
 
-def _gains(shots: FittedShots, by_joints: Array, joints: Array, frequencies: Array) -> Array:
-    """Part of χ² that each frequency's sines and cosines explain, (F,), by sums over shots."""
+def _gains(
+    shots: FittedShots, by_joints: Array, joints: Array, coarse: Array, fine: Array
+) -> Array:
+    """Part of χ² that sines and cosines explain, (F f,), of frequencies (F,) plus (f,).
+
+    By sums over some shots at a time, whose waves stay in the processor's cache.
+    """
     count, arms = joints.shape
-    angle = 2.0 * np.pi * joints[:, :, None] * frequencies
-    waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)  # (N, n, 2, F)
-    told = np.einsum("nkj,nk->nj", by_joints, shots.left.reshape(count, 3))
-    through = np.einsum("nkr,nkj->njr", shots.basis.reshape(count, 3, -1), by_joints)
-    own = np.einsum("nki,nkj->nij", by_joints, by_joints)
-    gained = np.einsum("nj,njaf->fja", told, waves).reshape(len(frequencies), -1)
-    shared = np.einsum("njr,njaf->frja", through, waves, optimize=True)
-    shared = shared.reshape(len(frequencies), -1, 2 * arms)
-    normal = np.einsum("nij,niaf,njbf->fiajb", own, waves, waves, optimize=True)
-    normal = normal.reshape(len(frequencies), 2 * arms, 2 * arms)
-    normal = normal - shared.swapaxes(1, 2) @ shared
-    size = np.einsum("fij,fj->fi", np.linalg.pinv(normal, rcond=RANK, hermitian=True), gained)
+    turned, waves = by_joints.swapaxes(1, 2), len(coarse) * len(fine)
+    columns = np.column_stack([shots.basis, shots.left]).reshape(count, 3, -1)
+    own, through = turned @ by_joints, turned @ columns  # (N, n, n), (N, n, R + 1)
+    normal = np.zeros((arms, arms, 2, 2, waves))
+    told = np.zeros((arms, columns.shape[2], 2 * waves))
+    for first in range(0, count, SHOTS_AT_ONCE):
+        some = slice(first, first + SHOTS_AT_ONCE)
+        phase = 2j * np.pi * joints[some].T[:, :, None]
+        # the angle sum theorem saves most sines
+        wave = np.exp(phase * coarse)[..., None] * np.exp(phase * fine)[:, :, None]
+        wave = wave.reshape(arms, -1, waves)
+        both = np.stack([wave.imag, wave.real], axis=2)  # (n, S, 2, F f)
+        told += through[some].transpose(1, 2, 0) @ both.reshape(arms, -1, 2 * waves)
+        for i, j in np.ndindex(arms, arms):
+            if i <= j:
+                weighted = own[some, i, j, None, None] * both[i]
+                normal[i, j] += np.einsum("naf,nbf->abf", weighted, both[j])
+                normal[j, i] = normal[i, j].swapaxes(0, 1)
+    square = normal.transpose(4, 0, 2, 1, 3).reshape(waves, 2 * arms, 2 * arms)
+    shared = told.reshape(arms, -1, 2, waves).transpose(3, 1, 0, 2).reshape(waves, -1, 2 * arms)
+    gained, shared = shared[:, -1], shared[:, :-1]
+    square = square - shared.swapaxes(1, 2) @ shared
+    size = np.einsum("fij,fj->fi", np.linalg.pinv(square, rcond=RANK, hermitian=True), gained)
     return np.asarray(np.sum(gained * size, axis=1))
 
 
