@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.observability import triangle_of
+from campaigns.estimation.observability import RANK_TOLERANCE, triangle_of
 from campaigns.estimation.tracker_noise import inverse_roots
 
 WORTH = 6.0
@@ -30,6 +30,8 @@ PROMISING = 1.0
 SEARCHED_BELOW = 3.0
 """A second component is sought between what it would be alone and e⁻³ of it."""
 NOWHERE = -math.inf
+MANY = 200
+"""Shots of which sums of squares take a fraction of the time of a QR."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,10 +160,19 @@ class _RestrictedLikelihood:
         lever = math.sqrt(float(np.trace(self._through, axis1=1, axis2=2).mean()) / 3.0)
         self._units = (typical_mm, typical_mm / lever if lever > 0.0 else 1.0)
         scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
-        scale = np.where(scale > 0.0, scale, 1.0)
-        self._rows = np.concatenate([shots.jacobian / scale, shots.residual_mm[:, :, None]], axis=2)
-        every = (self._rows.T, shots.stated_mm2.T, self._through.T)  # covariances are symmetrical
-        self._by_component = [np.ascontiguousarray(each) for each in every]
+        jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
+        self._is_orthonormal = False
+        """Whether columns are so far from dependence that their squares tell as much."""
+        if len(shots) >= MANY:
+            triangle = triangle_of(jacobian.reshape(-1, len(scale)))
+            own = np.abs(np.diag(triangle))
+            self._is_orthonormal = bool(own.min() > RANK_TOLERANCE * own.max())
+            if self._is_orthonormal:
+                jacobian = jacobian @ np.linalg.inv(triangle)
+        self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
+        if kernel is not None:
+            every = (self._rows.T, shots.stated_mm2.T, self._through.T)  # covariances: symmetrical
+            self._by_component = [np.ascontiguousarray(each) for each in every]
 
     def at(self, log_point: float, log_joint: float) -> float:
         """2 log L but for a constant; -∞ where a covariance is none."""
@@ -174,10 +185,12 @@ class _RestrictedLikelihood:
         try:
             inverse = inverse_roots(covariance)
             rows = (inverse @ self._rows).reshape(-1, self._rows.shape[-1])
-            triangle = triangle_of(rows)
+            if self._is_orthonormal:
+                own = np.diag(np.linalg.cholesky(rows.T @ rows))
+            else:
+                own = np.abs(np.diag(triangle_of(rows)))
         except np.linalg.LinAlgError:
             return NOWHERE
-        own = np.abs(np.diag(triangle))
         known = own[:-1] > own[:-1].max() * np.finfo(np.float64).eps * len(rows)
         size = -2.0 * float(np.log(np.einsum("nii->ni", inverse)).sum())
         return -(size + 2.0 * float(np.log(own[:-1][known]).sum()) + float(own[-1] ** 2))
