@@ -48,7 +48,7 @@ from campaigns.journal.records import (
 from campaigns.journal.views import Entry, Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters
-from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.planning.plan_file import PlannedShot, is_plan_file, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
@@ -139,6 +139,14 @@ class Evidence:
     """Languages of the programs of plan.csv and of what was written last, by stage."""
     unreadable: tuple[str, ...] = ()
     """What is there and cannot be read, and why."""
+
+    def has_plan(self, digest: str) -> bool:
+        """Whether plan.csv is the plan of this digest."""
+        campaign = self.campaign
+        return self.plan is not None and (
+            is_plan_file(campaign.plan_path, digest)
+            or plan_digest(self.plan, campaign.robot.mechanism) == digest
+        )
 
     def state(self, digest: str | None) -> ControllerState | None:
         """State of a controller that held the set of this digest; None where nobody knows."""
@@ -593,6 +601,9 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
     Rows may have come since, and rows gone that were never measured.
     """
     plan, mechanism = evidence.plan, evidence.campaign.robot.mechanism
+    measured = None if evidence.run is None else evidence.run.series.started.plan_digest
+    if measured is not None and evidence.has_plan(measured):
+        return measured, measured
     now = None if plan is None else plan_digest(plan, mechanism)
     if evidence.run is None:
         return now, None
@@ -600,7 +611,7 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
     has_all = {intent.shot for intent in intents} <= {shot.shot for shot in plan or ()}
     if intents and has_all and not plan_difference(intents, plan or ()):
         return now, now
-    return now, evidence.run.series.started.plan_digest
+    return now, measured
 
 
 def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Iterator[Check]:

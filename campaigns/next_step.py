@@ -22,7 +22,6 @@ from campaigns.identification.checking import StoredCalibration
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.views import Series
 from campaigns.mechanisms.parameters import Parameters
-from campaigns.planning.plan_file import plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.shots.shot_sets import ShotSet
 
@@ -432,8 +431,7 @@ def _to_answer(evidence: Evidence, found: RecordedIdentification) -> Answer:
 def _words(evidence: Evidence) -> tuple[str, ...]:
     """Options, as typed, that say what is to be found: of the last identification or a new plan."""
     found, plan = evidence.identification, evidence.plan
-    digest = plan and plan_digest(plan, evidence.campaign.robot.mechanism)
-    if plan and not (found and found.plan_digest == digest):
+    if plan and not (found and found.plan_digest and evidence.has_plan(found.plan_digest)):
         return plan[0].asked
     asked = found.asked if found else ()
     pairs = zip(asked, ("", *asked), strict=False)
@@ -459,8 +457,8 @@ def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
     if not latest.finished:
         return "anew" if other else "run"
     further = {row.shot for row in plan} - {intent.shot for intent in taken}
-    is_same = started.plan_digest == plan_digest(plan, evidence.campaign.robot.mechanism)
-    return "" if is_same or not (other or further) else "run"
+    is_same = not (other or further) or evidence.has_plan(started.plan_digest)
+    return "" if is_same else "run"
 
 
 def _calibrated(

@@ -40,6 +40,8 @@ AS_WELL = 9.2
 FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
+UNTOLD = 1e-10
+"""Part of what is told of the best known direction below which nothing is told of one."""
 
 CauseKind = Literal["joint", "length", "mount", "frame", "drift", "growth", "shot"]
 OF_PARTS: tuple[CauseKind, ...] = ("joint", "length")
@@ -323,10 +325,17 @@ def _courses(cause: Cause, count: int) -> Array:
 
 def _inverse(normal: Array) -> Array:
     """Inverses (K, m, m), zero along directions that nothing tells."""
-    if normal.shape[-1] > 1:
-        return np.asarray(np.linalg.pinv(normal, rcond=1e-10, hermitian=True))
-    told = normal > 1e-10 * normal.max(initial=0.0)
-    return np.where(told, 1.0 / np.where(told, normal, 1.0), 0.0)
+    if normal.shape[-1] == 1:
+        told = normal > UNTOLD * normal.max(initial=0.0)
+        return np.where(told, 1.0 / np.where(told, normal, 1.0), 0.0)
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(normal, rcond=UNTOLD, hermitian=True))
+    size, own = (np.linalg.norm(each, axis=(1, 2)) for each in (normal, inverse))
+    lost = size * own > 1.0 / UNTOLD  # no smaller than the condition
+    inverse[lost] = np.linalg.pinv(normal[lost], rcond=UNTOLD, hermitian=True)
+    return np.asarray(inverse)
 
 
 def _from_there_on(each: Array) -> Array:

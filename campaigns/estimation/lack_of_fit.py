@@ -244,7 +244,7 @@ def best_period(shots: FittedShots, drives: Drives) -> Group:
     step = 1.0 / (STEPS_A_TURN * travel)
     lowest = max(1.0 / longest, FEWEST_PERIODS / travel)
     frequencies = np.arange(lowest, max(1.0 / shortest, lowest + step), step)
-    fine = step * np.arange(math.isqrt(len(frequencies)))
+    fine = np.asarray(frequencies[: math.isqrt(len(frequencies))] - lowest, np.float64)
     gains = _gains(shots, by_joints, joints, frequencies[:: len(fine)], fine)
     best = frequencies[int(np.argmax(gains[: len(frequencies)]))]
     near = np.maximum(best + step * np.linspace(-1.0, 1.0, 9), lowest)

@@ -100,13 +100,14 @@ class CsvRow:
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     """Yield the rows of a file whose first line names its columns; raises `form.invalid`."""
     check_lines(text, name, form.invalid, form.most_lines)
-    lines = _filled_lines(text, name, form.invalid)
+    lines, is_marked = _filled_lines(text, name, form.invalid), _MARK in text
     where, header = next(lines, (f"{name}:1", []))
     _check_header(header, where, form)
     for where, values in lines:
         if len(values) != len(header):
             raise _wrong_length(values, header, where, form.invalid)
-        yield CsvRow(where, dict(zip(header, map(_unmarked, values), strict=True)), form)
+        texts = map(_unmarked, values) if is_marked else values
+        yield CsvRow(where, dict(zip(header, texts, strict=True)), form)
 
 
 def check_lines(text: str, name: str, invalid: type[CampaignError], most: int = MOST_LINES) -> None:
@@ -146,8 +147,10 @@ def _filled_lines(
     line = 1
     try:
         for values in reader:
-            texts = [_one_line(value) for value in values]
-            if any(texts):
+            texts = [value.strip() for value in values]
+            if not (whole := "".join(texts)).isprintable():
+                texts = [_one_line(value) for value in values]
+            if whole:
                 yield f"{name}:{line}", texts
             line = reader.line_num + 1
     except csv.Error as error:

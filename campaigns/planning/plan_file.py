@@ -25,6 +25,8 @@ MODEL = "model"
 ASKED = "asked"
 """Column of the options with which a plan was asked for what it shall tell; others lack it."""
 
+REMEDY = "make one with `pkmcal plan`"
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedShot:
@@ -58,8 +60,7 @@ def plan_columns(mechanism: ClosedChain) -> tuple[str, ...]:
 
 def read_plan(path: Path, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan in the order in which it will be run; raises `PlanInvalid`."""
-    remedy = "make one with `pkmcal plan`"
-    text = read_text(path, PlanInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
+    text = read_text(path, PlanInvalid, if_missing=REMEDY, most_bytes=CSV_BYTES)
     return parse_plan(text, str(path), mechanism)
 
 
@@ -80,6 +81,15 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Clos
         if older is not None:
             older.rename(path)
         raise
+
+
+def is_plan_file(path: Path, digest: str) -> bool:
+    """Whether a file is a plan's of this digest as it was written: then no row need be read.
+
+    Raises `PlanInvalid`.
+    """
+    text = read_text(path, PlanInvalid, if_missing=REMEDY, most_bytes=CSV_BYTES)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest() == digest
 
 
 def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:

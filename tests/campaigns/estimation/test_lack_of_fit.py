@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import fdtri, ncfdtr
 
+from campaigns.estimation import lack_of_fit
 from campaigns.estimation.error_columns import harmonic, of_joints, smooth
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import SIGNIFICANCE
@@ -162,6 +163,17 @@ def test_a_period_is_found_and_its_search_counts():
     assert (found.name, found.group.period) == ("period", pytest.approx(17.0, rel=0.02))
     still = FittedShots.of(noise, jacobian)
     assert tuple(lacks_of_fit(still, (), drives)) == ()
+
+
+def test_waves_of_some_shots_at_a_time_gain_what_they_gain_in_a_fit_of_all(monkeypatch):
+    monkeypatch.setattr(lack_of_fit, "SHOTS_AT_ONCE", 32)
+    joints, by_joints, jacobian, noise = drawn(7)
+    shots = FittedShots.of(noise, jacobian)
+    coarse, fine = np.array([1.0, 2.0]), np.array([0.0, 0.3])
+    gains = lack_of_fit._gains(shots, by_joints, joints, coarse, fine)
+    for each, gain in zip([1.0, 1.3, 2.0, 2.3], gains.tolist(), strict=True):
+        waves = harmonic(by_joints, 2.0 * np.pi * each * joints)
+        assert gain == pytest.approx(shots.chi2 - shots.fitted(waves).chi2, rel=1e-9)
 
 
 def test_less_than_two_periods_over_the_travel_are_not_taken_for_a_ripple():

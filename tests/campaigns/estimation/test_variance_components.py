@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from campaigns.estimation import variance_components
 from campaigns.estimation.variance_components import (
     NONE,
     LinearizedShots,
@@ -45,6 +46,19 @@ def test_scatter_is_told_as_the_points_or_the_joints_or_both():
     each = found(10, point_mm=0.1, joint=3e-4)
     assert np.mean([one.point_mm for one in each]) == pytest.approx(0.1, rel=0.15)
     assert np.mean([one.joint for one in each]) == pytest.approx(3e-4, rel=0.15)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_many_shots_have_the_components_that_they_have_by_qr(monkeypatch, lost):
+    many = shots(3, point_mm=0.01, joint=3e-5)
+    many.jacobian[:, :, 1] = many.jacobian[:, :, 0] * (1.0 if lost else 1.0 + 1e-5)
+    many.jacobian[0, 0, 1] += 0.0 if lost else 1e-4
+    by_qr = estimate_components(many)
+    monkeypatch.setattr(variance_components, "MANY", SHOTS)
+    found = estimate_components(many)
+    assert by_qr.any
+    for name in ("point_mm", "joint", "point_mm_std", "joint_std"):
+        assert getattr(found, name) == pytest.approx(getattr(by_qr, name), rel=1e-7)
 
 
 def test_too_few_shots_tell_nothing_and_parts_sum():
