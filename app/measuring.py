@@ -19,6 +19,7 @@ from app.wiring import connected_cell, prepare, require_devices
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
+from campaigns.journal.records import Stage
 from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.wishes import Wish, Wishes
 from campaigns.measuring.work import Cell, Work
@@ -32,6 +33,7 @@ from drivers.ports import Prompt, SystemClock
 Prepare = Callable[[Cell], Work]
 Result = TypeVar("Result")
 Finish = Callable[[Journal, int], Result]
+Briefing = Callable[[DeviceIdentities], str]
 
 
 def measure(
@@ -41,18 +43,23 @@ def measure(
     terminal: Terminal,
     *,
     title: str,
-    again: str,
+    stage: Stage,
+    again: Sequence[str],
+    retry: int | None,
+    told: Briefing,
+    yes: bool,
     anew: bool,
-    retries: Retries,
-    clearance: "Clearance",
-    plain: bool = False,
+    plain: bool,
 ) -> Result:
     """Connect, make the work, measure it, and finish with the journal still held.
 
-    `again` is the command that goes on later. After a lost link it connects anew as often as
-    `retries` allow. `plain` shows it by lines, and hears no keys.
+    `again`: words of the command that goes on later, the folder aside. `retry`: so often it
+    connects anew after a lost link; None: as campaign.yaml says. `told`: what the operator is told
+    before he is asked, unless it is a `yes`. `plain` shows it by lines, and hears no keys.
     Raises `Interrupted` when the operator stopped and does not want to go on now.
     """
+    allowed = campaign.config.run.retry if retry is None else retry
+    retries, clearance = Retries(campaign, stage, allowed, SystemClock()), Clearance(told, yes=yes)
     with campaign.held():
         require_devices(campaign)  # before anything is shown that goes on while it asks
         clearance.obtain(campaign, terminal)
@@ -92,7 +99,11 @@ def measure(
                         _wait_for_next_try(error, retries, terminal, wish)
             except (Interrupted, Cancelled) as stopped:
                 if not (wish.may_go_on and _wants_to_go_on(wish, terminal)):
-                    raise _interrupted(title, again) from stopped
+                    resumes = shlex.join(["pkmcal", again[0], str(campaign.folder), *again[1:]])
+                    raise Interrupted(
+                        f"{title}: stopped by the operator; everything measured is kept",
+                        remedy=f"`{resumes}` resumes it",
+                    ) from stopped
 
 
 WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
@@ -146,7 +157,7 @@ class Clearance:
     He is told which devices answer before he is asked; it must be these that are measured with.
     """
 
-    def __init__(self, briefing: Callable[[DeviceIdentities], str], *, yes: bool) -> None:
+    def __init__(self, briefing: Briefing, *, yes: bool) -> None:
         self._briefing = briefing
         self._yes = yes
         self._told: DeviceIdentities | None = None
@@ -207,13 +218,6 @@ def _wants_to_go_on(wish: StopRequest, terminal: Terminal) -> bool:
         return False
 
 
-def _interrupted(title: str, again: str) -> Interrupted:
-    return Interrupted(
-        f"{title}: stopped by the operator; everything measured is kept",
-        remedy=f"`{again}` resumes it",
-    )
-
-
 def found_measured(campaign: Campaign, work: Work, terminal: Terminal) -> RunResult | None:
     """Result that was measured before, if nothing is left; says so."""
     ran = measured_before(campaign, work)
@@ -257,18 +261,18 @@ def measure_plan(
     def finish(journal: Journal, series: int) -> RunResult:
         return run_result(journal, series, work)
 
-    again = shlex.join(["pkmcal", "run", str(campaign.folder), *options.run_words()])
-    allowed = campaign.config.run.retry if options.retry is None else options.retry
     return measure(
         campaign,
         prepare,
         finish,
         terminal,
         title="run",
-        again=again,
+        stage="run",
+        again=("run", *options.run_words()),
+        retry=options.retry,
+        told=partial(briefing, campaign, work, preview),
+        yes=yes,
         anew=anew,
-        retries=Retries(campaign, "run", allowed, SystemClock()),
-        clearance=Clearance(partial(briefing, campaign, work, preview), yes=yes),
         plain=plain,
     )
 
@@ -307,16 +311,17 @@ def measure_validation(
         preview = run_preview(campaign, validation.seconds_of(campaign, work), work, anew=anew)
         return f"Validation '{options.stage}': {briefing(campaign, work, preview, devices)}"
 
-    allowed = campaign.config.run.retry if options.retry is None else options.retry
     return measure(
         campaign,
         prepare,
         finish,
         terminal,
         title=f"validate {options.stage}",
-        again=shlex.join(["pkmcal", "validate", str(campaign.folder), *options.words()]),
+        stage=options.stage,
+        again=("validate", *options.words()),
+        retry=options.retry,
+        told=told,
+        yes=yes,
         anew=anew,
-        retries=Retries(campaign, options.stage, allowed, SystemClock()),
-        clearance=Clearance(told, yes=yes),
         plain=plain,
     )

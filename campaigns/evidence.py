@@ -556,7 +556,7 @@ def _left_out(shots: Shots, found: RecordedIdentification) -> Mask:
     return np.array([shot in numbers or pair in pairs for shot, pair in both], dtype=bool)
 
 
-def _shot_errors(evidence: Evidence) -> model_errors.ShotErrors | None:
+def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:
     """Residuals of the fitted shots, as identified, beside what the tracker states of them."""
     table = evidence.identification.fitted if evidence.identification else None
     if evidence.run is None or table is None or table.of == "pairs":
@@ -567,11 +567,11 @@ def _shot_errors(evidence: Evidence) -> model_errors.ShotErrors | None:
     of_shot = dict(zip(shots.numbers, stated_mm.tolist(), strict=True))
     stated = np.array([of_shot.get(number, np.nan) for number in table.numbers])
     known = np.isfinite(stated)
-    return model_errors.ShotErrors(
+    return model_errors.Residuals(
+        tuple(np.array(table.numbers)[known].tolist()),
         table.before[known],
         table.after[known],
         stated[known],
-        tuple(np.array(table.numbers)[known].tolist()),
     )
 
 

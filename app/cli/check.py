@@ -1,17 +1,15 @@
 """pkmcal check: whether the robot is still calibrated, by a few shots, and its repair."""
 
-import shlex
 from dataclasses import asdict
 
 import typer
 
 from app.console import BAD, GOOD, OPEN, Terminal, terminal_of
 from app.exits import Exit
-from app.measuring import Clearance, measure
+from app.measuring import measure
 from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.report.identification_text import show
-from app.retrying import Retries
 from app.run_text import DeviceIdentities, briefing
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange
@@ -22,7 +20,6 @@ from campaigns.options import CheckOptions
 from campaigns.workflow.checking import check_work, record_check, record_repair
 from campaigns.workflow.running import run_preview
 from campaigns.workflow.validation import seconds_of
-from drivers.ports import SystemClock
 
 PARTS: tuple[Column[PartChange], ...] = (
     words("", lambda part: part.part),
@@ -64,7 +61,6 @@ def command(
         terminal.say(f"would measure {len(work.steps)} shots; nothing was moved")
         terminal.document({"stage": work.stage, "shots": len(work.steps)})
         return
-    again = shlex.join(["pkmcal", "check", str(folder), *options.words()])
 
     def told(devices: DeviceIdentities) -> str:
         preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
@@ -74,17 +70,18 @@ def command(
         record = record_repair if options.repair else record_check
         return record(campaign, journal, series)
 
-    allowed = campaign.config.run.retry if options.retry is None else options.retry
     found = measure(
         campaign,
         lambda _: work,
         finish,
         terminal,
         title=work.stage,
-        again=again,
+        stage=work.stage,
+        again=("check", *options.words()),
+        retry=options.retry,
+        told=told,
+        yes=yes,
         anew=anew,
-        retries=Retries(campaign, work.stage, allowed, SystemClock()),
-        clearance=Clearance(told, yes=yes),
         plain=plain,
     )
     if isinstance(found, CalibrationCheck):

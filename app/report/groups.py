@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.evaluation.model_errors import ShotErrors
+from campaigns.evaluation.model_errors import Residuals
 from campaigns.evidence import Evaluation
 
 
@@ -24,8 +24,9 @@ class PairGroup:
         return max(len(e) for e in (self.before_mm, self.after_mm) if e is not None)
 
 
-def shot_group(shots: ShotErrors) -> PairGroup:
+def shot_group(shots: Residuals) -> PairGroup:
     """Lengths of the errors of fitted shots."""
+    assert shots.after_mm is not None, "they were fitted"
     group = error_group("fitted shots", "o", shots.before_mm, shots.after_mm)
     return replace(group, numbers=shots.numbers)
 
@@ -38,7 +39,7 @@ def pair_groups(found: Evaluation) -> tuple[PairGroup, ...]:
         ("hold-out pairs", "D", errors.unseen if errors else None),
     )
     groups = [
-        PairGroup(name, marker, pairs.before_mm, pairs.after_mm, pairs.pairs)
+        PairGroup(name, marker, pairs.before_mm, pairs.after_mm, pairs.numbers)
         for name, marker, pairs in modelled
         if pairs is not None
     ]

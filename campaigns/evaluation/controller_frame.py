@@ -106,8 +106,6 @@ class FrameCheck:
 
     found: tuple[ControllerReading, ...]
     """Empty: none explains it."""
-    nearest: ControllerReading
-    spread_mm: float
     scale: float | None
     """Measured lengths over displayed ones; None without points."""
     tracker_misfit_mm: float | None
@@ -190,7 +188,7 @@ def check_frame(nominal: Kinematics, shown: DisplayedPoses, where: str) -> Frame
         found = []
     if scale is not None and abs(math.log(scale)) > FITS:
         problems.append(f"measured distances are {scale:.3f} times the displayed ones")
-    return FrameCheck(tuple(found), best, spread_mm, scale, misfit_mm, tuple(problems))
+    return FrameCheck(tuple(found), scale, misfit_mm, tuple(problems))
 
 
 def _readings(nominal: Kinematics, shown: DisplayedPoses) -> Iterator[ControllerReading]:

@@ -41,14 +41,20 @@ class ModelledShots:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PairErrors:
-    """Modelled minus measured distances of pairs, (M,) each, mm."""
+class Residuals:
+    """Modelled minus measured, mm: distances of pairs, (M,), or positions of fitted shots, (N, 3).
 
-    pairs: tuple[int, ...]
+    Positions are in the tracker's axes: before with the frame that suits the nominal model best,
+    after with the identified one.
+    """
+
+    numbers: tuple[int, ...]
+    """Of the pairs, (M,), or of the shots, (N,)."""
     before_mm: Array
     after_mm: Array | None
     instrument_mm: Array
-    """Standard uncertainty of each measured distance."""
+    """Standard uncertainty of each measured distance, (M,), or coordinate, as a root mean square of
+    the three, (N,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,33 +75,19 @@ class PositionErrors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShotErrors:
-    """Modelled minus measured positions of the fitted shots, in the tracker's axes, (N, 3).
-
-    Before with the frame that suits the nominal model best, after with the identified one.
-    """
-
-    before_mm: Array
-    after_mm: Array
-    instrument_mm: Array
-    """Standard uncertainty of each measured coordinate, as a root mean square of the three, (N,)"""
-    numbers: tuple[int, ...] = ()
-    """Of the shots, (N,)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ModelErrors:
     """Errors of all kinds; None where there are too few shots, or where the estimator has none."""
 
-    fitted: PairErrors | None
-    unseen: PairErrors | None
-    shots: ShotErrors | None
+    fitted: Residuals | None
+    """Distances of fitted pairs."""
+    unseen: Residuals | None
+    shots: Residuals | None
     positions: PositionErrors | None
 
 
 def pair_errors(
     modelled: ModelledShots, purpose: ShotSet, instrument: TrackerUncertainty
-) -> PairErrors | None:
+) -> Residuals | None:
     """Errors of the pairs of a set; None without any."""
     rows, shots = modelled.pairs(purpose), modelled.shots
     if len(rows) == 0:
@@ -107,7 +99,7 @@ def pair_errors(
     def missed(poses: Array) -> Array:
         return distances_mm(poses[:, :3], first, second) - measured_mm
 
-    return PairErrors(
+    return Residuals(
         tuple(shots.pairs[row] or 0 for row in first.tolist()),
         missed(modelled.before),
         None if modelled.after is None else missed(modelled.after),

@@ -22,7 +22,7 @@ from app.rehearsal import rehearse
 from app.wiring import scenario_of
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.evaluation.model_errors import PairErrors
+from campaigns.evaluation.model_errors import Residuals
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
@@ -225,7 +225,7 @@ def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
     )
 
 
-def _errors(errors: PairErrors | None, trial: Trial) -> Errors:
+def _errors(errors: Residuals | None, trial: Trial) -> Errors:
     if errors is None or errors.after_mm is None:
         raise _missing(trial, "errors of pairs")
     before_mm, after_mm = errors.before_mm.tolist(), errors.after_mm.tolist()

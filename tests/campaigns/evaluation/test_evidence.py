@@ -180,9 +180,9 @@ def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     excluded = replace(evidence.identification, excluded=left_out, modelled=None)
     found = Evaluation(replace(evidence, identification=excluded)).errors
     numbers = dict(zip(evidence.run.shots.numbers, evidence.run.shots.pairs, strict=True))
-    assert 3 not in found.fitted.pairs
-    assert numbers[9] not in found.fitted.pairs
-    assert len(found.fitted.pairs) == 38
+    assert 3 not in found.fitted.numbers
+    assert numbers[9] not in found.fitted.numbers
+    assert len(found.fitted.numbers) == 38
 
 
 def test_errors_by_the_poses_kept_are_those_worked_out_again(
@@ -195,7 +195,7 @@ def test_errors_by_the_poses_kept_are_those_worked_out_again(
         Evaluation(replace(contents.evidence, identification=older)).errors,
     )
     for one, other in ((found.fitted, again.fitted), (found.unseen, again.unseen)):
-        assert one.pairs == other.pairs
+        assert one.numbers == other.numbers
         assert one.after_mm == pytest.approx(other.after_mm, abs=1e-9)
     assert found.positions.after_mm == pytest.approx(again.positions.after_mm, abs=1e-9)
 
@@ -206,7 +206,7 @@ def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCa
     evidence = gather(whole.campaign)
     kept = replace(evidence.identification, modelled=found.modelled)
     errors = Evaluation(replace(evidence, identification=kept)).errors
-    assert (len(errors.fitted.pairs), len(errors.unseen.pairs)) == (32, 8 + 8)
+    assert (len(errors.fitted.numbers), len(errors.unseen.numbers)) == (32, 8 + 8)
     assert errors.unseen.after_mm == pytest.approx(found.unseen.after[:, 0])
 
 

@@ -107,6 +107,6 @@ def test_distances_between_sessions_are_none(shots, errors_of):
         (data.pairs[MOVED_AT - 1], "its shots are of two sessions")
     ]
     errors = errors_of(data, found)
-    assert len(errors.fitted.pairs) == 59
+    assert len(errors.fitted.numbers) == 59
     assert rms(errors.fitted.after_mm) < 2.0 * NOISE_MM
     assert found.verdict == "pass"
