@@ -68,8 +68,8 @@ class RobotStack:
         self._about = self.start
         self._last: tuple[Index, Configuration] | None = None
         if kernel is None:
-            self._by_x = np.zeros((tasks, len(free), count, shots))
-            self._by_joints = np.zeros((3, joints.shape[1], count, shots))
+            self._columns = np.append(free, np.setdiff1d(self.offsets, free))
+            self._by_p = np.zeros((tasks, len(self._columns), count, shots))
         else:
             self._functions = joint_functions(mechanism, joints)
             self._by_platform = ends_by_platform(mechanism, p[0])
@@ -88,22 +88,21 @@ class RobotStack:
     def first_jacobian(self) -> tuple[Array, Array]:
         """Positions (3, N) and derivatives (3, N, F) of robots that are still one, at its poses."""
         configuration = self._configuration(self.start[:1], np.zeros(1, dtype=np.intp))
-        by_all = configuration.jacobian(self.poses[0].T, extended=False)
-        by_x = by_all[..., self._free].swapaxes(0, 1)
+        by_x = configuration.level_columns(self.poses[0].T, self._free)
         if self.kernel is None:
-            self._by_x[:] = by_x.swapaxes(1, 2)[:, :, None]
-        return self.poses[0, :3], by_x[:3]
+            self._by_p[:, : len(self._free)] = by_x[:, :, None]
+        return self.poses[0, :3], by_x[:3].swapaxes(1, 2)
 
     def positions_mm(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Positions (R, 3, N) of these robots with parameters (R, F); which have all of them."""
         if self.kernel is not None:
             return self._assembled(self.kernel, x, rows)
         tasks, shots = self.poses.shape[1:]
-        near, by_x = self.poses[rows].swapaxes(0, 1), self._of(self._by_x, rows)
-        for place, further in enumerate((x - self._about[rows]).T):
-            near += by_x[:, place] * further[:, None]
+        further = (x - self._about[rows])[:, None, None]
+        moved = further @ self._by_x(rows).transpose(2, 0, 1, 3)
+        near = self.poses[rows] + moved[:, :, 0]
         configuration = self._configuration(x, rows)
-        start = near.reshape(tasks, -1).T
+        start = near.swapaxes(1, 2).reshape(-1, tasks)
         solution = configuration.assemble(start, self._converged_mm)
         poses = solution.values.reshape(len(rows), shots, tasks).swapaxes(1, 2)
         self.poses[rows], self._about[rows], self._last = poses, x, (rows, configuration)
@@ -116,23 +115,23 @@ class RobotStack:
         is_last = last is not None and np.array_equal(last[0], rows)
         configuration = last[1] if last and is_last else self._configuration(x, rows)
         flat = poses.swapaxes(1, 2).reshape(-1, poses.shape[1])
-        by_all = configuration.jacobian(flat, extended=False).transpose(1, 2, 0)
-        by_all = by_all.reshape(*by_all.shape[:2], len(x), -1)
+        by_p = configuration.level_columns(flat, self._columns)
+        by_p = by_p.reshape(*by_p.shape[:2], len(x), -1)
         if len(rows) == len(self.poses):
-            self._by_x, self._by_joints = by_all[:, self._free], by_all[:3, self.offsets]
+            self._by_p = by_p
         else:
-            self._by_x[:, :, rows] = by_all[:, self._free]
-            self._by_joints[:, :, rows] = by_all[:3, self.offsets]
-        return poses[:, :3], self._of(self._by_x, rows)[:3]
+            self._by_p[:, :, rows] = by_p
+        return poses[:, :3], by_p[:3, : len(self._free)]
 
     def by_joints(self, rows: Index) -> Array:
         """∂point/∂joints (3, n, R, N) where Jacobians were last asked for."""
-        return self._of(self._by_joints, rows)
+        places = [self._columns.tolist().index(each) for each in self.offsets.tolist()]
+        return self._by_p[:3, places][:, :, rows]
 
-    @staticmethod
-    def _of(columns: Array, rows: Index) -> Array:
-        """Columns (k, F, C, N) of these robots."""
-        return columns if len(rows) == columns.shape[2] else columns[:, :, rows]
+    def _by_x(self, rows: Index) -> Array:
+        """d(pose)/dx (t, F, R, N) of these robots where it was last asked for."""
+        by_x = self._by_p[:, : len(self._free)]
+        return by_x if len(rows) == len(self.poses) else by_x[:, :, rows]
 
     def joint_slopes(self) -> Array:
         """Derivatives by the joints of the functions that closures are made of, (2, n, N)."""

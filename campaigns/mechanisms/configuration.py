@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Array, Index, Mask
 from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.mechanism import KinematicSolution
 from campaigns.mechanisms.parasitic_rotation import (
@@ -19,6 +19,7 @@ from campaigns.mechanisms.parasitic_rotation import (
     TiltedForearms,
     cross,
     displacement,
+    inverse_of_four,
     inverse_of_three,
     turned_further,
 )
@@ -139,13 +140,13 @@ class Configuration:
     def by_pose(self, poses: Array, forearms_mm: Array) -> Array:
         """∂F/∂pose, (N, n, t), from forearms (3, n, N) to a level plate."""
         chain = self.chain
-        _, arms, rows = forearms_mm.shape
-        jacobian = np.zeros((rows, arms, len(chain.task)))
-        jacobian[:, :, :COORDINATES] = 2.0 * forearms_mm.T
+        jacobian = np.empty((forearms_mm.shape[1], len(chain.task), len(poses)))
+        jacobian[:, :COORDINATES] = forearms_mm.swapaxes(0, 1)
         if len(chain.task) > COORDINATES:
             by_turn = chain.platform.joints_by_turn(self.platform, poses)
-            jacobian[:, :, COORDINATES] = 2.0 * (forearms_mm * by_turn).sum(axis=0).T
-        return jacobian
+            jacobian[:, COORDINATES] = (forearms_mm * by_turn).sum(axis=0)
+        jacobian *= 2.0
+        return jacobian.transpose(2, 0, 1)
 
     def jacobian(self, poses: Array, *, extended: bool = True) -> Array:
         """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
@@ -154,9 +155,7 @@ class Configuration:
         """
         if not self.pairs.are_level:
             return self._tilting_jacobian(poses)
-        forearms = self.forearms_mm(poses)
-        by_closure = _inverse(self.by_pose(poses, forearms))
-        own, by_platform = self.arms.by_fields(forearms), self._by_platform(poses, forearms)
+        forearms, by_closure, own, by_platform = self._level(poses)
         by_all, beyond = self._by_all(by_closure, own, by_platform)
         if extended:
             by_misfit = self._by_misfit(poses, forearms, by_closure)
@@ -165,6 +164,30 @@ class Configuration:
         else:
             beyond[:] = 0.0
         return by_all.transpose(2, 0, 1)
+
+    def level_columns(self, poses: Array, places: Index) -> Array:
+        """Columns (t, F, N) of the Jacobian of a level plate, by no extensions."""
+        _, by_closure, own, by_platform = self._level(poses)
+        (arms, fields, _), columns = own.shape, np.empty((len(by_closure), len(places), len(poses)))
+        fields -= len(self.chain.parameters.extension_fields) - 1
+        for column, place in enumerate(places.tolist()):
+            arm, field = divmod(place, fields)
+            if arm < arms:
+                np.multiply(by_closure[:, arm], own[arm, field], out=columns[:, column])
+            else:
+                moved = by_platform[place - arms * fields]
+                (by_closure * moved).sum(axis=1, out=columns[:, column])
+        return columns
+
+    def _level(self, poses: Array) -> tuple[Array, Array, Array, Array]:
+        """Forearms of a level plate (3, n, N), and its d(pose)/dF (t, n, N).
+
+        And ∂F by each arm's own fields (n, k, N), and by the platform's (f, n, N).
+        """
+        forearms = self.forearms_mm(poses)
+        by_closure = _inverse(self.by_pose(poses, forearms))
+        own, by_platform = self.arms.by_fields(forearms), self._by_platform(poses, forearms)
+        return forearms, by_closure, own, by_platform
 
     def _by_misfit(self, poses: Array, forearms_mm: Array, by_closure: Array) -> Array:
         """d(pose)/d(misfit of the rods' differences) of a plate that is still level, (t, n, N).
@@ -365,4 +388,6 @@ def _product(one: Array, other: Array) -> Array:
 
 def _inverse(by_pose: Array) -> Array:
     """-(∂F/∂pose)⁻¹ with the poses last, (t, n, N), of (N, n, t)."""
-    return -np.ascontiguousarray(np.linalg.inv(by_pose).transpose(1, 2, 0))
+    matrices = by_pose.transpose(1, 2, 0)
+    inverse = inverse_of_four if len(matrices) > COORDINATES else inverse_of_three
+    return -inverse(matrices)

@@ -20,6 +20,7 @@ frame, d(R c) = φ × R c.
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Self
 
 import numpy as np
@@ -31,6 +32,15 @@ TYPICAL_JOINT_MM = 50.0
 DIAGONAL = np.arange(3), np.arange(3)
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """The component after each of x, y, z, and the one after that."""
+MINORS = tuple(combinations(range(4), 2))
+"""Columns of which minors are formed, in their order."""
+COFACTORS = (
+    ((1, 5), (2, 4), (3, 3)),
+    ((0, 5), (2, 2), (3, 1)),
+    ((0, 4), (1, 2), (3, 0)),
+    ((0, 3), (1, 1), (2, 0)),
+)
+"""Of each row of an inverse: components of a row of the system, and which minor goes with each."""
 ROUNDS = 15
 SETTLED_RAD = 1e-13
 """Last step of a tilt, a thousandth of which is left."""
@@ -250,10 +260,44 @@ def rotation_vectors(gibbs: Array) -> Array:
 
 
 def inverse_of_three(matrices: Array) -> Array:
-    """Inverses (3, 3, N) of systems (3, 3, N), by row: columns over the determinant."""
+    """Inverses (3, 3, N) of systems (3, 3, N), by row: columns over the determinant.
+
+    Raises `LinAlgError` for a singular one.
+    """
     b, c = matrices[NEXT], matrices[LAST]
     columns = b[:, NEXT] * c[:, LAST] - b[:, LAST] * c[:, NEXT]
-    return np.asarray(columns.swapaxes(0, 1) / _dot(matrices[0], columns[0]))
+    return np.asarray(columns.swapaxes(0, 1) / _regular(_dot(matrices[0], columns[0])))
+
+
+def inverse_of_four(matrices: Array) -> Array:
+    """Inverses (4, 4, N) of systems (4, 4, N), by the minors of the first and last two rows.
+
+    Several times faster than a batched call; raises `LinAlgError` for a singular one.
+    """
+    rows = np.ascontiguousarray(matrices).reshape(2, 2, 4, -1)
+    minors, product = np.empty((6, 2, rows.shape[-1])), np.empty((2, rows.shape[-1]))
+    for place, (i, j) in enumerate(MINORS):
+        np.multiply(rows[:, 0, i], rows[:, 1, j], out=minors[place])
+        minors[place] -= np.multiply(rows[:, 0, j], rows[:, 1, i], out=product)
+    (s01, t01), (s02, t02), (s03, t03), (s12, t12), (s13, t13), (s23, t23) = minors
+    whole = s01 * t23 - s02 * t13 + s03 * t12 + s12 * t03 - s13 * t02 + s23 * t01
+    minors *= 1.0 / _regular(whole)
+    inverse, part = np.empty((4, 2, 2, rows.shape[-1])), np.empty((2, 2, rows.shape[-1]))
+    others, beyond = rows[:, ::-1].transpose(2, 0, 1, 3), minors[:, ::-1, None]
+    for row, ((first, a), (second, b), (third, c)) in enumerate(COFACTORS):
+        np.multiply(others[first], beyond[a], out=inverse[row])
+        inverse[row] -= np.multiply(others[second], beyond[b], out=part)
+        inverse[row] += np.multiply(others[third], beyond[c], out=part)
+    inverse[1::2] *= -1.0
+    inverse[:, :, 1] *= -1.0
+    return inverse.reshape(4, 4, -1)
+
+
+def _regular(determinant: Array) -> Array:
+    """Determinants (N,) of what has an inverse; else raises `LinAlgError`."""
+    if not determinant.all():
+        raise np.linalg.LinAlgError("a singular matrix has no inverse")
+    return determinant
 
 
 def turned_further(gibbs: Array, turn_rad: Array) -> Array:

@@ -82,6 +82,19 @@ def test_gibbs_vectors_are_rotations_in_every_decade(size):
     assert np.abs(moved).max() < 10.0 * size
 
 
+@pytest.mark.parametrize(
+    ("size", "inverse"),
+    [(3, parasitic_rotation.inverse_of_three), (4, parasitic_rotation.inverse_of_four)],
+)
+def test_inverses_by_hand_are_exact_and_refuse_a_singular_system(size, inverse):
+    systems = np.random.default_rng(5).standard_normal((size, size, 50))
+    whole = np.einsum("abn,bcn->nac", systems, inverse(systems))
+    assert whole == pytest.approx(np.broadcast_to(np.eye(size), whole.shape), abs=1e-9)
+    systems[1, :, 7] = systems[0, :, 7] = [1.0, 2.0, 4.0, 8.0][:size]
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse(systems)
+
+
 def test_a_drawing_is_read_from_the_robot_s_file_and_typical_without_one():
     drawn = find_robot("par4-prototype").robot.mechanism.plate
     assert drawn.reflector_mm == (20.0, -30.0, -45.0)
