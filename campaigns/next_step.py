@@ -430,8 +430,9 @@ def _to_answer(evidence: Evidence, found: RecordedIdentification) -> Answer:
 
 def _words(evidence: Evidence) -> tuple[str, ...]:
     """Options, as typed, that say what is to be found: of the last identification or a new plan."""
-    found, plan = evidence.identification, evidence.plan
-    if plan and not (found and found.plan_digest and evidence.has_plan(found.plan_digest)):
+    found, plan, run = evidence.identification, evidence.plan, evidence.run
+    is_import = run is not None and run.series.started.imported  # by no plan
+    if plan and (found is None or is_import or not evidence.has_plan(found.plan_digest)):
         return plan[0].asked
     asked = found.asked if found else ()
     pairs = zip(asked, ("", *asked), strict=False)

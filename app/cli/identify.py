@@ -38,6 +38,8 @@ def command(
 
         plot_residuals(plot, found)
         terminal.say(f"drawn: {plot}")
-    terminal.document(found.document() | tell_next(terminal, campaign))
+    told = tell_next(terminal, campaign)
+    if json:
+        terminal.document(found.document() | told)
     if found.verdict != "pass":
         raise typer.Exit(Exit.NOT_GOOD)

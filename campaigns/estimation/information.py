@@ -577,10 +577,20 @@ class HoldOut:
     """Root mean square of their errors over that of their σ."""
 
     @classmethod
-    def of(cls, error_mm: Array, predicted_mm2: Array, dof: int | None) -> "HoldOut":
-        """Test of errors (M,) with a covariance (M, M) whose scale is known by so many degrees."""
-        chi2 = float(error_mm @ np.linalg.solve(predicted_mm2, error_mm))
-        ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted_mm2))))
+    def of(
+        cls, error_mm: Array, own_mm2: Array, by_x: Array, covariance: Array, dof: int | None
+    ) -> "HoldOut":
+        """Test of errors (M,) whose variances (M,) and those of unknowns x (F, F) are known.
+
+        By ∂error/∂x, (M, F); the scale of both is known by so many degrees of freedom. Solved in
+        the unknowns (Woodbury), of which there are fewer than errors.
+        """
+        weighted = by_x / own_mm2[:, None]
+        told, normal = weighted.T @ error_mm, weighted.T @ by_x
+        shared = np.linalg.solve(np.eye(len(told)) + normal @ covariance, told)
+        chi2 = float(error_mm @ (error_mm / own_mm2) - told @ covariance @ shared)
+        variance_mm2 = own_mm2 + np.einsum("mf,mf->m", by_x @ covariance, by_x)
+        ratio = float(np.sqrt(np.mean(error_mm**2 / variance_mm2)))
         count = len(error_mm)
         p = (
             scipy.special.chdtrc(count, chi2)

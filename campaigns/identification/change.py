@@ -101,8 +101,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
     smooth = steps = _Rows(shots, np.flatnonzero(~gross))
     if in_line.sum() > len(smooth.rows):
         steps = _Rows(shots, np.flatnonzero(in_line))
-    groups = tuple(shots.groups())
-    found, change = _most_significant(smooth, steps, groups)
+    found, change = _most_significant(smooth, steps)
     lacks = tuple(each for each in found if each.significant)
     possible = found[0] if found and not lacks else None
     numbers = shots.numbers
@@ -118,7 +117,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         between = numbers[rows[change.after]], numbers[rows[change.after + 1]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
     grows = not lacks and _shows_growth(steps)
-    return Tested(lacks, possible, change, grows, between, named, off, _hidden(smooth, groups))
+    return Tested(lacks, possible, change, grows, between, named, off, _hidden(smooth))
 
 
 def _shows_growth(steps: "_Rows") -> bool:
@@ -152,7 +151,7 @@ def hidden(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Mapping
     except (NoSolution, np.linalg.LinAlgError):
         return {}
     smooth = _Rows(shots, np.flatnonzero(~_gross(shots, tuple(_swapped(shots)))))
-    return _hidden(smooth, tuple(shots.groups()))
+    return _hidden(smooth)
 
 
 def _gross(shots: "_AllShots", swapped: tuple[tuple[int, int], ...]) -> Mask:
@@ -162,11 +161,11 @@ def _gross(shots: "_AllShots", swapped: tuple[tuple[int, int], ...]) -> Mask:
     return np.asarray(gross)
 
 
-def _hidden(smooth: "_Rows", groups: tuple[Group, ...]) -> dict[str, Array]:
+def _hidden(smooth: "_Rows") -> dict[str, Array]:
     """External reliability of the free parameters against each cause that has a name."""
-    named = tuple(each for each in groups if each.name != GENERAL)
-    white, free = smooth.white(smooth.shots.linearized.jacobian), len(smooth.shots.parameters)
-    found = external_reliability(smooth.fit, white, smooth.of(named))
+    named = tuple(each for each in smooth.groups if each.name != GENERAL)
+    free = len(smooth.shots.parameters)
+    found = external_reliability(smooth.fit, smooth.jacobian, named)
     return {name: changes[:free] for name, changes in found}
 
 
@@ -191,6 +190,8 @@ class _AllShots:
     size: Array
     out: Mask
     fitted: Mask
+    groups: tuple[Group, ...]
+    """Groups of columns, a cause each."""
 
     @property
     def parameters(self) -> Array:
@@ -211,11 +212,6 @@ class _AllShots:
     def encoders(self) -> Array:
         """Encoders' readings, (N, n)."""
         return self.everything.shots.joints
-
-    def groups(self) -> Iterator[Group]:
-        """Groups of columns, a cause each."""
-        shots = self.everything.shots
-        return error_groups(self.everything.points, self.x, shots.joints, shots.approach)
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -262,7 +258,9 @@ def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _Al
     size = size / scale
     out = size > rejection_threshold(len(size), 3)
     out |= np.array([not kept.get(number, True) for number in everything.numbers])
-    return _AllShots(everything, linearized, whitening, found.x, size, out, fitted)
+    encoders, approach = everything.shots.joints, everything.shots.approach
+    groups = tuple(error_groups(everything.points, found.x, encoders, approach))
+    return _AllShots(everything, linearized, whitening, found.x, size, out, fitted, groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,13 +274,25 @@ class _Rows:
     @cached_property
     def fit(self) -> FittedShots:
         """Linear fit of these rows."""
-        some = self.shots.linearized
-        return FittedShots.of(self.white(some.residual_mm[:, :, None]), self.white(some.jacobian))
+        residual_mm = self.shots.linearized.residual_mm
+        return FittedShots.of(self.white(residual_mm[:, :, None]), self.jacobian)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Whitened ∂point/∂unknowns, (N, 3, P)."""
+        return self.white(self.shots.linearized.jacobian)
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Groups of columns, whitened."""
+        return self.of(self.shots.groups)
 
     def white(self, columns: Array) -> Array:
         """Whitened columns (N, 3, k) of these rows."""
-        white = self.shots.whitening[self.rows] @ columns[self.rows]
-        return without_memory(self.phi, np.asarray(white))
+        whitening = self.shots.whitening
+        if len(self.rows) < len(whitening):
+            whitening, columns = whitening[self.rows], columns[self.rows]
+        return without_memory(self.phi, np.asarray(whitening @ columns))
 
     def of(self, each: Sequence[Columns]) -> tuple[Columns, ...]:
         """Groups or causes by their columns of these rows."""
@@ -292,30 +302,28 @@ class _Rows:
         return tuple(replace(one, columns=own) for one, own in zip(each, split, strict=True))
 
 
-def _most_significant(
-    smooth: _Rows, steps: _Rows, groups: tuple[Group, ...]
-) -> tuple[tuple[LackOfFit, ...], Change | None]:
+def _most_significant(smooth: _Rows, steps: _Rows) -> tuple[tuple[LackOfFit, ...], Change | None]:
     """Lacks of the model and change, the most significant first and the others beside it."""
     shots = smooth.shots
     causes = tuple(_causes(shots))
-    found = _selected(smooth, steps, groups, causes)
+    found = _selected(smooth, steps, causes)
     if _any_significant(found[0]):
         # what the model lacks is no scatter of the robot, for which it was taken
-        weighed = shots.reweighed(smooth.rows, _taken_up(shots, groups, found[0]))
+        weighed = shots.reweighed(smooth.rows, _taken_up(shots, found[0]))
         smooth, steps = replace(smooth, shots=weighed), replace(steps, shots=weighed)
-        found = _selected(smooth, steps, groups, causes)
+        found = _selected(smooth, steps, causes)
     lacks, change = found
     if not _any_significant(lacks) and change is None:
         return found
     left = steps.fit
     if lacks:
-        left = left.fitted(steps.white(_taken_up(shots, groups, lacks)))
+        left = left.fitted(steps.white(_taken_up(shots, lacks)))
     if change is not None:
         left = left.fitted(steps.white(_changed(causes, change, steps)))
     phi = memory(left.left.reshape(-1, 3))
     if not len(phi):
         return found
-    again = _selected(replace(smooth, phi=phi), replace(steps, phi=phi), groups, causes)
+    again = _selected(replace(smooth, phi=phi), replace(steps, phi=phi), causes)
     # beside noise with a memory it is seen whether there is a change, without it which and where
     return again[0], change if change is not None and again[1] is not None else again[1]
 
@@ -325,36 +333,36 @@ def _any_significant(lacks: tuple[LackOfFit, ...]) -> bool:
 
 
 def _selected(
-    smooth: _Rows, steps: _Rows, groups: tuple[Group, ...], causes: tuple[Cause, ...]
+    smooth: _Rows, steps: _Rows, causes: tuple[Cause, ...]
 ) -> tuple[tuple[LackOfFit, ...], Change | None]:
     shots, drives = smooth.shots, None
     if not shots.rate:
         bounds = (SHORTEST_RAD, LONGEST_RAD) if shots.is_revolute else (SHORTEST_MM, LONGEST_MM)
         by_joints = smooth.white(shots.linearized.by_joints)
         drives = by_joints, shots.encoders[smooth.rows], *bounds
-    own, over_time = smooth.of(groups), steps.of(causes)
+    over_time = steps.of(causes)
     change = detect_change(steps.fit, over_time)
-    lacks = tuple(lacks_of_fit(smooth.fit, own, drives))
+    lacks = tuple(lacks_of_fit(smooth.fit, smooth.groups, drives))
     if not _any_significant(lacks):
         return lacks if change is None else (), change
     if change is not None and change.log_p < lacks[0].log_p:
         return (), change  # half of the shots are of another robot, which any cause may resemble
     # whatever else the model lacks at these joints is no change either
     explained = steps.fit
-    for columns in (_taken_up(shots, groups, lacks), *_general(groups)):
+    for columns in (_taken_up(shots, lacks), *_general(shots)):
         if explained.freedom - columns.shape[-1] >= LEAST_FREEDOM:
             explained = explained.fitted(steps.white(columns))
     return lacks, detect_change(explained, over_time)
 
 
-def _general(groups: tuple[Group, ...]) -> Iterator[Array]:
+def _general(shots: _AllShots) -> Iterator[Array]:
     """Columns that stand for more than one cause."""
-    return (each.columns for each in groups if each.name in {"parts", GENERAL})
+    return (each.columns for each in shots.groups if each.name in {"parts", GENERAL})
 
 
-def _taken_up(shots: _AllShots, groups: tuple[Group, ...], lacks: tuple[LackOfFit, ...]) -> Array:
+def _taken_up(shots: _AllShots, lacks: tuple[LackOfFit, ...]) -> Array:
     """Columns of what the model lacks, of all shots."""
-    known = {each.name: each.columns for each in groups}
+    known = {each.name: each.columns for each in shots.groups}
     for each in lacks:
         if each.group.period:
             angle = 2.0 * np.pi / each.group.period * shots.encoders

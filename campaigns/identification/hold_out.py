@@ -75,8 +75,8 @@ def _tested(inputs: Inputs, near: Array, pairs: Index, fit: Fit) -> HoldOut | No
         variance = _pair_variance_mm2(inputs, pairs, model, x, fit)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    predicted = by_x @ found.covariance[:parameters, :parameters] @ by_x.T + np.diag(variance)
-    return HoldOut.of(error_mm, predicted, fit.variance_dof)
+    covariance = found.covariance[:parameters, :parameters]
+    return HoldOut.of(error_mm, variance, by_x, covariance, fit.variance_dof)
 
 
 def _pair_variance_mm2(

@@ -273,8 +273,11 @@ def to_text(record: Record) -> str:
     not Unicode or of another type.
     """
     kind = KIND_OF_TYPE[type(record)]
-    # without its warnings: what does not fit is refused by name, in reading it back
-    values = _adapter(kind).dump_python(record, by_alias=True, warnings="none")
+    if isinstance(record, Finding):  # plain data already, of which an adapter asks each value
+        values = {"kind": record.kind, "body": record.body}
+    else:
+        # without its warnings: what does not fit is refused by name, in reading it back
+        values = _adapter(kind).dump_python(record, by_alias=True, warnings="none")
     text = _JSON.encode(values)
     from_text(kind, text)
     return text
