@@ -30,8 +30,6 @@ PROMISING = 1.0
 SEARCHED_BELOW = 3.0
 """A second component is sought between what it would be alone and e⁻³ of it."""
 NOWHERE = -math.inf
-MANY = 200
-"""Shots of which sums of squares take a fraction of the time of a QR."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,8 +160,9 @@ class _RestrictedLikelihood:
         scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
         jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
         self._is_orthonormal = False
-        """Whether columns are so far from dependence that their squares tell as much."""
-        if len(shots) >= MANY:
+        """Whether columns are so far from dependence that their squares, which take a fraction of
+        the time of a QR, tell as much; compiled loops look themselves."""
+        if kernel is None:
             triangle = triangle_of(jacobian.reshape(-1, len(scale)))
             own = np.abs(np.diag(triangle))
             self._is_orthonormal = bool(own.min() > RANK_TOLERANCE * own.max())
