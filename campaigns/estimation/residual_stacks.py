@@ -1,6 +1,6 @@
 """Residuals of many campaigns with the same joints, in stacks: those of `residuals.py`, row by row.
 
-Of level plates and perfect transmissions. Arrays lie by campaign and component, (C, 3, N): long
+Of perfect transmissions; plates may tilt. Arrays lie by campaign and component, (C, 3, N): long
 rows are what the processor is fast at.
 """
 
@@ -25,8 +25,9 @@ from campaigns.mechanisms.closure_coefficients import (
     joint_slopes,
     owners,
 )
-from campaigns.mechanisms.configuration import CONVERGED_MM, Configuration
+from campaigns.mechanisms.configuration import CONVERGED_MM, Configuration, TiltElimination
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import ParameterSpace
 
 WITH_TURN = 4
 """Task coordinates of any mechanism, whether its platform turns or not."""
@@ -59,7 +60,12 @@ class RobotStack:
         kernel: ModuleType | None = None,
     ) -> None:
         self._mechanism, self._p, self._free, self._joints = mechanism, p, free, joints
-        self._converged_mm, self.kernel = converged_mm, kernel
+        named = len(mechanism.parameters.names)
+        are_level = not p[:, named:].any()
+        self.fine_parameters: Mask = (free >= named) & are_level
+        """Free parameters that tilt a level plate, (F,)."""
+        self._tilts = not are_level or bool(self.fine_parameters.any())
+        self._converged_mm, self.kernel = converged_mm, None if self._tilts else kernel
         count, tasks, shots = near.shape
         self._padded = np.zeros((count, WITH_TURN, shots))
         self.poses = self._padded[:, :tasks]
@@ -67,8 +73,11 @@ class RobotStack:
         self.poses[:] = near
         self._about = self.start
         self._last: tuple[Index, Configuration] | None = None
-        if kernel is None:
-            self._columns = np.append(free, np.setdiff1d(self.offsets, free))
+        self._gibbs = np.zeros((3, count, shots))
+        self._tilting: tuple[Array, ...] = ()
+        """Tilts and their elimination where Jacobians were last asked for, (…, C, N)."""
+        self._columns = np.append(free, np.setdiff1d(self.offsets, free))
+        if self.kernel is None:
             self._by_p = np.zeros((tasks, len(self._columns), count, shots))
         else:
             self._functions = joint_functions(mechanism, joints)
@@ -88,10 +97,10 @@ class RobotStack:
     def first_jacobian(self) -> tuple[Array, Array]:
         """Positions (3, N) and derivatives (3, N, F) of robots that are still one, at its poses."""
         configuration = self._configuration(self.start[:1], np.zeros(1, dtype=np.intp))
-        by_x = configuration.level_columns(self.poses[0].T, self._free)
+        by_p = self._differentiated(configuration, self.poses[0].T, np.arange(len(self.poses)))
         if self.kernel is None:
-            self._by_p[:, : len(self._free)] = by_x[:, :, None]
-        return self.poses[0, :3], by_x[:3].swapaxes(1, 2)
+            self._by_p[:] = by_p[:, :, None]
+        return self.poses[0, :3], by_p[:3, : len(self._free)].swapaxes(1, 2)
 
     def positions_mm(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Positions (R, 3, N) of these robots with parameters (R, F); which have all of them."""
@@ -101,11 +110,12 @@ class RobotStack:
         further = (x - self._about[rows])[:, None, None]
         moved = further @ self._by_x(rows).transpose(2, 0, 1, 3)
         near = self.poses[rows] + moved[:, :, 0]
-        configuration = self._configuration(x, rows)
+        configuration, about = self._configuration(x, rows), self._tilting_of(rows)
         start = near.swapaxes(1, 2).reshape(-1, tasks)
-        solution = configuration.assemble(start, self._converged_mm)
+        solution, gibbs = configuration.follow(start, self._converged_mm, about)
         poses = solution.values.reshape(len(rows), shots, tasks).swapaxes(1, 2)
         self.poses[rows], self._about[rows], self._last = poses, x, (rows, configuration)
+        self._gibbs[:, rows] = gibbs.reshape(3, len(rows), shots)
         found = solution.found.reshape(len(rows), -1).all(axis=1)
         return poses[:, :3], np.asarray(found)
 
@@ -115,13 +125,44 @@ class RobotStack:
         is_last = last is not None and np.array_equal(last[0], rows)
         configuration = last[1] if last and is_last else self._configuration(x, rows)
         flat = poses.swapaxes(1, 2).reshape(-1, poses.shape[1])
-        by_p = configuration.level_columns(flat, self._columns)
+        gibbs = _of(self._gibbs, rows).reshape(3, -1)
+        by_p = self._differentiated(configuration, flat, rows, gibbs)
         by_p = by_p.reshape(*by_p.shape[:2], len(x), -1)
         if len(rows) == len(self.poses):
             self._by_p = by_p
         else:
             self._by_p[:, :, rows] = by_p
         return poses[:, :3], by_p[:3, : len(self._free)]
+
+    def _differentiated(
+        self, configuration: Configuration, poses: Array, rows: Index, gibbs: Array | None = None
+    ) -> Array:
+        """d(pose)/d(what columns are kept of) (t, K, …) of these robots, or of one that all are.
+
+        Of poses (…, t) and tilts (3, …), if they are known.
+        """
+        if not self._tilts:
+            return configuration.level_columns(poses, self._columns)
+        by_all = configuration.jacobian(poses, gibbs=gibbs).transpose(1, 2, 0)
+        count, shots = self._gibbs.shape[1:]
+        assert configuration.tilt_elimination is not None, "left behind by a Jacobian of all"
+        about, elimination = configuration.tilt_elimination
+        anew = [each.reshape(*each.shape[:-1], -1, shots) for each in (about, *elimination)]
+        if not self._tilting:
+            self._tilting = tuple(np.empty((*each.shape[:-2], count, shots)) for each in anew)
+        for kept, each in zip(self._tilting, anew, strict=True):
+            kept[..., rows, :] = each
+        return by_all[:, self._columns]
+
+    def _tilting_of(self, rows: Index) -> TiltElimination | None:
+        """Tilts and elimination about which derivatives of these robots are known."""
+        if not self._tilting:
+            return None
+        gibbs, *elimination = (
+            _of(each, rows).reshape(*each.shape[:-2], -1) for each in self._tilting
+        )
+        by_closure, eliminated, by_turn, by_pose = elimination
+        return gibbs, (by_closure, eliminated, by_turn, by_pose)
 
     def by_joints(self, rows: Index) -> Array:
         """∂point/∂joints (3, n, R, N) where Jacobians were last asked for."""
@@ -130,8 +171,7 @@ class RobotStack:
 
     def _by_x(self, rows: Index) -> Array:
         """d(pose)/dx (t, F, R, N) of these robots where it was last asked for."""
-        by_x = self._by_p[:, : len(self._free)]
-        return by_x if len(rows) == len(self.poses) else by_x[:, :, rows]
+        return _of(self._by_p[:, : len(self._free)], rows)
 
     def joint_slopes(self) -> Array:
         """Derivatives by the joints of the functions that closures are made of, (2, n, N)."""
@@ -177,6 +217,20 @@ class RobotStack:
         return self._mechanism.configuration(self._p_of(x, rows), joints)
 
 
+def can_be_stacked(space: ParameterSpace, p: Array, free: Index) -> bool:
+    """Whether stacks can hold robots (C, P) of which these parameters are free.
+
+    Of imperfect transmissions and warmth each shot has its own, which only `PositionModel` knows.
+    """
+    geometry = len(space.geometry)
+    return bool((free < geometry).all() and not p[:, geometry:].any())
+
+
+def _of(stack: Array, rows: Index) -> Array:
+    """Rows (…, R, N) of a stack (…, C, N), without a copy where these are all."""
+    return stack if len(rows) == stack.shape[-2] else stack[..., rows, :]
+
+
 def with_frames(parameters: Array) -> Array:
     """Unknowns (C, F + 6) of parameters (C, F), frames as they are guessed."""
     return np.pad(parameters, ((0, 0), (0, FRAME_COLUMNS)))
@@ -209,19 +263,25 @@ class PointStack:
     def start(self) -> Array:
         """Unknowns (C, F + 6) where a step leads from one robot and guessed frames.
 
-        With every point counting alike, as all rows have then the same derivatives.
+        With every point counting alike, as all rows have then the same derivatives. What tilts a
+        level plate waits: it would take up what is bent of the others.
         """
         positions, by_robot = self.robots.first_jacobian()
         by_angle = (small_rotation(np.zeros(3))[1] @ positions).transpose(1, 2, 0)
         by_shift = np.broadcast_to(np.eye(3)[:, None], by_angle.shape)
         columns = np.concatenate([by_robot, by_angle, by_shift], axis=2)
-        basis, triangle = np.linalg.qr(columns.reshape(positions.size, -1))
+        coarse = np.flatnonzero(
+            np.append(~self.robots.fine_parameters, np.ones(FRAME_COLUMNS, dtype=bool))
+        )
+        basis, triangle = np.linalg.qr(columns.reshape(positions.size, -1)[:, coarse])
         back = self._rotation.swapaxes(1, 2)
         seen = back @ (self._points_mm - self._translation_mm[:, :, None])
         left = (seen - positions).reshape(len(seen), 1, -1)
         step = (left @ np.linalg.solve(triangle, basis.T).T)[:, 0]
         step[:, -3:] = (self._rotation @ step[:, -3:, None])[:, :, 0]
-        return with_frames(self.robots.start) + step
+        start = with_frames(self.robots.start)
+        start[:, coarse] += step
+        return start
 
     def rotations(self, x: Array, rows: Index) -> Array:
         """From base to tracker, (R, 3, 3)."""

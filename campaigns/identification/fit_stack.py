@@ -16,7 +16,12 @@ from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.gauss_newton import SETTLED, StackSolution, gauss_newton
 from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack
+from campaigns.estimation.residual_stacks import (
+    DistanceStack,
+    PointStack,
+    RobotStack,
+    can_be_stacked,
+)
 from campaigns.estimation.rigid_transforms import fit_frames
 from campaigns.estimation.robust import linear_inliers, rejection_threshold
 from campaigns.estimation.tracker_noise import (
@@ -94,8 +99,7 @@ def _may_be_plain(inputs: Inputs) -> bool:
     return bool(
         asked
         and not more
-        and (places < len(space.names)).all()
-        and not nominal.p[len(space.names) :].any()
+        and can_be_stacked(space, nominal.p[None], places)
         and inputs.at_nominal.found.all()
         and not np.isfinite(shots.stated_covariance_mm2).any()
         and not shots.approach.any()

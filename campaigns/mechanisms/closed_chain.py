@@ -315,7 +315,7 @@ class ClosedChain:
         platform, signs = (
             of_rows(each, len(joints)) for each in (platform, self.assembly_sign(robots))
         )
-        return Configuration(self, platform, arms, pairs, signs)
+        return Configuration(self, platform, arms, pairs, signs, robots.shape[1])
 
     def assembly_sign(self, robots: Array) -> Array:
         """Signs of the closures' determinant of robots (G, C), (C,), at home.

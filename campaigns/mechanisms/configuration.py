@@ -5,13 +5,14 @@ moves the plate's joints. Seen from the measured point that is the level chain w
 the other way: a few rounds of tilt and pose agree to rounding.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.mechanisms.arms import Arms
+from campaigns.mechanisms.arms import Arms, of_rows
 from campaigns.mechanisms.mechanism import KinematicSolution
 from campaigns.mechanisms.parasitic_rotation import (
     TYPICAL_JOINT_MM,
@@ -85,6 +86,8 @@ class Configuration:
     pairs: RodPairs
     assembly_sign: Array
     """(1 or N,)"""
+    robots: int = 1
+    """N / robots rows are of each in turn."""
     _assembled: list[tuple[Array, Array]] = field(default_factory=list)
     """Poses last assembled, and the plate's tilt there."""
     _eliminated: list[TiltElimination] = field(default_factory=list)
@@ -113,9 +116,10 @@ class Configuration:
         if near is None:
             level = self.chain.assemble(limbs, None, NEARLY_MM)
             return self._tilted(level, gibbs, settled_mm)
-        found = self._followed(limbs, near, gibbs, about, settled_mm)
-        if found.found.all():
-            return found
+        with suppress(np.linalg.LinAlgError):
+            found, _ = self.follow(near, converged_mm, about)
+            if found.found.all():
+                return found
         moved, gibbs = self._moved(limbs, near, gibbs)
         level = self.chain.assemble(moved, near, NEARLY_MM)
         return self._tilted(level, gibbs, settled_mm)
@@ -133,10 +137,6 @@ class Configuration:
         offsets_mm = self.chain.platform.offsets_mm(self.platform, poses)
         return np.asarray(_at(poses) + offsets_mm - self.arms.elbows_mm)
 
-    def tilted_forearms(self, poses: Array) -> TiltedForearms:
-        """A_iB_i at poses (N, t) of the plate as it tilts there."""
-        return self.pairs.state(*self._seen(self.arms.elbows_mm, poses), self.tilt(poses))
-
     def by_pose(self, poses: Array, forearms_mm: Array) -> Array:
         """∂F/∂pose, (N, n, t), from forearms (3, n, N) to a level plate."""
         chain = self.chain
@@ -148,18 +148,19 @@ class Configuration:
         jacobian *= 2.0
         return jacobian.transpose(2, 0, 1)
 
-    def jacobian(self, poses: Array, *, extended: bool = True) -> Array:
+    def jacobian(self, poses: Array, *, extended: bool = True, gibbs: Array | None = None) -> Array:
         """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
 
         The columns of extensions are left 0 where they are not asked for and the plate is level.
+        `gibbs` (3, N) are the tilts at the poses, where they are known.
         """
         if not self.pairs.are_level:
-            return self._tilting_jacobian(poses)
+            return self._tilting_jacobian(poses, self.tilt(poses) if gibbs is None else gibbs)
         forearms, by_closure, own, by_platform = self._level(poses)
         by_all, beyond = self._by_all(by_closure, own, by_platform)
         if extended:
             by_misfit = self._by_misfit(poses, forearms, by_closure)
-            beyond[:, -2] -= by_misfit * (forearms[2] / self.pairs.forearm_mm)
+            beyond[:, -2] -= by_misfit * (forearms[2] / self.arms.forearm_mm)
             beyond[:, -1] = -by_misfit
         else:
             beyond[:] = 0.0
@@ -195,7 +196,9 @@ class Configuration:
         As of the tilting one, where neither bars nor misfits add anything.
         """
         _, seen = self._seen(self.arms.elbows_mm, poses)
-        weights = self.pairs.crossed(forearms_mm)
+        own = self.pairs.plate_bars, self.pairs.motor_axes, self.pairs.skew, self.pairs.forearm_mm
+        pairs = RodPairs(*(of_rows(each, len(poses)) for each in own))
+        weights = pairs.crossed(forearms_mm)
         inverse = inverse_of_three(np.einsum("kin,lin->kln", weights, weights))
         eliminated = _product(2.0 * cross(forearms_mm, seen).swapaxes(0, 1), inverse)
         elimination = (
@@ -207,11 +210,12 @@ class Configuration:
         self._eliminated[:] = [(np.zeros((COORDINATES, len(poses))), elimination)]
         return np.asarray(np.einsum("tkn,kin->tin", _product(by_closure, eliminated), weights))
 
-    def _tilting_jacobian(self, poses: Array) -> Array:
+    def _tilting_jacobian(self, poses: Array, gibbs: Array) -> Array:
         """Jacobian without the plate's tilt, from what closures and normal equations do to it."""
-        state, platform = self.tilted_forearms(poses), self.chain.platform
+        platform = self.chain.platform
+        state = self.pairs.state(*self._seen(self.arms.elbows_mm, poses), gibbs)
         elimination = self._elimination(state, poses)
-        self._eliminated[:] = [(self.tilt(poses), elimination)]
+        self._eliminated[:] = [(gibbs, elimination)]
         by_closure, eliminated, *_ = elimination
         by_normal = _product(by_closure, eliminated)
         by_misfit, by_forearm = state.sensitivities(by_closure, by_normal)
@@ -295,52 +299,74 @@ class Configuration:
         return replace(limbs, elbows_mm=limbs.elbows_mm - displacement(gibbs, seen)), gibbs
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def _followed(
-        self,
-        limbs: Limbs,
-        near: Array,
-        gibbs: Array,
-        about: TiltElimination | None,
-        settled_mm: float,
-    ) -> KinematicSolution:
-        """Poses and tilts by Newton's steps of both, from near them; none where one is lost.
+    def follow(
+        self, near: Array, converged_mm: float, about: TiltElimination | None = None
+    ) -> tuple[KinematicSolution, Array]:
+        """Poses (N, t) from poses near them, and the plate's tilts there, (3, N), as `assemble`.
 
-        Derivatives are those of the robot about which they are known, or the last ones, while steps
-        shrink fast: then no pose on their way is singular, and the assembly mode stays.
+        By Newton's steps of both; of a robot that is lost on its way none is found. Derivatives are
+        those of the robot about which they are known, or the last ones, while steps shrink fast:
+        then no pose on their way is singular, and the assembly mode stays. What a robot gives
+        depends on no other. Raises `LinAlgError` at a singular pose.
         """
+        limbs, shots = self._limbs(), len(near) // self.robots
+        if self.pairs.are_level:
+            level = self.chain.assemble(limbs, near, converged_mm)
+            return level, np.zeros((COORDINATES, len(near)))
+        settled_mm = np.full(self.robots, TILT_SETTLED_PER_MM * converged_mm**2)
+        gibbs = np.zeros((COORDINATES, len(near)))
         if about is not None:
             gibbs, elimination = about
-        poses, last_mm, contraction = np.ascontiguousarray(near.T), np.inf, FIRST_CONTRACTION
-        known, determinant = about is not None, limbs.assembly_sign
+        poses, determinant = np.ascontiguousarray(near.T), limbs.assembly_sign
+        contraction, last_mm = np.full(self.robots, FIRST_CONTRACTION), None
+        known = np.full(self.robots, about is not None)
+        active, settled = np.ones_like(known), np.zeros_like(known)
         for _ in range(FOLLOWED_ROUNDS):
-            fresh = not known
+            fresh = active & ~known
             forearms, seen = self._seen(limbs.elbows_mm, poses.T)
             state = self.pairs.state(forearms, seen, gibbs)
-            if fresh:
-                try:
-                    elimination = self._elimination(state, poses.T)
-                except np.linalg.LinAlgError:
-                    break
+            if fresh.any():
+                anew = self._elimination(state, poses.T)
                 moved = replace(limbs, elbows_mm=limbs.elbows_mm + forearms - state.forearms_mm)
-                _, determinant, _ = self.chain.newton_step(moved, poses)
+                _, renewed, _ = self.chain.newton_step(moved, poses)
+                if fresh.all():
+                    elimination, determinant = anew, renewed
+                else:
+                    rows = np.repeat(fresh, shots)
+                    by_closure, eliminated, by_turn, by_pose = (
+                        np.where(rows, new, old) for new, old in zip(anew, elimination, strict=True)
+                    )
+                    elimination = by_closure, eliminated, by_turn, by_pose
+                    determinant = np.where(rows, renewed, determinant)
             by_closure, eliminated, by_turn, by_pose = elimination
             normal = state.normal_equations()
             step = _applied(by_closure, state.closures() + _applied(eliminated, normal))
             turn = -_applied(by_turn, normal + _applied(by_pose, step))
+            if not active.all():  # others stay exactly where they settled
+                rows = np.repeat(active, shots)
+                step, turn = np.where(rows, step, 0.0), np.where(rows, turn, 0.0)
             poses, gibbs = poses + step, turned_further(gibbs, turn)
-            turned_mm = TYPICAL_JOINT_MM * float(np.abs(turn).max())
-            size_mm = max(float(np.abs(step[:COORDINATES]).max()), turned_mm)
-            if last_mm < np.inf:
+            moved_mm, turned_mm = step[:COORDINATES], TYPICAL_JOINT_MM * turn
+            size_mm = np.maximum(self._largest(moved_mm), self._largest(turned_mm))
+            if last_mm is not None:
                 contraction = size_mm / last_mm
             elif about is not None:
-                settled_mm = max(settled_mm, SETTLED_SHARE * size_mm)
-            if size_mm * contraction <= settled_mm:
-                values = np.ascontiguousarray(poses.T)
-                self._assembled[:] = [(values, gibbs)]
-                wanted = self.chain.is_wanted(limbs, poses, determinant)
-                return KinematicSolution.where(wanted, values)
-            known, last_mm = fresh or contraction < CONTRACTION, size_mm
-        return KinematicSolution.where(np.zeros(len(near), dtype=bool), near.copy())
+                settled_mm = np.maximum(settled_mm, SETTLED_SHARE * size_mm)
+            at_end = active & (size_mm * contraction <= settled_mm)
+            settled |= at_end
+            active &= ~at_end & np.isfinite(size_mm)
+            if not active.any():
+                break
+            known, last_mm = fresh | (contraction < CONTRACTION), size_mm
+        values = np.ascontiguousarray(poses.T)
+        self._assembled[:] = [(values, gibbs)]
+        wanted = self.chain.is_wanted(limbs, poses, determinant) & np.repeat(settled, shots)
+        return KinematicSolution.where(wanted, values), gibbs
+
+    def _largest(self, vectors: Array) -> Array:
+        """Largest component of vectors (k, N) by robot, (robots,)."""
+        by_robot = vectors.reshape(len(vectors), self.robots, -1)
+        return np.asarray(np.abs(by_robot).max(axis=(0, 2)))
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _tilted(

@@ -11,7 +11,13 @@ from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import predict_distances, predict_points
 from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residual_stacks import DistanceStack, PointStack, RobotStack, with_frames
+from campaigns.estimation.residual_stacks import (
+    DistanceStack,
+    PointStack,
+    RobotStack,
+    can_be_stacked,
+    with_frames,
+)
 from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     inverse_roots,
@@ -79,7 +85,7 @@ def estimated(
 def true_robots(
     setup: study.StudySetup, near: Array, truths: Array, kernel: ModuleType | None = None
 ) -> Iterator[TrueRobot | str]:
-    """True robots of parameters (C, P), of level plates all at once, or why one is none.
+    """True robots of parameters (C, P), all at once, or why one is none.
 
     `near` are poses (N, t) near theirs. By compiled loops with a `kernel`.
     """
@@ -110,10 +116,8 @@ def _stacked(
     """True robots; raises `NoSolution`, and `LinAlgError` where one has no bound."""
     mechanism, shots, every = setup.nominal.mechanism, setup.shots, np.arange(len(p))
     places, instrument = mechanism.parameters.places(setup.free), setup.options.instrument
-    if p[:, len(mechanism.parameters.names) :].any() or places.max() >= len(
-        mechanism.parameters.names
-    ):
-        raise NoSolution("only of level plates and perfect transmissions")
+    if not can_be_stacked(mechanism.parameters, p, places):
+        raise NoSolution("only of perfect transmissions")
     start = np.tile(near.T, (len(p), 1, 1))
     robots = RobotStack(mechanism, p, places, shots.joints, start, CONVERGED_MM, kernel)
     positions, seen = robots.positions_mm(robots.start, every)

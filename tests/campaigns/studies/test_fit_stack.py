@@ -7,12 +7,13 @@ import pytest
 from family_cases import ALL_MEMBERS
 
 from campaigns.estimation import information, tracker_noise
-from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.estimators import Estimator, Model, Outliers
 from campaigns.estimation.residual_stacks import closure_kernel
 from campaigns.estimation.rigid_transforms import Transform, fit_frames, small_rotation
 from campaigns.estimation.variance_components import component_scores
 from campaigns.identification.fit import fit_shots
 from campaigns.identification.fit_stack import _points, _robots, fit_stack
+from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.observations import Inputs
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -22,15 +23,15 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.study import planned_shots
 from drivers.values import Pose
 
-CAMPAIGNS, PAIRS = 4, 25
+CAMPAIGNS, PAIRS = 4, {Model.STANDARD: 25, Model.FULL: 40}
 INSTRUMENT = tracker_noise.TrackerUncertainty()
 TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 40.0, 0.0]))
 
 
-def inputs_of(member, estimator):
+def inputs_of(member, estimator, model=Model.STANDARD):
     """Inputs of a plan's shots, and points (C, N, 3) of robots that are each a bit different."""
     nominal, rng = member.nominal, np.random.default_rng(7)
-    poses = member.reachable_poses(nominal, 2 * PAIRS, seed=3, limits=member.well_inside)
+    poses = member.reachable_poses(nominal, 2 * PAIRS[model], seed=3, limits=member.well_inside)
     joints, kind = nominal.inverse(poses).values_or_raise(), ShotSet.IDENTIFICATION
     shots = planned_shots(
         [
@@ -38,13 +39,14 @@ def inputs_of(member, estimator):
             for n, (pose, each) in enumerate(zip(poses, joints, strict=True))
         ]
     )
-    free = member.space.free_by_default
+    free = select_geometry(member.space, model)
     selection, options = ParameterSelection(free), IdentificationOptions(estimator=estimator)
     inputs = Inputs.of(nominal, shots, selection, replace(options, instrument=INSTRUMENT))
     places, points = member.space.places(free), []
     for _ in range(CAMPAIGNS):
         p = nominal.p.copy()
         p[places] += 0.3 * member.space.units(free) * rng.standard_normal(len(free))
+        p[len(member.space.names) :] *= 0.1
         exact = TRACKER.apply(member.robot_of(p).forward(joints).values_or_raise()[:, :3])
         roots = np.linalg.cholesky(tracker_noise.point_covariance_mm2(exact, INSTRUMENT))
         points.append(exact + np.einsum("nij,nj->ni", roots, rng.standard_normal(exact.shape)))
@@ -66,11 +68,12 @@ WAYS = [
 ]
 
 
+@pytest.mark.parametrize("model", [*PAIRS])
 @pytest.mark.parametrize("estimator", list(Estimator))
 @pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda member: member.name)
 @pytest.mark.parametrize("way", WAYS)
-def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(way, member, estimator):
-    inputs, points_mm = inputs_of(member, estimator)
+def test_each_row_is_the_fit_of_its_campaign_alone_or_given_up(way, member, estimator, model):
+    inputs, points_mm = inputs_of(member, estimator, model)
     points_mm[0, 5] += 0.5
     stack = fit_stack(inputs, points_mm, kernel := way(member))
     assert stack.plain[0]
@@ -119,11 +122,14 @@ def test_compiled_scores_of_a_robots_own_scatter_are_those_by_numpy(member):
 def test_what_is_asked_for_beyond_plain_fits_gives_every_row_up():
     inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.POINTS)
     kept = replace(inputs, options=replace(inputs.options, outliers=Outliers.KEEP))
+    nominal, space = inputs.nominal, inputs.nominal.mechanism.parameters
+    gears = ParameterSelection((*inputs.selection.free, space.transmission[0]))
+    p = np.pad(nominal.p, (0, len(space.of_robot) - len(nominal.p)))
+    p[space.places(space.transmission)] = 1e-4
     for asked in (
         kept,
-        replace(
-            inputs, selection=ParameterSelection(inputs.nominal.mechanism.parameters.free_in_full)
-        ),
+        replace(inputs, selection=gears),
+        replace(inputs, nominal=replace(nominal, p=p)),
     ):
         assert not fit_stack(asked, points_mm).plain.any()
 
@@ -148,7 +154,7 @@ def test_a_shot_far_off_whose_neighbours_the_plain_fit_bends_gives_its_row_up():
 
 def test_distances_of_shots_without_pairs_give_every_row_up():
     inputs, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.DISTANCES)
-    shots = replace(inputs.shots, pairs=(None,) * 2 * PAIRS)
+    shots = replace(inputs.shots, pairs=(None,) * len(inputs.shots))
     assert not fit_stack(replace(inputs, shots=shots), points_mm).plain.any()
 
 
