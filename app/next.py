@@ -44,11 +44,15 @@ def tell_next(
     """
 
     def find() -> Answer:
-        from campaigns.evidence import evaluate  # all that judges, which a remembered answer spares
-        from campaigns.next_step import next_step, state_of
+        # all that judges, which a remembered answer spares
+        from campaigns.campaign_state import present_state, state_of
+        from campaigns.next_step import next_step
 
-        found = evaluation or evaluate(campaign)
-        state = state_of(found, answered=answered, reported=reported, held=held)
+        known = {"answered": answered, "reported": reported}
+        if evaluation is None:
+            state = present_state(campaign, held=held, **known)
+        else:
+            state = state_of(evaluation, held=held, **known)
         step = next_step(replace(state, words=tuple(words) or state.words))
         ways = state.ways if state.verdict == "not decided" else ()
         lines = [(way.says, TALK) for way in ways]

@@ -8,11 +8,11 @@ from app.report.validation_text import show_gain
 from app.wiring import connected_robot, scenario_of
 from campaigns import workflow
 from campaigns.campaign import Campaign
+from campaigns.campaign_state import state_of
 from campaigns.controllers.export import PLAIN
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
-from campaigns.next_step import state_of
 from campaigns.options import LoadOptions, PlanOptions, ValidationOptions, ValidationStage
 from campaigns.workflow.reduced_export import export_projected
 from campaigns.workflow.validation import Validated

@@ -19,7 +19,7 @@ from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import FORMS, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
-from campaigns.controllers.programs import current_program
+from campaigns.controllers.programs import current_program, program_of_plan
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.calibration_check import RecordedCheck, read_check
@@ -339,7 +339,7 @@ def gather(campaign: Campaign) -> Evidence:
         campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
     )
     is_spoilt = parameters is None and campaign.path(PARAMETER_FILE).exists()
-    programs = {"run": _program(campaign, plan)}
+    programs = {"run": program_of_plan(campaign.folder, plan, campaign.robot.mechanism)}
     files = partial(
         Evidence,
         campaign=campaign,
@@ -401,14 +401,6 @@ def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[
             names.add(each.file)
             if each.projection and each.projection.name in FORMS:
                 yield each
-
-
-def _program(campaign: Campaign, plan: tuple[PlannedShot, ...] | None) -> str:
-    """Language of the program of plan.csv, as it is now; empty without one."""
-    if plan is None:
-        return ""
-    mechanism = campaign.robot.mechanism
-    return current_program(campaign.folder, "run", lambda: plan_digest(plan, mechanism))
 
 
 def _read_if_there(

@@ -14,11 +14,12 @@ from app.report import (
 )
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.rendering import Outline, no_word, rendered
+from campaigns.campaign_state import state_of
 from campaigns.evaluation import iso_figures
 from campaigns.evaluation.campaign_verdict import RULE
 from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT
 from campaigns.evidence import Evaluation
-from campaigns.next_step import next_step, state_of
+from campaigns.next_step import next_step
 from campaigns.workflow.advising import advice_by
 
 MAKERS = {

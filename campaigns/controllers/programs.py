@@ -16,7 +16,7 @@ from campaigns.controllers.gcode_moves import ROTARY, axis_letters
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
-from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.shots.columns import axis_columns, axis_texts
 from campaigns.version import VERSION
 from drivers.bounded_files import is_file
@@ -94,6 +94,15 @@ def current_program(folder: Path, stage: str, digest: Callable[[], str]) -> str:
                 if digest().encode() in file.read(HEADING_BYTES):
                     return name
     return ""
+
+
+def program_of_plan(
+    folder: Path, plan: Sequence[PlannedShot] | None, mechanism: ClosedChain
+) -> str:
+    """Language of the program of plan.csv, as it is now; empty without one."""
+    if plan is None:
+        return ""
+    return current_program(folder, "run", lambda: plan_digest(plan, mechanism))
 
 
 def joints_text(program: Program) -> str:

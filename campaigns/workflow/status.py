@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from campaigns.campaign import Campaign
+from campaigns.campaign_state import state_of
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence, evaluate
 from campaigns.journal.views import Series
-from campaigns.next_step import CampaignState, NextStep, WayOn, next_step, state_of
+from campaigns.next_step import CampaignState, NextStep, WayOn, next_step
 
 REPORT = "report.html"
 

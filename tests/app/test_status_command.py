@@ -11,10 +11,11 @@ from app.console import Terminal
 from app.next import tell_next
 from campaigns import evidence
 from campaigns.campaign import now_utc, open_campaign
+from campaigns.campaign_state import state_of
 from campaigns.evidence import evaluate
 from campaigns.files.lock import HOLDER_FILE, campaign_lock
 from campaigns.journal.records import Event
-from campaigns.next_step import CampaignState, next_step, state_of
+from campaigns.next_step import CampaignState, next_step
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow import status as judging
 from campaigns.workflow.status import phase
@@ -133,6 +134,7 @@ def test_the_same_files_are_judged_once_and_who_measures_is_looked_for_each_time
 
 def test_the_step_after_devices_is_named_again_until_a_file_changes(tmp_path, monkeypatch, capsys):
     paper, judged = new_campaign(tmp_path / "c"), []
+    paper.run(pairs=3, unseen=1)
     monkeypatch.setenv("PKMCAL_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(evidence, "evaluate", lambda each: judged.append(each) or evaluate(each))
 

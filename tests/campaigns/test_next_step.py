@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from paper_campaign import PaperCampaign
+from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.export import FORMS, JOINT_TABLES, PLAIN, PLAIN_WITH_TABLES, WrittenSet
 from campaigns.estimation.change_detection import CauseKind
 from campaigns.estimation.estimators import Estimator, Model
@@ -16,11 +18,13 @@ from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.calibration_check import PartChange, RecordedCheck
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter, Spread
-from campaigns.evidence import Evaluation, Evidence, gather
+from campaigns.evidence import Evaluation, Evidence, evaluate, gather
 from campaigns.identification.result import IdentifiedParameter, Pedigree, RecordedIdentification
 from campaigns.mechanisms.parameters import Parameters
-from campaigns.next_step import FEW, Answer, CampaignState, NextStep, Unusable, next_step, state_of
+from campaigns.next_step import Answer, CampaignState, NextStep, next_step
+from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
+from campaigns.ways_on import FEW, Unusable
 from campaigns.workflow.status import doubtful
 
 SESSIONS = {number: 1 + number // 60 for number in range(120)}
@@ -404,6 +408,26 @@ def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign
         assert [c.holds for c in since] == ([False] if said else []), changed
         words = " ".join((step.command[0], *step.command[2:])) if said and step else None
         assert words == said, changed
+
+
+def test_a_new_campaign_has_the_state_that_its_evidence_says(
+    whole: PaperCampaign, tmp_path: Path
+) -> None:
+    paper = new_campaign(tmp_path / "c")
+    words = ("--free", "arm0.x_mm")
+    shots = [replace(shot, asked=words) for shot in paper.plan(1, 1)]
+
+    def found(campaign: Campaign) -> CampaignState:
+        state = present_state(campaign, answered=True, reported=True)
+        assert state == state_of(evaluate(campaign), answered=True, reported=True)
+        return state
+
+    assert not found(paper.campaign).planned
+    paper.campaign.plan_path.write_text("shot")
+    assert not found(paper.campaign).planned
+    write_plan(paper.campaign.plan_path, shots, MECHANISM)
+    assert found(paper.campaign).words == words
+    assert found(whole.campaign).measured == "run"
 
 
 def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: PaperCampaign) -> None:

@@ -11,6 +11,7 @@ from command_line import change
 from app.main import run_command
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
+from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.controllers.program_targets import targets_of
@@ -18,7 +19,7 @@ from campaigns.controllers.programs import LANGUAGES, current_program
 from campaigns.errors import OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.next_step import next_step, state_of
+from campaigns.next_step import next_step
 from campaigns.options import PlanOptions, ProgramLanguage, ProgramOptions
 from campaigns.planning.plan_file import plan_digest
 from campaigns.robots.robot import pose_row
@@ -72,6 +73,9 @@ def test_gcode_stands_still_at_each_shot_of_the_plan_and_says_which_plan(campaig
     digest = plan_digest(shots, robot.mechanism)
     assert current_program(campaign.folder, "run", lambda: digest) == "gcode"
     assert current_program(campaign.folder, "run", lambda: "another") == ""
+    state = present_state(campaign)  # without a journal, and what judges
+    assert state.program == "gcode"
+    assert state == state_of(evaluate(campaign))
     assert len(stops(before.path.read_text(), robot.mechanism.task)[0]) == before.shots
     slack = np.radians(0.5) * robot.mechanism.joints[0].scale
     low, high = np.add(robot.limits.joint, (-slack, slack))

@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
+from campaigns.campaign_state import state_of
 from campaigns.evaluation.campaign_verdict import Check
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.journal.records import SeriesStarted
-from campaigns.next_step import next_step, state_of
+from campaigns.next_step import next_step
 from campaigns.settings.sections import AcceptanceConfig, KnownLengthConfig
 from campaigns.settings.space import SpaceConfig
 

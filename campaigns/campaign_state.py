@@ -1,0 +1,234 @@
+"""State of a campaign by its evidence, as far as the next step depends on it.
+
+What judges is imported where there is something to judge: a new campaign's first hints need none.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from datetime import datetime
+from itertools import pairwise
+from statistics import median
+from typing import TYPE_CHECKING, Literal
+
+from campaigns.campaign import Campaign
+from campaigns.controllers.export import PLAIN, PLAIN_FILE, form_options, forms_taken
+from campaigns.errors import CampaignError
+from campaigns.mechanisms.parameters import Parameters
+from campaigns.next_step import After, Answer, CampaignState, Held
+from campaigns.shots.shot_sets import ShotSet
+
+if TYPE_CHECKING:
+    from campaigns.controllers.controller_state import ControllerState
+    from campaigns.evidence import Evaluation, Evidence
+    from campaigns.identification.result import RecordedIdentification
+    from campaigns.journal.views import Series
+    from campaigns.planning.plan_file import PlannedShot
+
+SELECTION = {"--estimator", "--model", "--free", "--fix"}
+"""Options that say what is to be found, which stay for further shots."""
+
+
+def present_state(
+    campaign: Campaign,
+    *,
+    answered: bool = False,
+    reported: bool = False,
+    held: "ControllerState | None" = None,
+) -> CampaignState:
+    """State of a campaign by its files, else as `state_of`; raises as `gather` does."""
+    if campaign.journal_path.exists():
+        from campaigns.evidence import evaluate
+
+        return state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
+    plan, program = None, ""
+    if campaign.plan_path.exists():
+        with suppress(CampaignError):
+            plan = campaign.read_plan()
+    if campaign.is_offline:
+        from campaigns.controllers.programs import program_of_plan
+
+        program = program_of_plan(campaign.folder, plan, campaign.robot.mechanism)
+    return _unmeasured(campaign, plan, program, answered=answered, reported=reported)
+
+
+def _unmeasured(
+    campaign: Campaign,
+    plan: "Sequence[PlannedShot] | None",
+    program: str,
+    *,
+    answered: bool,
+    reported: bool,
+) -> CampaignState:
+    """State of a campaign without a journal. `program`: language of the program of plan.csv."""
+    return CampaignState(
+        folder=str(campaign.folder),
+        words=plan[0].asked if plan else (),
+        answered=answered or campaign.is_simulated,
+        offline=campaign.is_offline,
+        program=program if campaign.is_offline else "",
+        planned=plan is not None,
+        reported=reported,
+    )
+
+
+def state_of(
+    evaluation: "Evaluation",
+    *,
+    answered: bool = False,
+    reported: bool = False,
+    held: "ControllerState | None" = None,
+) -> CampaignState:
+    """State of a campaign by its evidence; the rest is known to the command that ends.
+
+    `held`: what it read from the controller; else what was loaded last counts.
+    """
+    evidence = evaluation.evidence
+    campaign, found = evidence.campaign, evidence.identification
+    every = evidence.journal.series if evidence.journal else ()
+    bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
+    runs = [each for each in every if each.to_identify]
+    program = evidence.programs.get("run", "")
+    state = replace(
+        _unmeasured(campaign, evidence.plan, program, answered=answered, reported=reported),
+        words=_words(evidence),
+        program_after=bool(evidence.programs.get("after")),
+        before=bool(evidence.before),
+    )
+    if not runs:
+        return state
+    latest, imported = runs[-1], campaign.is_offline or runs[-1].started.stage == "import"
+    left = "" if imported else _left(evidence, latest)
+    state = replace(state, measured="import" if imported else "run", left=left)
+    last = max(shot.number for shot in (*latest.shots, *bars))
+    if found is None or (found.series, found.robot_digest) != (
+        latest.number,
+        campaign.robot.digest(),
+    ):
+        return state
+    if last > found.journal_records or campaign.outdated(found):
+        return state
+    if found.verdict == "pass":
+        passed = replace(state, verdict="pass", check=_to_answer(evidence, found))
+        return _calibrated(evaluation, found, passed, held)
+    from campaigns.ways_on import Unusable
+
+    shots = evidence.run.shots if evidence.run else None
+    purposes = [shot.intent.purpose for shot in latest.shots]
+    unusable = Unusable(
+        found=found,
+        shots=purposes.count(ShotSet.IDENTIFICATION.value),
+        limits_mm=campaign.config.acceptance.distances_mm,
+        sessions=dict(zip(shots.numbers, shots.session.tolist(), strict=True)) if shots else {},
+        folder=state.folder,
+        imported=imported,
+        shot_s=_shot_seconds(latest),
+    )
+    ways = tuple(unusable.ways_on())
+    return replace(state, verdict=found.verdict, way_on=unusable.way_on(), ways=ways)
+
+
+def _to_answer(evidence: "Evidence", found: "RecordedIdentification") -> Answer:
+    """What answers a check that is not good."""
+    check = evidence.unanswered
+    if check is None:
+        return ""
+    from campaigns.identification.checking import StoredCalibration
+
+    stored = StoredCalibration(evidence.campaign.robot.kinematics, found)
+    if check.of != stored.kinematics.parameters.digest():
+        return "again"
+    if check.decision == "not decided":
+        return "firm"
+    return "repair" if stored.can_repair(check) else "anew"
+
+
+def _words(evidence: "Evidence") -> tuple[str, ...]:
+    """Options, as typed, that say what is to be found: of the last identification or a new plan."""
+    found, plan, run = evidence.identification, evidence.plan, evidence.run
+    is_import = run is not None and run.series.started.imported  # by no plan
+    if plan and (found is None or is_import or not evidence.has_plan(found.plan_digest)):
+        return plan[0].asked
+    asked = found.asked if found else ()
+    pairs = zip(asked, ("", *asked), strict=False)
+    return tuple(word for word, before in pairs if {word, before} & SELECTION)
+
+
+def _shot_seconds(series: "Series") -> float | None:
+    """Median time from a shot to the next; None for too few."""
+    at = sorted(
+        datetime.fromisoformat(shot.measured_utc) for shot in series.shots if shot.measured_utc
+    )
+    gaps = [(after - before).total_seconds() for before, after in pairwise(at)]
+    return median(gaps) if gaps else None
+
+
+def _left(evidence: "Evidence", latest: "Series") -> Literal["", "run", "anew"]:
+    """Whether something of plan.csv is left to measure: of this series, or of a newer plan."""
+    plan, started = evidence.plan, latest.started
+    if plan is None:
+        return ""
+    from campaigns.planning.plan_match import plan_difference
+
+    taken = [shot.intent for shot in latest.shots]
+    other = plan_difference(taken, plan)
+    if not latest.finished:
+        return "anew" if other else "run"
+    further = {row.shot for row in plan} - {intent.shot for intent in taken}
+    is_same = not (other or further) or evidence.has_plan(started.plan_digest)
+    return "" if is_same else "run"
+
+
+def _calibrated(
+    evaluation: "Evaluation",
+    found: "RecordedIdentification",
+    state: CampaignState,
+    held: "ControllerState | None",
+) -> CampaignState:
+    """State after an identification that passed: file, controller, validation."""
+    evidence = evaluation.evidence
+    space, journal = evidence.campaign.robot.mechanism.parameters, evidence.journal
+    identified = Parameters.of(space, found.flat())
+    digest, loaded = identified.digest(), evidence.loaded
+    every = [each.started.lacks for each in (journal.series if journal else ())]
+    lacks = next((each for each in reversed(every) if each is not None), None)
+    lacking = {*(lacks or ())} & {*identified.extended_by}
+    own = [each for each in evidence.forms if each.projection and each.projection.of == digest]
+    taken = next((each for each in own if not any(each.wanted.get(n) for n in lacking)), None)
+    # axes took tables where somebody wrote any: else the form that every controller takes
+    fullest = any(each.projection and each.projection.name != PLAIN for each in own)
+    form = [*forms_taken(space, lacking)][0 if fullest else -1]
+    has_form = taken is not None and (bool(lacking) or lacks is None)
+    held = held or evidence.controller
+    kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
+    known_other = held is not None and held.origin != digest and not evidence.campaign.is_offline
+    known = held is not None and held.origin == digest and not evidence.campaign.is_offline
+    holds = kinds.get(held.kind, "") if held and known else ""
+    after = evidence.held("after")
+    after = after if after and after.origin == digest else None
+    verdict = evaluation.validated("after")
+    decided: After = "worse" if verdict.worse else verdict.decision or "no limits"
+    missed = [
+        each.error for each in verdict.requirements if each.decision in {"fail", "not decided"}
+    ]
+    weak = bool(verdict.beyond) or any(error is not None for error in missed)
+    taken_back = loaded is not None and loaded.rolls_back is not None
+    corrected = evidence.written is not None and evidence.written.by == "targets"
+    by_targets = after is not None and after.targets
+    given_back = taken_back and not holds and state.measured != "import"
+    known_other &= after is not None and not (by_targets or after.declared)
+    if not given_back and (evidence.loaded_since or known_other):
+        after = None
+    is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
+    return replace(
+        state,
+        file="identified" if evidence.file_origin == digest else "other" if is_there else "",
+        form="exported" if has_form else "needed" if lacking else "",
+        form_file=taken.file if taken else PLAIN_FILE,
+        form_options=form_options(form, {each.file: each.tables for each in evidence.forms}),
+        holds=holds,
+        after=decided if after else "",
+        reasons="; ".join(verdict.reasons),
+        weak=weak and after is not None and after.kind == "form" and not by_targets,
+        to_correct=not holds and not by_targets and (taken_back or corrected),
+    )
