@@ -7,11 +7,17 @@ nothing that is out of date can be shown; what cannot be read or written counts 
 import hashlib
 import json
 import os
+import pickle
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from campaigns.version import VERSION
+
+if TYPE_CHECKING:
+    from campaigns.campaign import Campaign
+    from campaigns.planning.plan_check import CheckedPlan
 
 PACKAGES = Path(__file__).parents[1]
 SOFTWARE = ("app", "campaigns", "drivers")
@@ -56,6 +62,32 @@ def answer_to(asked: str, folder: Path, find: Callable[[], Answer]) -> Answer:
     found = find()
     if of and of == digests(folder):  # else files changed while it was looked for
         _remember(asked, folder, of, found)
+    return found
+
+
+def checked_plan(campaign: "Campaign") -> "CheckedPlan":
+    """plan.csv that the nominal robot can run; raises `PlanInvalid`.
+
+    The same shots are not checked again by the same robot, settings and software.
+    """
+    from campaigns.planning.plan_check import CheckedPlan
+    from campaigns.planning.plan_file import plan_digest
+
+    shots, limits = campaign.read_plan(), campaign.plan_limits
+    try:
+        of = {
+            "plan": plan_digest(shots, campaign.robot.mechanism),
+            "limits": hashlib.sha256(pickle.dumps(limits)).hexdigest(),
+            "software": _software(),
+        }
+    except OSError:
+        return campaign.checked_plan(shots)
+    match remembered("plan", campaign.folder, of):
+        case _, {"detours": int(detours), "seconds": float(seconds)}:
+            return CheckedPlan(shots, detours, seconds)
+    found = campaign.checked_plan(shots)
+    told: dict[str, object] = {"detours": found.detours, "seconds": found.seconds}
+    _remember("plan", campaign.folder, of, ([], told))
     return found
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # with the journal, planning and identification: not every co
     from campaigns.journal.digest_chain import ChainEnd, Row
     from campaigns.journal.journal import Journal, JournalReader
     from campaigns.journal.views import AcceptedShot, Series
-    from campaigns.planning.plan_check import CheckedPlan, Pace
+    from campaigns.planning.plan_check import CheckedPlan, Pace, PlanLimits
     from campaigns.planning.plan_file import PlannedShot
     from campaigns.planning.plans import PlanRequest, View
 
@@ -205,14 +205,19 @@ class Campaign:
 
     def checked_plan(self, shots: "tuple[PlannedShot, ...] | None" = None) -> "CheckedPlan":
         """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
-        from campaigns.planning.paths import RobotModel
         from campaigns.planning.plan_check import check_plan
 
-        shots = self.read_plan() if shots is None else shots
+        return check_plan(self.read_plan() if shots is None else shots, *self.plan_limits)
+
+    @property
+    def plan_limits(self) -> "PlanLimits":
+        """All that a plan is checked by."""
+        from campaigns.planning.paths import RobotModel
+
         robot = self.robot
         model = RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
         names = [nest.name for nest in self.config.nests]
-        return check_plan(shots, model, self.view, self.pace, names, self.config.known_lengths)
+        return model, self.view, self.pace, names, self.config.known_lengths
 
     @contextmanager
     def held(self) -> Iterator[None]:

@@ -9,6 +9,7 @@ from app.next import tell_next, tell_who_works
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
+from app.remembered import checked_plan
 from app.run_text import knowledge, preview_document, preview_line, run_document, show_run
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.measuring.session import RunResult
@@ -48,7 +49,8 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     campaign.require_devices()
-    checked = campaign.checked_plan()
+    with terminal.telling("checking every way of the plan"):
+        checked = checked_plan(campaign)
     terminal.note(plan_line(checked))
     held = state_by_journal(campaign)
     if held is not None:

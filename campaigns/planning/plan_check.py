@@ -21,6 +21,8 @@ AGREEMENT_RAD = float(np.radians(0.01))
 """Largest distance of a row's joints from its pose's: of cranks, or what compares."""
 TOLERANCE_RAD = 1e-9
 FAULTS_NAMED = 5
+PlanLimits = tuple[RobotModel, View, "Pace", Sequence[str], Sequence[KnownLengthConfig]]
+"""What a plan is checked by: robot in its space, view, time, names of nests, and known lengths."""
 
 
 @dataclass(frozen=True, slots=True)
