@@ -1,6 +1,7 @@
 """Whether the files belong together: every broken link is found, and only that one."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
@@ -11,6 +12,7 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.journal.records import SeriesStarted
 from campaigns.next_step import next_step
+from campaigns.planning.plan_file import write_plan
 from campaigns.settings.sections import AcceptanceConfig, KnownLengthConfig
 from campaigns.settings.space import SpaceConfig
 
@@ -42,8 +44,11 @@ def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
     assert list(found.values()) == [True] * 8 + [None]  # the paper journal holds no settings
 
 
-def test_files_of_another_campaign_are_found(evidence: Evidence) -> None:
-    (found,) = broken(replace(evidence, plan=evidence.plan[:-1]))
+def test_files_of_another_campaign_are_found(evidence: Evidence, tmp_path: Path) -> None:
+    campaign = replace(evidence.campaign, folder=tmp_path)
+    shorter = evidence.plan[:-1]
+    write_plan(campaign.plan_path, shorter, campaign.robot.mechanism)
+    (found,) = broken(replace(evidence, campaign=campaign, plan=shorter))
     assert found.startswith("plan.csv")
     other = replace(evidence.identification, robot_digest="0" * 64)
     (found,) = broken(replace(evidence, identification=other))
