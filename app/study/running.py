@@ -1,6 +1,6 @@
 """Runs what tables of results lack: it goes to workers, and what comes back is kept."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Generic
@@ -68,8 +68,12 @@ class Studied:
     @property
     def rows(self) -> Iterator[CampaignRow]:
         """Rows by number, each read from the table when it is asked for."""
+        return self.rows_of(self.wanted)
+
+    def rows_of(self, numbers: Iterable[int]) -> Iterator[CampaignRow]:
+        """Rows of these campaigns as far as there are any, as `rows`."""
         table = self.combination.table
-        return table.rows(number for number in self.wanted if number in table.places)
+        return table.rows(number for number in numbers if number in table.places)
 
 
 def run_study(

@@ -9,7 +9,7 @@ from app.study.setup import CHOICES
 from app.study.summary_texts import PERCENT, common_document, labels_of, shortcomings
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.perturbations import PERTURBATIONS, sizes_of
-from campaigns.studies.summary import VerdictStatistics, by_size, verdict_statistics
+from campaigns.studies.summary import VerdictStatistics, verdict_statistics
 
 UM_PER_MM = 1e3
 EXPLAINED = (
@@ -163,7 +163,10 @@ def _kept_words(found: VerdictStatistics) -> str:
 def sized_verdicts(studied: Sequence[Studied]) -> Iterator[SizedVerdicts]:
     """Verdicts of each combination: of all its campaigns, then of each size."""
     for one in studied:
-        rows = [*one.rows]
-        yield SizedVerdicts(one, "", verdict_statistics(rows))
-        for size, found in by_size(rows).items():
-            yield SizedVerdicts(one, size, found)
+        yield SizedVerdicts(one, "", verdict_statistics(one.rows))
+        kinds = [str(each) for each in sizes_of(one.combination.setup.perturbation)]
+        for size in dict.fromkeys(kinds):
+            own = (n for n in one.wanted if kinds[n % len(kinds)] == size)
+            found = verdict_statistics(one.rows_of(own))
+            if found.campaigns or found.failed:
+                yield SizedVerdicts(one, size, found)

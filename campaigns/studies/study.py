@@ -117,6 +117,14 @@ class StudySetup:
         settings = [truth, self.nominal.mechanism.name, sets, self.free, *asked, self.seed]
         if self.perturbation:
             settings += [self.perturbation, sizes_of(self.perturbation), self.model.value]
+        chain, space = self.nominal.mechanism, self.nominal.mechanism.parameters
+        if chain.platform.at_point != chain.seen_from(None).platform.at_point:
+            settings.append(chain.platform.at_point)  # the reflector's half, if it was said
+        tilts = {*self.free} & {*space.extensions} or self.nominal.p[len(space.names) :].any()
+        if (self.perturbation or tilts) and chain.plate != chain.typical_plate(self.nominal.p):
+            settings.append(chain.plate)  # perfect parts don't tell how it is made
+        if chain.rate:
+            settings.append(chain.rate)
         if how.workspace is not None:
             parts.append(how.workspace)
         text = repr((*settings, VERSION))  # another version may find other numbers

@@ -1,9 +1,8 @@
 """Summaries of a study: sizes of errors and honesty of σ; how often verdicts are wrong."""
 
 import math
-import statistics
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -265,36 +264,48 @@ class VerdictStatistics:
         return self.wrong / max(self.campaigns, 1)
 
 
-def verdict_statistics(rows: Sequence[CampaignRow]) -> VerdictStatistics:
-    """Counts over campaigns."""
-    found = [row.verdict for row in rows if row.verdict is not None]
-    squares = _mean([(each.square_over_variance, each.known) for each in found])
+OF_A_VERDICT = np.dtype(
+    [(each, bool) for each in ("passed", "off", "worse", "wrong", "named", "alarm")]
+    + [(each, float) for each in ("square", "covered", "known", "position_mm")]
+)
+"""What is kept of each verdict while they are read: 38 bytes."""
+
+
+def verdict_statistics(rows: Iterable[CampaignRow]) -> VerdictStatistics:
+    """Counts over campaigns, of which there may be more than fit into memory."""
+    kept, failed = Counter[str](), 0
+
+    def numbers() -> Iterator[tuple[float | None, ...]]:
+        nonlocal failed
+        for row in rows:
+            if (each := row.verdict) is None:
+                failed += 1
+                continue
+            kept[each.model] += 1
+            off, worse = each.passed and each.off(), each.passed and each.worse
+            alarms = each.named, each.false_alarm
+            known = each.square_over_variance, each.covered, each.known, each.position_mm
+            yield each.passed, off, worse, each.falsely_accepted, *alarms, *known
+
+    found = np.fromiter(numbers(), dtype=OF_A_VERDICT)
+    square = _mean(found["square"], found["known"])
     return VerdictStatistics(
         campaigns=len(found),
-        failed=len(rows) - len(found),
-        passed=sum(each.passed for each in found),
-        off=sum(each.passed and each.off() for each in found),
-        worse=sum(each.passed and each.worse for each in found),
-        wrong=sum(each.falsely_accepted for each in found),
-        named=sum(each.named for each in found),
-        false_alarms=sum(each.false_alarm for each in found),
-        errors_over_sigma=None if squares is None else math.sqrt(squares),
-        covered=_mean([(each.covered, each.known) for each in found]),
-        position_mm=statistics.median(each.position_mm for each in found) if found else None,
-        kept=dict(sorted(Counter(each.model for each in found).items())),
+        failed=failed,
+        passed=int(found["passed"].sum()),
+        off=int(found["off"].sum()),
+        worse=int(found["worse"].sum()),
+        wrong=int(found["wrong"].sum()),
+        named=int(found["named"].sum()),
+        false_alarms=int(found["alarm"].sum()),
+        errors_over_sigma=None if square is None else math.sqrt(square),
+        covered=_mean(found["covered"], found["known"]),
+        position_mm=float(np.median(found["position_mm"])) if len(found) else None,
+        kept=dict(sorted(kept.items())),
     )
 
 
-def by_size(rows: Sequence[CampaignRow]) -> dict[str, VerdictStatistics]:
-    """Counts over the campaigns of each size of what goes wrong, by its words."""
-    sizes = dict.fromkeys(row.what for row in rows)
-    return {size: verdict_statistics([row for row in rows if row.what == size]) for size in sizes}
-
-
-def _mean(weighted: Sequence[tuple[float | None, int]]) -> float | None:
-    """Weighted mean of what is known; None without any."""
-    known = [(value, weight) for value, weight in weighted if value is not None and weight]
-    if not known:
-        return None
-    values, weights = zip(*known, strict=True)
-    return float(np.average(values, weights=weights))
+def _mean(values: Array, weights: Array) -> float | None:
+    """Weighted mean of what is known, which is not NaN; None without any."""
+    known = ~np.isnan(values) & (weights > 0.0)
+    return float(np.average(values[known], weights=weights[known])) if known.any() else None

@@ -1,5 +1,6 @@
 """Perturbed campaigns and verdicts: what is drawn is true, a false acceptance is seen."""
 
+import tracemalloc
 from dataclasses import replace
 from functools import partial
 
@@ -89,6 +90,17 @@ def test_false_acceptances_are_counted_once_however_wrong():
     assert (found.off, found.worse, found.wrong) == (1, 1, 1)
     assert found.false_acceptance_rate == 0.5
     assert found.errors_over_sigma == pytest.approx(1.0)
+
+
+def test_verdicts_are_counted_as_they_are_read_and_not_kept():
+    count, kinds = 3000, ("one", "other")
+    rows = (CampaignRow(n, kinds[n % 2], verdict=one(covered=n % 2)) for n in range(count))
+    tracemalloc.start()
+    found = verdict_statistics(rows)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (found.campaigns, found.covered) == (count, 0.5)
+    assert peak < 100 * count  # a row has ten times as much
 
 
 def test_clean_points_scatter_as_stated_about_the_true_robot_and_show_nothing(setup):

@@ -359,6 +359,20 @@ def test_digest_tells_studies_apart(setup):
     assert setup.digest("robots") == replace(setup).digest("robots")
 
 
+def test_digest_tells_the_reflectors_half_apart_and_of_imperfect_parts_the_plate(setup):
+    nominal, chain = setup.nominal, setup.nominal.mechanism
+    plate = replace(chain.plate, reflector_mm=(0.0, 0.0, 30.0))
+    full = replace(setup, free=chain.parameters.free_in_full)
+
+    def digest(setup, chain):
+        return replace(setup, nominal=replace(nominal, mechanism=chain)).digest("robots")
+
+    assert digest(setup, chain.seen_from(2)) != digest(setup, chain)
+    assert digest(setup, chain.with_plate(plate)) == digest(setup, chain.seen_from(1))
+    assert digest(full, chain.with_plate(plate)) != digest(full, chain)
+    assert digest(setup, chain.with_ripples(15.0)) != digest(setup, chain)
+
+
 def test_pairs_of_two_plans_with_the_same_numbers_stay_apart(plan):
     fitted = [shot for shot in plan if shot.purpose is ShotSet.IDENTIFICATION]
     taken = {shot.pair for shot in fitted}
