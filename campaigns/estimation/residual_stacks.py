@@ -46,7 +46,8 @@ def closure_kernel(robot: Kinematics) -> ModuleType | None:
 class RobotStack:
     """Robots of parameters (C, P), of which some are free, at joints (N, n).
 
-    `near` are poses (C, t, N) near theirs. `kernel`: `compiled.py`, where it can be used.
+    `near` are poses (C, t, N) near theirs. `kernel`: `compiled.py`, where it can be used. What is
+    known of closures of the same robots `about` joints of their own is not read off again.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class RobotStack:
         near: Array,
         converged_mm: float = CLOSE_ENOUGH_MM,
         kernel: ModuleType | None = None,
+        about: "RobotStack | None" = None,
     ) -> None:
         self._mechanism, self._p, self._free, self._joints = mechanism, p, free, joints
         named = len(mechanism.parameters.names)
@@ -76,18 +78,19 @@ class RobotStack:
         self._gibbs = np.zeros((3, count, shots))
         self._tilting: tuple[Array, ...] = ()
         """Tilts and their elimination where Jacobians were last asked for, (…, C, N)."""
-        self._columns = np.append(free, np.setdiff1d(self.offsets, free))
+        offsets = mechanism.parameters.offsets
+        self._columns = np.append(free, np.setdiff1d(offsets, free))
+        self._of_offsets = np.argmax(self._columns == offsets[:, None], axis=1)
         if self.kernel is None:
             self._by_p = np.zeros((tasks, len(self._columns), count, shots))
         else:
             self._functions = joint_functions(mechanism, joints)
             self._by_platform = ends_by_platform(mechanism, p[0])
-            self._closed: tuple[Index, Closures] | None = None
-
-    @property
-    def offsets(self) -> Index:
-        """Places of the joints' offsets among the parameters, (n,)."""
-        return self._mechanism.parameters.offsets
+            self.closed: tuple[Array, Closures] = np.full_like(self.start, np.nan), ()
+            """Closures known, with derivatives by `_columns`, and of which parameters (C, F)."""
+            if about is not None:
+                of, known = about.closed
+                self.closed = of.copy(), tuple(each.copy() for each in known)
 
     @property
     def start(self) -> Array:
@@ -166,8 +169,7 @@ class RobotStack:
 
     def by_joints(self, rows: Index) -> Array:
         """∂point/∂joints (3, n, R, N) where Jacobians were last asked for."""
-        places = [self._columns.tolist().index(each) for each in self.offsets.tolist()]
-        return self._by_p[:3, places][:, :, rows]
+        return self._by_p[:3, self._of_offsets][:, :, rows]
 
     def _by_x(self, rows: Index) -> Array:
         """d(pose)/dx (t, F, R, N) of these robots where it was last asked for."""
@@ -178,29 +180,34 @@ class RobotStack:
         return joint_slopes(self._mechanism, self._joints)
 
     def closed_at(
-        self, x: Array, rows: Index, places: Index | None = None
+        self, x: Array, rows: Index, *, by_offsets: bool = False
     ) -> tuple[Array | Index, ...]:
         """Closures where positions were last asked for, and derivatives as the kernel takes them.
 
-        By the free parameters, or by those at these places.
+        By the free parameters, or by those of the joints' offsets.
         """
-        wanted, found = self._free if places is None else places, None
-        if places is None and self._closed is not None:
-            last, found = self._closed
-            if not np.array_equal(last, rows):
-                at = np.minimum(np.searchsorted(last, rows), len(last) - 1)
-                is_among = np.array_equal(last[at], rows)  # what settled before is not
-                found = tuple(each[at] for each in found) if is_among else None
-        if found is None:
-            found = closures(self._mechanism, self._p_of(x, rows), wanted, self._by_platform)
-        upper, _, lower, *_, by_upper, own_mm = found
-        owner = owners(self._mechanism, wanted)[0]
+        wanted = self._of_offsets if by_offsets else np.arange(len(self._free))
+        upper, _, lower, *_, by_upper, own_mm = self._closures(x, rows)
+        by_upper, own_mm = (np.ascontiguousarray(each[:, wanted]) for each in (by_upper, own_mm))
+        owner = owners(self._mechanism, self._columns[wanted])[0]
         poses = rows_of(self._padded, rows)
         return self._functions, upper, lower, by_upper, owner, own_mm, self._by_platform, poses
 
+    def _closures(self, x: Array, rows: Index) -> Closures:
+        """Those of these robots with parameters (R, F), read off where they are not known."""
+        of, known = self.closed
+        stale = (of[rows] != x).any(axis=1)
+        if (own := rows[stale]).size:
+            p = self._p_of(x[stale], own)
+            found = closures(self._mechanism, p, self._columns, self._by_platform)
+            known = known or tuple(np.zeros((len(of), *each.shape[1:])) for each in found)
+            known = tuple(with_rows(old, own, new) for old, new in zip(known, found, strict=True))
+            of[own] = x[stale]
+            self.closed = of, known
+        return tuple(rows_of(each, rows) for each in known)
+
     def _assembled(self, kernel: ModuleType, x: Array, rows: Index) -> tuple[Array, Mask]:
-        found = closures(self._mechanism, self._p_of(x, rows), self._free, self._by_platform)
-        self._closed, poses = (rows, found), rows_of(self._padded, rows)
+        found, poses = self._closures(x, rows), rows_of(self._padded, rows)
         is_found = kernel.assemble(self._functions, *found[:6], CONVERGED_MM, poses)
         if poses is not self._padded:
             self._padded[rows] = poses
@@ -358,7 +365,7 @@ class PointStack:
         """∂point/∂joints where Jacobians were last asked for, (R, n, 3, N)."""
         rotation = self.rotations(x, rows)
         if self.robots.kernel is not None:
-            closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, self.robots.offsets)
+            closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, by_offsets=True)
             frames = (rotation, np.empty((len(rows), 0, 3, 3)), rows_of(self.whitening, rows))
             return np.asarray(self.robots.kernel.point_jacobians(closed, *frames))
         turned = self._turned_columns(rotation, self.robots.by_joints(rows))

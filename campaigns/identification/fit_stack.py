@@ -43,8 +43,8 @@ CLOSE = 1e-3
 WORTH_A_LOOK = 2.0
 """Score of a component beside which such a fit is ended: none below about 2.4 is found."""
 
-FittedPoints: TypeAlias = tuple[Array, Array, Mask]
-"""Of shots: poses (C, t, N), covariances (C, N, 3, 3) that weighed them, those kept (C, N)."""
+FittedPoints: TypeAlias = tuple[RobotStack, Array, Mask]
+"""Of shots: robots, covariances (C, N, 3, 3) that weighed them, those kept (C, N)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,13 +122,13 @@ def _fit_points(
     unknowns = solution.x.shape[1]
     found = FitStack(solution.x, np.zeros((len(plain), unknowns, unknowns)), plain)
     if not (every := np.flatnonzero(plain)).size:
-        return found, (robots.poses, covariance, kept)
+        return found, (robots, covariance, kept)
     found.covariance[every], scores = _scored(problem, solution, every, of_points=of_points)
     hopeful = (scores >= variance_components.HOPELESS_SCORE).any(axis=0)
     plain[every[hopeful]] &= kept[every[hopeful]].all(axis=1)
     scores, every = scores[:, hopeful & plain[every]], every[hopeful & plain[every]]
     if not every.size:
-        return found, (robots.poses, covariance, kept)
+        return found, (robots, covariance, kept)
     if not of_points:
         _solve_on(problem, solution, every[(scores >= WORTH_A_LOOK).any(axis=0)])
         plain &= solution.converged
@@ -167,7 +167,7 @@ def _fit_points(
             )
             if not scatter.any:
                 break
-    return found, (robots.poses, covariance, kept)
+    return found, (robots, covariance, kept)
 
 
 def _points(
@@ -228,7 +228,7 @@ def _fit_distances(
     kernel: ModuleType | None,
 ) -> FitStack:
     """Distances of shots that were kept, weighed as points were, from where their fits ended."""
-    shots, (poses, covariance_mm2, kept) = inputs.shots, fitted
+    shots, (seen, covariance_mm2, kept) = inputs.shots, fitted
     pairs = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     own_rows = np.searchsorted(shots.rows_of(ShotSet.IDENTIFICATION), pairs.ravel())
     measured, (first, second) = points_mm[:, pairs.ravel()], np.arange(pairs.size).reshape(-1, 2).T
@@ -240,7 +240,8 @@ def _fit_distances(
     for row in np.flatnonzero(~whole.all(axis=1) & whole.any(axis=1)):
         variances_mm2[row] = pooled_variance_mm2(own[row, whole[row]])
     whitening = whole / np.sqrt(variances_mm2)[:, None]
-    robots = _robots(inputs, shots.joints[pairs.ravel()], poses[:, :, own_rows], kernel)
+    joints, near = shots.joints[pairs.ravel()], seen.poses[:, :, own_rows]
+    robots = _robots(inputs, joints, near, kernel, seen)
     problem = DistanceStack(robots, first, second, lengths, whitening)
     solution, plain = _solved(problem, points.x[:, :free], whole)
     plain &= points.plain & (lengths >= SHORTEST_MM).all(axis=1)
@@ -251,10 +252,16 @@ def _fit_distances(
     return FitStack(solution.x, covariance, plain)
 
 
-def _robots(inputs: Inputs, joints: Array, near: Array, kernel: ModuleType | None) -> RobotStack:
+def _robots(
+    inputs: Inputs,
+    joints: Array,
+    near: Array,
+    kernel: ModuleType | None,
+    about: RobotStack | None = None,
+) -> RobotStack:
     mechanism, p = inputs.nominal.mechanism, np.tile(inputs.nominal.p, (len(near), 1))
     places = mechanism.parameters.places(inputs.selection.free)
-    return RobotStack(mechanism, p, places, joints, near, kernel=kernel)
+    return RobotStack(mechanism, p, places, joints, near, kernel=kernel, about=about)
 
 
 def _solved(

@@ -308,7 +308,7 @@ class ClosedChain:
         """
         robots = p.reshape(len(p), -1)
         values, platform, extensions = self._split(robots)
-        arms = self._arms.at(values, extensions[:, :-1], self.true_joints(p, joints, approach))
+        arms = self.arms_at(p, joints, approach)
         tilting = extensions[:, -2:].any()
         of = (of_rows(each, len(joints)) if tilting else each for each in (values, extensions))
         pairs = self._rod_pairs(*of)
@@ -316,6 +316,11 @@ class ClosedChain:
             of_rows(each, len(joints)) for each in (platform, self.assembly_sign(robots))
         )
         return Configuration(self, platform, arms, pairs, signs, robots.shape[1])
+
+    def arms_at(self, p: Array, joints: Array, approach: Array | None = None) -> Arms:
+        """Arms of a configuration alone."""
+        values, _, extensions = self._split(p.reshape(len(p), -1))
+        return self._arms.at(values, extensions[:, :-1], self.true_joints(p, joints, approach))
 
     def assembly_sign(self, robots: Array) -> Array:
         """Signs of the closures' determinant of robots (G, C), (C,), at home.

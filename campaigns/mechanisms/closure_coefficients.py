@@ -73,25 +73,20 @@ def ends_by_platform(mechanism: ClosedChain, p: Array) -> Array:
 
 def closures(mechanism: ClosedChain, p: Array, places: Index, by_platform: Array) -> Closures:
     """Closures of level robots (G, R), with derivatives by these parameters, (F,)."""
-    robots, arms = p.shape[1], len(mechanism.joints)
-    samples = np.array(SAMPLE_ANGLES if mechanism.joints[0].is_revolute else SAMPLE_WAYS)
-    joints = np.repeat(samples[:, None], arms, axis=1)
-    inverse = np.linalg.inv(joint_functions(mechanism, joints)[:, 0])
-    configuration = mechanism.configuration(p, np.tile(joints, (robots, 1)))
-
-    def by_robot(rows: Array) -> Array:  # (…, R S) as the first of each robot's, (…, R)
-        return np.broadcast_to(rows, (*rows.shape[:-1], robots * len(samples)))[
-            ..., :: len(samples)
-        ]
-
-    upper = configuration.arms.elbows_mm.reshape(COORDINATES, arms, robots, -1) @ inverse
-    lengths, values = by_robot(configuration.arms.forearm_mm), by_robot(configuration.platform)
+    space, robots, arms = mechanism.parameters, p.shape[1], len(mechanism.joints)
+    fields = len(space.arm_fields)
+    joints, inverse = _sampled(mechanism)
+    at_samples = mechanism.arms_at(p, np.tile(joints, (robots, 1)))
+    upper = at_samples.elbows_mm.reshape(COORDINATES, arms, robots, -1) @ inverse
+    lengths = p[: arms * fields].reshape(arms, fields, robots)[:, FOREARM]
+    values = p[arms * fields : len(space.names)]
     scale = mechanism.platform.turn_scale(values, lengths)
-    along = np.eye(COORDINATES)[:, :, None, None] * np.ones((arms, robots * len(samples)))
-    by_fields = -0.5 * configuration.arms.by_fields(along)
+    along = np.eye(COORDINATES)[:, :, None, None]
+    along = np.broadcast_to(along, (COORDINATES, *at_samples.elbows_mm.shape))
     owner, field = owners(mechanism, places)
-    shape = (COORDINATES, len(places), robots, len(samples))
-    columns = by_fields[:, owner, field].reshape(shape) @ inverse
+    by_fields = at_samples.by_fields(along)[:, owner, field]
+    shape = (COORDINATES, len(places), robots, len(joints))
+    columns = by_fields.reshape(shape) @ (-0.5 * inverse)
     is_length = (owner >= 0) & (field == FOREARM)
     columns[:, (owner < 0) | is_length] = 0.0
     return (
@@ -100,10 +95,17 @@ def closures(mechanism: ClosedChain, p: Array, places: Index, by_platform: Array
         np.ascontiguousarray(np.tensordot(values.T, by_platform, 1)),
         np.broadcast_to(scale.lever_mm, robots).astype(np.float64),
         np.full(robots, scale.limit_rad),
-        by_robot(configuration.assembly_sign).astype(np.float64),
+        mechanism.assembly_sign(p).astype(np.float64),
         np.ascontiguousarray(columns.transpose(2, 1, 0, 3)),
         np.ascontiguousarray(lengths[owner].T * is_length),
     )
+
+
+def _sampled(mechanism: ClosedChain) -> tuple[Array, Array]:
+    """Joints (3, n) where upper ends are read off, and what makes coefficients of them, (3, 3)."""
+    samples = np.array(SAMPLE_ANGLES if mechanism.joints[0].is_revolute else SAMPLE_WAYS)
+    joints = np.repeat(samples[:, None], len(mechanism.joints), axis=1)
+    return joints, np.asarray(np.linalg.inv(joint_functions(mechanism, joints)[:, 0]))
 
 
 def are_combinations(robot: Kinematics) -> bool:
