@@ -219,7 +219,7 @@ def stands_table(stands: Sequence[Stand]) -> tuple[str, tuple[str, ...], list[Ro
         (f"{direction:.0f}°", *(_stand_text(by_place.get((direction, mm))) for mm in distances))
         for direction in sorted({direction for direction, _ in by_place})
     ]
-    title = "Stands about the workspace's centre: largest σ of a position, µm"
+    title = "Stands about the workspace's centre: largest σ of a position, µm; (shots unseen)"
     return title, ("from x to y", *(f"{mm / 1e3:g} m" for mm in distances)), rows
 
 
@@ -227,7 +227,7 @@ def _stand_text(stand: Stand | None) -> str:
     if stand is None:
         return "robot"
     if stand.unseen:
-        return f"{stand.unseen} unseen"
+        return f"({stand.unseen})"
     return (
         f"{1e3 * stand.position_std_mm:.1f}" if stand.position_std_mm < math.inf else "undetermined"
     )
@@ -239,8 +239,11 @@ def best_stand_lines(stands: Sequence[Stand]) -> Iterator[str]:
     place = ", ".join(f"{round(each)}" for each in best.place_mm)
     std = f"±{best.position_std_mm:.4f} mm" if best.position_std_mm < math.inf else "undetermined"
     unseen = f", {best.unseen} shots unseen" if best.unseen else ""
-    worst = max(each.position_std_mm for each in stands if each.unseen == best.unseen)
-    if worst <= ALIKE * best.position_std_mm < math.inf:
+    enough_mm = ALIKE * best.position_std_mm
+    as_good = (
+        s.unseen == best.unseen and s.position_std_mm <= enough_mm < math.inf for s in stands
+    )
+    if len(stands) > 1 and all(as_good):
         yield f"every stand is as good: positions {std} at most{unseen}; by tracker.uncertainty in"
         yield "campaign.yaml points are as uncertain from far away as from near"
         return

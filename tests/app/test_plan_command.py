@@ -12,7 +12,14 @@ from par4_space import SKEW_NAMES, SPACE
 
 from app.main import run_command
 from app.new_campaign import create_simulated
-from app.plan_text import best_stand_lines, paying_line, plate_warning, told_lines, warnings
+from app.plan_text import (
+    best_stand_lines,
+    paying_line,
+    plate_warning,
+    stands_table,
+    told_lines,
+    warnings,
+)
 from campaigns.campaign import open_campaign
 from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
@@ -340,10 +347,12 @@ def test_a_stand_is_called_the_best_only_where_another_is_worse(growth):
     near = Stand(270.0, 1500.0, (-3e-13, -1500.0, -500.0), 0, 0.008)
     far = replace(near, distance_mm=6000.0, position_std_mm=growth * near.position_std_mm)
     hidden = replace(near, unseen=3, position_std_mm=0.02)
-    best, *more = best_stand_lines((far, near, hidden))
+    best, *more = best_stand_lines((far, near))
     told = "tracker.place_mm: [0, -1500, -500], " if growth > 1.01 else "every stand is as good: "
     assert f"{told}positions ±0.0080 mm at most" in best
     assert more
+    assert "tracker.place_mm: [0, -1500, -500], " in next(best_stand_lines((near, hidden)))
+    assert stands_table((near, hidden, far))[2] == [("270°", "(3)", f"{8.0 * growth:.1f}")]
 
 
 def test_stands_are_compared_for_the_plan_that_is_there(campaign, capsys, monkeypatch):
