@@ -112,11 +112,13 @@ def _scores(shots: LinearizedShots) -> Array:
     inverse = inverse_roots(shots.stated_mm2)
     rows = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
     whitened = inverse @ rows
-    flat = whitened[:, :, :-1].reshape(-1, rows.shape[-1] - 1)
-    basis = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
-    residual = whitened[:, :, -1].ravel()
+    by_shot = _orthonormal(whitened[:, :, :-1])
+    if by_shot is None:
+        flat = whitened[:, :, :-1].reshape(-1, rows.shape[-1] - 1)
+        basis = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
+        by_shot = basis.reshape(len(shots), 3, -1)
+    basis, residual = by_shot.reshape(3 * len(shots), -1), whitened[:, :, -1].ravel()
     left = (residual - basis @ (basis.T @ residual)).reshape(-1, 3)
-    by_shot = basis.reshape(len(left), 3, -1)
     columns = (each.transpose(1, 2, 0) for each in (inverse, inverse @ shots.by_joints))
     leverage = (by_shot @ by_shot.swapaxes(1, 2)).transpose(1, 2, 0)
     return component_scores(left.T, leverage, *columns)
@@ -148,6 +150,17 @@ def component_score(left: Array, columns: Array, own: Array, taken: Array) -> Ar
     return np.asarray((np.sum(told**2, axis=(-2, -1)) - expected) / spread)
 
 
+def _orthonormal(columns: Array) -> Array | None:
+    """Orthonormal columns (N, 3, P) of the space of others; None where they nearly depend."""
+    flat = columns.reshape(3 * len(columns), -1)
+    flat = flat / np.maximum(np.linalg.norm(flat, axis=0), TINY)
+    triangle = triangle_of(flat)
+    own = np.abs(np.diag(triangle))
+    if own.min() <= RANK_TOLERANCE * own.max():
+        return None
+    return np.asarray(flat @ np.linalg.inv(triangle)).reshape(columns.shape)
+
+
 class _RestrictedLikelihood:
     """2 log L of the logarithms of both standard deviations, in parts of typical stated ones."""
 
@@ -157,17 +170,13 @@ class _RestrictedLikelihood:
         typical_mm = math.sqrt(float(np.trace(shots.stated_mm2, axis1=1, axis2=2).mean()) / 3.0)
         lever = math.sqrt(float(np.trace(self._through, axis1=1, axis2=2).mean()) / 3.0)
         self._units = (typical_mm, typical_mm / lever if lever > 0.0 else 1.0)
-        scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
-        jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
-        self._is_orthonormal = False
+        jacobian = _orthonormal(shots.jacobian) if kernel is None else None
+        self._is_orthonormal = jacobian is not None
         """Whether columns are so far from dependence that their squares, which take a fraction of
         the time of a QR, tell as much; compiled loops look themselves."""
-        if kernel is None:
-            triangle = triangle_of(jacobian.reshape(-1, len(scale)))
-            own = np.abs(np.diag(triangle))
-            self._is_orthonormal = bool(own.min() > RANK_TOLERANCE * own.max())
-            if self._is_orthonormal:
-                jacobian = jacobian @ np.linalg.inv(triangle)
+        if jacobian is None:
+            scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
+            jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
         self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
         if kernel is not None:
             every = (self._rows.T, shots.stated_mm2.T, self._through.T)  # covariances: symmetrical

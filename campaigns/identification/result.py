@@ -501,4 +501,4 @@ def finite(value: float) -> float | None:
 
 
 def _rows(errors_mm: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in errors_mm.tolist())
+    return tuple(map(tuple, errors_mm.tolist()))

@@ -178,7 +178,7 @@ class Shots:
         def taken(column: Array | Index | tuple[object, ...]) -> object:
             if isinstance(column, np.ndarray):
                 return column[rows]
-            return tuple(column[row] for row in chosen) if column else ()
+            return tuple(map(column.__getitem__, chosen)) if column else ()
 
         # Any: each column is cut to another of its own type
         cut: dict[str, Any] = {name: taken(getattr(self, name)) for name in COLUMNS}
