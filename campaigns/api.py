@@ -38,6 +38,7 @@ from campaigns.studies.study import (
     StudyTask,
     chunks,
     planned_shots,
+    studied_parameters,
 )
 from campaigns.studies.summary import StudySummary, summarise
 from drivers.values import vector
@@ -241,7 +242,7 @@ def study(
     campaigns can be identified.
     """
     space = robot.mechanism.parameters
-    known = model_selection.select_geometry(space, _word(Model, model, "model"), free, fix)
+    known = studied_parameters(space, _word(Model, model, "model"), free, fix)
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots(shots),

@@ -254,7 +254,7 @@ def honesty(summary: StudySummary) -> str:
     low, high = summary.chance.ratio
     return (
         f"stated σ are true, as far as {summary.campaigns} campaigns tell "
-        f"(ratios from {low:.3f} to {high:.3f} may be chance)"
+        f"(ratios from {max(low, 0.0):.3f} to {high:.3f} may be chance)"
     )
 
 

@@ -19,7 +19,7 @@ from campaigns.estimation.datum import datum_parameters, datum_sample
 from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.model_selection import candidate_models, select_geometry
+from campaigns.identification.model_selection import candidate_models
 from campaigns.identification.options import Fixed, Freed, IdentificationOptions
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, read_plan
@@ -316,7 +316,9 @@ def study_setup(
     setup = study.StudySetup(
         nominal=robot.kinematics,
         shots=study.planned_shots((*fitted, *unseen)),
-        free=select_geometry(robot.mechanism.parameters, method.model, asked.free, asked.fix),
+        free=study.studied_parameters(
+            robot.mechanism.parameters, method.model, asked.free, asked.fix
+        ),
         options=IdentificationOptions(
             estimator=method.estimator, weights=method.weights, instrument=_noise_of(scenario)
         ),

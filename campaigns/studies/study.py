@@ -9,15 +9,18 @@ from typing import TypeVar
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.observability import observability, unobservable_combinations
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.evaluation.decision import Decision
+from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.observations import Inputs, distance_observations, point_observations
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT, ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
@@ -269,6 +272,18 @@ def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
         measured_utc=("",) * count,
         temperature_degC=np.full(count, np.nan),
     )
+
+
+def studied_parameters(
+    space: ParameterSpace, model: Model, freed: Sequence[str], fixed: Sequence[str]
+) -> tuple[str, ...]:
+    """Names of the geometry's parameters that all campaigns find; raises `OptionsInvalid`."""
+    if REFLECTOR_CONSTANT in freed:
+        raise OptionsInvalid(
+            f"--free {REFLECTOR_CONSTANT}: no fit of a study finds it",
+            remedy="leave it out; whether it is named is told by --effects reflector-constant",
+        )
+    return select_geometry(space, model, freed, fixed)
 
 
 def fitted_rows(shots: Shots) -> Index:

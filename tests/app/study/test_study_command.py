@@ -256,6 +256,7 @@ def test_azimuths_that_differ_are_missed_where_nobody_looks_for_them(folder, pkm
         (["--campaigns", "5", "--workers", "many"], ["--workers is 'many'", "tcp://HOST:PORT"]),
         (["--campaigns", "5", "--estimator", "guess"], ["--estimator", "guess", "points"]),
         (["--campaigns", "5", "--free", "arm9.*"], ["arm9.*", "matches no parameter"]),
+        (["--campaigns", "5", "--free", "reflector_constant_mm"], ["no fit of a study finds it"]),
         (["--campaigns", "5", "--scenario", "realistc"], ["realistc", "realistic"]),
         (["--campaigns", "5", "--plan", "nowhere.csv"], ["nowhere.csv", "pkmcal plan"]),
         (["--campaigns", "5", "--free", "arm0.x_mm"], ["arm0.x_mm, arm1.x_mm", "move together"]),
