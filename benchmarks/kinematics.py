@@ -9,12 +9,11 @@ figure misses its limit.
 """
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 
 from benchmarks.shared.yardstick import Figure, Report, main
-from campaigns.arrays import Array
+from campaigns.design.pose_sampling import workspace_poses
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import RobotFile, find_robot
@@ -62,7 +61,9 @@ def figures(
     there = back = wrong = lost = 0.0
     seconds: dict[str, float] = dict.fromkeys(("inverse", "forward", "forward from a hint"), 0.0)
     rng = np.random.default_rng(seed)
-    for poses in batches(geometry, robot, count, rng):
+    for first in range(0, count, BATCH):
+        size, centre = min(BATCH, count - first), robot.workspace_centre
+        poses = workspace_poses(geometry, robot.limits, centre, size, rng)
         hints = poses + rng.uniform(-1.0, 1.0, poses.shape) * HINT_OFF[: poses.shape[1]]
         began_s = time.process_time()
         joints = geometry.inverse(poses).values_or_raise()
@@ -96,19 +97,6 @@ def figures(
             for way, took_s in seconds.items()
         ),
     ]
-
-
-def batches(
-    geometry: Kinematics, robot: RobotFile, count: int, rng: np.random.Generator
-) -> Iterator[Array]:
-    """Random reachable poses, (N, t) at a time, until there are `count` of them."""
-    centre, left = robot.workspace_centre, count
-    extent = geometry.mechanism.search_extent(geometry.p, robot.limits, centre)
-    while left > 0:
-        drawn = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
-        poses = drawn[geometry.feasibility(robot.limits, drawn).feasible][:left]
-        left -= len(poses)
-        yield poses
 
 
 if __name__ == "__main__":

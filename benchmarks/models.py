@@ -9,9 +9,8 @@ robots that need none: benchmarks.transmission. Exit code 1 when a figure misses
 """
 
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from math import nan
 
 import numpy as np
@@ -20,8 +19,7 @@ from benchmarks.shared.prototype import CENTRE, NOMINAL, ROBOT, SPACE
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.arrays import Array, Index
 from campaigns.estimation.estimators import Model
-from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residuals import PositionModel
+from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import STANDARD, candidate_models, select_model
 from campaigns.identification.result import IdentificationResult
@@ -42,12 +40,9 @@ SHOT_S = 1.5
 NEAR_CENTRE_POSES = np.array([[0.0, 0.0, z, 0.0] for z in (-575.0, -650.0, -700.0)])
 WAYPOINTS_RAD = NOMINAL.inverse(NEAR_CENTRE_POSES).values_or_raise()
 MODELS = candidate_models(SPACE, Model.EXTENDED)
-ALL_MODELS = candidate_models(SPACE, Model.AUTO)
+ALL_MODELS = {**candidate_models(SPACE, Model.AUTO), **MODELS}
 LARGEST = "axes+backlash"
 NEVER_WORSE, MEDIAN_RATIO = 1.10, 0.85
-
-Drive = Callable[[Array], tuple[Array, Array]]
-"""From joints (N, 4) to the reflector in the base frame (N, 3), and sides came from (N, 4)."""
 
 
 def measure(robots: int) -> Report:
@@ -83,7 +78,7 @@ def realistic_robot(
 
     And by model the errors over the standard's, with χ² per degree of freedom.
     """
-    data, fresh = measured(seed, partial(driven, Cell(SCENARIO, seed=seed)))
+    data, fresh = measured(seed)
     choice = select_model(NOMINAL, data, MODELS)
     found = {name: identify(NOMINAL, data, known) for name, known in ALL_MODELS.items()}
     left = {name: 1e3 * rms_mm(each, fresh) for name, each in found.items()}
@@ -104,13 +99,13 @@ def rms_mm(found: IdentificationResult, fresh: Shots) -> float:
     x = np.array([found.parameters[name].value for name in found.free]) * SPACE.units(found.free)
     places = SPACE.places(found.free)
     model = PositionModel(NOMINAL, places, fresh.joints, approach=fresh.approach)
-    ends = np.arange(len(fresh)).reshape(-1, 2).T
-    modelled = distances_mm(model.positions_mm(x), *ends)
-    actual = distances_mm(fresh.points_in_tracker_mm, *ends)
-    return float(np.sqrt(np.mean((modelled - actual) ** 2)))
+    pairs = np.arange(len(fresh)).reshape(-1, 2)
+    measured_mm = fresh.measured_distances_mm(pairs)
+    errors_mm = DistanceResiduals.in_mm(model, *pairs.T, measured_mm).errors_mm(x)
+    return float(np.sqrt(np.mean(errors_mm**2)))
 
 
-def measured(seed: int, drive: Drive) -> tuple[Shots, Shots]:
+def measured(seed: int) -> tuple[Shots, Shots]:
     """A campaign's shots, and fresh ones that it does not know of, in pairs of neighbours."""
     rng, station = np.random.default_rng(seed), SCENARIO.tracker.station.pose()
     tracker = station.origin_in_base_mm
@@ -118,7 +113,7 @@ def measured(seed: int, drive: Drive) -> tuple[Shots, Shots]:
     view = View(tuple(tracker), tuple(tracker - centre_mm), ACCEPTANCE_RAD)
     request = PlanRequest(2 * PAIRS, UNSEEN_PAIRS + FRESH_PAIRS, 3, CENTRE)
     plan = make_plan(ROBOT, view, request, rng)
-    in_base, approach = drive(joints_of(plan))
+    in_base, approach = driven(Cell(SCENARIO, seed=seed), joints_of(plan))
     points = np.array([station.to_tracker_mm(point) for point in in_base])
     noise = SCENARIO.tracker.noise
     roots = np.array([noise.spread_mm(point) for point in points])
@@ -135,7 +130,7 @@ def measured(seed: int, drive: Drive) -> tuple[Shots, Shots]:
 
 
 def driven(cell: Cell, joints: Array) -> tuple[Array, Array]:
-    """The reflector in the base frame after each motion, and the sides that joints came from."""
+    """Reflector in the base frame (N, 3) after each motion, and sides came from (N, 4)."""
     robot, points, sides = cell.robot, [], []
     side = np.zeros(joints.shape[1])
     for target in joints:

@@ -61,10 +61,6 @@ def measure() -> Report:
     return Report(tables=tables)
 
 
-def par4(flat: Flat) -> Kinematics:
-    return Kinematics.of(PAR4, flat)
-
-
 def tests(nominal: Flat, errors: Flat) -> list[str]:
     """Straightness along x, y and z and the rotation test, commanded with nominal parameters."""
     figures = []
@@ -91,8 +87,8 @@ def diameter_mm(points: Array) -> float:
 def reached(nominal: Flat, errors: Flat, poses: Array) -> Array:
     """Where a robot with these errors goes when its controller believes the nominal parameters."""
     true = {name: nominal[name] + errors.get(name, 0.0) for name in SPACE.names}
-    joints = par4(nominal).inverse(poses).values_or_raise()
-    return par4(true).forward(joints, poses).values_or_raise()
+    joints = Kinematics.of(PAR4, nominal).inverse(poses).values_or_raise()
+    return Kinematics.of(PAR4, true).forward(joints, poses).values_or_raise()
 
 
 def error_range_mm(scenario: str, paper: str) -> tuple[float, float, str]:

@@ -20,10 +20,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from benchmarks.shared.measured_robot import SHOTS
 from benchmarks.shared.programs import cost_of, pkmcal
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 
-SHOTS = Path(__file__).parents[1] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 LIMITS_S = {"--help": 0.3, "identify": 1.0}
 PROCESSOR_LIMITS_S = {"--help": 0.1, "status": 0.3, "devices": 0.4, "report": 1.5}
 DEAREST, IMPORT_RUNS = 8, 3

@@ -12,19 +12,19 @@ clean robots `study --effects clean --model auto` keeps more than the usual mode
 a limit is missed.
 """
 
+import math
 import statistics
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import pi, radians
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from app.study.rods import terms_of
 from benchmarks.shared.studies import mean, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.design.pose_sampling import workspace_poses
+from campaigns.estimation.f_test import log_p
 from campaigns.estimation.information import covariance
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
@@ -43,7 +43,7 @@ ERRORS = {"mm": 0.5, "deg": 0.1}
 """Of manufacture, standard deviations by the parameters' units."""
 TURNS = 30.0
 """Of a motor for one of its crank; a carriage's screw has the pitch that compares with it."""
-ARCSEC = radians(1.0 / 3600.0)
+ARCSEC = math.radians(1.0 / 3600.0)
 TIME_CONSTANTS = 3.0
 """Of warming in a campaign."""
 SAID = 1e-3
@@ -189,8 +189,7 @@ def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> Fitted:
                 if known.get(name)
             )
     (plain, before), (left, after) = lefts[:2]
-    gained = (plain - left) / (before - after) / (left / after)
-    said = bool(f_distribution.sf(gained, before - after, after) < SAID)
+    said = float(log_p(before - after, before, plain - left, plain)) < math.log(SAID)
     return Fitted((errors[0], errors[1]), said, sigmas, (seconds[2], seconds[3]))
 
 
@@ -220,7 +219,7 @@ def made_robot(nominal: Kinematics, kind: Kind, rng: np.random.Generator) -> Rod
 
 
 def drawn_gears(kind: Kind, sizes: Sizes, rng: np.random.Generator) -> Transmission:
-    phases = rng.uniform(-pi, pi, (2, kind.arms))
+    phases = rng.uniform(-math.pi, math.pi, (2, kind.arms))
     each = np.ones(kind.arms)
     return Transmission(
         eccentricity=(not kind.on_rails) * ARCSEC * sizes.get("eccentric", 0.0) * each,

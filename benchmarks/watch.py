@@ -24,6 +24,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
+import psutil
 
 from benchmarks.engine import InstantTracker, run
 from benchmarks.shared.programs import PKMCAL, pkmcal
@@ -67,7 +68,7 @@ def measure() -> Report:
         try:
             plan = open_campaign(folder).read_plan()
             tracker = run(folder, plan, partial(WatchedTracker, watcher=watch.pid))
-            spent_s = _processor_s(watch.pid)
+            spent_s = sum(psutil.Process(watch.pid).cpu_times()[:2])
         finally:
             watch.send_signal(signal.SIGCONT)
             watch.terminate()
@@ -100,12 +101,6 @@ def _ratios(times_s: np.ndarray) -> np.ndarray:
             for n in range(1, len(medians), 2)
         ]
     )
-
-
-def _processor_s(pid: int) -> float:
-    """Processor time that a living process has taken, by Linux."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def read_news(url: str) -> int:
