@@ -211,19 +211,20 @@ class Terminal:
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:
         """Shows on a terminal, from a second on, what the block is at; gives what changes it."""
+        if not self._talk.is_terminal:
+            yield lambda _news: None
+            return
         from rich.live import Live  # with threads and more, for what takes its time
 
         # it draws when it is told something: no thread of its own takes time from the work
         live = Live(Text(text), console=self._talk, transient=True, auto_refresh=False)
         late = Timer(SILENT_S, live.start, (True,))
-        if self._talk.is_terminal:
-            late.start()
+        late.start()
         try:
             yield lambda news: live.update(Text(news), refresh=live.is_started)
         finally:
             late.cancel()
-            if late.ident is not None:
-                late.join()
+            late.join()
             live.stop()
 
     def watching(self, title: str, *, plain: bool = False) -> "RunDisplay":

@@ -30,7 +30,8 @@ def command(
     Exit code 1: computed, but must not be used; the reasons are given.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
-    found = identify(campaign, options)
+    with terminal.telling("identifying"):
+        found = identify(campaign, options)
     terminal.detail(f"estimator: {options.estimator.value}, {found.seconds} s")
     show(terminal, found, campaign.robot.mechanism.parameters)
     if plot is not None:

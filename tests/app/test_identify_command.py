@@ -107,6 +107,13 @@ def test_points_are_the_default_and_covariances_count(pkmcal, clean):
         assert abs(error) <= 4.5 * (entry["std"] or 1e-9), name
 
 
+def test_what_takes_long_is_told_on_a_terminal(pkmcal, clean, monkeypatch):
+    monkeypatch.setattr("rich.console.Console.is_terminal", True)
+    monkeypatch.setattr("app.console.SILENT_S", 0.0)
+    code, _, err = pkmcal("identify", clean.folder, *STANDARD)
+    assert (code, "identifying" in err) == (0, True)
+
+
 def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(pkmcal, clean):
     for words in ((), ("--free", "arm*.axis_tilt_deg")):
         tilted, folder = bool(words), clean.folder
