@@ -31,7 +31,6 @@ from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
 from campaigns.studies.study import (
-    CAMPAIGNS_AT_ONCE,
     MANY_CAMPAIGNS,
     Noise,
     StudySetup,
@@ -260,6 +259,6 @@ def study(
     std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])
     truths = np.tile(robot.kinematics.p, (campaigns, 1))
     truths[:, places] += std * np.random.default_rng(seed).standard_normal((campaigns, len(std)))
-    parts = chunks(range(campaigns), CAMPAIGNS_AT_ONCE)
+    parts = chunks(range(campaigns), setup.at_once)
     rows = (run_task(StudyTask(setup, part, truths[part[0] : part[-1] + 1])) for part in parts)
     return summarise(setup, chain.from_iterable(rows))

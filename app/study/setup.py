@@ -43,7 +43,7 @@ ALL = "all"
 TABLE_SCHEMA = "pkmcal/study-table/1"
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
 CAMPAIGNS_A_TASK = 25
-"""A tenth of a second's work: long against sending it, short against all of it."""
+"""With effects, one after the other: long against sending them, short against all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,8 +368,7 @@ def study_tasks(
 
 def numbers_of_tasks(setup: study.StudySetup, numbers: Iterable[int]) -> Iterator[tuple[int, ...]]:
     """The numbers of the campaigns that make a task."""
-    at_once = setup.is_long and not setup.perturbation  # by compiled loops, in less time each
-    return study.chunks(numbers, study.CAMPAIGNS_AT_ONCE if at_once else CAMPAIGNS_A_TASK)
+    return study.chunks(numbers, CAMPAIGNS_A_TASK if setup.perturbation else setup.at_once)
 
 
 def simulated(

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from itertools import islice
 from typing import TypeVar
 
@@ -34,8 +35,9 @@ WRONG_SIGMAS, WRONG_POSITION = 4.0, 2.0
 
 MANY_CAMPAIGNS = 1000
 """Of a study, from which compiled loops are loaded: that takes as long as a few hundred without."""
-CAMPAIGNS_AT_ONCE = 100
-"""Fitted together: all of a long study would fill the memory."""
+CAMPAIGNS_AT_ONCE, COMPILED_AT_ONCE = 100, 400
+"""Fitted together, and by compiled loops, which keep less: more share what any fit costs, and fill
+the memory."""
 
 Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
@@ -85,6 +87,13 @@ class StudySetup:
     """Name of that one."""
     is_long: bool = False
     """Whether there are so many campaigns that loading compiled loops pays."""
+
+    @property
+    def at_once(self) -> int:
+        """Number of campaigns that are fitted together; loops are compiled of level plates."""
+        is_level = set(self.free) <= set(self.nominal.mechanism.parameters.names)
+        is_compiled = self.is_long and is_level and find_spec("numba") is not None
+        return COMPILED_AT_ONCE if is_compiled else CAMPAIGNS_AT_ONCE
 
     @property
     def fitted(self) -> Shots:

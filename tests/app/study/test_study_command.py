@@ -131,7 +131,7 @@ def test_plans_are_judged_by_the_unseen_pairs_of_the_campaigns_own(folder, studi
 
 @pytest.fixture
 def small_tasks(monkeypatch):
-    monkeypatch.setattr("app.study.setup.CAMPAIGNS_A_TASK", 4)
+    monkeypatch.setattr("campaigns.studies.study.CAMPAIGNS_AT_ONCE", 4)
 
 
 def stopped_after_one_task(tasks, *, work):
