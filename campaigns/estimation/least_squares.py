@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import STEPS, gauss_newton, normal_step
+from campaigns.estimation.gauss_newton import SETTLED, STEPS, gauss_newton, normal_step
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -208,18 +208,20 @@ def solve(
     *,
     start: Array | None = None,
     spent: int = 0,
+    settled_at: float = SETTLED,
 ) -> Solution:
     """Least squares from `start`, else from the problem's own, within a number of evaluations.
 
     By Gauss-Newton where its steps lead straight to the minimum, else by Levenberg-Marquardt.
     Also from the problem's own where `start` has no answer, as an odd robot may have found it on
-    its way only. `spent` are those that it took to find `start`: they count in what is told. Raises
-    `NoSolution` when the problem's own start has no answer.
+    its way only. `spent` are those that it took to find `start`: they count in what is told. As
+    `gauss_newton` has it, the last step is the one behind which the next is expected to be
+    `settled_at` of the residual. Raises `NoSolution` when the problem's own start has no answer.
     """
     begin, first, stepped = _begun(problem, start)
     spent += stepped
     if evaluations > STEPS:
-        found = gauss_newton(_AsStack(problem, len(first)), begin[None])
+        found = gauss_newton(_AsStack(problem, len(first)), begin[None], settled_at=settled_at)
         if found.converged[0]:
             x, used = found.x[0], spent + found.evaluations
             fit = Solution(

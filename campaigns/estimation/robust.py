@@ -14,6 +14,7 @@ import scipy
 
 from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
+from campaigns.estimation.gauss_newton import SETTLED
 from campaigns.estimation.least_squares import LeastSquaresProblem, Solution, block_norms, solve
 
 REWEIGHTINGS = 30
@@ -57,6 +58,9 @@ MOST_FITTED_AWAY = 0.9
 """Share of the residuals' variance that the unknowns can take up."""
 INITIAL_M_ESTIMATOR = Loss(LossShape.CAUCHY)
 """Finds where most blocks agree, however far away the others are."""
+NEARLY_SOLVED = 1e-2
+"""`settled_at` of its fits, each of which begins where the last one ended: they settle with the
+weights."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,15 +120,21 @@ def loss_curvature(shape: LossShape, square: Array, block: int) -> Array:
 
 
 def solve_robust(
-    problem: LeastSquaresProblem, loss: Loss, kept: Mask, start: Array | None = None, spent: int = 0
+    problem: LeastSquaresProblem,
+    loss: Loss,
+    kept: Mask,
+    start: Array | None = None,
+    spent: int = 0,
+    settled_at: float = SETTLED,
 ) -> RobustFit:
     """Least squares of the kept blocks, reweighted until the weights stand.
 
-    A fit whose weights do not come to stand has not converged.
+    A fit whose weights do not come to stand has not converged. `settled_at`: of each, as `solve`.
     """
     weights, change = kept.astype(np.float64), 0.0
     for _ in range(REWEIGHTINGS):
-        fit = solve(problem.weighted(weights), start=start, spent=spent)
+        weighted = problem.weighted(weights)
+        fit = solve(weighted, start=start, spent=spent, settled_at=settled_at)
         sizes = problem.sizes(fit.x)
         scale = robust_scale(sizes[kept], problem.block, _followed(problem, fit))
         if loss.shape is LossShape.LINEAR:
@@ -301,7 +311,7 @@ def rejection_threshold(blocks: int, block: int, freedom: float = np.inf) -> flo
 def _consensus_set(problem: LeastSquaresProblem, start: Array) -> Mask:
     """The blocks that a robust fit finds near each other."""
     everything = np.ones(problem.blocks, dtype=bool)
-    found = solve_robust(problem, INITIAL_M_ESTIMATOR, everything, start)
+    found = solve_robust(problem, INITIAL_M_ESTIMATOR, everything, start, settled_at=NEARLY_SOLVED)
     sizes = problem.sizes(found.fit.x)
     scale = max(1.0, found.scale)
     return np.asarray(sizes <= scale * rejection_threshold(problem.blocks, problem.block))

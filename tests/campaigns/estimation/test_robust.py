@@ -7,6 +7,8 @@ from campaigns.estimation.estimators import LossShape
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, block_norms, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.robust import (
+    INITIAL_M_ESTIMATOR,
+    NEARLY_SOLVED,
     Loss,
     linear_inliers,
     loss_curvature,
@@ -123,6 +125,16 @@ def test_a_problem_made_linear_tells_the_same_shots_apart(shots, moved):
     kept = linear_inliers(problem.jacobian(x), problem.residual(x), problem.block)
     np.testing.assert_array_equal(kept, reject_outliers(problem).kept)
     assert np.flatnonzero(~kept).tolist() == list(moved)
+
+
+@pytest.mark.parametrize("off_mm", [0.5, 20.0])
+def test_fits_that_nearly_settle_give_the_same_weights_in_fewer_steps(shots, off_mm):
+    problem = points_problem(shots, range(0, 90, 3), off_mm=off_mm)
+    everything = np.ones(problem.blocks, dtype=bool)
+    asked = problem, INITIAL_M_ESTIMATOR, everything, solve(problem).x
+    whole, nearly = solve_robust(*asked), solve_robust(*asked, settled_at=NEARLY_SOLVED)
+    np.testing.assert_allclose(nearly.weights, whole.weights, rtol=0.0, atol=1e-4)
+    assert nearly.fit.evaluations < whole.fit.evaluations
 
 
 def test_a_problem_made_linear_says_nothing_of_a_shot_close_to_the_limit(shots):
