@@ -7,9 +7,10 @@ Processor time of one core in the least disturbed of some rounds. Milliseconds o
 the 22 parameters; the shots are those of tests/data/vectors/table1-tracker-noise.csv.
 
 Then simulated campaigns a second, by estimator and number of pairs: by distances alone 22
-parameters need more than 22 pairs; by points fewer do. Where numba is installed (`[fast]`) also by
-compiled loops, compiled before anything is measured, and how many times as fast these are: the
-median of the rounds. What several workers gain: benchmarks.study_workers. Exit code 1 when a
+parameters need more than 22 pairs; by points fewer do. Of 60 pairs also by the full model. Where
+numba is installed (`[fast]`) those of 22 parameters also by compiled loops, compiled before
+anything is measured, and how many times as fast these are: the median of the rounds. What several
+workers gain: benchmarks.study_workers. Exit code 1 when a
 solution misses its limit, or 60 pairs by distances are slower than 100 campaigns a second.
 """
 
@@ -47,6 +48,7 @@ CASES = (
     *((Estimator.DISTANCES, pairs) for pairs in (30, 60, 120)),
     *((Estimator.POINTS, pairs) for pairs in (20, 40, 60, 120)),
 )
+FULL_CASES = tuple((estimator, 60) for estimator in Estimator)
 LEAST_PER_S = {HEADLINE: 100.0}
 
 
@@ -89,8 +91,15 @@ def studying(rounds: int) -> list[Figure]:
     for contender in contestants if kernel else ():
         contender()  # compiles
     taken = take_turns(contestants, rounds)
+    by_full = take_turns(
+        [campaigns_of(*case, None, SPACE.free_in_full) for case in FULL_CASES], rounds
+    )
     by_case = [taken[place : place + len(ways)] for place in range(0, len(taken), len(ways))]
-    return [each for case in zip(CASES, by_case, strict=True) for each in figures(*case)]
+    found = [each for case in zip(CASES, by_case, strict=True) for each in figures(*case)]
+    for (estimator, pairs), runs in zip(FULL_CASES, by_full, strict=True):
+        name = f"{pairs} pairs by {estimator}, full model"
+        found.append(Figure(name, 1.0 / least_s(runs), "campaigns/s"))
+    return found
 
 
 def figures(case: tuple[Estimator, int], taken: list[list[Run[None]]]) -> list[Figure]:
@@ -104,9 +113,11 @@ def figures(case: tuple[Estimator, int], taken: list[list[Run[None]]]) -> list[F
     return found
 
 
-def campaigns_of(estimator: Estimator, pairs: int, kernel: ModuleType | None) -> Contestant[None]:
+def campaigns_of(
+    estimator: Estimator, pairs: int, kernel: ModuleType | None, free: tuple[str, ...] = FREE
+) -> Contestant[None]:
     """Its cost is that of one campaign."""
-    tasks = tasks_of(estimator, pairs, CAMPAIGNS, is_long=kernel is not None)
+    tasks = tasks_of(estimator, pairs, CAMPAIGNS, free, is_long=kernel is not None)
 
     def work() -> None:
         for task in tasks:

@@ -33,7 +33,12 @@ UNSEEN_PAIRS, DRIFT_SHOTS = 20, 2
 
 
 def tasks_of(
-    estimator: Estimator, pairs: int, campaigns: int, *, is_long: bool = False
+    estimator: Estimator,
+    pairs: int,
+    campaigns: int,
+    free: tuple[str, ...] = FREE,
+    *,
+    is_long: bool = False,
 ) -> list[StudyTask]:
     """So many campaigns of a study with so many fitted pairs."""
     request = PlanRequest(2 * pairs, UNSEEN_PAIRS, DRIFT_SHOTS, CENTRE)
@@ -42,7 +47,7 @@ def tasks_of(
     setup = StudySetup(
         nominal=ROBOT.kinematics,
         shots=planned_shots([shot for shot in plan if shot.purpose is not ShotSet.DRIFT]),
-        free=FREE,
+        free=free,
         options=IdentificationOptions(estimator=estimator, instrument=instrument),
         tracker_from_base=Transform(np.eye(3), -np.array(EVERYWHERE.tracker_mm)),
         seed=1,
