@@ -26,6 +26,8 @@ GOOD_PIVOT = 1e-2
 SYMMETRICAL = ((0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1))
 """Entries of a symmetrical matrix."""
 QUARTER = 0.5 * np.pi
+NEAR_MM = 1e-2
+"""Step behind which the same inverse is as good: it leaves some 1e-5 of the next one."""
 NEWTON_STEPS = 10
 """More are left to the slower way, which also tries other guesses."""
 
@@ -164,21 +166,24 @@ def assemble(
     inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
     misfit, step, of_turns = np.zeros((4, shots)), np.empty((4, shots)), np.empty((2, shots))
     for r in range(robots):
-        pose = poses[r]
+        pose, far = poses[r], 1
         for _ in range(NEWTON_STEPS):
             _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
             _misfits(forearms, lengths[r], misfit)
-            _inverted(forearms, by_turn, inverse, determinant)
+            if far:
+                _inverted(forearms, by_turn, inverse, determinant)
             for axis in range(CLOSURES):
                 of = inverse[axis]
                 for n in range(shots):
                     own = of[0, n] * misfit[0, n] + of[1, n] * misfit[1, n]
                     step[axis, n] = -own - of[2, n] * misfit[2, n] - of[3, n] * misfit[3, n]
                     pose[axis, n] += step[axis, n]
-            underway = 0  # a sum, for a maximum is formed one by one
+            underway = far = 0  # sums, for a maximum is formed one by one
             for n in range(shots):
                 way = max(abs(step[0, n]), abs(step[1, n]), abs(step[2, n]))
-                underway += not way + lever_mm[r] * abs(step[3, n]) < converged_mm
+                way += lever_mm[r] * abs(step[3, n])
+                underway += not way < converged_mm
+                far += not way < NEAR_MM
             if not underway:
                 break
         found[r] = not underway and _is_wanted(
@@ -486,15 +491,18 @@ def gauss_newton_steps(jacobians: Array, residual: Array) -> tuple[Array, Array,
 def _basis(rows: Array, norms: Array, root: Array, basis: Array) -> None:
     """Orthonormal rows (P, M) that rows (P, M) span, by the root of their products made unit."""
     for a in range(len(rows)):
-        row, own = basis[a], rows[a]
+        row, own, part = basis[a], rows[a], 1.0 / norms[a]
         for n in range(len(row)):
-            row[n] = own[n] / norms[a]
-        for b in range(a):
-            part, other = root[a, b], basis[b]
+            row[n] = own[n] * part
+        for b in range(0, a, 2):  # two at once: each is read and written less
+            beyond = min(b + 1, a - 1)
+            one, other = root[a, b], root[a, beyond] if beyond > b else 0.0
+            first, second = basis[b], basis[beyond]
             for n in range(len(row)):
-                row[n] -= part * other[n]
+                row[n] -= one * first[n] + other * second[n]
+        part = 1.0 / root[a, a]
         for n in range(len(row)):
-            row[n] /= root[a, a]
+            row[n] *= part
 
 
 @_compiled
