@@ -35,7 +35,8 @@ def cost_of(work: Callable[[], object]) -> Cost:
     if (child := os.fork()) == 0:
         try:
             work()
-        except BaseException:  # noqa: BLE001 - whatever it was, the parent says that it failed
+        except BaseException as error:  # noqa: BLE001 - whatever it was, the parent ends with it
+            print(error, file=sys.stderr, flush=True)
             os._exit(1)
         os._exit(0)
     _, status, spent = os.wait4(child, 0)

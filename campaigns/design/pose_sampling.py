@@ -1,5 +1,6 @@
 """Pose sampling near the workspace's boundary or all over it; pairs of poses and their order."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +21,8 @@ HALVINGS = 3
 """Of that interval on a logarithmic scale: to a factor of two."""
 BATCH = 4000
 BATCHES = 200
+"""Tried for every `FOUND` poses that are needed."""
+FOUND = 5000
 SHORTEST_PAIR_MM = 100.0
 WORKSPACE_POSES = 300
 """So many poses stand for the workspace when uncertainty of positions is told."""
@@ -184,14 +187,15 @@ def _rejection_sample(
     wanted: Callable[[Array], Mask],
 ) -> Array:
     """Even draws from a box about the centre, until enough of them are wanted."""
-    found = np.empty((0, len(centre)))
-    for _ in range(BATCHES):
+    found, left, batches = list[Array](), count, BATCHES * max(1, math.ceil(count / FOUND))
+    for _ in range(batches):
         poses = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
-        found = np.vstack([found, poses[wanted(poses)]])
-        if len(found) >= count:
-            return found[:count]
+        found.append(poses[wanted(poses)])
+        left -= len(found[-1])
+        if left <= 0:
+            return np.concatenate(found)[:count]
     raise WorkspaceTooSmall(
-        f"{len(found)} of {BATCHES * BATCH} poses tried can be taken, {count} needed"
+        f"{count - left} of {batches * BATCH} poses tried can be taken, {count} needed"
     )
 
 

@@ -65,6 +65,15 @@ def test_a_workspace_too_small_says_how_much_was_found(monkeypatch):
         interior_poses(nowhere, 3, rng())
 
 
+def test_more_poses_are_looked_for_longer(monkeypatch):
+    monkeypatch.setattr(pose_sampling, "BATCHES", 1)
+    monkeypatch.setattr(pose_sampling, "FOUND", 20)
+    assert len(boundary_poses(region(), 100, rng())) == 100
+    monkeypatch.setattr(pose_sampling, "FOUND", 100)
+    with pytest.raises(WorkspaceTooSmall, match="of 4000 poses tried"):
+        boundary_poses(region(), 100, rng())
+
+
 def test_incidence_is_the_angle_between_reflector_and_beam():
     tracker_mm = np.array([2000.0, 0.0, 0.0])
     points_mm = np.array([[0.0, 0, 0], [0, 2000, 0], [2000, 1000, 0], [4000, 0, 0]])
