@@ -144,7 +144,7 @@ def make_plan(
     """
     kinematics = robot.kinematics
     region = requested_region(robot, view, request)
-    _check_centre(region)
+    _check_centre(region, inaccurate=request.inaccurate)
     _check_tracker(region)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
@@ -161,7 +161,7 @@ def make_plan(
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 
 
-def _check_centre(region: FeasibleRegion) -> None:
+def _check_centre(region: FeasibleRegion, *, inaccurate: bool) -> None:
     """Raise `PlanInvalid` for a centre of the workspace that is no place for a shot."""
     centre = region.centre[None]
     if region.allows(centre)[0]:
@@ -169,8 +169,10 @@ def _check_centre(region: FeasibleRegion) -> None:
     at = f"the workspace's centre {_in_words(region.centre[:3])}"
     if not region.kinematics.feasibility(region.limits, centre).feasible[0]:
         reasons = region.kinematics.feasibility(region.limits, centre).describe(0)
+        further = ", or leave --inaccurate out" if inaccurate else ""
         raise PlanInvalid(
-            f"{at} cannot be taken: {'; '.join(reasons)}", remedy="correct validation.centre_mm"
+            f"{at} cannot be taken: {'; '.join(reasons)}",
+            remedy=f"correct validation.centre_mm{further}",
         )
     if not region.can_measure(centre)[0]:
         _check_tracker(region)

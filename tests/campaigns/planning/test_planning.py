@@ -17,6 +17,7 @@ from campaigns.planning import plans
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
+from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
@@ -69,6 +70,13 @@ def test_a_plan_for_an_inaccurate_robot_holds_poses_that_one_far_off_can_take(
             lost[name] += not robot.forward(plans.joints_of(shots)).found.all()
     assert lost["usual"] > 2
     assert lost["careful"] == 0
+
+
+def test_a_robot_whose_middle_is_near_a_singularity_is_told_to_plan_as_usual() -> None:
+    request = plans.PlanRequest(40, 4, 2, Pose(0.0, 0.0, -450.0, 0.0), inaccurate=True)
+    with pytest.raises(PlanInvalid, match=r"margin 0\.\d+ \(limit 0\.4\)") as refused:
+        plans.make_plan(find_robot("i4l").robot, VIEW, request, np.random.default_rng(1))
+    assert refused.value.remedy == "correct validation.centre_mm, or leave --inaccurate out"
 
 
 @pytest.mark.parametrize(("pairs", "visits"), [(5, 3), (20, 3), (80, 9)])
