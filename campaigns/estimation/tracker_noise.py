@@ -98,6 +98,26 @@ def inverse_roots(covariance_mm2: Array) -> Array:
 
     By hand for all at once, several times faster than a call for each; raises `LinAlgError`.
     """
+    first, lower_y, lower_z, second, across, third = _cholesky(covariance_mm2)
+    found = np.zeros(covariance_mm2.shape)
+    found[..., 0, 0], found[..., 1, 1], found[..., 2, 2] = first, second, third
+    found[..., 1, 0] = -lower_y * first * second
+    found[..., 2, 1] = -across * second * third
+    found[..., 2, 0] = (across * lower_y * second - lower_z) * first * third
+    return found
+
+
+def roots(covariance_mm2: Array) -> Array:
+    """L with L Lᵀ = C for each of covariances C, (…, 3, 3), lower triangular, likewise."""
+    first, lower_y, lower_z, second, across, third = _cholesky(covariance_mm2)
+    found = np.zeros(covariance_mm2.shape)
+    found[..., 0, 0], found[..., 1, 1], found[..., 2, 2] = 1.0 / first, 1.0 / second, 1.0 / third
+    found[..., 1, 0], found[..., 2, 0], found[..., 2, 1] = lower_y, lower_z, across
+    return found
+
+
+def _cholesky(covariance_mm2: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Entries of L, (…) each: 1 / xx, yx, zx, 1 / yy, zy, 1 / zz."""
     (xx, _, _), (yx, yy, _), (zx, zy, zz) = np.moveaxis(covariance_mm2, (-2, -1), (0, 1))
     with np.errstate(invalid="ignore", divide="ignore"):
         first = 1.0 / np.sqrt(xx)
@@ -107,12 +127,7 @@ def inverse_roots(covariance_mm2: Array) -> Array:
         third = 1.0 / np.sqrt(zz - lower_z**2 - across**2)
     if not np.isfinite(first + second + third).all():
         raise np.linalg.LinAlgError("a covariance is not positive definite")
-    roots = np.zeros(covariance_mm2.shape)
-    roots[..., 0, 0], roots[..., 1, 1], roots[..., 2, 2] = first, second, third
-    roots[..., 1, 0] = -lower_y * first * second
-    roots[..., 2, 1] = -across * second * third
-    roots[..., 2, 0] = (across * lower_y * second - lower_z) * first * third
-    return roots
+    return first, lower_y, lower_z, second, across, third
 
 
 def distance_variance_mm2(

@@ -22,6 +22,7 @@ from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     inverse_roots,
     point_covariance_mm2,
+    roots,
 )
 from campaigns.identification.fit import fit_shots
 from campaigns.identification.fit_stack import covariances, fit_stack
@@ -143,10 +144,10 @@ def _stacked(
         jacobian = of_pairs.jacobian(robots.start, every)
     of_all = covariances(kernel, jacobian)
     bound = np.sqrt(np.diagonal(of_all, axis1=1, axis2=2))[:, : len(places)]
-    roots = np.linalg.cholesky(stated)
+    scatter_mm = roots(stated)
     for row in every.tolist():
         true, poses = Kinematics(mechanism, p[row]), robots.poses[row].T
-        yield TrueRobot(true, points_mm[row], roots[row], bound[row], poses, setup.noise)
+        yield TrueRobot(true, points_mm[row], scatter_mm[row], bound[row], poses, setup.noise)
 
 
 def true_robot(setup: study.StudySetup, near: Array, values: tuple[float, ...]) -> TrueRobot:
@@ -155,9 +156,8 @@ def true_robot(setup: study.StudySetup, near: Array, values: tuple[float, ...]) 
     poses = true.forward(setup.shots.joints, near).values_or_raise()
     points_mm = setup.tracker_from_base.apply(poses[:, :3])
     covariance_mm2 = point_covariance_mm2(points_mm, setup.options.instrument)
-    scatter_mm = np.asarray(np.linalg.cholesky(covariance_mm2), dtype=np.float64)
     bound = _bound(setup, true, poses, points_mm)
-    return TrueRobot(true, points_mm, scatter_mm, bound, poses, setup.noise)
+    return TrueRobot(true, points_mm, roots(covariance_mm2), bound, poses, setup.noise)
 
 
 def _bound(setup: study.StudySetup, true: Kinematics, poses: Array, points_mm: Array) -> Array:

@@ -10,7 +10,9 @@ from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
     common_shifts_mm,
     distance_variance_mm2,
+    inverse_roots,
     point_covariance_mm2,
+    roots,
 )
 
 POINTS_MM = np.random.default_rng(7).uniform(-3000.0, 3000.0, (50, 3))
@@ -73,6 +75,18 @@ def test_covariances_are_symmetric_positive_definite_and_of_the_data_sheets_limi
     alone = point_covariance_mm2(points, TrackerUncertainty())
     together = point_covariance_mm2(points, TrackerUncertainty(robot_scatter_mm=0.1))
     np.testing.assert_allclose(together - alone, 0.01 * np.eye(3)[None], atol=1e-15)
+
+
+def test_roots_and_their_inverses_are_those_of_cholesky_and_refuse_what_is_no_covariance():
+    covariances = point_covariance_mm2(POINTS_MM, TrackerUncertainty())
+    found, wanted = roots(covariances), np.linalg.cholesky(covariances)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-15)
+    whole = inverse_roots(covariances) @ found
+    np.testing.assert_allclose(whole, np.broadcast_to(np.eye(3), whole.shape), atol=1e-12)
+    covariances[7, 2, 2] = 0.0
+    for each in (roots, inverse_roots):
+        with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+            each(covariances)
 
 
 def test_a_distance_along_the_beam_is_far_better_known_than_one_across_it():
