@@ -54,6 +54,8 @@ LINEAR_WITHIN = 1e-4
 ten times what the misfits of a mechanism's shots show."""
 LINEAR_TO = 100.0
 """Largest size, in σ, that is judged so: of random wrong shots the first mistake was at 170."""
+LINEAR_OUTLIERS = 3
+"""Most blocks that may go so: of encoders that slipped, the first mistake was at nine."""
 MOST_FITTED_AWAY = 0.9
 """Share of the residuals' variance that the unknowns can take up."""
 INITIAL_M_ESTIMATOR = Loss(LossShape.CAUCHY)
@@ -208,8 +210,7 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
     """Blocks that agree, (blocks,), as `reject_outliers` tells them, by a problem made linear.
 
     Of the whitened residual (M,) and Jacobian (M, P) of its plain fit. None where the problem
-    itself might tell otherwise, a size being close to a limit or too large, and where half would
-    have to go.
+    itself might tell otherwise: a size is close to a limit or too large, or many would have to go.
     """
     largest = float(block_norms(residual, block).max())
     if largest > LINEAR_TO:
@@ -234,7 +235,7 @@ def linear_inliers(jacobian: Array, residual: Array, block: int) -> Mask | None:
     kept, last = sizes <= limit, None
     back = np.zeros_like(kept)
     for _ in range(REJECTION_ROUNDS):
-        if (np.abs(sizes / limit - 1.0) < within).any() or not _enough(kept, block, rows.shape[1]):
+        if (np.abs(sizes / limit - 1.0) < within).any() or (~kept).sum() > LINEAR_OUTLIERS:
             return None
         if last is not None and np.array_equal(kept, last):
             break

@@ -127,6 +127,12 @@ def test_a_problem_made_linear_tells_the_same_shots_apart(shots, moved):
     assert np.flatnonzero(~kept).tolist() == list(moved)
 
 
+def test_a_problem_made_linear_says_nothing_where_many_shots_are_wrong(shots):
+    problem = points_problem(shots, (7, 30, 31, 50), off_mm=0.5)
+    x = solve(problem).x
+    assert linear_inliers(problem.jacobian(x), problem.residual(x), problem.block) is None
+
+
 @pytest.mark.parametrize("off_mm", [0.5, 20.0])
 def test_fits_that_nearly_settle_give_the_same_weights_in_fewer_steps(shots, off_mm):
     problem = points_problem(shots, range(0, 90, 3), off_mm=off_mm)
