@@ -16,6 +16,9 @@ CONTRACTION = 0.5
 """Part of a step that the next one may have at most."""
 SETTLED = 1e-10
 """Expected length of the next step over that of the residual."""
+LINEAR = 1e-5
+"""Length of a last step over that of the residual, behind which the Jacobian tells the residual as
+well: what is bent of it is less than rounding."""
 ROUNDING = 1e-7
 """Length of a step over that of the residual that rounding may be all of."""
 SAME_SIZE = 1e-9
@@ -35,6 +38,13 @@ class ProblemStack(Protocol):
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Steps (R, P) from residuals (R, M) where they were last asked for, as `normal_step`."""
+        ...
+
+    def change(self, step: Array, rows: Index) -> Array | None:
+        """Change (R, M) of residuals by the last steps (R, P), which Jacobians tell; None: unkept.
+
+        `rows` are some of those that the steps were asked of.
+        """
         ...
 
 
@@ -66,16 +76,31 @@ def gauss_newton(
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
     active, evaluations = asked[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
-        step, length, regular = problem.step(rows_of(x, active), rows_of(residual, active), active)
+        begun = rows_of(residual, active)
+        step, length, regular = problem.step(rows_of(x, active), begun, active)
+        before, least = last[active], NO_RESIDUAL * np.sqrt(measured)
+        rate = np.where(np.isinf(before), 1.0, length / before)
+        unit = np.maximum(np.linalg.norm(begun, axis=1), least)
+        ends = regular & (length <= CONTRACTION * before) & (length <= LINEAR * unit)
+        ends &= length * rate <= settled_at * unit
+        if ends.any() and (change := problem.change(step[ends], active[ends])) is not None:
+            ended = active[ends]
+            x[ended] += step[ends]
+            residual[ended] += change
+            converged[ended] = True
+            active, step, length, regular, rate, before = (
+                each[~ends] for each in (active, step, length, regular, rate, before)
+            )
+            if not active.size:
+                break
         further = rows_of(x, active) + step
         left, found = problem.residual(further, active)
         evaluations += 1
-        size, before = np.linalg.norm(left, axis=1), last[active]
-        unit = np.maximum(size, NO_RESIDUAL * np.sqrt(measured))
+        size = np.linalg.norm(left, axis=1)
+        unit = np.maximum(size, least)
         at_end = length <= ROUNDING * unit
         shrunk = size <= (1.0 + SAME_SIZE) * np.linalg.norm(rows_of(residual, active), axis=1)
         nearer = shrunk & (length <= CONTRACTION * before)
-        rate = np.where(np.isinf(before), 1.0, length / before)
         settled = (length * rate <= settled_at * unit) | (at_end & ~nearer)
         good = found & regular & (nearer | at_end)
         kept = active[good]
@@ -96,6 +121,12 @@ def with_rows(stack: Array, rows: Index, renewed: Array) -> Array:
         return renewed
     stack[rows] = renewed
     return stack
+
+
+def product(jacobians: Array, step: Array) -> Array:
+    """Changes (R, M) of residuals by steps (R, P), the same however many rows there are."""
+    columns = np.ascontiguousarray(jacobians.swapaxes(1, 2))
+    return np.asarray((step[:, None] @ columns)[:, 0])
 
 
 def normal_step(jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import SETTLED, STEPS, gauss_newton, normal_step
+from campaigns.estimation.gauss_newton import SETTLED, STEPS, gauss_newton, normal_step, product
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -195,7 +195,7 @@ class Solution:
     residual: Array
     """(M,)"""
     jacobian: Array
-    """(M, P)"""
+    """(M, P), from which the last step was taken, which was a short one."""
     converged: bool
     evaluations: int
     message: str
@@ -221,13 +221,14 @@ def solve(
     begin, first, stepped = _begun(problem, start)
     spent += stepped
     if evaluations > STEPS:
-        found = gauss_newton(_AsStack(problem, len(first)), begin[None], settled_at=settled_at)
+        stack = _AsStack(problem, len(first))
+        found = gauss_newton(stack, begin[None], settled_at=settled_at)
         if found.converged[0]:
-            x, used = found.x[0], spent + found.evaluations
+            used = spent + found.evaluations
             fit = Solution(
-                x,
+                found.x[0],
                 found.residual[0],
-                problem.jacobian(x),
+                stack.jacobians[0],
                 converged=True,
                 evaluations=used,
                 message=_explain(min(CONVERGED), used),
@@ -264,22 +265,26 @@ def solve(
     return _checked(Solution(x, left, problem.jacobian(x), converged, used, message))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _AsStack:
     """One problem as a stack."""
 
-    problem: Residuals
-    rows: int
+    def __init__(self, problem: Residuals, rows: int) -> None:
+        self._problem, self._rows = problem, rows
+        self.jacobians = np.empty((1, rows, 0))
+        """That from which a step was last taken, (1, M, P)."""
 
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         try:
-            return self.problem.residual(x[0])[None], np.ones(len(rows), dtype=bool)
+            return self._problem.residual(x[0])[None], np.ones(len(rows), dtype=bool)
         except NoSolution:
-            return np.ones((len(rows), self.rows)), np.zeros(len(rows), dtype=bool)
+            return np.ones((len(rows), self._rows)), np.zeros(len(rows), dtype=bool)
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
-        jacobian = self.problem.jacobian(x[0])
-        return normal_step(jacobian.reshape(len(rows), self.rows, -1), residual)
+        self.jacobians = self._problem.jacobian(x[0]).reshape(len(rows), self._rows, -1)
+        return normal_step(self.jacobians, residual)
+
+    def change(self, step: Array, rows: Index) -> Array:  # noqa: ARG002 - there is one
+        return product(self.jacobians, step)
 
 
 def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, bool]:

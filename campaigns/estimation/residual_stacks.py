@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import normal_step, rows_of, with_rows
+from campaigns.estimation.gauss_newton import normal_step, product, rows_of, with_rows
 from campaigns.estimation.point_sets import TINY_MM
 from campaigns.estimation.residuals import CLOSE_ENOUGH_MM, FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import small_rotation
@@ -316,6 +316,10 @@ class PointStack:
         self._jacobians = with_rows(self._jacobians, rows, jacobian)
         return normal_step(jacobian, residual)
 
+    def change(self, step: Array, rows: Index) -> Array | None:
+        """Change (R, 3 N) of residuals by last steps (R, F + 6); None of compiled loops."""
+        return None if self.robots.kernel else product(rows_of(self._jacobians, rows), step)
+
     def last_jacobians(self, x: Array, rows: Index) -> Array:
         """Jacobians (R, 3 N, F + 6) where steps were last taken, or as near to there."""
         return (
@@ -419,6 +423,10 @@ class DistanceStack:
         columns = np.ascontiguousarray(jacobian.swapaxes(1, 2))
         step, length, regular = self.robots.kernel.gauss_newton_steps(columns, residual)
         return step, length, regular
+
+    def change(self, step: Array, rows: Index) -> Array:
+        """Change (R, M) of residuals by last steps (R, F)."""
+        return product(rows_of(self._jacobians, rows), step)
 
     def last_jacobians(self, x: Array, rows: Index) -> Array:  # noqa: ARG002 - as of points
         """Jacobians (R, M, F) from which steps were last taken."""
