@@ -331,6 +331,7 @@ def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_ow
 ):
     monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 40)
     monkeypatch.setattr("campaigns.design.pose_sampling.WORKSPACE_POSES", 10**6)
+    monkeypatch.setattr("campaigns.design.pose_sampling.FOUND", 10**6)
     planned = plan(campaign, PlanOptions(shots=44))
     assert len(planned.forecast.position_std_mm) == len(planned.checked.shots)
 

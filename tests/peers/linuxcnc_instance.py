@@ -126,10 +126,10 @@ class LinuxcncInstance:
         return self.start()
 
     def kill(self, program):
-        """Kill one of its programs without any warning."""
-        pids = self.run("pidof", "-x", program).split()
-        # a child of one that was killed before may end by itself in between
-        self.run("sh", "-c", f"kill -9 {' '.join(pids)} || ! kill -0 {' '.join(pids)}")
+        """Kill one of its programs without any warning; returns when none of it runs."""
+        find = shlex.join(["pidof", "-x", program])
+        # a child of one that was killed may end by itself in between, or still be at work
+        self.run("sh", "-c", f"{find} && while pids=$({find}); do kill -9 $pids; done; ! {find}")
 
     def hal(self, *words):
         """Run halcmd beside it; gives what it says."""
