@@ -8,7 +8,7 @@ from app.study.running import Studied
 from app.study.setup import CHOICES
 from app.study.summary_texts import PERCENT, common_document, labels_of, shortcomings
 from campaigns.files.table import Column, csv_table
-from campaigns.studies.perturbations import PERTURBATIONS, sizes_of
+from campaigns.studies.perturbations import PERTURBATIONS, perturbation_of, sizes_of
 from campaigns.studies.summary import VerdictStatistics, verdict_statistics
 
 UM_PER_MM = 1e3
@@ -164,9 +164,9 @@ def sized_verdicts(studied: Sequence[Studied]) -> Iterator[SizedVerdicts]:
     """Verdicts of each combination: of all its campaigns, then of each size."""
     for one in studied:
         yield SizedVerdicts(one, "", verdict_statistics(one.rows))
-        kinds = [str(each) for each in sizes_of(one.combination.setup.perturbation)]
-        for size in dict.fromkeys(kinds):
-            own = (n for n in one.wanted if kinds[n % len(kinds)] == size)
+        name = one.combination.setup.perturbation
+        for size in dict.fromkeys(map(str, sizes_of(name))):
+            own = (n for n in one.wanted if str(perturbation_of(name, n)) == size)
             found = verdict_statistics(one.rows_of(own))
             if found.campaigns or found.failed:
                 yield SizedVerdicts(one, size, found)
