@@ -23,7 +23,9 @@ SMALLEST = 1e-3
 """Of a component's standard deviation in parts of what is stated: below it nothing can be told."""
 LARGEST = 1e4
 HOPELESS_SCORE = 1.5
-"""Score below which no component gains `WORTH`: that takes about 2.4."""
+"""Score below which no component gains `WORTH`: that takes about 2.4 if there are many shots."""
+MANY = 90
+"""Degrees of freedom from which that holds, however unlike a tracker's σ along its axes are."""
 TINY = 1e-300
 PROMISING = 1.0
 """Gain beside the first component from which both are sought together."""
@@ -90,7 +92,8 @@ def estimate_components(
     if count <= unknowns + 2:
         return NONE
     found = _scores(shots) if scores is None else scores
-    hopeful = [place for place, score in enumerate(found) if score >= HOPELESS_SCORE]
+    least = hopeless_score(count - unknowns)
+    hopeful = [place for place, score in enumerate(found) if score >= least]
     if not hopeful:
         return NONE
     likelihood = _RestrictedLikelihood(shots, kernel)
@@ -105,6 +108,11 @@ def estimate_components(
     if both_value - value > WORTH:
         logs = both
     return likelihood.components(logs)
+
+
+def hopeless_score(dof: int) -> float:
+    """Score below which no component gains `WORTH`; with 14 degrees of freedom 0.15 can do."""
+    return HOPELESS_SCORE * min(1.0, dof / MANY) ** 2
 
 
 def _scores(shots: LinearizedShots) -> Array:

@@ -40,8 +40,8 @@ NEARLY = 1e-4
 is near enough: steps shrink by their square, and what is left moves no residual by 1e-5 σ."""
 CLOSE = 1e-3
 """Share of the limit by which the largest size has to be beside it to be judged by such a fit."""
-WORTH_A_LOOK = 2.0
-"""Score of a component beside which such a fit is ended: none below about 2.4 is found."""
+WORTH_A_LOOK = 4.0 / 3.0
+"""Score of a component, times the hopeless one, beside which such a fit is ended."""
 
 FittedPoints: TypeAlias = tuple[RobotStack, Array, Mask]
 """Of shots: robots, covariances (C, N, 3, 3) that weighed them, those kept (C, N)."""
@@ -124,13 +124,14 @@ def _fit_points(
     if not (every := np.flatnonzero(plain)).size:
         return found, (robots, covariance, kept)
     found.covariance[every], scores = _scored(problem, solution, every, of_points=of_points)
-    hopeful = (scores >= variance_components.HOPELESS_SCORE).any(axis=0)
+    least = variance_components.hopeless_score(measured[0].size - unknowns)
+    hopeful = (scores >= least).any(axis=0)
     plain[every[hopeful]] &= kept[every[hopeful]].all(axis=1)
     scores, every = scores[:, hopeful & plain[every]], every[hopeful & plain[every]]
     if not every.size:
         return found, (robots, covariance, kept)
     if not of_points:
-        _solve_on(problem, solution, every[(scores >= WORTH_A_LOOK).any(axis=0)])
+        _solve_on(problem, solution, every[(scores >= WORTH_A_LOOK * least).any(axis=0)])
         plain &= solution.converged
     by_x = problem.last_jacobians(solution.x[every], every)
     by_joints = problem.whitened_by_joints(solution.x[every], every)

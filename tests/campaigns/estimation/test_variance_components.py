@@ -61,6 +61,25 @@ def test_squares_tell_the_components_that_a_qr_tells(monkeypatch, lost):
         assert getattr(found, name) == pytest.approx(getattr(by_qr, name), rel=1e-7)
 
 
+def few_shots(seed, scatter_mm=0.015, stated_mm=(0.02, 0.02, 0.003)):
+    """Fourteen shots by a tracker that knows distances better than directions, after their fit."""
+    rng = np.random.default_rng(seed)
+    jacobian, by_joints = (rng.standard_normal((14, 3, columns)) for columns in (28, JOINTS))
+    whitening = 1.0 / np.array(stated_mm)
+    noise = np.hypot(stated_mm, scatter_mm) * rng.standard_normal((14, 3))
+    weighed = (whitening[:, None] * jacobian).reshape(-1, 28)
+    fitted = np.linalg.lstsq(weighed, (whitening * noise).ravel(), rcond=None)[0]
+    stated = np.tile(np.diag(np.square(stated_mm)), (14, 1, 1))
+    return LinearizedShots(noise - jacobian @ fitted, jacobian, stated, 300.0 * by_joints)
+
+
+def test_few_shots_show_scatter_whose_score_promises_little():
+    few = [few_shots(seed) for seed in range(40)]
+    unasked = [estimate_components(each, scores=np.full(2, np.inf)) for each in few]
+    assert [estimate_components(each) for each in few] == unasked
+    assert any(each.any for each in unasked)
+
+
 def test_too_few_shots_tell_nothing_and_parts_sum():
     assert estimate_components(shots(1, point_mm=0.1).rows(np.arange(4))) is NONE
     by_joints = np.array([[[2.0], [0.0], [0.0]]])
