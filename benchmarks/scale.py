@@ -8,7 +8,10 @@ a size and the one before it, 1 where time grows as the size does.
 """
 
 import math
+import os
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,21 +30,47 @@ from campaigns.shots.shots_csv import ShotRow, write_shots
 
 LEAST = {"shots": 100, "campaigns": 100, "candidates": 1000}
 NOISE_MM = 0.01
-COLUMNS = ("", "size", "s", "exponent", "MB")
+COLUMNS = ("", "size", "s", "exponent", "MB", "× old")
+Costs = dict[str, dict[int, Cost]]
+"""By work and size."""
+Works = list[tuple[str, Callable[[], object]]]
 
 
-def measure(shots: int, campaigns: int, candidates: int, picture: str) -> Report:
+def measure(shots: int, campaigns: int, candidates: int, picture: str, old: str) -> Report:
     asked = {"shots": shots, "campaigns": campaigns, "candidates": candidates}
-    found: dict[str, dict[int, Cost]] = {}
+    found, before = Costs(), Costs()
     with TemporaryDirectory() as scratch:
         for what, largest in asked.items():
             for size in _sizes(LEAST[what], largest):
-                folder = Path(scratch) / f"{what}-{size}"
-                for name, work in WORKS[what](folder, size):
+                works = begun(what, Path(scratch) / f"{what}-{size}", size)
+                theirs = begun(what, Path(scratch) / f"old-{what}-{size}", size, old)
+                for (name, work), (_, old_work) in zip(works, theirs, strict=True):
                     found.setdefault(name, {})[size] = cost_of(work)
+                    if old and getattr(old_work, "func", None) is pkmcal:
+                        with code_of(old), suppress(SystemExit):  # it may not know the command
+                            before.setdefault(name, {})[size] = cost_of(old_work)
+                    print(f"{name}, {size}: {found[name][size].seconds:.4g} s", file=sys.stderr)
     if picture:
         draw(found, Path(picture))
-    return Report(tables=[Table("processor time and memory by size", COLUMNS, [*_rows(found)])])
+    rows = [*_rows(found, before)]
+    return Report(tables=[Table("processor time and memory by size", COLUMNS, rows)])
+
+
+@contextmanager
+def code_of(checkout: str) -> Iterator[None]:
+    """Commands are those of a checkout, of this code if it is empty."""
+    own = os.environ.get("PYTHONPATH", "")
+    os.environ["PYTHONPATH"] = checkout or own
+    try:
+        yield
+    finally:
+        os.environ["PYTHONPATH"] = own
+
+
+def begun(what: str, folder: Path, size: int, checkout: str = "") -> Works:
+    """Works of a size, after what comes before the first."""
+    with code_of(checkout):
+        return [*WORKS[what](folder, size)]
 
 
 def of_shots(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -49,9 +78,11 @@ def of_shots(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object
     plan = engine.plan_of(size)
     name, file, room = str(folder), folder / "shots.csv", folder / "run"
     pkmcal("new", name)
+    pkmcal("new", planned := f"{name}-planned")
     room.mkdir()
     write_plan(folder / "plan.csv", plan, ROBOT.mechanism)
     write_shots(file, _measured(plan), ROBOT.mechanism)
+    yield "plan", partial(pkmcal, "plan", planned, "--shots", str(size))
     yield "engine, all shots", partial(engine.run, room, plan)
     yield "start of run", partial(pkmcal, "run", name, "--dry")
     yield "import", partial(pkmcal, "import", name, str(file))
@@ -117,15 +148,17 @@ def _sizes(least: int, largest: int) -> list[int]:
     return [least * 10**power for power in tens if least * 10**power <= max(largest, least)]
 
 
-def _rows(found: dict[str, dict[int, Cost]]) -> Iterator[tuple[str | float, ...]]:
+def _rows(found: Costs, before: Costs) -> Iterator[tuple[str | float, ...]]:
     for name, costs in found.items():
         logs = np.log([(size, cost.seconds) for size, cost in costs.items()])
         sizes, seconds = np.diff(logs, axis=0, prepend=np.nan).T
         for (size, cost), exponent in zip(costs.items(), (seconds / sizes).tolist(), strict=True):
-            yield name, size, cost.seconds, exponent, cost.memory_mb
+            old = before.get(name, {}).get(size, Cost(math.nan, math.nan))
+            times_old = old.seconds / cost.seconds
+            yield name, size, cost.seconds, exponent, cost.memory_mb, times_old
 
 
 if __name__ == "__main__":
     raise SystemExit(
-        main(__doc__, measure, shots=1000, campaigns=1000, candidates=10_000, picture="")
+        main(__doc__, measure, shots=1000, campaigns=1000, candidates=10_000, picture="", old="")
     )
