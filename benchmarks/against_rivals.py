@@ -12,6 +12,7 @@ over the network) or `cc` the others are compared all the same.
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -81,16 +82,14 @@ def contest(
     taken = take_turns(list(contestants.values()), rounds)
     ours, *others = taken
     rows: list[tuple[str | float, ...]] = [(OURS, 1e3 * least_s(ours), 1.0, 1.0, 1.0)]
-    figures = []
+    figures: list[Figure] = []
     for name, theirs in zip(list(contestants)[1:], others, strict=True):
         times = ratio(theirs, ours)
         rows.append((name, 1e3 * least_s(theirs), *times))
         judged = (same_minimum if name == COMPILED else judge)(theirs, ours)
         if name == LAB and least:
             judged.append(Figure("time", times[0], "× ours", lowest=least))
-        for each in judged:
-            label = f"{title}, {name}: {each.name}"
-            figures.append(Figure(label, each.value, each.unit, each.lowest, each.highest))
+        figures += [replace(each, name=f"{title}, {name}: {each.name}") for each in judged]
     return Report(figures, [Table(title, COLUMNS, rows)])
 
 

@@ -10,7 +10,8 @@ keep the limits.
 import json
 import math
 import tempfile
-from collections.abc import Sequence
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 
 from benchmarks.shared.programs import pkmcal
@@ -69,18 +70,11 @@ def dry_run(scenario: str, seed: int) -> dict[str, float]:
         seconds, answer = pkmcal(*words, "--seed", str(seed), "--json")
     document = json.loads(answer)
     figures = {
-        f"{name}, {when}": figure(document, (when, *place))
+        f"{name}, {when}": float(reduce(getitem, (when, *place), document))
         for name, place in PLACES.items()
         for when in ("before", "after")
     }
     return figures | {SECONDS: seconds}
-
-
-def figure(document: object, place: Sequence[str]) -> float:
-    for key in place:
-        assert isinstance(document, dict)
-        document = document[key]
-    return float(str(document))
 
 
 if __name__ == "__main__":

@@ -35,12 +35,8 @@ LEAST_OF_OTHERS = 100_000
 def measure(robot: str, poses: int, seed: int) -> Report:
     file = find_robot(robot).robot
     nominal = file.kinematics
-    robots = {
-        robot: nominal,
-        f"{robot} + {'Table I' if file.mechanism.name == PAR4.name else 'errors'}": true_robot(
-            nominal, seed
-        ),
-    }
+    errors = "Table I" if file.mechanism.name == PAR4.name else "errors"
+    robots = {robot: nominal, f"{robot} + {errors}": true_robot(nominal, seed)}
     return Report([each for item in robots.items() for each in figures(*item, file, poses, seed)])
 
 

@@ -9,7 +9,7 @@ robots that need none: benchmarks.transmission. Exit code 1 when a figure misses
 """
 
 import statistics
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import nan
 
@@ -61,14 +61,10 @@ def measure(robots: int) -> Report:
             Table(
                 "medians by model",
                 ("free", "errors over the 22's", "χ² per degree of freedom"),
-                [(name, *middle(each[name] for each in gains)) for name in ALL_MODELS],
+                [(name, *np.median([each[name] for each in gains], 0)) for name in ALL_MODELS],
             ),
         ],
     )
-
-
-def middle(pairs: Iterable[tuple[float, float]]) -> Iterator[float]:
-    return map(statistics.median, zip(*pairs, strict=True))
 
 
 def realistic_robot(
@@ -80,6 +76,7 @@ def realistic_robot(
     """
     data, fresh = measured(seed)
     choice = select_model(NOMINAL, data, MODELS)
+    kept = next(each.name for each in choice.models if each.kept)
     found = {name: identify(NOMINAL, data, known) for name, known in ALL_MODELS.items()}
     left = {name: 1e3 * rms_mm(each, fresh) for name, each in found.items()}
     chosen, standard, largest = 1e3 * rms_mm(choice, fresh), left[STANDARD], left[LARGEST]
@@ -87,11 +84,7 @@ def realistic_robot(
         name: (left[name] / standard, each.chi2.value / each.chi2.dof if each.chi2 else nan)
         for name, each in found.items()
     }
-    return (seed, kept_name(choice), chosen, standard, largest, chosen / standard), gained
-
-
-def kept_name(found: IdentificationResult) -> str:
-    return next(each.name for each in found.models if each.kept)
+    return (seed, kept, chosen, standard, largest, chosen / standard), gained
 
 
 def rms_mm(found: IdentificationResult, fresh: Shots) -> float:
@@ -100,8 +93,10 @@ def rms_mm(found: IdentificationResult, fresh: Shots) -> float:
     places = SPACE.places(found.free)
     model = PositionModel(NOMINAL, places, fresh.joints, approach=fresh.approach)
     pairs = np.arange(len(fresh)).reshape(-1, 2)
-    measured_mm = fresh.measured_distances_mm(pairs)
-    errors_mm = DistanceResiduals.in_mm(model, *pairs.T, measured_mm).errors_mm(x)
+    problem = DistanceResiduals.in_mm(
+        model, pairs[:, 0], pairs[:, 1], fresh.measured_distances_mm(pairs)
+    )
+    errors_mm = problem.errors_mm(x)
     return float(np.sqrt(np.mean(errors_mm**2)))
 
 

@@ -14,12 +14,7 @@ from benchmarks.shared.prototype import CENTRE, NOMINAL, REGION, ROBOT, SPACE
 from benchmarks.shared.yardstick import Report, Table, main
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import boundary_poses, random_pairs
-from campaigns.estimation.point_sets import (
-    away_from_best_line,
-    distances_mm,
-    farthest_apart,
-    longest_mm,
-)
+from campaigns.estimation import point_sets
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import find_robot, pose_row
@@ -46,7 +41,7 @@ def measure() -> Report:
     prototype = dict(ROBOT.parameters)
     printed = find_robot("par4-table1").robot.parameters
     flipped = {f"arm{arm}.x_mm": -printed[f"arm{arm}.x_mm"] for arm in range(SPACE.arms)}
-    readings = {"as printed": printed}
+    readings: dict[str, Flat] = {"as printed": printed}
     for name, flat in {"radial arms": prototype, FLIPPED: printed | flipped}.items():
         for length_mm in FOREARMS_MM:
             forearms = {f"arm{arm}.forearm_mm": length_mm for arm in range(SPACE.arms)}
@@ -73,15 +68,10 @@ def tests(nominal: Flat, errors: Flat) -> list[str]:
             figures.append("-")
             continue
         turns = axis == len(LINES_MM)
-        value = diameter_mm(points) if turns else longest_mm(away_from_best_line(points))
+        away = point_sets.away_from_best_line(points)
+        value = point_sets.diameter_mm(points) if turns else point_sets.longest_mm(away)
         figures.append(f"{value:.2f}")
     return figures
-
-
-def diameter_mm(points: Array) -> float:
-    """Largest distance between any two points (N, 3)."""
-    first, second = farthest_apart(points)
-    return float(np.linalg.norm(points[first] - points[second]))
 
 
 def reached(nominal: Flat, errors: Flat, poses: Array) -> Array:
@@ -104,8 +94,8 @@ def largest_error_mm(errors: Flat, seed: int) -> float:
     poses = boundary_poses(REGION, 2 * PAIRS, rng)
     assert NOMINAL.feasibility(ROBOT.limits, poses).feasible.all()
     ends = random_pairs(poses, rng).T
-    commanded = distances_mm(poses[:, :3], *ends)
-    true = distances_mm(reached(dict(ROBOT.parameters), errors, poses)[:, :3], *ends)
+    commanded = point_sets.distances_mm(poses[:, :3], *ends)
+    true = point_sets.distances_mm(reached(dict(ROBOT.parameters), errors, poses)[:, :3], *ends)
     return float(np.abs(commanded - true).max())
 
 

@@ -42,8 +42,9 @@ def measure(shots: int, campaigns: int, candidates: int, picture: str, old: str)
     with TemporaryDirectory() as scratch:
         for what, largest in asked.items():
             for size in _sizes(LEAST[what], largest):
-                works = begun(what, Path(scratch) / f"{what}-{size}", size)
-                theirs = begun(what, Path(scratch) / f"old-{what}-{size}", size, old)
+                name = f"{what}-{size}"
+                works = begun(what, Path(scratch) / name, size)
+                theirs = begun(what, Path(scratch) / f"old-{name}", size, old) if old else works
                 for (name, work), (_, old_work) in zip(works, theirs, strict=True):
                     found.setdefault(name, {})[size] = cost_of(work)
                     if old and getattr(old_work, "func", None) is pkmcal:

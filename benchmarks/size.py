@@ -63,20 +63,17 @@ def circle_of_imports() -> list[str]:
 def measure(
     product: int, classes: int, dataclasses: int, tests: int, benchmarks: int, contracts: int
 ) -> Report:
-    found = {name: classes_in(name) for name in PRODUCT}
-    rows = [
-        (name, lines_in(name), len(found[name]), sum(map(is_dataclass, found[name])))
-        for name in PRODUCT
-    ]
-    sums = [sum(row[column] for row in rows) for column in (1, 2, 3)]
+    found = [classes_in(name) for name in PRODUCT]
+    data = [sum(map(is_dataclass, own)) for own in found]
+    rows = list(zip(PRODUCT, map(lines_in, PRODUCT), map(len, found), data, strict=True))
     circle = circle_of_imports()
     tables = [Table("Product", ("", "lines", "classes", "dataclasses"), rows)]
     if circle:
         tables.append(Table("Modules in a circle", ("",), [(name,) for name in circle]))
     figures = [
-        Figure("product", sums[0], "lines", highest=product),
-        Figure("classes", sums[1], highest=classes),
-        Figure("dataclasses", sums[2], highest=dataclasses),
+        Figure("product", lines_in(*PRODUCT), "lines", highest=product),
+        Figure("classes", sum(map(len, found)), highest=classes),
+        Figure("dataclasses", sum(data), highest=dataclasses),
         Figure("tests", lines_in("tests"), "lines", highest=tests),
         Figure("benchmarks", lines_in("benchmarks"), "lines", highest=benchmarks),
         Figure("import contracts", import_contracts(), highest=contracts),
@@ -86,6 +83,5 @@ def measure(
 
 
 if __name__ == "__main__":
-    limits = {"product": 44000, "classes": 620, "dataclasses": 370}
-    others = {"tests": 37000, "benchmarks": 3000, "contracts": 11}
-    raise SystemExit(main(__doc__, measure, **limits, **others))
+    limits = {"product": 44000, "classes": 620, "dataclasses": 370, "tests": 37000}
+    raise SystemExit(main(__doc__, measure, **limits, benchmarks=3000, contracts=11))

@@ -171,7 +171,7 @@ def start(processes: Processes, name: str, address: str, study: Sequence[str]) -
     """Start a process; the study when all workers are there."""
     if name == "study":
         command: tuple[str, ...] = (PKMCAL, *study, "--workers", address)
-        with Client(address, timeout=READY_S) as client:
+        with Client(address, timeout=READY_S) as client:  # type: ignore[no-untyped-call]
             client.wait_for_workers(sum("worker" in each for each in processes), timeout=READY_S)
     else:
         worker = ("worker", address, "--nthreads", "1", "--no-nanny")
@@ -191,12 +191,13 @@ def feeding_s(address: str, file: Path, scheduler: int) -> float:
         for result in cluster_results(tasks, address, without_work):
             table.add(result.rows)
     spent = [sum(each.cpu_times()[:2]) - s for each, s in zip(busy, before, strict=True)]
-    return max(spent) / len(tasks)
+    return float(max(spent)) / len(tasks)
 
 
 def without_work(task: StudyTask) -> tuple[CampaignRow, ...]:
     """Rows as long as real ones."""
-    found = CampaignEstimate(**dict.fromkeys(("errors", "std", "bound"), (1.0 / 7.0,) * 22))
+    figures = (1.0 / 7.0,) * 22
+    found = CampaignEstimate(errors=figures, std=figures, bound=figures)
     return tuple(CampaignRow(number, estimate=found) for number in task.numbers)
 
 
@@ -206,7 +207,7 @@ def memory_of(samples: Samples, campaigns: int) -> list[tuple[str, float, float]
     for name in dict.fromkeys(name for name, *_ in samples):
         own = np.array([rest for each, *rest in samples if each == name])
         late = own[own[:, 0] > 0.75 * campaigns]
-        slope = 1e4 * np.polyfit(*late.T, 1)[0] if len(late) > 1 else np.nan
+        slope = 1e4 * np.polyfit(late[:, 0], late[:, 1], 1)[0] if len(late) > 1 else np.nan
         rows.append((name, float(own[:, 1].max()), float(slope)))
     return rows
 

@@ -163,7 +163,7 @@ def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> Fitted:
     added = [each for each in space.model if each.split(".")[-1] in own]
     usual, full = space.free_by_default, space.free_in_full
     all_terms = (*full, *space.transmission, *space.thermal)
-    lefts, errors, seconds, sigmas = [], [], [], ()
+    lefts, errors, seconds, sigmas = [], [], [], tuple[float, ...]()
     for free in (usual, (*usual, *added), full, all_terms):
         places = space.places(free)
         fitted, unseen = (

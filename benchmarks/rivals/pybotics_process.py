@@ -73,10 +73,13 @@ def command_line(cache: Path = CACHE) -> tuple[Path, str, Path]:
     """What starts the recipe, installed first if need be; raises `RivalMissing`."""
     folder = cache / f"{REQUIREMENT}-python{sys.version_info.major}.{sys.version_info.minor}"
     python = folder / "bin" / "python"
-    pip = [python, "-m", "pip", "install", "--retries=1", "--only-binary=:all:", REQUIREMENT]
+    steps: tuple[tuple[str | Path, ...], ...] = (
+        (sys.executable, "-m", "venv", "--clear", folder),
+        (python, "-m", "pip", "install", "--retries=1", "--only-binary=:all:", REQUIREMENT),
+    )
     if not (folder / COMPLETE).exists():
         try:
-            for step in ([sys.executable, "-m", "venv", "--clear", folder], pip):
+            for step in steps:
                 subprocess.run(step, check=True, capture_output=True, timeout=STEP_S)
         except (OSError, subprocess.SubprocessError) as error:
             written = (getattr(error, "stderr", None) or b"").decode("utf-8", "replace").strip()

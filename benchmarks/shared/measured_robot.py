@@ -34,8 +34,7 @@ class MeasuredRobot:
 
     def measured_mm(self) -> Array:
         """Distances of the pairs, (N/2,)."""
-        first, second = self.pairs.T
-        return distances_mm(self.points_mm, first, second)
+        return distances_mm(self.points_mm, *self.pairs.T)
 
 
 def measured_robot() -> MeasuredRobot:

@@ -101,6 +101,7 @@ def main(
     description: str | None,
     measure: Callable[..., Report],
     words: Sequence[str] | None = None,
+    /,
     **defaults: int | str,
 ) -> int:
     """Measure and print; `defaults` are those of the options. 1 when a limit is missed."""

@@ -9,7 +9,7 @@ from app.papers.corbel2006 import trials
 from app.papers.corbel2006.comparison import Distribution, of_experiment
 from app.papers.corbel2006.printed import LINES_MM, PAIRS, TRACKER_NOISE_MM, allowed, printed
 from campaigns.arrays import AXES, Array, Mask
-from campaigns.estimation.point_sets import away_from_best_line, farthest_apart, longest_mm
+from campaigns.estimation.point_sets import away_from_best_line, diameter_mm, longest_mm
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.settings.sections import PlanConfig, ValidationConfig
@@ -66,7 +66,7 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
         ),
         floor(
             "rotation: 19 points, two most distant",
-            lambda rng: _most_distant_mm(_scattered(rng, tests.rotation_steps)),
+            lambda rng: diameter_mm(_scattered(rng, tests.rotation_steps)),
             printed(trials.PROTOTYPE, "rotation, after"),
         ),
         floor(
@@ -90,11 +90,6 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
 def _scattered(rng: np.random.Generator, count: int) -> Array:
     """Points that should be one, (count, 3)."""
     return rng.uniform(-trials.REPEATABILITY_MM, trials.REPEATABILITY_MM, (count, 3))
-
-
-def _most_distant_mm(points: Array) -> float:
-    first, second = farthest_apart(points)
-    return float(np.linalg.norm(points[first] - points[second]))
 
 
 def _tracked_mm(rng: np.random.Generator, count: int) -> Array:
