@@ -13,6 +13,7 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.files.lock import campaign_lock
+from campaigns.files.memory import recall, remember, software
 from campaigns.journal.own_file import rescued_copies, take_rescued
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
@@ -35,6 +36,8 @@ JournalT = TypeVar("JournalT", bound="JournalReader")
 
 PLAN = "plan.csv"
 JOURNAL = "campaign.db"
+MANY_RECORDS = 2000
+"""Of a journal, from which verifying them takes longer than asking whether that was done."""
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 """Speed of a fast parallel robot's joints at 100 %, only for estimates of time."""
 
@@ -239,12 +242,11 @@ class Campaign:
         from campaigns.journal.journal import open_journal
 
         path = self.journal_path
-        known = self._verified()
         opened = open_journal(
             path,
             now_utc=now_utc,
             create=not path.exists(),
-            verified=known,
+            verified=self._verified,
             waits_for_disk=not self.is_simulated,  # a power cut moves no robot there
         )
         return self._own(opened)
@@ -257,22 +259,67 @@ class Campaign:
         from campaigns.journal.journal import read_journal
 
         self.require_journal()
-        return self._own(read_journal(self.journal_path, self._verified()))
+        return self._own(read_journal(self.journal_path, self._verified))
 
-    def _verified(self) -> "Sequence[Row]":
-        """Records that the journal held when it was opened last."""
-        return self._opened[-1].verified if self._opened else ()
+    def _verified(self, rows: "Sequence[Row]") -> "Sequence[Row]":
+        """Records of the journal that were verified: when it was opened last, or by a command."""
+        if self._opened:
+            return self._opened[-1].verified
+        count, content, *_ = self._recalled(rows)
+        if count:
+            from campaigns.journal.digest_chain import content_digest
+
+            if content_digest(rows[:count]) == content:
+                return rows[:count]
+        return ()
 
     def _own(self, journal: JournalT) -> JournalT:
         try:
             for before in self._opened:
                 journal.take_over(before.read_so_far())
             self._opened[:] = [journal]
+            self._remember_verified(journal)
             self.require_own(journal.series())
         except BaseException:
             journal.close()
             raise
         return journal
+
+    def _recalled(self, rows: "Sequence[Row]") -> tuple[int, str, str, str]:
+        """Number of records that a command verified, of these at most, and three digests of them.
+
+        Of their content, of the chain, and of the journal. 0 of a short journal.
+        """
+        if len(rows) >= MANY_RECORDS:
+            match recall("journal", self.folder, {"software": software()}):
+                case {
+                    "records": int(count),
+                    "content": str(content),
+                    "chain": str(chain),
+                    "digest": str(digest),
+                } if 0 < count <= len(rows):
+                    return count, content, chain, digest
+        return 0, "", "", ""
+
+    def _remember_verified(self, journal: "JournalReader") -> None:
+        """Have many records, once verified, not verified again by a later command."""
+        rows = journal.verified
+        count, _, chain, digest = self._recalled(rows)
+        if count and rows[count - 1][-1] == chain:
+            journal.know_digest(count, digest)
+        else:
+            count = 0
+        if len(rows) - count < MANY_RECORDS:
+            return
+        from campaigns.journal.digest_chain import content_digest
+
+        found = {
+            "records": len(rows),
+            "content": content_digest(rows),
+            "chain": rows[-1][-1],
+            "digest": journal.digest(through=len(rows)),
+        }
+        remember("journal", self.folder, {"software": software()}, found)
 
     def require_own(self, all_series: "Iterable[Series]") -> None:
         """Raise `JournalFailed` when series of a journal are another campaign's.

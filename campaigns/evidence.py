@@ -104,12 +104,24 @@ class JournalFacts:
 
     series: tuple[Series, ...]
     incidents: tuple[Incident, ...]
-    digest: str
+    digest_through: Callable[[int], str]
+    """Digest over so many records."""
     records: int
-    identified_digest: str | None
-    """Of the records up to where the identification was made, as they are now."""
+    identified_records: int | None
+    """Number of records from which the identification was made."""
     unended_load: str = ""
     """Sentence about a load that was begun and not ended; empty when there is none."""
+
+    @property
+    def digest(self) -> str:
+        """Digest over all records."""
+        return self.digest_through(self.records)
+
+    @property
+    def identified_digest(self) -> str | None:
+        """Digest over the records up to where the identification was made, as they are now."""
+        through = self.identified_records
+        return None if through is None else self.digest_through(min(through, self.records))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -356,8 +368,10 @@ def gather(campaign: Campaign) -> Evidence:
         loaded = _latest(entries, "load", read_load, unreadable)
         if loaded is not None and (ended := _latest_finding(entries, "load")) is not None:
             loaded = replace(loaded, at_utc=ended.at_utc)
-        through = identification.journal_records if identification else None
-        through_then = None if through is None else journal.digest(through=through)
+        if journal.last_number() > journal.end().number:
+            # of what came meanwhile, which is asked for once it is closed
+            journal.digest(through=identification.journal_records if identification else None)
+            journal.digest()
         facts = JournalFacts(
             all_series,
             tuple(
@@ -365,9 +379,9 @@ def gather(campaign: Campaign) -> Evidence:
                 for entry in entries
                 if isinstance(entry.record, Rejected | PairVoided | Event)
             ),
-            journal.digest(),
+            lambda through: journal.digest(through=through),
             journal.last_number(),
-            through_then,
+            identification.journal_records if identification else None,
             _unended_load(journal, unreadable),
         )
         run = _measured(campaign, _identified_series(all_series, identification))

@@ -2,7 +2,7 @@
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
@@ -14,7 +14,9 @@ from campaigns.journal.digest_chain import (
     ChainEnd,
     JournalDamaged,
     Row,
+    Verified,
     chain_end,
+    none_verified,
 )
 from campaigns.journal.own_file import close_refused
 
@@ -277,7 +279,7 @@ def stored_digest(connection: sqlite3.Connection, number: int) -> str | None:
 
 
 def verified_records(
-    connection: sqlite3.Connection, path: Path, verified: Sequence[Row] = ()
+    connection: sqlite3.Connection, path: Path, verified: Verified = none_verified
 ) -> tuple[list[Row], ChainEnd]:
     """All records, and the end of their chain; those `verified` before need not be hashed again.
 
@@ -287,7 +289,7 @@ def verified_records(
     with sqlite_errors_explained(path, "the journal cannot be read"):
         rows, stated = stored_records(connection)
     try:
-        return rows, chain_end(rows, stated, verified)
+        return rows, chain_end(rows, stated, verified(rows))
     except JournalDamaged as broken:
         raise JournalDamaged(f"{path}: {broken.problem}", number=broken.number) from broken
 

