@@ -16,9 +16,13 @@ from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
+from campaigns.evaluation.gains import JUDGED
+from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions, ModelToFind
 from drivers.bounded_files import is_there
 
+BETTER = "the loaded parameters make the robot better at poses that were not fitted"
+NOTHING_TO_CORRECT = "no change shown at poses that were not fitted: there is nothing to correct"
 NewFolder = Annotated[
     Path | None, typer.Argument(metavar="[DIR]", help="Default: a new folder dry-run-N.")
 ]
@@ -71,9 +75,8 @@ def command(
     for line in against:
         terminal.say(f"not good: {line}", BAD)
     if not against:
-        terminal.say(
-            "good: the loaded parameters make the robot better at poses that were not fitted", GOOD
-        )
+        shown = any(each.shown for each in evaluate(campaign).gains if each.name == JUDGED)
+        terminal.say(f"good: {BETTER if shown else NOTHING_TO_CORRECT}", GOOD)
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
     following = tell_next(terminal, campaign, reported=True)
     terminal.document(document | {"seconds": seconds} | following)

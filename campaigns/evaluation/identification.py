@@ -1,14 +1,19 @@
 """Verdict on an identification: whether its result may be used, and why."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import scipy
+
+from campaigns.arrays import Array
 from campaigns.estimation.estimators import Estimator, LossShape
-from campaigns.estimation.information import ChiSquareTest
+from campaigns.estimation.information import ChiSquareTest, HoldOut
 from campaigns.estimation.least_squares import Solution
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.diagnostics import Doubt
+from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.mechanisms.parameters import ParameterSpace
 
@@ -37,6 +42,10 @@ NO_SIGMA = (
 PLAY = "play in the gears"
 MANY_OUTLIERS = 0.1
 """With a larger share of outliers they are no single mistakes."""
+WORSE_BEYOND = 0.95
+"""Chance that hold-out pairs of equal models stay below."""
+FEWEST_PAIRS = 3
+"""By which chance can be told; with fewer the mean counts."""
 WORTHLESS = {"mm": 5.0, "deg": 3.0, "ppm": 3000.0}
 """A σ of which the nominal value is a better guess than the identified one."""
 
@@ -58,6 +67,8 @@ class IdentificationEvidence:
     contradicted: tuple[str, ...]
     """Priors that the shots contradict, in words."""
     unseen: BeforeAfter | None
+    is_worse: bool
+    """Whether hold-out pairs got worse beyond chance."""
     doubts: tuple[Doubt, ...]
     lost: tuple[str, ...]
     """Hold-out pairs that the identified robot cannot take, in words."""
@@ -88,6 +99,8 @@ def identification_verdict(
         f"hold-out pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
         f"max {before.max_abs:.3f} → {after.max_abs:.3f} mm"
     )
+    if after.rms > before.rms:
+        gain += f" ({NO_CHANGE})"
     left = evidence.residuals
     fitted = f"fitted {evidence.kind}: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"
     region = (evidence.region,) if evidence.region else ()
@@ -176,9 +189,26 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[tuple[str, st
         yield MANY_LEFT_OUT, f"{share}, {limit}: so many are no single mistakes"
     yield from ((LOST, says) for says in evidence.lost)
     errors = evidence.unseen
-    if errors is not None and not errors.after.rms <= errors.before.rms:
+    if errors is not None and evidence.is_worse:
         worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
         yield WORSE, f"hold-out pairs got worse: {worse}"
+
+
+def worse_beyond_chance(before_mm: Array, after_mm: Array, tested: HoldOut | None) -> bool:
+    """Whether errors of hold-out pairs (M,) grew, pair by pair and beyond chance (Student's).
+
+    And are larger than σ say (`tested`, of those after): that shows that the model is wrong. Of a
+    robot that is as its nominal parameters say nothing is to be gained, and noise in the fit costs
+    a little.
+    """
+    more = after_mm**2 - before_mm**2
+    count, mean = len(more), float(more.mean())
+    if count < FEWEST_PAIRS:
+        return mean > 0.0
+    if tested and tested.believable:
+        return False  # few pairs cannot tell: they are as far off as the model says
+    factor = float(scipy.special.stdtrit(count - 1, WORSE_BEYOND))
+    return mean > factor * float(more.std(ddof=1)) / math.sqrt(count)
 
 
 def scatter_in_words(components: VarianceComponents, unit: str, scale: float) -> str:

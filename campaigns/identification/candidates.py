@@ -12,11 +12,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.evaluation.diagnostics import Doubt, lack_doubt
+from campaigns.evaluation.identification import worse_beyond_chance
 from campaigns.identification.change import Tested
 from campaigns.identification.identify import fitted
 from campaigns.identification.options import IdentificationOptions
@@ -28,10 +28,6 @@ from campaigns.mechanisms.transmission import YIELDING
 from campaigns.shots.shots import Shots
 from campaigns.shots.warmth import Course
 
-WORSE_BEYOND = 0.95
-"""Chance that hold-out pairs of equal models stay below."""
-FEWEST_PAIRS = 3
-"""By which chance can be told; with fewer the mean counts."""
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -202,7 +198,7 @@ def objection_to(candidate: Candidate, standard: Candidate) -> str:
     lost = _lost_unseen(candidate, standard)
     if lost >= 0.0 and price + lost >= price_of(standard):
         return "hold-out pairs are no better with it"
-    if _is_worse(candidate, standard):
+    if worse_beyond_chance(_unseen_mm(standard), _unseen_mm(candidate), found.hold_out):
         return "hold-out pairs are worse with it, beyond chance"
     if price >= price_of(standard):
         return "its gain is not worth its parameters (BIC)"
@@ -215,23 +211,6 @@ def _lost_unseen(candidate: Candidate, standard: Candidate) -> float:
     told = candidate.found and candidate.found.hold_out
     chi2 = min(told.chi2, len(squares)) if told else len(squares)
     return float(chi2 * (1.0 - before.sum() / max(squares.sum(), NO_SCATTER)))
-
-
-def _is_worse(candidate: Candidate, standard: Candidate) -> bool:
-    """Whether hold-out pairs are worse for a model, pair by pair and beyond chance (Student's).
-
-    And farther off than its own σ say: what they then show is that it is wrong.
-    """
-    squares = [_unseen_mm(each) ** 2 for each in (candidate, standard)]
-    more = squares[0] - squares[1]
-    count, mean = len(more), float(more.mean())
-    if count < FEWEST_PAIRS:
-        return mean >= 0.0
-    told = candidate.found and candidate.found.hold_out
-    if told and told.believable:
-        return False  # few pairs cannot tell: they are as far off as the model says
-    factor = float(scipy.special.stdtrit(count - 1, WORSE_BEYOND))
-    return mean > factor * float(more.std(ddof=1)) / math.sqrt(count)
 
 
 def _unseen_mm(candidate: Candidate) -> Array:

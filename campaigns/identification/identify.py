@@ -183,6 +183,10 @@ def _result(
             contradicted=tuple(_contradicted(found, free, space)),
             doubts=doubts,
             unseen=None if unseen is None else unseen.summary(),
+            is_worse=unseen is not None
+            and identification.worse_beyond_chance(
+                unseen.before[:, 0], unseen.after[:, 0], held_out.tested
+            ),
             lost=tuple(f"hold-out {each.what}: {each.reason}" for each in held_out.lost),
             region=None if region is None else region.says,
         )

@@ -78,6 +78,14 @@ def test_fit_that_makes_unseen_pairs_worse_fails() -> None:
     assert any(each.startswith("hold-out pairs got worse: rms 0.0000 → ") for each in found.reasons)
 
 
+def test_robot_that_is_as_its_nominal_parameters_say_has_nothing_to_correct_and_passes() -> None:
+    """What the fit makes of noise costs hold-out pairs a little: no more than chance explains."""
+    found = by_distances(noisy(simulated(60, 20, seed=3, truth=NOMINAL), seed=4))
+    assert found.unseen_mm.after.rms > found.unseen_mm.before.rms
+    assert found.verdict == "pass"
+    assert found.reasons[0].endswith("(no change shown)")
+
+
 def test_too_few_pairs_are_refused_and_just_enough_give_no_deviations() -> None:
     with pytest.raises(ShotsMissing, match="21 pairs cannot give 22 parameters"):
         by_distances(simulated(21, 5, seed=1))
