@@ -25,6 +25,7 @@ from campaigns.measuring.wishes import Wish, Wishes
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions, ValidationOptions
 from campaigns.planning.plan_check import CheckedPlan
+from campaigns.settings.option import typed_words
 from campaigns.workflow import validation
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
@@ -318,7 +319,7 @@ def measure_validation(
         terminal,
         title=f"validate {options.stage}",
         stage=options.stage,
-        again=("validate", *options.words()),
+        again=("validate", *typed_words(options)),
         retry=options.retry,
         told=told,
         yes=yes,

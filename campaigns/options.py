@@ -248,10 +248,6 @@ class ValidationOptions:
         """Sets of the tests that are asked for; without a word those made by default."""
         return frozenset(SET_OF[name] for name in self.only or BY_DEFAULT)
 
-    def words(self) -> list[str]:
-        """The options again, as they are typed."""
-        return typed_words(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions:
@@ -268,10 +264,6 @@ class CheckOptions:
         ),
     ] = False
     retry: Retry = None
-
-    def words(self) -> list[str]:
-        """Words as they are typed, for the command that goes on later."""
-        return typed_words(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -50,7 +50,6 @@ class CsvForm:
     required: tuple[str, ...]
     optional: tuple[str, ...]
     invalid: type[CampaignError]
-    most_lines: int = MOST_LINES
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -99,7 +98,7 @@ class CsvRow:
 
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     """Yield the rows of a file whose first line names its columns; raises `form.invalid`."""
-    check_lines(text, name, form.invalid, form.most_lines)
+    check_lines(text, name, form.invalid)
     lines, is_marked = _filled_lines(text, name, form.invalid), _MARK in text
     where, header = next(lines, (f"{name}:1", []))
     _check_header(header, where, form)
@@ -110,11 +109,11 @@ def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
         yield CsvRow(where, dict(zip(header, texts, strict=True)), form)
 
 
-def check_lines(text: str, name: str, invalid: type[CampaignError], most: int = MOST_LINES) -> None:
+def check_lines(text: str, name: str, invalid: type[CampaignError]) -> None:
     """Raise `invalid`, before a line is read, for more than could be of such a file."""
-    if max(text.count("\n"), text.count("\r")) > most:
+    if max(text.count("\n"), text.count("\r")) > MOST_LINES:
         raise invalid(
-            f"{name}: has more than {most} lines, the most that are read",
+            f"{name}: has more than {MOST_LINES} lines, the most that are read",
             remedy="check that it is the right file",
         )
 

@@ -52,9 +52,9 @@ def words(head: str, of: Callable[[T], str]) -> Column[T]:
     return Column(head, of, kind="words")
 
 
-def by_place(*heads: str, kind: Kind = "words") -> tuple[Column[Row], ...]:
-    """Columns of rows that are texts already."""
-    return tuple(Column(head, itemgetter(place), kind=kind) for place, head in enumerate(heads))
+def by_place(*heads: str) -> tuple[Column[Row], ...]:
+    """Columns of rows that are words already."""
+    return tuple(words(head, itemgetter(place)) for place, head in enumerate(heads))
 
 
 def texts(columns: Sequence[Column[T]], rows: Iterable[T]) -> tuple[Row, ...]:

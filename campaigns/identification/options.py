@@ -180,10 +180,6 @@ class IdentificationOptions(Selection):
         """Whether ranges may be too long by one constant, which is no robot's parameter."""
         return REFLECTOR_CONSTANT in self.free
 
-    def words(self) -> list[str]:
-        """All options that are not as they are by default, as they are typed."""
-        return typed_words(self)
-
     @property
     def robust_loss(self) -> Loss:
         """Loss by its shape and where it bends."""

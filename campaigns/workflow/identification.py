@@ -16,6 +16,7 @@ from campaigns.identification.model_selection import (
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
+from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import between, held_out, shots_of_journal
 from campaigns.shots.warmth import with_readings
@@ -59,7 +60,7 @@ def identify(
             series=series.number,
             shots=len(shots),
             model=model.value,
-            asked=tuple(options.words()),
+            asked=tuple(typed_words(options)),
             robot_digest=robot.digest(),
             plan_digest=series.started.plan_digest,
             journal_digest=journal.digest(),

@@ -17,6 +17,7 @@ from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.identification.options import AS_THE_PAPER, IdentificationOptions
 from campaigns.planning.plans import region_of
 from campaigns.robots.robot import pose_of
+from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.identification import identification_options, identify, model_to_find
@@ -205,8 +206,8 @@ def test_options_are_typed_as_they_were_given():
         estimator=Estimator.DISTANCES, fix=("arm1.*", "arm2.*"), shots=(None, 60), sessions=True
     )
     words = "--estimator distances --fix arm1.* --fix arm2.* --shots -60 --sessions"
-    assert sorted(options.words()) == sorted(words.split())
-    assert IdentificationOptions().words() == []
+    assert sorted(typed_words(options)) == sorted(words.split())
+    assert typed_words(IdentificationOptions()) == []
 
 
 def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):

@@ -9,7 +9,7 @@ from functools import wraps
 from html import escape
 from io import StringIO
 from pathlib import Path
-from typing import Any, Literal, ParamSpec
+from typing import Any, ParamSpec
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -162,14 +162,9 @@ def say_instead(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=QUIET)
 
 
-Above = Literal["outside upper left", "outside upper right"]
-
-
-def legend_above(
-    figure: FigureBase, axes: Axes, columns: int, loc: Above = "outside upper left"
-) -> None:
+def legend_above(figure: FigureBase, axes: Axes, columns: int) -> None:
     """One legend for the whole figure, over it, that names each label once."""
     handles, labels = axes.get_legend_handles_labels()
     first = dict(zip(labels[::-1], handles[::-1], strict=True))
     names = list(first)[::-1]
-    figure.legend([first[name] for name in names], names, loc=loc, ncols=columns)
+    figure.legend([first[name] for name in names], names, loc="outside upper left", ncols=columns)

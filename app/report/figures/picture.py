@@ -94,10 +94,9 @@ class Picture:
         stroke = f'fill="none" stroke="{look.colour}" stroke-width="{width}"{dash}'
         self.parts.append(f'<polyline {stroke} points="{_joined(points)}"/>')
 
-    def area(self, points: Iterable[Iterable[float]], fill: str, opacity: float = 1.0) -> None:
+    def area(self, points: Iterable[Iterable[float]], fill: str) -> None:
         """Filled polygon."""
-        style = f'fill="{fill}" fill-opacity="{opacity:g}"'
-        self.parts.append(f'<polygon {style} points="{_joined(points)}"/>')
+        self.parts.append(f'<polygon fill="{fill}" points="{_joined(points)}"/>')
 
     def marks(self, points: Array, look: Look, names: Sequence[str] = ()) -> None:
         """A marker at each of points (N, 2) of the picture. `names`: shown under the cursor."""
