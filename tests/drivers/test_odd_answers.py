@@ -58,23 +58,12 @@ def emscon_calls(draw):
             instrument.says[command] = [(0.0, Answer(command, 0, body))]
     if draw.random() < 0.5:
         instrument.result = odd(SingleResult2, draw)
-    tracker = Station(instrument).tracker
-    return (
-        tracker.connect,
-        lambda: tracker.prepare("CCR-1.5in", 0.5),
-        tracker.state,
-        tracker.weather,
-        tracker.reflectors,
-        tracker.measure,
-        lambda: tracker.go_to((1.0, 2.0, 3.0)),
-        tracker.reconnect,
-        tracker.close,
-    )
+    return tracker_calls(Station(instrument).tracker)
 
 
 def geocom_calls(draw):
     bench = Bench()
-    instrument, tracker = bench.instrument, bench.tracker
+    instrument = bench.instrument
 
     def odd_reply(request):
         count = len(instrument.answers[request.rpc][1]) if draw.random() < 0.8 else 3
@@ -85,6 +74,10 @@ def geocom_calls(draw):
     for rpc in instrument.answers:
         if draw.random() < 0.1:
             instrument.says[rpc] = odd_reply
+    return tracker_calls(bench.tracker)
+
+
+def tracker_calls(tracker):
     return (
         tracker.connect,
         lambda: tracker.prepare("CCR-1.5in", 0.5),

@@ -14,6 +14,7 @@ from small_plans import LIMITS
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.rigid_transforms import from_paper_angles
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
@@ -128,6 +129,14 @@ def identified(
         found = identify(NOMINAL, data, select_parameters(SPACE, free, fix, prior), options)
         FOUND[key] = (data, poses, found)
     return FOUND[key][-1]
+
+
+def found_with(data: Shots, **options) -> IdentificationResult:
+    return identify(NOMINAL, data, select_parameters(SPACE), IdentificationOptions(**options))
+
+
+def doubt(found: IdentificationResult, name: str) -> Doubt | None:
+    return next((each for each in found.doubts if each.name == name), None)
 
 
 def values(found: IdentificationResult) -> dict[str, float]:

@@ -47,6 +47,18 @@ NOISE_MM = 0.005
 CONTROLLER = Identity("Acme", "Par4", "R-1", "1.0", "robotline 1")
 TRACKER = Identity("Leica", "AT403", "T-7", "2.3", "emScon")
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
+LOAD_BEGUN = records.Finding(
+    "load begun",
+    {
+        "source": "robot-compensated.yaml",
+        "digest": "d",
+        "kept": "k.yaml",
+        "wanted": {"plate_mm": 1.0},
+        "held": {"plate_mm": 2.0},
+        "controller_serial": "R-1",
+    },
+)
+"""Record of a load that has no end."""
 
 
 @dataclass

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import CONTROLLER, NOMINAL, PaperCampaign, new_campaign
+from paper_campaign import CONTROLLER, LOAD_BEGUN, NOMINAL, PaperCampaign, new_campaign
 
 from app.cli.report import report
 from app.report import model_sections, record_sections
@@ -22,7 +22,7 @@ from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.files.table import texts
 from campaigns.identification.nests import Nest
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
-from campaigns.journal.records import Event, Finding, Intent, PairVoided, Rejected, SeriesStarted
+from campaigns.journal.records import Event, Intent, PairVoided, Rejected, SeriesStarted
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shots.import_export import ImportedFile, append_import
@@ -498,17 +498,9 @@ def test_the_robots_scatter_and_the_hold_out_test_stand_in_words(whole: PaperCam
 
 def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "loading")
-    begun = {
-        "source": "robot-compensated.yaml",
-        "digest": "d",
-        "kept": "k.yaml",
-        "wanted": {"plate_mm": 1.0},
-        "held": {"plate_mm": 2.0},
-        "controller_serial": "R-1",
-    }
     assert 'class="alarm"' not in html(paper)
     with paper.journal() as journal:
-        journal.append(Finding("load begun", begun))
+        journal.append(LOAD_BEGUN)
     text = html(paper)
     alarm = text.index("A load of robot-compensated.yaml was begun at")
     assert text.index('class="alarm"') < alarm < text.index('id="verdict"')

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import MECHANISM, NOISE_MM, NOMINAL, PaperCampaign
+from paper_campaign import LOAD_BEGUN, MECHANISM, NOISE_MM, NOMINAL, PaperCampaign
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
@@ -234,16 +234,8 @@ def test_a_load_without_an_end_leaves_the_verdict_open(
     (folder / "campaign.yaml").write_text(limited, "utf-8")
     paper = PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
     assert evaluate(paper.campaign).verdict.decision == "pass"
-    begun = {
-        "source": "robot-compensated.yaml",
-        "digest": "d",
-        "kept": "k.yaml",
-        "wanted": {"plate_mm": 1.0},
-        "held": {"plate_mm": 2.0},
-        "controller_serial": "R-1",
-    }
     with paper.journal() as journal:
-        journal.append(Finding("load begun", begun))
+        journal.append(LOAD_BEGUN)
     found = evaluate(paper.campaign)
     assert found.evidence.journal is not None
     assert "was begun at" in found.evidence.journal.unended_load

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identified_cases import NOMINAL, noisy, simulated, workspace
-from par4_space import SPACE
+from identified_cases import NOMINAL, doubt, found_with, noisy, simulated, workspace
 
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimators import Estimator
@@ -17,21 +16,10 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
 )
 from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH, UNMEASURED
-from campaigns.identification.identify import identify
-from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
 from campaigns.studies.perturbed import BAR, with_known_lengths
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=1)
 PPM = 1e-6
-
-
-def found_with(data, **options):
-    return identify(NOMINAL, data, select_parameters(SPACE), IdentificationOptions(**options))
-
-
-def doubt(found, name):
-    return next((each for each in found.doubts if each.name == name), None)
 
 
 def bar_ends(count, rng):

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identified_cases import NOMINAL, TRUTH, identified, moved, noisy, simulated
+from identified_cases import NOMINAL, TRUTH, doubt, found_with, identified, moved, noisy, simulated
 from par4_space import SPACE
 
 from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.robust import reject_outliers
 from campaigns.evaluation.diagnostics import COMMON_SCALE, HOLD_OUT, LARGE_CHANGE
-from campaigns.identification.identify import identify
 from campaigns.identification.observations import Inputs, distance_observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
@@ -19,14 +18,6 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import between, held_out
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=1)
-
-
-def found_with(data, **options):
-    return identify(NOMINAL, data, select_parameters(SPACE), IdentificationOptions(**options))
-
-
-def doubt(found, name):
-    return next((each for each in found.doubts if each.name == name), None)
 
 
 def scaled(data, factor):

@@ -1,7 +1,6 @@
 """What the journal takes, what it refuses, and what it tells afterwards."""
 
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -20,17 +19,6 @@ from campaigns.journal.records import (
     SeriesFinished,
 )
 from campaigns.journal.views import all_series
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "campaign.db"
-
-
-@pytest.fixture
-def journal(path: Path) -> Iterator[Journal]:
-    with open_journal(path, now_utc=ticking(), create=True) as journal:
-        yield journal
 
 
 @pytest.fixture

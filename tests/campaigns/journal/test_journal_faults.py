@@ -5,7 +5,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -19,17 +18,6 @@ from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import Event
 
 WRITER = Path(__file__).parents[2] / "support" / "journal_writer.py"
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "campaign.db"
-
-
-@pytest.fixture
-def journal(path: Path) -> Iterator[Journal]:
-    with open_journal(path, now_utc=ticking(), create=True) as journal:
-        yield journal
 
 
 def noted_until_it_fails(journal: Journal) -> tuple[int, JournalFailed]:

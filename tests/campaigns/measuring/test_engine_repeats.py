@@ -85,11 +85,8 @@ def test_suspension_is_told_to_the_operator_and_to_the_journal(tmp_path: Path) -
     assert {progress.shot for progress in suspended} == {1}
 
 
-@pytest.mark.parametrize(("measurement", "lasts_s"), [(1, 60.0), (8, 120.0)])
-def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
-    tmp_path: Path, measurement: int, lasts_s: float
-) -> None:
-    """The gate allows one attempt only, and the robot stands still until the beam is back."""
+def cell_without_a_beam(measurement: int, lasts_s: float) -> FakeCell:
+    """Cell whose beam is broken from a measurement on, for so long."""
     cell = FakeCell()
 
     def break_it() -> None:
@@ -98,6 +95,15 @@ def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
         cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
 
     cell.tracker.during_measure = {measurement: break_it}
+    return cell
+
+
+@pytest.mark.parametrize(("measurement", "lasts_s"), [(1, 60.0), (8, 120.0)])
+def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
+    tmp_path: Path, measurement: int, lasts_s: float
+) -> None:
+    """The gate allows one attempt only, and the robot stands still until the beam is back."""
+    cell = cell_without_a_beam(measurement, lasts_s)
     once = GATE.model_copy(update={"attempts": 1})
     journal = cell.run(tmp_path, work(FOUR_PAIRS, gate=once))
     assert len(journal.shots()) == len(FOUR_PAIRS)
@@ -125,14 +131,7 @@ def test_operator_is_told_what_to_do_about_a_broken_beam(
     tmp_path: Path, measurement: int, lasts_s: float, advice: str
 ) -> None:
     """At once where nothing says where the reflector is; else when the beam stays broken."""
-    cell = FakeCell()
-
-    def break_it() -> None:
-        cell.tracker.break_beam()
-        cell.tracker.finds = False
-        cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
-
-    cell.tracker.during_measure = {measurement: break_it}
+    cell = cell_without_a_beam(measurement, lasts_s)
     journal = cell.run(tmp_path, work(FOUR_PAIRS))
     (told,) = (e.record.text for e in journal.records_of(Event) if e.record.kind == "beam broken")
     assert advice in told
