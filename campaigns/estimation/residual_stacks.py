@@ -80,6 +80,7 @@ class RobotStack:
         """Tilts and their elimination where Jacobians were last asked for, (…, C, N)."""
         offsets = mechanism.parameters.offsets
         self._columns = np.append(free, np.setdiff1d(offsets, free))
+        self._has_azimuths = bool(np.isin(free, mechanism.azimuths).any())
         self._of_offsets = np.argmax(self._columns == offsets[:, None], axis=1)
         if self.kernel is None:
             self._by_p = np.zeros((tasks, len(self._columns), count, shots))
@@ -146,7 +147,7 @@ class RobotStack:
         """
         if not self._tilts:
             return configuration.level_columns(poses, self._columns)
-        by_all = configuration.jacobian(poses, gibbs=gibbs).transpose(1, 2, 0)
+        by_all = configuration.jacobian(poses, azimuths=self._has_azimuths, gibbs=gibbs)
         count, shots = self._gibbs.shape[1:]
         assert configuration.tilt_elimination is not None, "left behind by a Jacobian of all"
         about, elimination = configuration.tilt_elimination
@@ -155,7 +156,7 @@ class RobotStack:
             self._tilting = tuple(np.empty((*each.shape[:-2], count, shots)) for each in anew)
         for kept, each in zip(self._tilting, anew, strict=True):
             kept[..., rows, :] = each
-        return by_all[:, self._columns]
+        return by_all.transpose(1, 2, 0)[:, self._columns]
 
     def _tilting_of(self, rows: Index) -> TiltElimination | None:
         """Tilts and elimination about which derivatives of these robots are known."""

@@ -60,6 +60,7 @@ class PositionModel:
         self.free = free
         self._extensions = self._space.places(self._space.extensions)
         self._is_extended = bool(np.isin(free, self._extensions).any())
+        self._has_azimuths = bool(np.isin(free, self._mechanism.azimuths).any())
         self._joints = joints
         self._approach = approach
         self._regressor = np.zeros(len(joints)) if regressor is None else regressor
@@ -107,7 +108,9 @@ class PositionModel:
     def by_geometry(self, x: Array, places: Index) -> Array:
         """∂(X, Y, Z)/∂(the geometry's parameters at these places), free or not, (N, 3, K)."""
         _, by_all = self._expanded(x)
-        if not self._is_extended and np.isin(places, self._extensions).any():
+        left_out = [] if self._is_extended else [self._extensions]
+        left_out += [] if self._has_azimuths else [self._mechanism.azimuths]
+        if any(np.isin(places, each).any() for each in left_out):
             _, configuration, poses = self._assembled_at(x)
             by_all = configuration.jacobian(poses)
         return by_all[:, :3][:, :, places]
@@ -128,7 +131,9 @@ class PositionModel:
         there = self._assembled_at(x)
         if self._expansion is None or self._expansion[0] is not there:
             _, configuration, poses = there
-            geometry = configuration.jacobian(poses, extended=self._is_extended)
+            geometry = configuration.jacobian(
+                poses, extended=self._is_extended, azimuths=self._has_azimuths
+            )
             by_all = geometry
             if self.free.size and self.free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]

@@ -45,10 +45,11 @@ class Arms(ABC):
     """A_i in the base frame, (3, n, N)."""
 
     @abstractmethod
-    def by_fields(self, forearms_mm: Array) -> Array:
+    def by_fields(self, forearms_mm: Array, *, azimuths: bool = True) -> Array:
         """∂F_i of the closures by arm i's own fields and extensions, (…, n, k, N).
 
         Of forearms (3, …, n, N): all but the columns of their own lengths are linear in them.
+        Those of azimuths may hold anything where they are not asked for.
         """
 
     @abstractmethod
@@ -172,16 +173,17 @@ class RotaryArms(Arms):
         return cls(forearm, elbows, arm, tilt, frames, cos, sin)
 
     @override
-    def by_fields(self, forearms_mm: Array) -> Array:
+    def by_fields(self, forearms_mm: Array, *, azimuths: bool = True) -> Array:
         """∂F_i by x, y, z, azimuth, joint offset, arm, forearm and axis tilt, (…, n, 8, N)."""
         cos, sin = self.cos, self.sin
         out, aside, down = in_frames(self.frames, forearms_mm)
         arm_mm, tilt_rad = self.arm_mm, self.axis_tilt_rad
-        across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
         _, *of, rows = forearms_mm.shape
         jacobian = np.empty((*of, len(CRANK_FIELDS) + 1, rows))
         jacobian[..., :3, :] = -2.0 * np.moveaxis(forearms_mm, 0, -2)
-        jacobian[..., 3, :] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
+        if azimuths:
+            across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
+            jacobian[..., 3, :] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
         jacobian[..., 4, :] = 2.0 * arm_mm * (sin * out - cos * down)
         jacobian[..., 5, :] = -2.0 * (cos * out + sin * down)
         jacobian[..., 6, :] = -2.0 * self.forearm_mm

@@ -115,6 +115,8 @@ class ClosedChain:
         self._growing = tuple(
             self.parameters.places(self.parameters.of_field(*fields)) for fields in GROWING
         )
+        self.azimuths = len(arms.fields) * np.arange(platform.arms) + AZIMUTH
+        """Places of the arms' azimuths, (n,)."""
         self._arms = arms
         self.platform = self._own_platform = platform
         self.transmission = Transmission(arms.transmission)

@@ -148,14 +148,23 @@ class Configuration:
         jacobian *= 2.0
         return jacobian.transpose(2, 0, 1)
 
-    def jacobian(self, poses: Array, *, extended: bool = True, gibbs: Array | None = None) -> Array:
+    def jacobian(
+        self,
+        poses: Array,
+        *,
+        extended: bool = True,
+        azimuths: bool = True,
+        gibbs: Array | None = None,
+    ) -> Array:
         """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
 
-        The columns of extensions are left 0 where they are not asked for and the plate is level.
-        `gibbs` (3, N) are the tilts at the poses, where they are known.
+        Columns that are not asked for say nothing: those of extensions are 0 of a level plate,
+        those of azimuths may be anything of a tilted one. `gibbs` (3, N) are the tilts at the
+        poses, where they are known.
         """
         if not self.pairs.are_level:
-            return self._tilting_jacobian(poses, self.tilt(poses) if gibbs is None else gibbs)
+            tilts = self.tilt(poses) if gibbs is None else gibbs
+            return self._tilting_jacobian(poses, tilts, azimuths=azimuths)
         forearms, by_closure, own, by_platform = self._level(poses)
         by_all, beyond = self._by_all(by_closure, own, by_platform)
         if extended:
@@ -210,7 +219,7 @@ class Configuration:
         self._eliminated[:] = [(np.zeros((COORDINATES, len(poses))), elimination)]
         return np.asarray(np.einsum("tkn,kin->tin", _product(by_closure, eliminated), weights))
 
-    def _tilting_jacobian(self, poses: Array, gibbs: Array) -> Array:
+    def _tilting_jacobian(self, poses: Array, gibbs: Array, *, azimuths: bool) -> Array:
         """Jacobian without the plate's tilt, from what closures and normal equations do to it."""
         platform = self.chain.platform
         state = self.pairs.state(*self._seen(self.arms.elbows_mm, poses), gibbs)
@@ -220,15 +229,14 @@ class Configuration:
         by_normal = _product(by_closure, eliminated)
         by_misfit, by_forearm = state.sensitivities(by_closure, by_normal)
         by_all, by_arms, by_plate, beyond = self._columns(by_closure)
-        own, fields = self.arms.by_fields(by_forearm), by_arms.shape[2]
+        own, fields = self.arms.by_fields(by_forearm, azimuths=azimuths), by_arms.shape[2]
         by_arms[:], beyond[:, :-1] = own[:, :, :fields], own[:, :, fields:].swapaxes(1, 2)
         for place, moved in enumerate(platform.joints_by_fields(self.platform, poses)):
             by_plate[:, place] = 2.0 * np.einsum("ktin,kin->tn", by_forearm, state.rotated(moved))
         # what does not go through the forearms: lengths, and the directions of bars
-        of_own = state.by_own_parameters(by_misfit, by_normal)
-        by_azimuth, by_length, by_axis_tilt, beyond[:, -1] = of_own
-        if self.chain.plate.outward_rad is None:
-            by_arms[:, :, AZIMUTH] += by_azimuth
+        if azimuths and self.chain.plate.outward_rad is None:
+            by_arms[:, :, AZIMUTH] += state.by_azimuths(by_misfit, by_normal)
+        by_length, by_axis_tilt, beyond[:, -1] = state.by_own_parameters(by_misfit)
         by_arms[:, :, FOREARM] = by_length - 2.0 * by_closure * self.pairs.forearm_mm
         beyond[:, -2] += by_axis_tilt
         return by_all.transpose(2, 0, 1)

@@ -107,7 +107,7 @@ class LinearArms(Arms):
         return cls(values[:, 6], elbows, rails, travel)
 
     @override
-    def by_fields(self, forearms_mm: Array) -> Array:
+    def by_fields(self, forearms_mm: Array, *, azimuths: bool = True) -> Array:
         """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm, rail, bar tilt, (…, n, 9, N).
 
         The last are 0: the bar on a carriage turns about its middle.

@@ -202,10 +202,10 @@ class TiltedForearms:
         by_forearm += self.forearms_mm[:, None] * by_closure
         return by_misfit, by_forearm
 
-    def by_own_parameters(self, by_misfit: Array, by_normal: Array) -> tuple[Array, ...]:
-        """Derivatives of task coordinates by azimuth, forearm, axis tilt and skew, elbows held.
+    def by_azimuths(self, by_misfit: Array, by_normal: Array) -> Array:
+        """Derivatives of task coordinates by the bars' azimuths, elbows held, (t, n, N).
 
-        (t, n, N) each, but for what closures do; from those by misfits and normal equations.
+        From those by misfits and normal equations.
         """
         length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
         level = np.hypot(axes[0], axes[1])
@@ -214,11 +214,17 @@ class TiltedForearms:
         across[:2] += turned * (1.0 - level)
         weighted = _crossed(turned * (self.misfit / length), self.forearms_mm)
         azimuth = by_misfit * (_dot(self.forearms_mm, across) / length)
-        azimuth += np.einsum("tkn,kin->tin", by_normal, weighted)
-        by_tilt = -axes[2] * bars
-        by_tilt[2] = level
+        return np.asarray(azimuth + np.einsum("tkn,kin->tin", by_normal, weighted))
+
+    def by_own_parameters(self, by_misfit: Array) -> tuple[Array, ...]:
+        """Derivatives of task coordinates by forearm, axis tilt and skew, elbows held.
+
+        (t, n, N) each, but for what closures do; from those by misfits.
+        """
+        length, axes = self.pairs.forearm_mm, self.pairs.motor_axes
+        by_tilt = -axes[2] * self.pairs.plate_bars
+        by_tilt[2] = np.hypot(axes[0], axes[1])
         return (
-            azimuth,
             -by_misfit * ((2.0 * self.misfit + self.pairs.skew) / length),
             -by_misfit * (_dot(self.forearms_mm, by_tilt) / length),
             -by_misfit,

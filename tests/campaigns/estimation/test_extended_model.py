@@ -43,6 +43,7 @@ from sim.robot.transmission import Transmission
 ARCSEC = np.radians(1.0 / 3600.0)
 ALL = indices(MODEL_NAMES)
 FREE = indices(FREE_IF_EXTENDED)
+OF_FULL = indices(SPACE.free_in_full)
 OF_GEOMETRY = slice(0, len(GEOMETRY_NAMES))
 BACKLASH_RAD = np.array([60.0, 20.0, -10.0, 90.0]) * ARCSEC
 """One has the wrong sign, which a fit must be able to say."""
@@ -178,6 +179,16 @@ def problems_of(points_mm, tried):
         "points": points_problem(tried, points_mm),
         "distances": DistanceResiduals.in_mm(tried, first, second, measured_mm),
     }
+
+
+@pytest.mark.parametrize("robot", [TABLE1, LEANING], ids=["level", "tilted"])
+def test_derivatives_by_parameters_that_are_not_free_are_those_of_a_fit_that_frees_all(robot):
+    joints, every = reachable_joints(robot, 10, seed=70), np.arange(len(GEOMETRY_NAMES))
+    found, exact = (
+        tried.by_geometry(tried.nominal, every)
+        for tried in (model(robot, joints, None, free) for free in (OF_FULL, ALL))
+    )
+    assert np.abs(found - exact).max() <= 1e-12 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize("estimator", ["points", "distances"])
