@@ -12,6 +12,8 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import MOST_LINES, CsvForm, csv_text, number_text, parse_csv
 
 FORM = CsvForm(("a", "b"), (), ShotsInvalid)
+MEASURED = CsvForm(("shot", "x_mm"), ("set",), ShotsInvalid)
+FILE = "shot,x_mm,set\n1,2000.5,drift\n2,30,\n"
 FORMULAS = ("=1+1", "+cmd|' /C calc'!A0", "-x", "@SUM(A1)", "'=1", "''-x", "'", "'a", "=", "-")
 
 
@@ -30,6 +32,55 @@ def test_a_text_like_a_formula_is_written_as_text_and_read_as_it_was(text):
     written, back = there_and_back(text, "plain")
     assert raw(written)[0][0][0] not in "=+-@"
     assert back == (text, "plain")
+
+
+def numbers(text):
+    return [
+        (row.whole_number("shot"), row.number("x_mm")) for row in parse_csv(text, "f", MEASURED)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("x_mm,", "", 1, "column x_mm is missing → the first line must name shot,x_mm"),
+        ("x_mm", "x_m", 1, "unknown column 'x_m' → write x_mm, with the value in mm"),
+        ("x_mm", "X_MM", 1, "did you mean x_mm?"),
+        ("set", "set,colour", 1, "unknown column 'colour'"),
+        ("set", "set,", 1, "column 4 has no name"),
+        ("set", "shot", 1, "column shot stands twice"),
+        ("2000.5", "none", 2, "x_mm is 'none', must be a number"),
+        ("2000.5", "NaN", 2, "x_mm is 'NaN', must be a number"),
+        ("2000.5", "-inf", 2, "x_mm is '-inf', must be a number"),
+        ("2000.5", "1e999", 2, "x_mm is '1e999', must be a number"),
+        ("2000.5", "2_000", 2, "x_mm is '2_000', must be a number"),
+        ("2000.5", "٢٠٠٠", 2, "must be a number"),
+        ("2000.5", '"2,000.5"', 2, "x_mm is '2,000.5', must be a number"),
+        ("2000.5", '"2000,5"', 2, "x_mm is '2000,5', a decimal comma → write decimal points"),
+        ("2000.5", "2000,5", 2, "4 values for 3 columns: perhaps decimal commas"),
+        ("2000.5", "", 2, "x_mm is empty"),
+        ("2000.5", "\n", 2, "2 values for 3 columns"),
+        ("2000.5", '"2000.5', 2, "is not CSV"),
+        ("shot,x_mm,set\n1,2000.5", "\n\nshot,x_mm,set\n1,x", 4, "x_mm is 'x'"),
+        ("2,30", "2.0,30", 3, "shot is '2.0', must be a whole number from 0"),
+        ("2,30", "-2,30", 3, "shot is '-2', must be a whole number from 0"),
+        ("2,30", "9" * 5000 + ",30", 3, "must be a whole number"),
+        (FILE, "", 1, "the file is empty"),
+        (FILE, FILE.replace(",", ";"), 1, "separated by semicolons → write decimal points"),
+        (FILE, FILE.replace(",", "\t"), 1, "separated by tabs"),
+        ("shot,x_mm,set\n", "", 1, "unknown column '1'"),
+        (FILE, "\x00\x01\n", 1, "unknown column"),
+    ],
+)
+def test_what_is_wrong_is_answered_with_its_line_and_what_to_do(old, new, line, words):
+    assert numbers(FILE) == [(1, 2000.5), (2, 30.0)]
+    with pytest.raises(ShotsInvalid) as caught:
+        numbers(FILE.replace(old, new, 1))
+    said = str(caught.value)
+    assert said.startswith(f"f:{line}: ")
+    assert words in said
+    assert " → " in said
+    assert len(said) < 250
 
 
 @pytest.mark.parametrize("value", [-1.0, 1e-300, -2.5e17, 0.0])

@@ -94,7 +94,8 @@ def test_findings_are_counted_explained_and_shortened():
 def test_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
     path = tmp_path / "sample.yaml"
     path.write_bytes(b"schema: x\nlabel: caf\xe9\n")
-    with pytest.raises(ConfigInvalid, match=r"sample\.yaml:2: byte 0xe9 is not UTF-8"):
+    says = r"sample\.yaml:2: byte 0xe9 is not UTF-8 text → save the file as plain text"
+    with pytest.raises(ConfigInvalid, match=says):
         yaml_file.read_document(path, if_missing="make it")
 
 

@@ -92,9 +92,8 @@ def test_windows_file_with_byte_order_mark_and_empty_lines_is_read(tmp_path):
     assert read_shots(path, PAR4) == read(SHOTS)
 
 
-def test_line_numbers_count_empty_lines_and_covariances_come_all_or_none():
-    assert complaint(SHOTS.replace("2000.5", "\n")).startswith("shots.csv:2: 6 values")
-    assert complaint("\n\n" + SHOTS.replace("2000.5", "x")).startswith("shots.csv:4: x_mm")
+def test_an_empty_file_is_refused_and_covariances_come_all_or_none():
+    assert "holds no shots" in complaint(HEADER)
     without_szz = "\n".join(line.rsplit(",", 3)[0] for line in FULL.splitlines())
     assert "covariance without szz → give all of sxx,sxy,sxz,syy,syz,szz" in complaint(without_szz)
 
@@ -103,27 +102,11 @@ def test_line_numbers_count_empty_lines_and_covariances_come_all_or_none():
     ("old", "new", "line", "words"),
     [
         ("x_mm,", "", 1, "column x_mm is missing"),
-        ("x_mm", "x_m", 1, "unknown column 'x_m' → write x_mm, with the value in mm"),
-        ("x_mm", "X_MM", 1, "did you mean x_mm?"),
-        ("z_mm", "z_mm,reflector", 1, "unknown column 'reflector'"),
-        ("z_mm", "z_mm,", 1, "column 9 has no name"),
-        ("q1_deg", "q0_deg", 1, "column q0_deg stands twice"),
         ("2000.5", "none", 2, "x_mm is 'none', must be a number"),
-        ("2000.5", "NaN", 2, "x_mm is 'NaN', must be a number"),
-        ("2000.5", "-inf", 2, "x_mm is '-inf', must be a number"),
-        ("2000.5", "", 2, "x_mm is empty"),
-        ("2000.5", "2000,5", 2, "9 values for 8 columns: perhaps decimal commas"),
-        ("2000.5", '"2000,5"', 2, "x_mm is '2000,5', a decimal comma → write decimal points"),
-        ("2000.5", '"2,000.5"', 2, "x_mm is '2,000.5', must be a number"),
-        ("2000.5", "٢٠٠٠", 2, "must be a number"),
-        (",-300", "", 2, "7 values for 8 columns"),
         ("\n0,5", "\n2,5", 2, "pair 0 has one shot, must have two"),
         ("\n1,9", "\n0,9", 4, "pair 0 has 3 shots, must have two"),
         ("\n0,5", "\n,5", 3, "pair is empty"),
-        ("\n0,5", "\n0.0,5", 3, "pair is '0.0', must be a whole number from 0"),
-        ("\n0,5", "\n" + "9" * 5000 + ",5", 3, "must be a whole number"),
         (",9,8,7,6,", ",9,8,7,900,", 4, "q3_deg is 900, must be within ±360"),
-        ("2000.5", '"2000.5', 2, "is not CSV"),
     ],
 )
 def test_broken_row_is_answered_with_its_line(old, new, line, words):
@@ -143,7 +126,6 @@ def test_broken_row_is_answered_with_its_line(old, new, line, words):
         ("4e-4,1e-5", "4e-4,1", "not positive definite"),
         ("4e-4,1e-5,0,3e-4,0", "4e-4,3e-4,-2.5e-4,3e-4,2e-4", "not positive definite"),
         ("4e-4,1e-5", "1e-320,1e300", "not positive definite"),
-        (",sxx,", ",sxw,", "did you mean sxx?"),
         (
             "validation,12.5",
             "vaildation,12.5",
@@ -153,39 +135,11 @@ def test_broken_row_is_answered_with_its_line(old, new, line, words):
         ("validation,12.5", "identification,12.5", "half identification, half validation"),
         (",12.5,", ",twelve,", "theta_deg is 'twelve', must be a number"),
         ("21.5", "warm", "temperature_degC is 'warm', must be a number"),
-        ("temperature_degC", "temperature_degF", "write temperature_degC, with the value in degC"),
     ],
 )
 def test_broken_optional_value_is_answered(old, new, words):
     assert old in FULL
     assert words in complaint(FULL.replace(old, new, 1))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "the file is empty"),
-        (HEADER, "holds no shots"),
-        (SHOTS.replace(",", ";").replace(".", ","), "separated by semicolons → write decimal"),
-        (SHOTS.replace(",", "\t"), "separated by tabs"),
-        (SHOTS.split("\n", 1)[1], "unknown column '0'"),
-        ("\x00\x01\n", "unknown column"),
-    ],
-)
-def test_file_of_another_form_is_refused(text, words):
-    assert words in complaint(text)
-
-
-def test_file_in_utf_16_is_refused_with_a_remedy(tmp_path):
-    path = tmp_path / "shots.csv"
-    path.write_bytes(SHOTS.encode("utf-16"))
-    with pytest.raises(ShotsInvalid, match="is not UTF-8 text → save the file as plain text"):
-        read_shots(path, PAR4)
-
-
-def test_absent_file_is_said_to_be_absent(tmp_path):
-    with pytest.raises(ShotsInvalid, match="there is no such file"):
-        read_shots(tmp_path / "shots.csv", PAR4)
 
 
 def test_export_does_not_overwrite(tmp_path):
