@@ -18,17 +18,11 @@ from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.settings.option import Option, require_finite
+from campaigns.workflow import files
 from campaigns.workflow.correction import Warm
-from campaigns.workflow.files import (
-    DESCRIPTIONS,
-    export,
-    export_description,
-    export_hal,
-    export_shots,
-)
 from campaigns.workflow.reduced_export import ReducedExport, export_joint_tables, export_projected
 
-WORDS = ("yaml", "linuxcnc", *FORMATS, "plain", *DESCRIPTIONS)
+WORDS = ("yaml", "linuxcnc", *FORMATS, "plain", *files.DESCRIPTIONS)
 Format = StrEnum("Format", {word: word for word in WORDS})  # type: ignore[misc] # words of another room
 YAML = Format("yaml")
 Tables = StrEnum("Tables", {word: word for word in joint_tables.FORMATS})  # type: ignore[misc] # words of another room
@@ -113,7 +107,7 @@ def command(
         _show(terminal, campaign, export_projected(campaign, str(format_), to, overwrite=overwrite))
         return
     if shots:
-        path, halves = export_shots(campaign, to, overwrite=overwrite)
+        path, halves = files.export_shots(campaign, to, overwrite=overwrite)
         if halves:
             terminal.note(f"left out because their pair is incomplete: shots {halves}")
     else:
@@ -132,11 +126,11 @@ def _whole_set(
     overwrite: bool,
 ) -> Path:
     """File of all identified parameters, written."""
-    if format_ in DESCRIPTIONS:
-        return export_description(campaign, str(format_), to, overwrite=overwrite)
+    if format_ in files.DESCRIPTIONS:
+        return files.export_description(campaign, str(format_), to, overwrite=overwrite)
     if format_ == "linuxcnc":
-        return export_hal(campaign, to, temperature, overwrite=overwrite)
-    path, robot = export(campaign, to, temperature, overwrite=overwrite)
+        return files.export_hal(campaign, to, temperature, overwrite=overwrite)
+    path, robot = files.export(campaign, to, temperature, overwrite=overwrite)
     if robot.is_extended:
         terminal.note(FOR_SOME_CONTROLLERS)
     return path

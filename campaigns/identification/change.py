@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation import error_columns
+from campaigns.estimation import error_columns, lack_of_fit
 from campaigns.estimation.change_detection import (
     Cause,
     Change,
@@ -25,19 +25,6 @@ from campaigns.estimation.change_detection import (
     without_memory,
 )
 from campaigns.estimation.f_test import FittedShots
-from campaigns.estimation.lack_of_fit import (
-    GENERAL,
-    LEAST_FREEDOM,
-    LONGEST_MM,
-    LONGEST_RAD,
-    SHORTEST_MM,
-    SHORTEST_RAD,
-    Group,
-    LackOfFit,
-    error_groups,
-    external_reliability,
-    lacks_of_fit,
-)
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.robust import rejection_threshold, robust_scale
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -49,7 +36,7 @@ from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
 from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
 from campaigns.shots.warmth import TIME_CONSTANTS
 
-Columns = TypeVar("Columns", Group, Cause)
+Columns = TypeVar("Columns", lack_of_fit.Group, Cause)
 
 GROSS = 20.0
 """σ beyond which a shot is a gross error, which shows no cause."""
@@ -67,8 +54,8 @@ SWAPPED = 0.1
 class Tested:
     """What tests of all shots show, the shots by their numbers."""
 
-    lacks: tuple[LackOfFit, ...] = ()
-    possible: LackOfFit | None = None
+    lacks: tuple[lack_of_fit.LackOfFit, ...] = ()
+    possible: lack_of_fit.LackOfFit | None = None
     """Where nothing is significant: what is worth a trial."""
     change: Change | None = None
     grows: bool = False
@@ -163,9 +150,9 @@ def _gross(shots: "_AllShots", swapped: tuple[tuple[int, int], ...]) -> Mask:
 
 def _hidden(smooth: "_Rows") -> dict[str, Array]:
     """External reliability of the free parameters against each cause that has a name."""
-    named = tuple(each for each in smooth.groups if each.name != GENERAL)
+    named = tuple(each for each in smooth.groups if each.name != lack_of_fit.GENERAL)
     free = len(smooth.shots.parameters)
-    found = external_reliability(smooth.fit, smooth.jacobian, named)
+    found = lack_of_fit.external_reliability(smooth.fit, smooth.jacobian, named)
     return {name: changes[:free] for name, changes in found}
 
 
@@ -190,7 +177,7 @@ class _AllShots:
     size: Array
     out: Mask
     fitted: Mask
-    groups: tuple[Group, ...]
+    groups: tuple[lack_of_fit.Group, ...]
     """Groups of columns, a cause each."""
 
     @property
@@ -259,7 +246,7 @@ def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _Al
     out = size > rejection_threshold(len(size), 3)
     out |= np.array([not kept.get(number, True) for number in everything.numbers])
     encoders, approach = everything.shots.joints, everything.shots.approach
-    groups = tuple(error_groups(everything.points, found.x, encoders, approach))
+    groups = tuple(lack_of_fit.error_groups(everything.points, found.x, encoders, approach))
     return _AllShots(everything, linearized, whitening, found.x, size, out, fitted, groups)
 
 
@@ -283,7 +270,7 @@ class _Rows:
         return self.white(self.shots.linearized.jacobian)
 
     @cached_property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[lack_of_fit.Group, ...]:
         """Groups of columns, whitened."""
         return self.of(self.shots.groups)
 
@@ -302,7 +289,9 @@ class _Rows:
         return tuple(replace(one, columns=own) for one, own in zip(each, split, strict=True))
 
 
-def _most_significant(smooth: _Rows, steps: _Rows) -> tuple[tuple[LackOfFit, ...], Change | None]:
+def _most_significant(
+    smooth: _Rows, steps: _Rows
+) -> tuple[tuple[lack_of_fit.LackOfFit, ...], Change | None]:
     """Lacks of the model and change, the most significant first and the others beside it."""
     shots = smooth.shots
     causes = tuple(_causes(shots))
@@ -328,21 +317,25 @@ def _most_significant(smooth: _Rows, steps: _Rows) -> tuple[tuple[LackOfFit, ...
     return again[0], change if change is not None and again[1] is not None else again[1]
 
 
-def _any_significant(lacks: tuple[LackOfFit, ...]) -> bool:
+def _any_significant(lacks: tuple[lack_of_fit.LackOfFit, ...]) -> bool:
     return any(each.significant for each in lacks)
 
 
 def _selected(
     smooth: _Rows, steps: _Rows, causes: tuple[Cause, ...]
-) -> tuple[tuple[LackOfFit, ...], Change | None]:
+) -> tuple[tuple[lack_of_fit.LackOfFit, ...], Change | None]:
     shots, drives = smooth.shots, None
     if not shots.rate:
-        bounds = (SHORTEST_RAD, LONGEST_RAD) if shots.is_revolute else (SHORTEST_MM, LONGEST_MM)
+        bounds = (
+            (lack_of_fit.SHORTEST_RAD, lack_of_fit.LONGEST_RAD)
+            if shots.is_revolute
+            else (lack_of_fit.SHORTEST_MM, lack_of_fit.LONGEST_MM)
+        )
         by_joints = smooth.white(shots.linearized.by_joints)
         drives = by_joints, shots.encoders[smooth.rows], *bounds
     over_time = steps.of(causes)
     change = detect_change(steps.fit, over_time)
-    lacks = tuple(lacks_of_fit(smooth.fit, smooth.groups, drives))
+    lacks = tuple(lack_of_fit.lacks_of_fit(smooth.fit, smooth.groups, drives))
     if not _any_significant(lacks):
         return lacks if change is None else (), change
     if change is not None and change.log_p < lacks[0].log_p:
@@ -350,17 +343,17 @@ def _selected(
     # whatever else the model lacks at these joints is no change either
     explained = steps.fit
     for columns in (_taken_up(shots, lacks), *_general(shots)):
-        if explained.freedom - columns.shape[-1] >= LEAST_FREEDOM:
+        if explained.freedom - columns.shape[-1] >= lack_of_fit.LEAST_FREEDOM:
             explained = explained.fitted(steps.white(columns))
     return lacks, detect_change(explained, over_time)
 
 
 def _general(shots: _AllShots) -> Iterator[Array]:
     """Columns that stand for more than one cause."""
-    return (each.columns for each in shots.groups if each.name in {"parts", GENERAL})
+    return (each.columns for each in shots.groups if each.name in {"parts", lack_of_fit.GENERAL})
 
 
-def _taken_up(shots: _AllShots, lacks: tuple[LackOfFit, ...]) -> Array:
+def _taken_up(shots: _AllShots, lacks: tuple[lack_of_fit.LackOfFit, ...]) -> Array:
     """Columns of what the model lacks, of all shots."""
     known = {each.name: each.columns for each in shots.groups}
     for each in lacks:

@@ -17,13 +17,7 @@ from campaigns.estimation import information
 from campaigns.estimation.change_detection import Cause
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.evaluation.calibration_check import AS_LIKELY, SAME
-from campaigns.identification.checking import (
-    EXPECTED_LENGTH_MM,
-    EXPECTED_OFFSET,
-    StoredCalibration,
-    causes_in_robot,
-    causes_in_setup,
-)
+from campaigns.identification import checking
 from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
 
 STAND_MM = 0.3
@@ -38,7 +32,7 @@ SINGULAR = 1e-9
 
 
 def confusions(
-    stored: StoredCalibration, joints: Array, poses: Array, noise_mm2: Array
+    stored: checking.StoredCalibration, joints: Array, poses: Array, noise_mm2: Array
 ) -> Callable[[Index], Array]:
     """Expected number of confusions of two parts by choices (B, N) of shots, (B,).
 
@@ -47,7 +41,7 @@ def confusions(
     robot, space, count = stored.kinematics, stored.space, len(poses)
     by_all = robot.jacobian(joints, poses)[:, :3]
     in_robot = [
-        *causes_in_robot(
+        *checking.causes_in_robot(
             robot, by_all[:, :, space.offsets], lambda names: by_all[:, :, space.places(names)]
         )
     ]
@@ -61,7 +55,7 @@ def confusions(
     def of_some(chosen: Index) -> Array:
         own = frame[chosen]
         every = [replace(each, columns=each.columns[chosen]) for each in in_robot]
-        every += causes_in_setup(own)
+        every += checking.causes_in_setup(own)
         columns = np.concatenate([*(each.columns for each in every), own], axis=3)
         rows = (3 * chosen[:, :, None] + np.arange(3)).reshape(len(chosen), -1)
         columns = columns.reshape(*rows.shape, -1)
@@ -113,8 +107,8 @@ def _size(cause: Cause, space: ParameterSpace) -> float:
     if cause.kind == "frame":
         return STAND_MM / np.sqrt(3.0) if cause.columns.shape[-1] < FRAME_COLUMNS else 0.0
     if cause.kind == "joint":
-        return EXPECTED_OFFSET[space[cause.name].unit]
-    return EXPECTED_LENGTH_MM if cause.kind == "length" else 0.0
+        return checking.EXPECTED_OFFSET[space[cause.name].unit]
+    return checking.EXPECTED_LENGTH_MM if cause.kind == "length" else 0.0
 
 
 def _part(cause: Cause) -> str:

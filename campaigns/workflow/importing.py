@@ -25,13 +25,7 @@ from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
-from campaigns.workflow.validation import (
-    Validated,
-    record_validation,
-    replaced,
-    require_or_record,
-    wrong_state,
-)
+from campaigns.workflow import validation
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import is_there
 
@@ -125,7 +119,7 @@ def import_validation(
     tell: Callable[[str], None] = lambda _: None,
     advance: Callable[[int], None] = lambda _: None,
     anyway: bool = False,
-) -> Validated:
+) -> validation.Validated:
     """Write shots into the journal as a validation, and judge it as one that was measured.
 
     Commanded is taken to be the pose that the declared set has at the joints as read; with
@@ -143,18 +137,18 @@ def import_validation(
             )
     by_targets = held.by == "targets" and stage == "after"
     state = known_sets(campaign).state(held.digest)
-    wrong = None if by_targets else wrong_state(campaign, state, stage)
+    wrong = None if by_targets else validation.wrong_state(campaign, state, stage)
     if wrong is not None:
         remedy = "say what it held by --with FILE; --anyway takes them in as they are"
         wrong = OptionsInvalid(wrong.problem, remedy=remedy)
-    again = replaced(campaign, stage, frozenset(row.purpose for row in rows))
+    again = validation.replaced(campaign, stage, frozenset(row.purpose for row in rows))
     if again is not None:
         remedy = "keep them and go on; --anyway takes these in their place"
         again = OptionsInvalid(again.problem, remedy=remedy)
     if not anyway:
-        require_or_record(campaign, (again, wrong), anyway=False)
+        validation.require_or_record(campaign, (again, wrong), anyway=False)
     _check(campaign, rows, name, STAGES[stage] if anyway else set())
-    require_or_record(campaign, (again, wrong), anyway=anyway)
+    validation.require_or_record(campaign, (again, wrong), anyway=anyway)
     kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, name, tell)
     with campaign.journal() as journal:
         if held.projection is not None and state.form is None:  # of a file of older software
@@ -171,7 +165,7 @@ def import_validation(
             order=order,
             advance=advance,
         )
-        return record_validation(campaign, journal, series, stage, held.by)
+        return validation.record_validation(campaign, journal, series, stage, held.by)
 
 
 def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> Index | None:

@@ -9,20 +9,7 @@ from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
-from campaigns.controllers import joint_tables, model_reduction
-from campaigns.controllers.export import (
-    CSV,
-    FORMS,
-    JOINT_TABLES,
-    PLAIN,
-    PLAIN_FILE,
-    PLAIN_WITH_TABLES,
-    TABLES_FILE,
-    form_options,
-    forms_taken,
-    latest_identification,
-    written_sets,
-)
+from campaigns.controllers import export, joint_tables, model_reduction
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
@@ -69,7 +56,7 @@ def export_projected(
     Raises `ConfigInvalid` for another mechanism, `VerdictBad`, `IdentificationRefused`,
     `OutputExists` or `WriteFailed`.
     """
-    if word == PLAIN:
+    if word == export.PLAIN:
         return _export_plain(campaign, to, overwrite=overwrite)
     made, robot = FORMATS[word], identified_robot(campaign).robot
     few, found = few_parameters(robot, campaign.robot, _poses(campaign, robot), made)
@@ -91,8 +78,8 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Re
         "these values": found.error,
         **_full(campaign),
     }
-    form, plain = _written_form(campaign, robot, PLAIN, found.kinematics, found.error)
-    path = to or campaign.path(PLAIN_FILE)
+    form, plain = _written_form(campaign, robot, export.PLAIN, found.kinematics, found.error)
+    path = to or campaign.path(export.PLAIN_FILE)
     with recorded(campaign, path, plain.robot.parameters, form=form):
         write_text_unless_there(path, plain.document.text, overwrite=overwrite)
     return ReducedExport(path, left)
@@ -125,9 +112,9 @@ def export_joint_tables(
         "these values and tables": _left(rest, robot, poses, tables),
         **_full(campaign),
     }
-    name = PLAIN_WITH_TABLES if plain else JOINT_TABLES
+    name = export.PLAIN_WITH_TABLES if plain else export.JOINT_TABLES
     form, own = _written_form(campaign, robot, name, rest, left["these values and tables"])
-    path = to or campaign.path(TABLES_FILE)
+    path = to or campaign.path(export.TABLES_FILE)
     texts = {path.with_name(each): text for each, text in files_of(tables).items()}
     with recorded(campaign, path, own.robot.parameters, form=form, tables=word):
         for file, text in (texts | {path: own.document.text}).items():
@@ -143,20 +130,24 @@ def offered_forms(
     By name: the command, and what the form leaves of position. Raises `IdentificationRefused`.
     """
     poses, found = _poses(campaign, robot), dict[str, tuple[str, model_reduction.ResidualError]]()
-    written = {file: CSV for file, _ in FORMS.values() if campaign.path(file).exists()}
+    written = {
+        file: export.CSV for file, _ in export.FORMS.values() if campaign.path(file).exists()
+    }
     if campaign.journal_path.exists():
         with campaign.journal_reader() as journal:
-            oldest_first = reversed([*written_sets(journal)])
+            oldest_first = reversed([*export.written_sets(journal)])
         written |= {each.file: each.tables for each in oldest_first if each.file in written}
-    for name in forms_taken(robot.mechanism.parameters, lacking):
+    for name in export.forms_taken(robot.mechanism.parameters, lacking):
         own, tables = robot.kinematics, None
-        if name != PLAIN:
+        if name != export.PLAIN:
             tables = joint_tables.joint_tables(own, robot.limits.joint)
             own = without_transmission(own)
-        if name != JOINT_TABLES:
+        if name != export.JOINT_TABLES:
             workspace = model_reduction.Workspace.of(own, poses)
             own = model_reduction.project_plain(own, workspace).kinematics
-        command = " ".join(("pkmcal export", str(campaign.folder), *form_options(name, written)))
+        command = " ".join(
+            ("pkmcal export", str(campaign.folder), *export.form_options(name, written))
+        )
         found[name] = command, _left(own, robot, poses, tables)
     by_targets = _left(robot.kinematics, robot, poses)
     found["corrected targets"] = f"pkmcal correct {campaign.folder}", by_targets
@@ -222,7 +213,7 @@ def _poses(campaign: Campaign, robot: RobotFile) -> Array:
 def _full(campaign: Campaign) -> dict[str, model_reduction.ResidualError]:
     """What all identified parameters leave: their own uncertainty."""
     with campaign.journal_reader() as journal:
-        std = latest_identification(journal).position_std_mm
+        std = export.latest_identification(journal).position_std_mm
     return (
         {}
         if std is None

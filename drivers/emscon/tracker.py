@@ -5,7 +5,7 @@ from math import cos, isfinite, radians, sin
 
 from typing_extensions import override
 
-from drivers import values
+from drivers import errors, values
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.emscon import setup
@@ -19,14 +19,6 @@ from drivers.emscon.client import (
     refused,
 )
 from drivers.emscon.own_result import OwnResult
-from drivers.errors import (
-    BeamBroken,
-    DeviceNotReady,
-    DeviceRefused,
-    NoReflector,
-    NotAMeasurement,
-    WireError,
-)
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
 from drivers.ports import Clock
@@ -83,17 +75,17 @@ def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
     try:
         packet = bytes.fromhex(raw)
     except ValueError as error:
-        raise WireError(f"no packet in hexadecimal digits: {raw!r:.80}") from error
+        raise errors.WireError(f"no packet in hexadecimal digits: {raw!r:.80}") from error
     found = wire.from_server()(packet)
     if len(found) != 1 or not isinstance(found[0], bodies.SingleResult | bodies.SingleResult2):
-        raise WireError(f"no single measurement: {raw!r:.80}")
+        raise errors.WireError(f"no single measurement: {raw!r:.80}")
     measured = measurement_of("the tracker", found[0])
     return measured.point_in_tracker_mm, measured.covariance_mm2
 
 
 def _require_stationary(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> None:
     if result.mode != STATIONARY or result.is_trial:
-        raise DeviceRefused(
+        raise errors.DeviceRefused(
             f"{where}: a result of mode {result.mode}, trial {result.is_trial}, "
             f"is not the stationary measurement that was asked for",
             remedy="end other programs that use the tracker, then prepare it again",
@@ -116,7 +108,7 @@ def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) 
     possible = [matrix for matrix in candidates if matrix]
     best = max(possible, key=lambda m: m[0][0] + m[1][1] + m[2][2], default=None)
     if best is None:
-        raise DeviceRefused(
+        raise errors.DeviceRefused(
             f"{where}: a result without uncertainty: observed {result.std} mm, "
             f"a priori {result.apriori_std} mm",
             remedy=REMEDY,
@@ -216,8 +208,8 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         setup.require_unchanged(client, agreed)
         if status := client.start_measurement():
             error = self._failure(Command.START_MEASUREMENT.title, status)
-            if isinstance(error, BeamBroken):
-                raise NoReflector(error.problem, remedy=error.remedy, code=error.code)
+            if isinstance(error, errors.BeamBroken):
+                raise errors.NoReflector(error.problem, remedy=error.remedy, code=error.code)
             raise error
         result = self._result(client, wanted.measuring_time_s)
         setup.require_unchanged(client, agreed)
@@ -247,9 +239,9 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
             return present is not None  # else nobody could tell whether it is back again
         try:
             self._move(Command.CHANGE_FACE)
-        except (BeamBroken, DeviceNotReady):
+        except (errors.BeamBroken, errors.DeviceNotReady):
             raise
-        except DeviceRefused:  # it has one face, or cannot turn over by itself
+        except errors.DeviceRefused:  # it has one face, or cannot turn over by itself
             if face == FACE_1:
                 raise  # nothing is measured on in the other face
             return False
@@ -298,7 +290,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         """Whether the tracker is open again, or still holds our old connection."""
         try:
             self.connect()
-        except DeviceRefused as error:
+        except errors.DeviceRefused as error:
             if error.code != str(OTHER_CLIENT) or self._clock.now_s() >= give_up_s:
                 raise
             return False
@@ -310,7 +302,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         within_s = measuring_time_s + self._deadlines.measuring_margin_s
         try:
             result = self._own_result.require(client, within_s, judged_s)
-        except NotAMeasurement:
+        except errors.NotAMeasurement:
             client.abandon_measurement()
             raise
         if isinstance(result, bodies.ErrorResponse) or result.status != ResultStatus.ALL_OK:
@@ -332,12 +324,12 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         if self._readiness() is values.Readiness.NOT_READY:
             raise beam_not_locked(client.name, command.title)
 
-    def _failure(self, doing: str, status: int) -> DeviceRefused:
+    def _failure(self, doing: str, status: int) -> errors.DeviceRefused:
         """Find out what a failure means: a tracker that cannot see may also not be up."""
         client = self._session.connection
         beam_lost = self._readiness() is values.Readiness.NOT_READY
         error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)
-        if isinstance(error, BeamBroken):
+        if isinstance(error, errors.BeamBroken):
             system = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
             setup.require_laser(client.name, system)
             if not setup.is_initialised(system):

@@ -8,17 +8,8 @@ from typing import TypeVar
 
 from typing_extensions import override
 
-from drivers import values
+from drivers import errors, values
 from drivers.declaration import Surroundings, TrackerDriver
-from drivers.errors import (
-    BeamBroken,
-    DeviceNotReady,
-    DeviceRefused,
-    ImplausibleAnswer,
-    NoReflector,
-    NotAMeasurement,
-    WrongDevice,
-)
 from drivers.line_client import (
     Dialect,
     LineClient,
@@ -42,11 +33,14 @@ UNKNOWN_VERB = "VERB"
 MOST_REFLECTORS = 100
 BEAM = "clear the line of sight, and let the instrument see the reflector"
 REFUSALS: Refusals = {
-    "BEAM": (BeamBroken, BEAM),
-    "NOBEAM": (NoReflector, BEAM),
-    "REFLECTOR": (DeviceNotReady, "set tracker.reflector to one that `pkmcal devices` lists"),
-    "COLD": (DeviceNotReady, "wait until the instrument is warm, then try again"),
-    "FAULT": (DeviceNotReady, "look at the instrument's own display, then try again"),
+    "BEAM": (errors.BeamBroken, BEAM),
+    "NOBEAM": (errors.NoReflector, BEAM),
+    "REFLECTOR": (
+        errors.DeviceNotReady,
+        "set tracker.reflector to one that `pkmcal devices` lists",
+    ),
+    "COLD": (errors.DeviceNotReady, "wait until the instrument is warm, then try again"),
+    "FAULT": (errors.DeviceNotReady, "look at the instrument's own display, then try again"),
 }
 DIALECT: Dialect[wire.Command] = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md")
 
@@ -137,7 +131,7 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
         covariance_mm2 = _covariance_mm2(client.name, told)
         before, self._last_count = self._last_count, told.count
         if told.count == before != 0:
-            raise NotAMeasurement(
+            raise errors.NotAMeasurement(
                 f"{client.name}: the point is that of the measurement before, number {before}",
                 remedy="measure again; if it comes back, compare the instrument's program with "
                 "docs/pointline.md",
@@ -182,7 +176,7 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
     ) -> AnswerKind | None:
         try:
             return self._ask(command, kind, within_s)
-        except DeviceRefused as refused:
+        except errors.DeviceRefused as refused:
             if refused.code not in lacking:
                 raise
             return None
@@ -212,7 +206,7 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
             told.vendor, told.model, told.serial, told.firmware, f"pointline {told.version}"
         )
         if told.version != wire.VERSION:
-            raise WrongDevice(
+            raise errors.WrongDevice(
                 f"{identity} answers; pointline {wire.VERSION} is needed",
                 remedy="check the address and the instrument's program",
             )
@@ -232,7 +226,7 @@ def _covariance_mm2(where: str, told: wire.PointMeasured) -> values.Matrix3 | No
     xx, xy, xz, yy, yz, zz = told.covariance_mm2
     covariance: values.Matrix3 = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
     if not values.is_positive_definite(covariance):
-        raise ImplausibleAnswer(
+        raise errors.ImplausibleAnswer(
             f"{where}: a covariance of {told.covariance_mm2} mm² cannot be: it is not positive "
             "definite",
             remedy=RESTART,

@@ -3,21 +3,14 @@
 import time
 from math import degrees, radians
 
+import linuxcnc_bench
 import numpy as np
 import pytest
-from linuxcnc_bench import (
-    FULL_SPEED_RAD_S,
-    NEEDS_LINUXCNC,
-    SEEN_WITHIN_S,
-    Bench,
-    at,
-    joints_controller,
-)
 
 from drivers.errors import EmergencyStop, LimitViolation, LinkDown, MotionFault, WrongDevice
 from drivers.linuxcnc.settings import Coordinates
 
-pytestmark = NEEDS_LINUXCNC
+pytestmark = linuxcnc_bench.NEEDS_LINUXCNC
 
 READ_BACK_DEG = 1e-6
 HOME_RAD = (0.0, 0.0, 0.0, 0.0)
@@ -26,14 +19,14 @@ FAR_RAD = tuple(map(radians, (60.0, -30.0, 45.0, 20.0)))
 
 @pytest.fixture(scope="module")
 def linuxcnc(tmp_path_factory):
-    with joints_controller(tmp_path_factory.mktemp("linuxcnc")) as running:
+    with linuxcnc_bench.joints_controller(tmp_path_factory.mktemp("linuxcnc")) as running:
         yield running
 
 
 @pytest.fixture
 def bench(linuxcnc):
     """Ready, and with all faults taken away again."""
-    with at(linuxcnc) as ready:
+    with linuxcnc_bench.at(linuxcnc) as ready:
         ready.move(HOME_RAD)
         yield ready
         linuxcnc.hal("sets", "j2-ampfault", "0")
@@ -58,7 +51,7 @@ def test_speed_is_a_share_of_the_full_one(bench):
     began_s = time.monotonic()
     bench.move(FAR_RAD, 0.05)
     took_s = time.monotonic() - began_s
-    at_least_s = radians(60.0) / (0.05 * FULL_SPEED_RAD_S)
+    at_least_s = radians(60.0) / (0.05 * linuxcnc_bench.FULL_SPEED_RAD_S)
     assert at_least_s - 0.05 < took_s < 2.0 * at_least_s
 
 
@@ -88,7 +81,7 @@ def test_stop_in_motion_brakes_at_once_and_the_robot_goes_on_afterwards(bench):
 def test_emergency_stop_in_motion_is_told_and_released_by_getting_ready_again(linuxcnc, bench):
     bench.started(FAR_RAD, 0.1)
     linuxcnc.hal("sets", "ext-estop-ok", "0")
-    deadline_s = time.monotonic() + SEEN_WITHIN_S
+    deadline_s = time.monotonic() + linuxcnc_bench.SEEN_WITHIN_S
     while not (state := bench.robot.state()).emergency_stop:
         assert time.monotonic() < deadline_s
     stand(bench)
@@ -126,14 +119,14 @@ def test_drive_that_reports_a_fault_stops_everything_until_it_is_cleared(linuxcn
 
 def stand(bench):
     """Wait until nothing moves any more."""
-    deadline_s = time.monotonic() + SEEN_WITHIN_S
+    deadline_s = time.monotonic() + linuxcnc_bench.SEEN_WITHIN_S
     while bench.robot.state().moving:
         assert time.monotonic() < deadline_s
 
 
 def faulty(bench):
     """Wait for a fault with its reason."""
-    deadline_s = time.monotonic() + SEEN_WITHIN_S
+    deadline_s = time.monotonic() + linuxcnc_bench.SEEN_WITHIN_S
     state = bench.robot.state()
     while not state.fault or state.fault == "the machine is off":
         assert time.monotonic() < deadline_s, state
@@ -167,7 +160,7 @@ def test_abort_in_one_breath_with_the_greeting_stops_it_before_anything_is_read(
     bench.open().send(b"hello EMC pkmcal 1.1\nset enable EMCTOO\nset abort\n", 1.0)
     time.sleep(1.0)  # another client's question would get mixed up with these
     bench.transports[-1].close()
-    watcher = Bench(bench.linuxcnc, Coordinates.JOINTS)
+    watcher = linuxcnc_bench.Bench(bench.linuxcnc, Coordinates.JOINTS)
     places = []
     for _ in range(2):
         transport = watcher.open()
@@ -184,7 +177,7 @@ def test_abort_in_one_breath_with_the_greeting_stops_it_before_anything_is_read(
 def hear(transport, word):
     """Wait for an answer with the word: two clients' requests at once get mixed up."""
     said = b""
-    deadline_s = time.monotonic() + SEEN_WITHIN_S
+    deadline_s = time.monotonic() + linuxcnc_bench.SEEN_WITHIN_S
     while word not in said:
         assert time.monotonic() < deadline_s, said
         said += transport.receive(0.1)
@@ -193,7 +186,7 @@ def hear(transport, word):
 
 def test_control_that_another_client_takes_is_told_and_taken_back_by_the_stop(linuxcnc, bench):
     bench.started(FAR_RAD, 0.05)
-    other = Bench(linuxcnc, Coordinates.JOINTS)
+    other = linuxcnc_bench.Bench(linuxcnc, Coordinates.JOINTS)
     thief = other.open()
     for line in (b"hello EMC thief 1.0", b"set verbose on", b"set enable EMCTOO"):
         thief.send(line + b"\n", 1.0)
@@ -205,6 +198,6 @@ def test_control_that_another_client_takes_is_told_and_taken_back_by_the_stop(li
 
 
 def test_wrong_password_is_the_wrong_device(linuxcnc):
-    bench = Bench(linuxcnc, Coordinates.JOINTS, connect_password="wrong")
+    bench = linuxcnc_bench.Bench(linuxcnc, Coordinates.JOINTS, connect_password="wrong")
     with pytest.raises(WrongDevice, match="password"):
         bench.robot.connect()

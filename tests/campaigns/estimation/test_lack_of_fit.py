@@ -9,17 +9,6 @@ from campaigns.estimation import lack_of_fit
 from campaigns.estimation.error_columns import harmonic, of_joints, smooth
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import SIGNIFICANCE
-from campaigns.estimation.lack_of_fit import (
-    LONGEST_MM,
-    LONGEST_RAD,
-    POSSIBLE,
-    SHORTEST_MM,
-    SHORTEST_RAD,
-    Group,
-    best_period,
-    external_reliability,
-    lacks_of_fit,
-)
 
 SHOTS, UNKNOWNS, ARMS = 100, 15, np.arange(4)
 
@@ -35,9 +24,9 @@ def drawn(seed):
 
 def groups_of(joints, by_joints):
     return (
-        Group("eccentricity", harmonic(by_joints, joints), np.repeat(ARMS, 2)),
-        Group("ratio", of_joints(by_joints, joints), ARMS),
-        Group("joints", smooth(joints)),
+        lack_of_fit.Group("eccentricity", harmonic(by_joints, joints), np.repeat(ARMS, 2)),
+        lack_of_fit.Group("ratio", of_joints(by_joints, joints), ARMS),
+        lack_of_fit.Group("joints", smooth(joints)),
     )
 
 
@@ -45,7 +34,7 @@ def lacks_with(seed, effect):
     """Lacks of shots whose points are where the model lacks `effect` of joints and J."""
     joints, by_joints, jacobian, noise = drawn(seed)
     shots = FittedShots.of(noise - effect(joints, by_joints), jacobian)
-    return tuple(lacks_of_fit(shots, groups_of(joints, by_joints)))
+    return tuple(lack_of_fit.lacks_of_fit(shots, groups_of(joints, by_joints)))
 
 
 def nothing(joints, by_joints):
@@ -77,7 +66,7 @@ def test_a_cause_that_is_not_significant_is_given_alone_where_it_is_worth_a_tria
     possible = [each for each in found if each and not each[0].significant]
     assert possible
     assert {len(each) for each in possible} == {1}
-    assert all(SIGNIFICANCE <= each.p < POSSIBLE for (each,) in possible)
+    assert all(SIGNIFICANCE <= each.p < lack_of_fit.POSSIBLE for (each,) in possible)
     assert not found[0]
     assert found[-1][0].significant
 
@@ -88,7 +77,9 @@ def test_a_direction_of_which_the_fit_leaves_but_a_trace_has_no_size():
     trace = 1e-3 * columns[:, :, 2]
     columns[:, :, 2] = jacobian[:, :, -1] - columns[:, :, :2].sum(axis=2) + trace
     shots = FittedShots.of(noise - columns @ [1.0, -1.0, 0.0] - 300.0 * trace, jacobian)
-    (found,) = lacks_of_fit(shots, [Group("azimuths", columns, np.arange(3))])
+    (found,) = lack_of_fit.lacks_of_fit(
+        shots, [lack_of_fit.Group("azimuths", columns, np.arange(3))]
+    )
     assert found.part.tolist() == [0, 1, 2]
     assert found.size == pytest.approx([1.0, -1.0, 0.0], abs=0.3)
 
@@ -97,8 +88,8 @@ def test_what_an_effect_may_hide_is_what_it_moves_where_one_in_five_tests_misses
     joints, by_joints, jacobian, noise = drawn(5)
     columns = harmonic(by_joints[:, :, :1], joints[:, :1])
     shots = FittedShots.of(noise, jacobian)
-    ((_, changes),) = external_reliability(
-        shots, jacobian, [Group("eccentricity", columns, np.zeros(2))]
+    ((_, changes),) = lack_of_fit.external_reliability(
+        shots, jacobian, [lack_of_fit.Group("eccentricity", columns, np.zeros(2))]
     )
     most = np.linalg.norm(changes, axis=1)
     freedom = shots.freedom - 2
@@ -117,7 +108,7 @@ def test_shots_that_the_fit_uses_up_say_nothing_of_what_may_hide():
     joints, by_joints, jacobian, noise = (each[:6] for each in drawn(5))
     shots = FittedShots.of(noise, jacobian)
     assert shots.freedom == 0
-    assert not list(external_reliability(shots, jacobian, groups_of(joints, by_joints)))
+    assert not list(lack_of_fit.external_reliability(shots, jacobian, groups_of(joints, by_joints)))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -147,9 +138,9 @@ def test_two_causes_are_told_each_beside_the_other():
 def test_what_the_fit_has_itself_is_no_lack():
     _, by_joints, jacobian, noise = drawn(1)
     shots = FittedShots.of(noise, jacobian)
-    own = Group("ratio", by_joints, ARMS)
+    own = lack_of_fit.Group("ratio", by_joints, ARMS)
     assert np.abs(shots.beside(by_joints)).max() == 0.0
-    assert tuple(lacks_of_fit(shots, (own,))) == ()
+    assert tuple(lack_of_fit.lacks_of_fit(shots, (own,))) == ()
 
 
 def test_a_period_is_found_and_its_search_counts():
@@ -157,12 +148,12 @@ def test_a_period_is_found_and_its_search_counts():
     places = 200.0 * joints
     wobble = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(2.0 * np.pi * places / 17.0))
     shots = FittedShots.of(noise - wobble, jacobian)
-    drives = by_joints, places, SHORTEST_MM, LONGEST_MM
-    assert best_period(shots, drives).searched > 100
-    (found,) = lacks_of_fit(shots, (), drives)
+    drives = by_joints, places, lack_of_fit.SHORTEST_MM, lack_of_fit.LONGEST_MM
+    assert lack_of_fit.best_period(shots, drives).searched > 100
+    (found,) = lack_of_fit.lacks_of_fit(shots, (), drives)
     assert (found.name, found.group.period) == ("period", pytest.approx(17.0, rel=0.02))
     still = FittedShots.of(noise, jacobian)
-    assert tuple(lacks_of_fit(still, (), drives)) == ()
+    assert tuple(lack_of_fit.lacks_of_fit(still, (), drives)) == ()
 
 
 def test_waves_of_some_shots_at_a_time_gain_what_they_gain_in_a_fit_of_all(monkeypatch):
@@ -180,26 +171,26 @@ def test_less_than_two_periods_over_the_travel_are_not_taken_for_a_ripple():
     joints, by_joints, jacobian, noise = drawn(3)
     slow = np.einsum("nki,ni->nk", by_joints, 4.0 * np.sin(5.0 * joints))
     shots = FittedShots.of(noise - slow, jacobian)
-    drives = by_joints, joints, SHORTEST_RAD, LONGEST_RAD
-    assert best_period(shots, drives).period <= np.ptp(joints) / 2.0
-    first = next(lacks_of_fit(shots, groups_of(joints, by_joints), drives))
+    drives = by_joints, joints, lack_of_fit.SHORTEST_RAD, lack_of_fit.LONGEST_RAD
+    assert lack_of_fit.best_period(shots, drives).period <= np.ptp(joints) / 2.0
+    first = next(lack_of_fit.lacks_of_fit(shots, groups_of(joints, by_joints), drives))
     assert first.name != "ripple"
 
 
 def test_a_gears_ripple_is_found_by_its_number_of_times_in_a_turn():
     joints, by_joints, jacobian, noise = drawn(2)
     ripple = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(30.0 * joints))
-    drives = by_joints, joints, SHORTEST_RAD, LONGEST_RAD
-    (found,) = lacks_of_fit(FittedShots.of(noise - ripple, jacobian), (), drives)
+    drives = by_joints, joints, lack_of_fit.SHORTEST_RAD, lack_of_fit.LONGEST_RAD
+    (found,) = lack_of_fit.lacks_of_fit(FittedShots.of(noise - ripple, jacobian), (), drives)
     assert (found.name, 2.0 * np.pi / found.group.period) == ("ripple", pytest.approx(30.0, 0.02))
-    assert tuple(lacks_of_fit(FittedShots.of(noise, jacobian), (), drives)) == ()
+    assert tuple(lack_of_fit.lacks_of_fit(FittedShots.of(noise, jacobian), (), drives)) == ()
 
 
 def test_few_shots_tell_nothing():
     rng = np.random.default_rng(1)
     columns = smooth(rng.standard_normal((20, 4)))
     shots = FittedShots.of(np.ones((20, 3)), rng.standard_normal((20, 3, 10)))
-    assert tuple(lacks_of_fit(shots, (Group("joints", columns),))) == ()
+    assert tuple(lack_of_fit.lacks_of_fit(shots, (lack_of_fit.Group("joints", columns),))) == ()
 
 
 def test_chances_below_the_least_double_keep_their_order():
