@@ -7,12 +7,14 @@ other row.
 """
 
 from collections.abc import Callable
+from math import factorial
 from typing import TypeAlias, TypeVar, cast
 
 import numpy as np
 from numba import njit
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation import variance_components
 from campaigns.estimation.gauss_newton import LEAST_PIVOT
 from campaigns.mechanisms.closed_chain import MISFIT_OF_STEP
 
@@ -26,6 +28,9 @@ GOOD_PIVOT = 1e-2
 SYMMETRICAL = ((0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1))
 """Entries of a symmetrical matrix."""
 QUARTER = 0.5 * np.pi
+COS_SERIES = tuple((-1.0) ** k / factorial(2 * k) for k in range(9))
+SIN_SERIES = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(9))
+"""Of powers of an angle's square: products are a tenth of the time of quotients."""
 NEAR_MM = 1e-2
 """Step behind which the same inverse is as good: it leaves some 1e-5 of the next one."""
 NEWTON_STEPS = 10
@@ -45,12 +50,12 @@ def _cos_sin(angles: Array, cos: Array, sin: Array) -> None:
         quarters = np.floor(angles[n] / QUARTER + 0.5)
         x = angles[n] - quarters * QUARTER
         y = x * x
-        c = 1.0 - y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (
-            1.0 - y / 90.0 * (1.0 - y / 132.0 * (1.0 - y / 182.0 * (1.0 - y / 240.0)))
-        ))))  # fmt: skip
-        s = x * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (
-            1.0 - y / 110.0 * (1.0 - y / 156.0 * (1.0 - y / 210.0)))
-        ))))  # fmt: skip
+        c = COS_SERIES[-1]
+        s = SIN_SERIES[-1]
+        for k in range(len(COS_SERIES) - 2, -1, -1):
+            c = c * y + COS_SERIES[k]
+            s = s * y + SIN_SERIES[k]
+        s *= x
         halves = np.floor(0.5 * quarters)
         sign = 1.0 - 2.0 * (halves - 2.0 * np.floor(0.5 * halves))
         odd = quarters - 2.0 * halves
@@ -647,3 +652,42 @@ def restricted_likelihood(
     for place in range(unknowns - 1):
         size += 2.0 * np.log(root[place, place] * norms[place])
     return float(-(size + (root[-1, -1] * norms[-1]) ** 2))
+
+
+_begun, _next_trial, _with_trial = (
+    _compiled(variance_components.begun),
+    _compiled(variance_components.next_trial),
+    _compiled(variance_components.with_trial),
+)
+
+
+@_compiled
+def likeliest(
+    rows: Array,
+    stated_mm2: Array,
+    through: Array,
+    place: int,
+    other: float,
+    unit: float,
+    low: float,
+    high: float,
+    tolerance: float,
+) -> tuple[float, float]:
+    """Largest 2 log L by the logarithm of one standard deviation between bounds, and where it is.
+
+    The standard deviation is in parts of `unit`, the variance of the `other` component is fixed.
+    Not a number where a likelihood is lost.
+    """
+    trial = low + variance_components.GOLDEN * (high - low)
+    search, is_begun = _begun(low, high, trial, np.nan), False
+    while not np.isnan(trial):
+        own = (unit * np.exp(trial)) ** 2
+        point_mm2, joint = (own, other) if place == 0 else (other, own)
+        value = restricted_likelihood(rows, stated_mm2, through, point_mm2, joint)
+        if np.isnan(value):
+            return value, trial
+        anew = _with_trial(search, trial, value)
+        search = anew if is_begun else _begun(low, high, trial, value)
+        search, trial = _next_trial(search, tolerance)
+        is_begun = True
+    return search[5], search[2]

@@ -9,6 +9,7 @@ where the likelihood asks for it.
 import math
 from dataclasses import dataclass
 from types import ModuleType
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -32,6 +33,12 @@ PROMISING = 1.0
 SEARCHED_BELOW = 3.0
 """A second component is sought between what it would be alone and e⁻³ of it."""
 NOWHERE = -math.inf
+GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+LEAST_STEP = math.sqrt(2.2e-16)
+"""Part of a place, beside a tolerance, that two trials of a search are at least apart."""
+
+Search: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+"""Search for a maximum: its bounds, the best three places, their values, and the last two steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,15 +220,30 @@ class _RestrictedLikelihood:
 
     def best_single(self, place: int) -> tuple[float, tuple[float, float]]:
         """Best value with one component alone, and where it is."""
-
-        def less(log: float) -> float:
-            return -self.at(*self._logs(place, log))
-
         low, high = math.log(SMALLEST), math.log(LARGEST)
-        found = scipy.optimize.minimize_scalar(
-            less, bounds=(low, high), method="bounded", options={"xatol": 0.02}
-        )
-        return -float(found.fun), self._logs(place, float(found.x))
+        value, log = self._best_along(place, NOWHERE, low, high, 0.02)
+        return value, self._logs(place, log)
+
+    def _best_along(
+        self, place: int, other: float, low: float, high: float, tolerance: float
+    ) -> tuple[float, float]:
+        """Best value with the logarithm of one component between bounds, and where it is."""
+        if self._kernel is not None:
+            fixed = self._std(other, other)[1 - place] ** 2
+            found: tuple[float, float] = self._kernel.likeliest(
+                *self._by_component, place, fixed, self._units[place], low, high, tolerance
+            )
+            if math.isfinite(found[0]):
+                return found
+
+        def at(log: float) -> float:
+            return self.at(*((log, other) if place == 0 else (other, log)))
+
+        trial = low + GOLDEN * (high - low)
+        search, trial = next_trial(begun(low, high, trial, at(trial)), tolerance)
+        while not math.isnan(trial):
+            search, trial = next_trial(with_trial(search, trial, at(trial)), tolerance)
+        return search[5], search[2]
 
     def best_pair(
         self, singles: list[tuple[float, tuple[float, float]]]
@@ -230,18 +252,11 @@ class _RestrictedLikelihood:
         value, logs = max(singles, key=lambda each: each[0])
         second = 1 if logs[1] == NOWHERE else 0
 
-        def beside(log: float) -> tuple[float, float]:
-            return (logs[0], log) if second == 1 else (log, logs[1])
-
         high = singles[second][1][second]
         low = max(high - SEARCHED_BELOW, math.log(SMALLEST))
-        along = scipy.optimize.minimize_scalar(
-            lambda log: -self.at(*beside(log)),
-            bounds=(low, max(high, low + SEARCHED_BELOW)),
-            method="bounded",
-            options={"xatol": 0.05},
-        )
-        if -float(along.fun) - value < PROMISING:
+        high = max(high, low + SEARCHED_BELOW)
+        along, log = self._best_along(second, logs[1 - second], low, high, 0.05)
+        if along - value < PROMISING:
             return value, logs
 
         def less(place: Array) -> float:
@@ -249,7 +264,7 @@ class _RestrictedLikelihood:
 
         found = scipy.optimize.minimize(
             less,
-            np.array(beside(float(along.x))),
+            np.array((logs[0], log) if second == 1 else (log, logs[1])),
             method="Nelder-Mead",
             options={"xatol": 0.01, "fatol": 0.01, "maxfev": 120},
         )
@@ -277,3 +292,54 @@ class _RestrictedLikelihood:
     @staticmethod
     def _logs(place: int, log: float) -> tuple[float, float]:
         return (log, NOWHERE) if place == 0 else (NOWHERE, log)
+
+
+def begun(low: float, high: float, place: float, value: float) -> Search:
+    """Search between two bounds by the value at a first place."""
+    return low, high, place, place, place, value, value, value, 0.0, 0.0
+
+
+def next_trial(search: Search, tolerance: float) -> tuple[Search, float]:
+    """The next place to try; not a number where the best one is known to the tolerance.
+
+    By parabolas where they lead on, else by golden sections (Brent 1973), as SciPy's bounded
+    search. Compiled loops are made of the same lines.
+    """
+    low, high, best, second, third, at_best, at_second, at_third, step, before = search
+    middle, least = 0.5 * (low + high), LEAST_STEP * abs(best) + tolerance / 3.0
+    if abs(best - middle) <= 2.0 * least - 0.5 * (high - low):
+        return search, math.nan
+    is_parabola = False
+    if abs(before) > least:
+        right = (best - second) * (at_third - at_best)
+        left = (best - third) * (at_second - at_best)
+        above, below = (best - third) * left - (best - second) * right, 2.0 * (left - right)
+        above, below = (-above if below > 0.0 else above), abs(below)
+        is_parabola = abs(above) < abs(0.5 * below * before)
+        is_parabola &= below * (low - best) < above < below * (high - best)
+        before = step
+    if is_parabola:
+        step = above / below
+        if min(best + step - low, high - best - step) < 2.0 * least:
+            step = math.copysign(least, middle - best)
+    else:
+        before = (low if best >= middle else high) - best
+        step = GOLDEN * before
+    found = low, high, best, second, third, at_best, at_second, at_third, step, before
+    return found, best + math.copysign(max(abs(step), least), step)
+
+
+def with_trial(search: Search, place: float, value: float) -> Search:
+    """The same search by the value at one more place."""
+    low, high, best, second, third, at_best, at_second, at_third, step, before = search
+    if value >= at_best:
+        low, high = (best, high) if place >= best else (low, best)
+        third, at_third, second, at_second = second, at_second, best, at_best
+        best, at_best = place, value
+    else:
+        low, high = (place, high) if place < best else (low, place)
+        if value >= at_second or second == best:
+            third, at_third, second, at_second = second, at_second, place, value
+        elif value >= at_third or third in (best, second):
+            third, at_third = place, value
+    return low, high, best, second, third, at_best, at_second, at_third, step, before
