@@ -78,18 +78,21 @@ def _forearms(
     And cosines and sines of the turns, (2, N).
     """
     _, arms, shots = functions.shape
-    turn, cos, sin = pose[3], of_turns[0], of_turns[1]
-    _cos_sin(turn, cos, sin)
+    _cos_sin(pose[3], of_turns[0], of_turns[1])
     for arm in range(arms):
-        first, second = functions[1, arm], functions[2, arm]
-        by_turn[arm] = 0.0
         for axis in range(3):
-            a, b = upper[arm, axis], lower[arm, axis]
+            a0, a1, a2 = upper[arm, axis]
+            b0, b1, b2, b3 = lower[arm, axis]
             for n in range(shots):
-                end = pose[axis, n] + b[0] + b[1] * turn[n] + b[2] * cos[n] + b[3] * sin[n]
-                along = end - (a[0] + a[1] * first[n] + a[2] * second[n])
-                forearms[arm, axis, n] = along
-                by_turn[arm, n] += along * (b[1] - b[2] * sin[n] + b[3] * cos[n])
+                end = b0 + b1 * pose[3, n] + b2 * of_turns[0, n] + b3 * of_turns[1, n]
+                elbow = a0 + a1 * functions[1, arm, n] + a2 * functions[2, arm, n]
+                forearms[arm, axis, n] = pose[axis, n] + end - elbow
+        (_, x1, x2, x3), (_, y1, y2, y3), (_, z1, z2, z3) = lower[arm]
+        for n in range(shots):
+            cos, sin = of_turns[0, n], of_turns[1, n]
+            along = forearms[arm, 0, n] * (x1 - x2 * sin + x3 * cos)
+            along += forearms[arm, 1, n] * (y1 - y2 * sin + y3 * cos)
+            by_turn[arm, n] = along + forearms[arm, 2, n] * (z1 - z2 * sin + z3 * cos)
     forearms[arms:] = 0.0
     by_turn[arms:] = 1.0
 
@@ -131,9 +134,10 @@ def _inverted(forearms: Array, by_turn: Array, inverse: Array, determinant: Arra
 def _misfits(forearms: Array, lengths: Array, misfit: Array) -> None:
     """Halved closures (4, N) of forearms (4, 3, N) and their lengths (n,)."""
     for arm in range(len(lengths)):
-        (x, y, z), square = forearms[arm], lengths[arm] ** 2
-        for n in range(len(x)):
-            misfit[arm, n] = 0.5 * (x[n] * x[n] + y[n] * y[n] + z[n] * z[n] - square)
+        half = 0.5 * lengths[arm] ** 2
+        for n in range(misfit.shape[1]):
+            x, y, z = forearms[arm, 0, n], forearms[arm, 1, n], forearms[arm, 2, n]
+            misfit[arm, n] = 0.5 * (x * x + y * y + z * z) - half
 
 
 @_compiled
@@ -178,11 +182,11 @@ def assemble(
             if far:
                 _inverted(forearms, by_turn, inverse, determinant)
             for axis in range(CLOSURES):
-                of = inverse[axis]
                 for n in range(shots):
-                    own = of[0, n] * misfit[0, n] + of[1, n] * misfit[1, n]
-                    step[axis, n] = -own - of[2, n] * misfit[2, n] - of[3, n] * misfit[3, n]
-                    pose[axis, n] += step[axis, n]
+                    back = inverse[axis, 0, n] * misfit[0, n] + inverse[axis, 1, n] * misfit[1, n]
+                    back += inverse[axis, 2, n] * misfit[2, n] + inverse[axis, 3, n] * misfit[3, n]
+                    step[axis, n] = back
+                    pose[axis, n] -= back
             underway = far = 0  # sums, for a maximum is formed one by one
             for n in range(shots):
                 way = max(abs(step[0, n]), abs(step[1, n]), abs(step[2, n]))
@@ -202,19 +206,28 @@ def assemble(
 
 
 @_compiled
-def _closure_columns(
-    functions: Array, by_upper: Array, owner: Index, own_mm: Array, forearms: Array, columns: Array
+def _platform_column(
+    by_lower: Array,
+    pose: Array,
+    of_turns: Array,
+    forearms: Array,
+    through: Array,
+    place: int,
+    jacobian: Array,
 ) -> None:
-    """What each arm's parameter adds to its halved closure, with the sign turned, (F, N)."""
-    for place in range(len(owner)):
-        arm = owner[place]
-        if arm >= 0:
-            columns[place] = own_mm[place]
-            first, second = functions[1, arm], functions[2, arm]
-            for axis in range(3):
-                a, along, column = by_upper[place, axis], forearms[arm, axis], columns[place]
-                for n in range(len(column)):
-                    column[n] += along[n] * (a[0] + a[1] * first[n] + a[2] * second[n])
+    """Derivatives (F, k, N) at a place by a parameter of the platform, as `_columns`."""
+    closure = np.empty((1, pose.shape[1]))
+    jacobian[place] = 0.0
+    for arm in range(len(by_lower)):
+        closure[:] = 0.0
+        for axis in range(3):
+            b0, b1, b2, b3 = by_lower[arm, axis]
+            for n in range(closure.shape[1]):
+                end = b0 + b1 * pose[3, n] + b2 * of_turns[0, n] + b3 * of_turns[1, n]
+                closure[0, n] -= forearms[arm, axis, n] * end
+        for row in range(len(through)):
+            for n in range(closure.shape[1]):
+                jacobian[place, row, n] += through[row, arm, n] * closure[0, n]
 
 
 @_compiled
@@ -224,56 +237,45 @@ def _columns(
     owner: Index,
     own_mm: Array,
     by_lower: Array,
-    turn: Array,
+    pose: Array,
     of_turns: Array,
     forearms: Array,
     through: Array,
-    closure: Array,
     jacobian: Array,
 ) -> None:
-    """Derivatives (F, k, N) by the parameters of k values moved by closures, (k, 4, N)."""
-    _closure_columns(functions, by_upper, owner, own_mm, forearms, closure)
-    arms, cos, sin = functions.shape[1], of_turns[0], of_turns[1]
+    """Derivatives (F, k, N) by the parameters of k values moved by closures, (k, 4, N).
+
+    What a parameter adds to a halved closure, with the sign turned, times these.
+    """
+    shots = pose.shape[1]
+    closure = np.empty((1, shots))
     for place in range(len(owner)):
-        if owner[place] >= 0:
-            for row in range(len(through)):
-                by, own, column = through[row, owner[place]], closure[place], jacobian[place, row]
-                for n in range(len(column)):
-                    column[n] = by[n] * own[n]
+        arm, own = owner[place], own_mm[place]
+        if arm < 0:
+            of_field = by_lower[-1 - arm]
+            _platform_column(of_field, pose, of_turns, forearms, through, place, jacobian)
             continue
-        jacobian[place] = 0.0
-        for arm in range(arms):
-            own = closure[place]
-            own[:] = 0.0
-            for axis in range(3):
-                b, along = by_lower[-1 - owner[place], arm, axis], forearms[arm, axis]
-                for n in range(len(own)):
-                    own[n] -= along[n] * (b[0] + b[1] * turn[n] + b[2] * cos[n] + b[3] * sin[n])
-            for row in range(len(through)):
-                by, column = through[row, arm], jacobian[place, row]
-                for n in range(len(column)):
-                    column[n] += by[n] * own[n]
+        (x0, x1, x2), (y0, y1, y2), (z0, z1, z2) = by_upper[place]
+        for n in range(shots):
+            first, second = functions[1, arm, n], functions[2, arm, n]
+            along = own + forearms[arm, 0, n] * (x0 + x1 * first + x2 * second)
+            along += forearms[arm, 1, n] * (y0 + y1 * first + y2 * second)
+            closure[0, n] = along + forearms[arm, 2, n] * (z0 + z1 * first + z2 * second)
+        for row in range(len(through)):
+            for n in range(shots):
+                jacobian[place, row, n] = through[row, arm, n] * closure[0, n]
 
 
 @_compiled
-def _whitened(whitening: Array, vectors: Array) -> None:
-    """Vectors (3, N) times lower triangular matrices (3, 3, N), in place."""
+def _whitened(whitening: Array, vectors: Array, out: Array) -> None:
+    """Vectors (3, N) times lower triangular matrices (3, 3, N)."""
     w, (x, y, z) = whitening, vectors
     for n in range(len(x)):
-        third = w[2, 0, n] * x[n] + w[2, 1, n] * y[n] + w[2, 2, n] * z[n]
-        y[n] = w[1, 0, n] * x[n] + w[1, 1, n] * y[n]
-        x[n] = w[0, 0, n] * x[n]
-        z[n] = third
-
-
-@_compiled
-def _turned(rotation: Array, vectors: Array, out: Array) -> None:
-    """Vectors (3, N) turned, (3, N)."""
-    x, y, z = vectors
-    for axis in range(3):
-        a, row = rotation[axis], out[axis]
-        for n in range(len(row)):
-            row[n] = a[0] * x[n] + a[1] * y[n] + a[2] * z[n]
+        out[0, n] = w[0, 0, n] * x[n]
+    for n in range(len(x)):
+        out[1, n] = w[1, 0, n] * x[n] + w[1, 1, n] * y[n]
+    for n in range(len(x)):
+        out[2, n] = w[2, 0, n] * x[n] + w[2, 1, n] * y[n] + w[2, 2, n] * z[n]
 
 
 @_compiled
@@ -282,52 +284,67 @@ def point_residuals(
 ) -> Array:
     """Whitened differences (R, 3 N) of turned and shifted poses (R, 4, N) from points."""
     robots, _, shots = poses.shape
-    residuals = np.empty((robots, 3, shots))
+    residuals, off_mm = np.empty((robots, 3, shots)), np.empty((3, shots))
     for r in range(robots):
-        _turned(rotation[r], poses[r, :3], residuals[r])
+        pose, measured = poses[r], points_mm[r]
         for axis in range(3):
-            row, measured = residuals[r, axis], points_mm[r, axis]
+            (a, b, c), shift = rotation[r, axis], shift_mm[r, axis]
             for n in range(shots):
-                row[n] += shift_mm[r, axis] - measured[n]
-        _whitened(whitening[r], residuals[r])
+                seen = a * pose[0, n] + b * pose[1, n] + c * pose[2, n] + shift
+                off_mm[axis, n] = seen - measured[axis, n]
+        _whitened(whitening[r], off_mm, residuals[r])
     return residuals.reshape(robots, 3 * shots)
 
 
 @_compiled
 def _normal(rows: Array, normal: Array) -> None:
-    """Products (P, P) of rows (P, M) with each other, of two and two at once: each is read less."""
+    """Products (P, P) of rows (P, M) with each other, by three and three: each is read less."""
     last = len(rows) - 1
-    for a in range(0, len(rows), 2):
-        for b in range(0, a + 1, 2):
-            further, beyond = min(a + 1, last), min(b + 1, last)
-            one, two, other, another = rows[a], rows[further], rows[b], rows[beyond]
-            both = crossed = turned = beside = 0.0
-            for n in range(len(one)):
-                both += one[n] * other[n]
-                crossed += one[n] * another[n]
-                turned += two[n] * other[n]
-                beside += two[n] * another[n]
-            normal[a, b] = normal[b, a] = both
-            normal[a, beyond] = normal[beyond, a] = crossed
-            normal[further, b] = normal[b, further] = turned
-            normal[further, beyond] = normal[beyond, further] = beside
+    for a in range(0, len(rows), 3):
+        a1, a2 = min(a + 1, last), min(a + 2, last)
+        p, q, r = rows[a], rows[a1], rows[a2]
+        for b in range(0, a + 1, 3):
+            b1, b2 = min(b + 1, last), min(b + 2, last)
+            x, y, z = rows[b], rows[b1], rows[b2]
+            px = py = pz = qx = qy = qz = rx = ry = rz = 0.0
+            for n in range(len(p)):
+                px += p[n] * x[n]
+                py += p[n] * y[n]
+                pz += p[n] * z[n]
+                qx += q[n] * x[n]
+                qy += q[n] * y[n]
+                qz += q[n] * z[n]
+                rx += r[n] * x[n]
+                ry += r[n] * y[n]
+                rz += r[n] * z[n]
+            normal[a, b] = normal[b, a] = px
+            normal[a, b1] = normal[b1, a] = py
+            normal[a, b2] = normal[b2, a] = pz
+            normal[a1, b] = normal[b, a1] = qx
+            normal[a1, b1] = normal[b1, a1] = qy
+            normal[a1, b2] = normal[b2, a1] = qz
+            normal[a2, b] = normal[b, a2] = rx
+            normal[a2, b1] = normal[b1, a2] = ry
+            normal[a2, b2] = normal[b2, a2] = rz
 
 
 @_compiled
 def _factored(normal: Array, root: Array) -> float:
     """Cholesky's lower root (P, P) of a matrix; its least pivot, 0 where there is none."""
-    least = np.inf
+    least, parts = np.inf, np.empty(len(normal))
     root[:] = 0.0
     for a in range(len(normal)):
+        row = root[a]
         for b in range(a + 1):
-            total = normal[a, b]
+            total, other = normal[a, b], root[b]
             for k in range(b):
-                total -= root[a, k] * root[b, k]
+                total -= row[k] * other[k]
             if b < a:
-                root[a, b] = total / root[b, b]
+                row[b] = total * parts[b]
             elif total > 0.0:
-                root[a, a] = np.sqrt(total)
-                least = min(least, root[a, a])
+                row[a] = np.sqrt(total)
+                parts[a] = 1.0 / row[a]
+                least = min(least, row[a])
             else:
                 return 0.0
     return least
@@ -338,11 +355,13 @@ def _scaled_root(rows: Array, scale: Array, root: Array) -> float:
     """Root of the products of rows (P, M) made unit by `scale`; its least pivot."""
     normal = np.empty((len(rows), len(rows)))
     _normal(rows, normal)
+    parts = np.empty(len(rows))
     for a in range(len(rows)):
         scale[a] = np.sqrt(normal[a, a]) if normal[a, a] > 0.0 else np.inf
+        parts[a] = 1.0 / scale[a]
     for a in range(len(rows)):
         for b in range(len(rows)):
-            normal[a, b] /= scale[a] * scale[b]
+            normal[a, b] *= parts[a] * parts[b]
     return _factored(normal, root)
 
 
@@ -373,10 +392,9 @@ def _step(rows: Array, residual: Array, step: Array) -> tuple[float, bool]:
 
 
 @_compiled
-def _room(free: int, shots: int) -> tuple[Array, Array, Array, Array]:
-    """Arrays to work in: forearms, inverses, what closures move, and their columns."""
-    inverse, through = np.empty((4, 4, shots)), np.empty((3, 4, shots))
-    return np.empty((4, 3, shots)), inverse, through, np.empty((free, shots))
+def _room(shots: int) -> tuple[Array, Array, Array]:
+    """Arrays to work in: forearms, inverses, and what closures move."""
+    return np.empty((4, 3, shots)), np.empty((4, 4, shots)), np.empty((3, 4, shots))
 
 
 @_compiled
@@ -385,29 +403,47 @@ def _point_jacobian(
     rotation: Array,
     by_angle: Array,
     whitening: Array,
-    room: tuple[Array, Array, Array, Array],
+    room: tuple[Array, Array, Array],
     jacobian: Array,
 ) -> None:
     """The derivatives of one robot, (P, 3, N); in arrays that are worked in."""
     functions, upper, lower, by_upper, owner, own_mm, by_lower, pose = closed
-    forearms, inverse, through, closure = room
-    free, angles, shots = len(owner), len(by_angle), pose.shape[1]
+    forearms, inverse, through = room
+    shots = pose.shape[1]
     by_turn, determinant, of_turns = np.empty((4, shots)), np.empty(shots), np.empty((2, shots))
+    turned, axes = np.empty((3, 3, shots)), np.empty((3, 3, shots))
     _forearms(functions, upper, lower, pose, of_turns, forearms, by_turn)
     _inverted(forearms, by_turn, inverse, determinant)
-    for arm in range(CLOSURES):
-        _turned(rotation, inverse[:3, arm], through[:, arm])
-        _whitened(whitening, through[:, arm])
+    for axis in range(3):
+        for row in range(3):
+            axes[axis, row] = rotation[row, axis]
+        _whitened(whitening, axes[axis], turned[axis])
+    for row in range(3):
+        for arm in range(CLOSURES):
+            for n in range(shots):
+                along = turned[0, row, n] * inverse[0, arm, n]
+                along += turned[1, row, n] * inverse[1, arm, n]
+                through[row, arm, n] = along + turned[2, row, n] * inverse[2, arm, n]
     _columns(
-        functions, by_upper, owner, own_mm, by_lower, pose[3], of_turns, forearms, through, closure,
-        jacobian,
-    )  # fmt: skip
+        functions, by_upper, owner, own_mm, by_lower, pose, of_turns, forearms, through, jacobian
+    )
+    _frame_columns(by_angle, whitening, pose, jacobian[len(owner) :])
+
+
+@_compiled
+def _frame_columns(by_angle: Array, whitening: Array, pose: Array, jacobian: Array) -> None:
+    """Whitened derivatives by a frame's angles and shift, (6, 3, N), or none, (0, 3, N)."""
+    angles, shots = len(by_angle), pose.shape[1]
+    turned = np.empty((3, shots))
     for axis in range(angles):
-        _turned(by_angle[axis], pose[:3], jacobian[free + axis])
-        _whitened(whitening, jacobian[free + axis])
+        for row in range(3):
+            a, b, c = by_angle[axis, row]
+            for n in range(shots):
+                turned[row, n] = a * pose[0, n] + b * pose[1, n] + c * pose[2, n]
+        _whitened(whitening, turned, jacobian[axis])
         for row in range(3):
             for n in range(shots):
-                jacobian[free + angles + axis, row, n] = whitening[row, axis, n]
+                jacobian[angles + axis, row, n] = whitening[row, axis, n]
 
 
 @_compiled
@@ -415,7 +451,7 @@ def point_jacobians(closed: Closed, rotation: Array, by_angle: Array, whitening:
     """Whitened derivatives of points by parameters and, if any angles, frames (R, P, 3, N)."""
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
-    room = _room(free, shots)
+    room = _room(shots)
     jacobians = np.empty((robots, free + 2 * by_angle.shape[1], 3, shots))
     for r in range(robots):
         own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
@@ -434,7 +470,7 @@ def point_steps(
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
-    room = _room(free, shots)
+    room = _room(shots)
     jacobian = np.empty((free + 2 * by_angle.shape[1], 3, shots))
     steps, lengths = np.empty((robots, len(jacobian))), np.empty(robots)
     regular = np.empty(robots, dtype=np.bool_)
@@ -449,35 +485,39 @@ def point_steps(
 
 @_compiled
 def distance_jacobians(closed: Closed, first: Index, second: Index, whitening: Array) -> Array:
-    """Whitened derivatives (R, F, M) of distances between shots `first` and `second`."""
+    """Whitened derivatives (R, F, M) of distances between shots `first` and `second`.
+
+    Each shot is an end of one distance at most.
+    """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
     forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
     inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
-    closure, of_points = np.empty((free, shots)), np.empty((free, 3, shots))
+    through, of_shots = np.zeros((1, 4, shots)), np.empty((free, 1, shots))
     jacobians, of_turns = np.empty((robots, free, len(first))), np.empty((2, shots))
-    along = np.empty((3, len(first)))
+    along = np.zeros((3, shots))
     for r in range(robots):
         pose = poses[r]
         _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
         _inverted(forearms, by_turn, inverse, determinant)
-        _columns(
-            functions, by_upper[r], owner, own_mm[r], by_lower, pose[3], of_turns, forearms,
-            inverse[:3], closure, of_points,
-        )  # fmt: skip
         for m in range(len(first)):
-            square = 0.0
-            for axis in range(3):
-                along[axis, m] = pose[axis, second[m]] - pose[axis, first[m]]
-                square += along[axis, m] ** 2
-            for axis in range(3):
-                along[axis, m] *= whitening[r, m] / np.sqrt(square)
+            a, b = first[m], second[m]
+            x, y, z = pose[0, b] - pose[0, a], pose[1, b] - pose[1, a], pose[2, b] - pose[2, a]
+            scale = whitening[r, m] / np.sqrt(x * x + y * y + z * z)
+            along[0, b], along[1, b], along[2, b] = scale * x, scale * y, scale * z
+            along[0, a], along[1, a], along[2, a] = -scale * x, -scale * y, -scale * z
+        for arm in range(CLOSURES):
+            for n in range(shots):
+                moved = along[0, n] * inverse[0, arm, n] + along[1, n] * inverse[1, arm, n]
+                through[0, arm, n] = moved + along[2, n] * inverse[2, arm, n]
+        _columns(
+            functions, by_upper[r], owner, own_mm[r], by_lower, pose, of_turns, forearms, through,
+            of_shots,
+        )  # fmt: skip
         for place in range(free):
-            (x, y, z), row = of_points[place], jacobians[r, place]
             for m in range(len(first)):
-                a, b = first[m], second[m]
-                row[m] = along[0, m] * (x[b] - x[a])
-                row[m] += along[1, m] * (y[b] - y[a]) + along[2, m] * (z[b] - z[a])
+                both = of_shots[place, 0, second[m]] + of_shots[place, 0, first[m]]
+                jacobians[r, place, m] = both
     return jacobians
 
 
@@ -565,11 +605,14 @@ def _score(products: Array, left: Array, leverage: Array) -> float:
 @_compiled
 def _add_products(vectors: Array, products: Array) -> None:
     """Products of vectors (3, N) with themselves, added to symmetrical matrices (6, N)."""
-    for place in range(6):
-        i, j = SYMMETRICAL[place]
-        one, other, own = vectors[i], vectors[j], products[place]
-        for n in range(len(own)):
-            own[n] += one[n] * other[n]
+    for n in range(products.shape[1]):
+        x, y, z = vectors[0, n], vectors[1, n], vectors[2, n]
+        products[0, n] += x * x
+        products[1, n] += y * y
+        products[2, n] += z * z
+        products[3, n] += y * x
+        products[4, n] += z * x
+        products[5, n] += z * y
 
 
 @_compiled
@@ -582,13 +625,14 @@ def point_scores(
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free, arms = poses.shape, len(owner), functions.shape[1]
-    room, unknowns = _room(free, shots), free + 2 * by_angle.shape[1]
+    room, unknowns = _room(shots), free + 2 * by_angle.shape[1]
     jacobian, column = np.empty((unknowns, 3, shots)), np.empty((3, shots))
+    closure = np.empty((1, shots))
     basis, root = np.empty((unknowns, 3 * shots)), np.empty((unknowns, unknowns))
     found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
     regular, scores = np.empty(robots, dtype=np.bool_), np.empty((2, robots))
     leverage, products = np.empty((6, shots)), np.empty((6, shots))
-    forearms, _, through, _ = room
+    forearms, _, through = room
     for r in range(robots):
         own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
         frame = rotation[r], by_angle[r], whitening[r]
@@ -605,15 +649,15 @@ def point_scores(
         scores[0, r] = _score(products, by_shot, leverage)
         products[:] = 0.0
         for arm in range(arms):
-            column[:] = 0.0
+            closure[:] = 0.0
             for axis in range(3):
-                a, along, b = upper[r, arm, axis], forearms[arm, axis], slopes[:, arm]
+                _, a, b = upper[r, arm, axis]
                 for n in range(shots):
-                    column[0, n] += along[n] * (a[1] * b[0, n] + a[2] * b[1, n])
-            for row in range(2, -1, -1):
-                by = through[row, arm]
+                    slope = a * slopes[0, arm, n] + b * slopes[1, arm, n]
+                    closure[0, n] += forearms[arm, axis, n] * slope
+            for row in range(3):
                 for n in range(shots):
-                    column[row, n] = by[n] * column[0, n]
+                    column[row, n] = through[row, arm, n] * closure[0, n]
             _add_products(column, products)
         scores[1, r] = _score(products, by_shot, leverage)
     return found, norms, regular, scores
@@ -628,23 +672,27 @@ def restricted_likelihood(
     Covariances (3, 3, N) are as stated, with scatter of the points and `through` their joints.
     """
     unknowns, _, shots = rows.shape
-    whitening, whitened = np.zeros((3, 3, shots)), rows.copy()
-    logs = 0.0
+    whitening, whitened, c = np.empty((3, 3, shots)), np.empty(rows.shape), np.empty((6, shots))
+    for place in range(6):
+        i, j = SYMMETRICAL[place]
+        own = point_mm2 if i == j else 0.0
+        for n in range(shots):
+            c[place, n] = stated_mm2[i, j, n] + joint * through[i, j, n] + own
     for n in range(shots):
-        c, t = stated_mm2[:, :, n], through[:, :, n]
-        first = 1.0 / np.sqrt(c[0, 0] + point_mm2 + joint * t[0, 0])
-        y = (c[1, 0] + joint * t[1, 0]) * first
-        z = (c[2, 0] + joint * t[2, 0]) * first
-        second = 1.0 / np.sqrt(c[1, 1] + point_mm2 + joint * t[1, 1] - y * y)
-        across = (c[2, 1] + joint * t[2, 1] - z * y) * second
-        third = 1.0 / np.sqrt(c[2, 2] + point_mm2 + joint * t[2, 2] - z * z - across * across)
+        first = 1.0 / np.sqrt(c[0, n])
+        y, z = c[3, n] * first, c[4, n] * first
+        second = 1.0 / np.sqrt(c[1, n] - y * y)
+        across = (c[5, n] - z * y) * second
+        third = 1.0 / np.sqrt(c[2, n] - z * z - across * across)
         whitening[0, 0, n], whitening[1, 1, n], whitening[2, 2, n] = first, second, third
         whitening[1, 0, n] = -y * first * second
         whitening[2, 1, n] = -across * second * third
         whitening[2, 0, n] = (across * y * second - z) * first * third
-        logs += np.log(first * second * third)
+    logs = 0.0
+    for n in range(shots):
+        logs += np.log(whitening[0, 0, n] * whitening[1, 1, n] * whitening[2, 2, n])
     for place in range(unknowns):
-        _whitened(whitening, whitened[place])
+        _whitened(whitening, rows[place], whitened[place])
     norms, root = np.empty(unknowns), np.empty((unknowns, unknowns))
     if not _scaled_root(whitened.reshape(unknowns, 3 * shots), norms, root) > LEAST_PIVOT:
         return np.nan

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.observability import (
     RANK_TOLERANCE,
@@ -71,7 +71,7 @@ class ChiSquareTest:
     @property
     def beyond(self) -> bool:
         """Whether it is more than chance explains."""
-        return self.consistent is False and self.chi2 > self.dof
+        return self.p is not None and bool(is_beyond_chance(self.chi2, self.dof))
 
     @property
     def birge_ratio(self) -> float | None:
@@ -90,6 +90,11 @@ def chi_square_test(chi2: float, dof: int, sigma0: float | None = None) -> ChiSq
         return ChiSquareTest(chi2, dof, None, sigma0)
     p = 2.0 * min(float(scipy.special.chdtr(dof, chi2)), float(scipy.special.chdtrc(dof, chi2)))
     return ChiSquareTest(chi2, dof, min(p, 1.0), sigma0)
+
+
+def is_beyond_chance(chi2: Array | float, dof: Index | int) -> Mask:
+    """Whether each χ² (…) of so many degrees of freedom (…) is more than chance explains."""
+    return np.asarray((chi2 > dof) & (2.0 * scipy.special.chdtrc(dof, chi2) < SIGNIFICANCE))
 
 
 def chance_of_change(change: Array, covariance_matrix: Array) -> float:

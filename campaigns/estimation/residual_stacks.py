@@ -75,7 +75,6 @@ class RobotStack:
         self.poses[:] = near
         self._about = self.start
         self._last: tuple[Index, Configuration] | None = None
-        self._gibbs = np.zeros((3, count, shots))
         self._tilting: tuple[Array, ...] = ()
         """Tilts and their elimination where Jacobians were last asked for, (…, C, N)."""
         offsets = mechanism.parameters.offsets
@@ -84,9 +83,11 @@ class RobotStack:
         self._of_offsets = np.argmax(self._columns == offsets[:, None], axis=1)
         if self.kernel is None:
             self._by_p = np.zeros((tasks, len(self._columns), count, shots))
+            self._gibbs = np.zeros((3, count, shots))
         else:
             self._functions = joint_functions(mechanism, joints)
             self._by_platform = ends_by_platform(mechanism, p[0])
+            self._owners = owners(mechanism, self._columns)[0]
             self.closed: tuple[Array, Closures] = np.full_like(self.start, np.nan), ()
             """Closures known, with derivatives by `_columns`, and of which parameters (C, F)."""
             if about is not None:
@@ -187,10 +188,11 @@ class RobotStack:
 
         By the free parameters, or by those of the joints' offsets.
         """
-        wanted = self._of_offsets if by_offsets else np.arange(len(self._free))
         upper, _, lower, *_, by_upper, own_mm = self._closures(x, rows)
-        by_upper, own_mm = (np.ascontiguousarray(each[:, wanted]) for each in (by_upper, own_mm))
-        owner = owners(self._mechanism, self._columns[wanted])[0]
+        owner, wanted = self._owners, self._of_offsets if by_offsets else slice(len(self._free))
+        if by_offsets or len(owner) > len(self._free):
+            some = (np.ascontiguousarray(each[:, wanted]) for each in (by_upper, own_mm))
+            owner, (by_upper, own_mm) = owner[wanted], some
         poses = rows_of(self._padded, rows)
         return self._functions, upper, lower, by_upper, owner, own_mm, self._by_platform, poses
 

@@ -69,11 +69,12 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
     beam = points_from_tracker_mm / distance[..., None]
     along = (uncertainty.along_mm + uncertainty.along_per_mm * distance) ** 2
     across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
-    projector = beam[..., :, None] * beam[..., None, :]
+    found = beam[..., :, None] * beam[..., None, :]
+    found *= (along - across)[..., None, None]
     everywhere = across + uncertainty.robot_scatter_mm**2
-    return np.asarray(
-        everywhere[..., None, None] * np.eye(3) + (along - across)[..., None, None] * projector
-    )
+    for axis in range(3):
+        found[..., axis, axis] += everywhere
+    return np.asarray(found)
 
 
 def common_shifts_mm(

@@ -114,8 +114,9 @@ def _fit_points(
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     measured, joints, near = points_mm[:, rows], shots.joints[rows], near[rows]
     stated = point_covariance_mm2(measured, inputs.options.instrument)
-    guesses, covariance = fit_frames(near[:, :3], measured), stated.copy()
-    robots = _robots(inputs, joints, np.tile(near.T, (len(measured), 1, 1)), kernel)
+    guesses, covariance = fit_frames(near[:, :3], measured), stated
+    near_all = np.broadcast_to(near.T, (len(measured), *near.T.shape))
+    robots = _robots(inputs, joints, near_all, kernel)
     problem, kept = _points(robots, measured, stated, guesses), np.ones(measured.shape[:2], bool)
     of_points = inputs.options.estimator is Estimator.POINTS
     solution, plain = _solved(problem, problem.start(), kept, SETTLED if of_points else NEARLY)
@@ -148,7 +149,7 @@ def _fit_points(
             known = None
             if settled(scatter, anew):
                 break
-            scatter = anew
+            scatter, covariance = anew, stated.copy() if covariance is stated else covariance
             covariance[row] = scatter.covariance_mm2(stated[row], linearized.by_joints)
             again = _robots(inputs, joints, robots.poses[own], kernel)
             frames = (guesses[0][own], guesses[1][own])
@@ -275,11 +276,10 @@ def _solved(
     solution = gauss_newton(problem, start, settled_at=settled_at)
     if isinstance(problem, PointStack):  # those among distances were looked for among the points
         _leave_out(problem, solution, kept)
-    plain, block = solution.converged.copy(), solution.residual.shape[1] // kept.shape[1]
-    dof = block * kept.sum(axis=1) - start.shape[1]
-    for row in np.flatnonzero(plain):
-        tested = information.chi_square_test(float(np.sum(solution.residual[row] ** 2)), dof[row])
-        plain[row] = tested.dof > 0 and not tested.beyond  # less than chance explains widens no σ
+    block = solution.residual.shape[1] // kept.shape[1]
+    dof, chi2 = block * kept.sum(axis=1) - start.shape[1], np.sum(solution.residual**2, axis=1)
+    # less than chance explains widens no σ
+    plain = solution.converged & (dof > 0) & ~information.is_beyond_chance(chi2, dof)
     return solution, plain
 
 

@@ -90,9 +90,11 @@ def true_robots(
 
     `near` are poses (N, t) near theirs. By compiled loops with a `kernel`.
     """
-    different, places = np.unique(truths, axis=0, return_inverse=True)
-    known = [*_different_robots(setup, near, different, kernel)]  # without tolerances there is one
-    yield from (known[place] for place in places.tolist())
+    values = [row.tobytes() for row in truths]  # all alike without tolerances
+    different = {each: place for place, each in enumerate(values)}
+    known = _different_robots(setup, near, truths[[*different.values()]], kernel)
+    robots = dict(zip(different, known, strict=True))
+    yield from (robots[each] for each in values)
 
 
 def _different_robots(
