@@ -4,19 +4,10 @@ from dataclasses import asdict
 
 import typer
 
+from app import plan_text
 from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Plot, WhereTracker
-from app.plan_text import (
-    best_stand_lines,
-    forecast_document,
-    plan_line,
-    plate_warning,
-    refusals_lines,
-    show_forecast,
-    stand_document,
-    stands_table,
-)
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.options import PlanOptions, ProgramOptions
@@ -95,11 +86,14 @@ def _compare(terminal: Terminal, campaign: Campaign, options: PlanOptions) -> di
     if not stands:
         terminal.say("every stand that is compared lies in the robot", WARNING)
         return {"stands": [], "best_stand": None}
-    terminal.table(*stands_table(stands))
+    terminal.table(*plan_text.stands_table(stands))
     best = best_stand(stands)
-    for line in best_stand_lines(stands):
+    for line in plan_text.best_stand_lines(stands):
         terminal.say(line)
-    return {"stands": [stand_document(each) for each in stands], "best_stand": stand_document(best)}
+    return {
+        "stands": [plan_text.stand_document(each) for each in stands],
+        "best_stand": plan_text.stand_document(best),
+    }
 
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:
@@ -108,7 +102,7 @@ def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, obj
     return {
         "shots": 2 * pairs,
         "pairs": pairs,
-        **forecast_document(planned),
+        **plan_text.forecast_document(planned),
         "fitting_lines_mm": planned.lines_mm,
         "space": found and {**asdict(found), "by_zone": dict(found.by_zone)},
         "seconds_estimated": planned.checked.seconds,
@@ -121,9 +115,9 @@ def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> No
     for line in plan_picture(planned.checked.shots):
         terminal.say(line)
     if planned.refusals is not None:
-        for line in refusals_lines(campaign.space, planned.refusals):
+        for line in plan_text.refusals_lines(campaign.space, planned.refusals):
             terminal.say(line)
-    if warning := plate_warning(campaign.space):
+    if warning := plan_text.plate_warning(campaign.space):
         terminal.say(warning, WARNING)
     if planned.lines_mm is not None:
         fitting = ", ".join(f"{mm:g}" for mm in planned.lines_mm)
@@ -132,6 +126,6 @@ def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> No
             f"third; [{fitting}] fit about validation.centre_mm",
             WARNING,
         )
-    show_forecast(terminal, planned)
+    plan_text.show_forecast(terminal, planned)
     detours = planned.checked.detours
-    terminal.say(f"{plan_line(planned.checked)}; {detours} ways go round something")
+    terminal.say(f"{plan_text.plan_line(planned.checked)}; {detours} ways go round something")
