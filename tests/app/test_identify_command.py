@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT, par4
+from par4_space import SPACE, par4
 
 from app.main import run_command
 from app.new_campaign import create_simulated
@@ -215,7 +215,7 @@ def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):
     assert options.estimator is Estimator.DISTANCES
     assert (options.loss, options.outliers) == (LossShape.LINEAR, Outliers.KEEP)
     found = identify(clean, AS_THE_PAPER)
-    assert found.free == FREE_BY_DEFAULT
+    assert found.free == SPACE.free_by_default
     assert found.priors == {}
     assert (found.excluded, found.loss.shape) == ((), LossShape.LINEAR)
     assert len(found.fitted.after) == 60, "the distance of each pair"

@@ -1,10 +1,7 @@
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
-from family_cases import flat_in
-from par4_space import indices, par4
+from family_cases import PAR4_REFERENCE, flat_in
+from par4_space import SPACE, par4
 
 from benchmarks.against_rivals import by_differences
 from benchmarks.rivals import lab_script
@@ -13,9 +10,8 @@ from benchmarks.shared.prototype import NOMINAL
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 SHOTS = 16
-FREE = indices(("arm1.joint_offset_deg", "arm2.forearm_mm", "plate_mm"))
+FREE = SPACE.places(("arm1.joint_offset_deg", "arm2.forearm_mm", "plate_mm"))
 COMMANDED_OFF = np.array([5.0, -5.0, 5.0, 0.02])
 """As far as a robot with errors is from where it was sent."""
 
@@ -44,8 +40,7 @@ def test_scipy_by_differences_finds_the_parameters_that_we_find(problem):
 
 
 def test_the_lab_script_takes_the_golden_joints_to_the_golden_poses():
-    text = (VECTORS / "kinematics.json").read_text(encoding="utf-8")
-    case = json.loads(text)["cases"]["nominal+table1"]
+    case = PAR4_REFERENCE["cases"]["nominal+table1"]
     vector = printed_parameters(par4(flat_in(case["geometry"])))
     for pose in case["poses"][:20]:
         x_mm, y_mm, z_mm, theta_deg = (pose[k] for k in ("x_mm", "y_mm", "z_mm", "theta_deg"))

@@ -1,11 +1,10 @@
 """Files that cannot be used: one line that names the place, exit code 2, and nothing is touched."""
 
-from pathlib import Path
-
 import pytest
 from command_line import contents
+from family_cases import VECTORS
 
-SHOTS = Path(__file__).parents[1] / "data" / "vectors" / "table1-tracker-noise.csv"
+SHOTS = VECTORS / "table1-tracker-noise.csv"
 
 
 def test_a_folder_without_a_campaign(pkmcal, tmp_path):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from command_line import Keyboard, change, contents
-from par4_space import NAMES, SPACE
+from par4_space import SPACE
 from ruamel.yaml import YAML
 
 from sim.scenarios.scenario import load_scenario
@@ -53,7 +53,7 @@ def assert_is_validation(document):
 def assert_is_identification(document):
     assert set(document) - NEXT - {"ways"} == IDENTIFICATION_KEYS
     assert document["schema"] == "pkmcal/identification/1"
-    assert tuple(document["parameters"]) == NAMES
+    assert tuple(document["parameters"]) == SPACE.names
     for entry in document["parameters"].values():
         assert set(entry) == {"nominal", "value", "delta", "std", "total_std", "free"}
     for errors in (document["residuals_mm"], document["unseen_mm"]):

@@ -2,17 +2,15 @@
 
 import errno
 import os
-from pathlib import Path
 
 import pytest
 from command_line import contents
+from family_cases import VECTORS
 from small_files import files_no_larger_than
 
 from campaigns.files import text_file
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome
-
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 from command_line import change
-from target_cases import TARGETS
+from family_cases import ALL_MEMBERS
 
 from app.main import run_command
 from campaigns.robots.robot import read_robot
 
-MEMBERS = {member.name: member for member in TARGETS}
+MEMBERS = {member.name: member for member in ALL_MEMBERS}
 pytestmark = pytest.mark.slow
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from par4_cases import NOMINAL, TRACKER_STD_MM, region
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+from par4_space import SPACE
 
 from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates
@@ -33,7 +33,7 @@ class Case:
         return make_criterion(name, self.candidates, self.workspace_rows)
 
 
-def rows_at(poses, free=FREE_BY_DEFAULT):
+def rows_at(poses, free=SPACE.free_by_default):
     return point_jacobian(NOMINAL, free, NOMINAL.inverse(poses).values_or_raise(), poses)
 
 
@@ -49,7 +49,7 @@ def drawn(count, seed):
     return poses, interior_poses(place, 500, rng)
 
 
-def shots(count=600, seed=1, free=FREE_BY_DEFAULT, noise=None):
+def shots(count=600, seed=1, free=SPACE.free_by_default, noise=None):
     poses, workspace = drawn(count, seed)
     joints = NOMINAL.inverse(poses).values_or_raise()
     noise = isotropic(count) if noise is None else noise
@@ -59,7 +59,7 @@ def shots(count=600, seed=1, free=FREE_BY_DEFAULT, noise=None):
 
 def shot_candidates(free, joints, poses, noise):
     seen = whitened(point_jacobian(NOMINAL, free, joints, poses), noise)
-    return Candidates.from_jacobians(seen, free, ~IS_ANGLE[indices(free)])
+    return Candidates.from_jacobians(seen, free, ~SPACE.is_angle[SPACE.places(free)])
 
 
 def pairs(count=800, seed=1):
@@ -67,10 +67,12 @@ def pairs(count=800, seed=1):
     joints = NOMINAL.inverse(poses).values_or_raise()
     rows = random_pairs(poses, np.random.default_rng(seed))
     variance = np.full(len(rows), 2.0 * VARIANCE_MM2)
-    apart = distance_jacobian(NOMINAL, FREE_BY_DEFAULT, joints, poses, rows)
+    apart = distance_jacobian(NOMINAL, SPACE.free_by_default, joints, poses, rows)
     in_std = apart / np.sqrt(variance)[:, None]
     candidates = Candidates.from_jacobians(
-        in_std[:, None, :], FREE_BY_DEFAULT, ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
+        in_std[:, None, :],
+        SPACE.free_by_default,
+        ~SPACE.is_angle[SPACE.places(SPACE.free_by_default)],
     )
     return Case(poses, joints, candidates, workspace, marginalise_frame(rows_at(workspace)), rows)
 

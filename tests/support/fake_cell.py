@@ -6,11 +6,11 @@ from math import degrees
 from pathlib import Path
 
 import numpy as np
+from par4_cases import CENTRE, NOMINAL, TRACKER_FROM_BASE
 from par4_space import par4
 from tested_journal import Told, journal_in
 from virtual_time import Act, StopWish, VirtualClock
 
-from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import Progress, RunObserver
 from campaigns.measuring.session import measure_series
@@ -22,11 +22,6 @@ from drivers import values
 from drivers.errors import BeamBroken, Cancelled
 
 ROBOT = find_robot("par4-prototype").robot
-NOMINAL = par4(dict(ROBOT.parameters))
-CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
-TRACKER_FROM_BASE = Transform(
-    small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
-)
 COVARIANCE_MM2 = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4))
 AIR = values.Weather(20.0, 1013.0, 50.0)
 MEASURING_S = 1.0

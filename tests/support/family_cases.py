@@ -102,6 +102,10 @@ class Member:
         region = FeasibleRegion(robot, limits or self.limits, centre, tracker_mm, facing, np.pi)
         return interior_poses(region, count, np.random.default_rng(seed))
 
+    def poses(self, count, seed=1):
+        """Poses that the nominal and the perturbed robot can take."""
+        return self.reachable_poses(self.nominal, count, seed, self.well_inside)
+
     @staticmethod
     def file_units(axes):
         """Inner values of one in the unit of files."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from fake_cell import COVARIANCE_MM2, NOMINAL, ROBOT, FakeCell
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+from par4_space import SPACE
 from scipy.stats import chi2
 from small_plans import work
 
@@ -27,8 +27,8 @@ ALL = frozenset(s.shot for s in PLAN)
 OTHERS = frozenset(s.shot for s in PLAN if s.purpose is not ShotSet.IDENTIFICATION)
 """Validation and drift shots."""
 STATED_STD_MM = COVARIANCE_MM2[0][0] ** 0.5
-FREE = indices(FREE_BY_DEFAULT)
-LENGTHS = ~IS_ANGLE[FREE]
+FREE = SPACE.places(SPACE.free_by_default)
+LENGTHS = ~SPACE.is_angle[FREE]
 
 
 def until(goal_mm: float | None, **changes: object) -> Work:

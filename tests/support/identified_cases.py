@@ -3,12 +3,11 @@
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from fake_cell import CENTRE, NOMINAL
-from family_cases import flat_in
-from par4_space import NAMES, SPACE, par4
+from family_cases import VECTORS, flat_in
+from par4_space import SPACE, par4
 from small_plans import LIMITS
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
@@ -25,7 +24,6 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.shots.shots_csv import read_shots
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 NOISE_MM = 0.015 / 3**0.5
 IMPOSSIBLE_RAD = np.radians([90.0, -90.0, 90.0, -90.0])
 FOUND: dict[object, tuple[Shots, object, IdentificationResult]] = {}
@@ -154,4 +152,4 @@ def shortened(forearms_mm: float) -> Kinematics:
 
 
 def all_but(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(name for name in NAMES if name not in names)
+    return tuple(name for name in SPACE.names if name not in names)

@@ -1,23 +1,13 @@
 """Robots, poses and derivatives by differences that the tests of the numerics share."""
 
-import json
-from pathlib import Path
-
 import numpy as np
-from par4_space import NAMES, par4, par4_of, turning_limits
+from family_cases import PAR4_REFERENCE, flat_in
+from par4_space import SPACE, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
-KINEMATICS = json.loads((VECTORS / "kinematics.json").read_text(encoding="utf-8"))
-CASES = KINEMATICS["cases"]
-
-
-def flat_in(document):
-    arms = enumerate(document["arms"])
-    flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
-    return flat | {"plate_mm": document["plate_mm"]}
+CASES = PAR4_REFERENCE["cases"]
 
 
 def geometry_in(document):
@@ -27,7 +17,7 @@ def geometry_in(document):
 NOMINAL = geometry_in(CASES["nominal"]["geometry"])
 TABLE1 = geometry_in(CASES["nominal+table1"]["geometry"])
 TILTS_RAD, SKEWS_RAD = (0.03, -0.02, 0.05, -0.04), (0.01, 0.004, -0.006, 0.02)
-TILTED = par4_of(np.concatenate([TABLE1.p[: len(NAMES)], TILTS_RAD, SKEWS_RAD]))
+TILTED = par4_of(np.concatenate([TABLE1.p[: len(SPACE.names)], TILTS_RAD, SKEWS_RAD]))
 """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
 LEVEL_ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
 ROBOTS = {**LEVEL_ROBOTS, "par4-prototype + Table I + axis tilts": TILTED}

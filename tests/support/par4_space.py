@@ -11,29 +11,18 @@ from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.robot import RobotFile
 
 SPACE = PAR4.parameters
-NAMES = SPACE.names
-GEOMETRY_NAMES = SPACE.geometry
-MODEL_NAMES = SPACE.model
 AXIS_TILT_NAMES = tuple(name for name in SPACE.extensions if name.endswith("axis_tilt_deg"))
 SKEW_NAMES = tuple(name for name in SPACE.extensions if name.endswith("skew_deg"))
-BACKLASH_NAMES = SPACE.backlashes
-FREE_BY_DEFAULT = SPACE.free_by_default
-FREE_IF_EXTENDED = SPACE.free_if_extended
-IS_ANGLE = SPACE.is_angle
-FILE_UNIT = SPACE.file_unit
-ARMS = SPACE.arms
-indices = SPACE.places
-PLATE = NAMES.index("plate_mm")
-OFFSETS = SPACE.offsets
-TILTS = indices(AXIS_TILT_NAMES)
-SKEWS = indices(SKEW_NAMES)
-BACKLASHES = indices(BACKLASH_NAMES)
+PLATE = SPACE.names.index("plate_mm")
+TILTS = SPACE.places(AXIS_TILT_NAMES)
+SKEWS = SPACE.places(SKEW_NAMES)
+BACKLASHES = SPACE.places(SPACE.backlashes)
 """Places in the vector of all parameters."""
 
 
 def places_of(field: str) -> np.ndarray:
     """Places of a field of every arm, (4,)."""
-    return indices(tuple(f"arm{arm}.{field}" for arm in range(ARMS)))
+    return SPACE.places(tuple(f"arm{arm}.{field}" for arm in range(SPACE.arms)))
 
 
 def par4(flat: Mapping[str, float]) -> Kinematics:

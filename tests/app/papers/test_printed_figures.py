@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from par4_space import FREE_BY_DEFAULT
+from par4_space import SPACE
 
 from app.papers.corbel2006.printed import GROUPS, TABLE_II, allowed
 from sim.scenarios.scenario import load_scenario
@@ -50,4 +50,4 @@ def test_figure_that_may_differ_says_why():
 
 def test_prototype_has_the_errors_of_table_two():
     assert dict(load_scenario("paper-prototype").robot.errors) == TABLE_II
-    assert set(TABLE_II) == set(FREE_BY_DEFAULT)
+    assert set(TABLE_II) == set(SPACE.free_by_default)

@@ -7,7 +7,7 @@ import shutil
 from importlib.resources import files
 
 import pytest
-from par4_space import FREE_BY_DEFAULT
+from par4_space import SPACE
 
 import sim.scenarios
 from app.study.errors import COMPARISON
@@ -65,7 +65,7 @@ def test_document_and_table_tell_of_every_campaign_and_only_new_ones_are_compute
     )
     assert (found["shots"], found["pairs"]) == (50, 25)
     assert (found["campaigns"], found["failed"], found["lost"]) == (10, 0, 0)
-    assert tuple(found["parameters"]) == FREE_BY_DEFAULT
+    assert tuple(found["parameters"]) == SPACE.free_by_default
     plate = found["parameters"]["plate_mm"]
     assert 0.5 < plate["ratio"] < 2.0
     assert plate["variance_over_bound"] == pytest.approx(
@@ -187,18 +187,18 @@ def test_screen_names_every_parameter_of_one_combination_and_the_worst_of_severa
         pkmcal("study", folder, "--campaigns", 5, "--workers", 1, *more)[1]
         for more in ((), ("--estimator", "points", "--estimator", "distances", "--plot", picture))
     )
-    assert all(name in one for name in FREE_BY_DEFAULT)
+    assert all(name in one for name in SPACE.free_by_default)
     assert "stated σ are true, as far as 5 campaigns tell" in one
     assert "\npoints" in several
     assert "\ndistances" in several
     assert "arm2" not in several.split("stated σ")[0]
     for line in (one + several).splitlines():
         if not line.startswith(
-            (*FREE_BY_DEFAULT, "plan", "points", "distances", "written", "drawn")
+            (*SPACE.free_by_default, "plan", "points", "distances", "written", "drawn")
         ):
             assert len(line) <= 80
     drawn = picture.read_text(encoding="utf-8")
-    for words in ("points (5 campaigns)", "distances (5 campaigns)", *FREE_BY_DEFAULT):
+    for words in ("points (5 campaigns)", "distances (5 campaigns)", *SPACE.free_by_default):
         assert f">{words}</text>" in drawn
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from target_cases import TARGETS
+from family_cases import ALL_MEMBERS
 
 from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
@@ -12,8 +12,8 @@ from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Kinematics
 
-MEMBERS = pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
-BY_NAME = {member.name: member for member in TARGETS}
+MEMBERS = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
+BY_NAME = {member.name: member for member in ALL_MEMBERS}
 SOME = pytest.mark.parametrize(
     "member", [BY_NAME["par4"], BY_NAME["linear-delta"]], ids=lambda each: each.name
 )
@@ -24,7 +24,7 @@ def correction_of(member, **more):
 
 
 def test_every_mechanism_is_tried():
-    assert {member.name for member in TARGETS} == set(MECHANISMS)
+    assert {member.name for member in ALL_MEMBERS} == set(MECHANISMS)
 
 
 @MEMBERS

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from par4_space import NAMES
+from par4_space import SPACE
 from tested_journal import plain_journal
 
 from campaigns import errors
@@ -82,7 +82,7 @@ def test_exported_parameters_and_deviations_are_read_back(
     )
     robot = read_robot(path).robot
     old = dict(nominal.robot.parameters)
-    for name in NAMES:
+    for name in SPACE.names:
         free = name.endswith(("arm_mm", "plate_mm"))
         assert robot.parameters[name] == old[name] + (0.25 if free else 0.0)
         assert (robot.parameters.std or {}).get(name) == (0.01 if free else None)

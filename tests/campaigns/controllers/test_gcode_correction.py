@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from target_cases import TARGETS
+from family_cases import ALL_MEMBERS
 
 from campaigns.controllers import gcode_correction
 from campaigns.controllers.corrected_targets import TargetCorrection
@@ -13,7 +13,7 @@ from campaigns.controllers.gcode_correction import correct_gcode
 from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.errors import TargetsInvalid
 
-BY_NAME = {member.name: member for member in TARGETS}
+BY_NAME = {member.name: member for member in ALL_MEMBERS}
 SOME = pytest.mark.parametrize(
     "member", [BY_NAME["par4"], BY_NAME["linear-delta"]], ids=lambda each: each.name
 )

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import change
+from family_cases import ALL_MEMBERS
 from paper_campaign import NOMINAL, TRACKER_FROM_BASE, PaperCampaign, new_campaign, validation_shots
-from target_cases import TARGETS
 
 from app.main import run_command
 from app.new_campaign import create_simulated
@@ -261,7 +261,7 @@ def test_rows_without_a_set_are_pairs_of_a_validation(paper: PaperCampaign, caps
 
 def test_a_form_for_a_controller_of_few_parameters_is_judged_as_what_it_is(tmp_path: Path) -> None:
     """A linear Delta: pairs before, to identify, exported for Klipper, pairs after."""
-    member = next(each for each in TARGETS if each.name == "linear-delta")
+    member = next(each for each in ALL_MEMBERS if each.name == "linear-delta")
     create_simulated(tmp_path / "delta", member.name, "paper-simulation")
     campaign, rng = open_campaign(tmp_path / "delta"), np.random.default_rng(3)
 

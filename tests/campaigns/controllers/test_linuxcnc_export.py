@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from par4_space import NAMES, with_values
+from par4_space import SPACE, with_values
 
 from campaigns.controllers import linuxcnc_export
 from campaigns.errors import ConfigInvalid, OutputExists
@@ -18,7 +18,7 @@ TILTED = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
 lengths = st.floats(1e-3, 1e5)
 anything = st.floats(-1e5, 1e5)
 geometries = st.fixed_dictionaries(
-    {name: lengths if name.endswith(("arm_mm", "plate_mm")) else anything for name in NAMES}
+    {name: lengths if name.endswith(("arm_mm", "plate_mm")) else anything for name in SPACE.names}
 )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 from fake_cell import ROBOT
-from par4_space import NAMES, with_values
+from par4_space import SPACE, with_values
 
 from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import LoadNotVerified
@@ -56,7 +56,7 @@ def ignore(controller: Controller, geometry: Mapping[str, float]) -> None:
 
 
 def take_half(controller: Controller, geometry: Mapping[str, float]) -> None:
-    controller.held |= {name: geometry[name] for name in NAMES[:14]}
+    controller.held |= {name: geometry[name] for name in SPACE.names[:14]}
 
 
 def refuse(controller: Controller, geometry: Mapping[str, float]) -> None:
@@ -169,7 +169,7 @@ def test_changes_are_told_in_units_of_their_deviation() -> None:
     parameters = Parameters.of(ROBOT.parameters.space, NEW, {"plate_mm": 0.05})
     robot = replace(ROBOT, parameters=parameters)
     found = {change.name: change for change in changes(OLD, robot)}
-    assert list(found) == list(NAMES)
+    assert list(found) == list(SPACE.names)
     assert found["plate_mm"].delta == 1.25
     assert found["plate_mm"].in_sigmas == pytest.approx(25.0)
     assert found["arm0.arm_mm"].in_sigmas is None

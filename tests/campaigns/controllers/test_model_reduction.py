@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from family_cases import ALL_MEMBERS
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
-from target_cases import TARGETS
 
 from campaigns.controllers.model_reduction import Workspace, left_by, project_plain
 from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
@@ -17,7 +17,7 @@ from campaigns.estimation.point_sets import fitted_frame
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
 
-BY_NAME = {member.name: member for member in TARGETS}
+BY_NAME = {member.name: member for member in ALL_MEMBERS}
 SOME = pytest.mark.parametrize(
     "member", [BY_NAME["par4"], BY_NAME["linear-delta"]], ids=lambda each: each.name
 )

@@ -7,7 +7,7 @@ import pytest
 from design_cases import anything, isotropic, pairs, shot_candidates, shots
 from hypothesis import given
 from hypothesis import strategies as st
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+from par4_space import SPACE
 
 from campaigns.design import exchange
 from campaigns.design.criteria import inverse_of_one_plus, make_criterion
@@ -138,7 +138,7 @@ def test_i_optimal_shots_tell_what_the_model_page_promises():
     case = shots(4000)
     criterion = case.criterion("I")
     chosen = optimal_design(case.candidates, criterion, count, rng(), starts=1).chosen
-    is_angle = IS_ANGLE[indices(FREE_BY_DEFAULT)]
+    is_angle = SPACE.is_angle[SPACE.places(SPACE.free_by_default)]
     std = np.sqrt(np.diag(covariance(case.candidates.jacobian(chosen))))[: len(is_angle)]
     assert std[~is_angle].max() <= length_mm
     assert np.degrees(std[is_angle].max()) <= angle_deg
@@ -208,7 +208,7 @@ def test_fewer_shots_than_tell_all_and_more_than_candidates_are_refused(robot_sh
 
 def test_parameters_that_move_with_the_frame_are_named(robot_shots):
     """With the first motor free, nothing says where the robot's own frame is."""
-    free = (*FREE_BY_DEFAULT, "arm0.z_mm")
+    free = (*SPACE.free_by_default, "arm0.z_mm")
     case = robot_shots
     candidates = shot_candidates(free, case.joints, case.poses, isotropic(len(case.poses)))
     with pytest.raises(Unobservable, match=r"arm0\.z_mm"):

@@ -12,7 +12,7 @@ from par4_cases import (
     reachable_joints,
     reachable_poses,
 )
-from par4_space import FREE_BY_DEFAULT, indices, par4_of
+from par4_space import SPACE, par4_of
 
 from campaigns.estimation import information, least_squares
 from campaigns.estimation.estimate import estimate
@@ -26,14 +26,14 @@ from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, Po
 from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.estimation.robust import Loss
 
-FREE = FREE_BY_DEFAULT
+FREE = SPACE.free_by_default
 SHOTS = 24
 DRAWS = 200
 """Limits below are three to four standard deviations of what so many draws show."""
 
 
 def points(joints, measured, free=FREE, priors=None, nominal=NOMINAL):
-    model = PositionModel(nominal, indices(free), joints)
+    model = PositionModel(nominal, SPACE.places(free), joints)
     covariance = np.tile(TRACKER_STD_MM**2 * np.eye(3), (len(joints), 1, 1))
     data = PointResiduals.from_points(model, measured, covariance)
     return least_squares.LeastSquaresProblem(data, 3, priors or least_squares.Priors.none())
@@ -42,7 +42,7 @@ def points(joints, measured, free=FREE, priors=None, nominal=NOMINAL):
 def distances(joints, measured, free=FREE, priors=None):
     first, second = np.arange(0, len(joints), 2), np.arange(1, len(joints), 2)
     lengths = np.linalg.norm(measured[first] - measured[second], axis=1)
-    model = PositionModel(NOMINAL, indices(free), joints)
+    model = PositionModel(NOMINAL, SPACE.places(free), joints)
     whitening = np.full(len(first), 1.0 / (2.0**0.5 * TRACKER_STD_MM))
     data = DistanceResiduals(model, first, second, lengths, whitening)
     return least_squares.LeastSquaresProblem(data, 1, priors or least_squares.Priors.none())
@@ -59,11 +59,11 @@ def measured(joints):
 
 
 def true(free=FREE):
-    return TABLE1.p[indices(free)]
+    return TABLE1.p[SPACE.places(free)]
 
 
 def nominal(name):
-    return NOMINAL.p[indices((name,))[0]]
+    return NOMINAL.p[SPACE.places((name,))[0]]
 
 
 def prior(name, std, free=FREE, mean=None):
@@ -83,7 +83,7 @@ def drawn():
         robot = points(joints, measured, nominal=TABLE1)
         each = estimate(robot, 22, exclude=False, known_variance=True)
         vector = TABLE1.p.copy()
-        vector[indices(FREE)] = each.x[:22]
+        vector[SPACE.places(FREE)] = each.x[:22]
         reached = par4_of(vector).forward(there, elsewhere).values_or_raise()[:, :3]
         errors.append(fit_transform(reached, elsewhere[:, :3]).apply(reached) - elsewhere[:, :3])
         found.append(each)

@@ -13,20 +13,7 @@ from par4_cases import (
     measured_points,
     reachable_joints,
 )
-from par4_space import (
-    BACKLASH_NAMES,
-    BACKLASHES,
-    FREE_BY_DEFAULT,
-    FREE_IF_EXTENDED,
-    GEOMETRY_NAMES,
-    MODEL_NAMES,
-    SKEWS,
-    SPACE,
-    TILTS,
-    indices,
-    par4_of,
-    places_of,
-)
+from par4_space import BACKLASHES, SKEWS, SPACE, TILTS, par4_of, places_of
 
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.observability import observability
@@ -41,10 +28,10 @@ from sim.robot.section import Thermal
 from sim.robot.transmission import Transmission
 
 ARCSEC = np.radians(1.0 / 3600.0)
-ALL = indices(MODEL_NAMES)
-FREE = indices(FREE_IF_EXTENDED)
-OF_FULL = indices(SPACE.free_in_full)
-OF_GEOMETRY = slice(0, len(GEOMETRY_NAMES))
+ALL = SPACE.places(SPACE.model)
+FREE = SPACE.places(SPACE.free_if_extended)
+OF_FULL = SPACE.places(SPACE.free_in_full)
+OF_GEOMETRY = slice(0, len(SPACE.geometry))
 BACKLASH_RAD = np.array([60.0, 20.0, -10.0, 90.0]) * ARCSEC
 """One has the wrong sign, which a fit must be able to say."""
 AZIMUTH_ERRORS_RAD = np.array([0.0, 5e-4, -3e-4, 8e-4])
@@ -91,7 +78,7 @@ def with_backlash(model, backlash_rad):
 
 def backlash_in(free, x):
     """Of the four gears, among the values of the free parameters."""
-    return x[[free.index(name) for name in BACKLASH_NAMES]]
+    return x[[free.index(name) for name in SPACE.backlashes]]
 
 
 def points_problem(model, points_mm):
@@ -124,7 +111,7 @@ def test_where_no_direction_is_known_backlash_has_no_effect(approach):
 
 def test_a_model_without_backlash_has_none():
     joints = reachable_joints(NOMINAL, 5, seed=63)
-    standard = model(NOMINAL, joints, approaches(5), indices(FREE_BY_DEFAULT))
+    standard = model(NOMINAL, joints, approaches(5), SPACE.places(SPACE.free_by_default))
     assert (standard.arm_joints(standard.nominal) == joints).all()
 
 
@@ -133,7 +120,7 @@ def test_poses_followed_from_other_parameters_are_those_of_the_new_ones(size):
     joints = reachable_joints(LEANING, 30, seed=66, limits=WELL_INSIDE)
     followed = model(LEANING, joints, None)
     about, rng = followed.nominal, np.random.default_rng(67)
-    unit = np.array([1.0 if name.endswith("_mm") else 0.01 for name in FREE_IF_EXTENDED])
+    unit = np.array([1.0 if name.endswith("_mm") else 0.01 for name in SPACE.free_if_extended])
     x = about + size * unit * rng.uniform(-1.0, 1.0, len(about))
     followed.jacobian(about)
     afresh = followed.kinematics(x).forward(joints).values_or_raise()[:, :3]
@@ -161,15 +148,15 @@ def test_35_parameters_can_be_told_apart_when_the_directions_of_approach_are_kno
     joints = reachable_joints(NOMINAL, 120, seed=65, limits=LIMITS)
     points_mm = measured_points(NOMINAL, joints)
 
-    def rank(approach, names=FREE_IF_EXTENDED):
-        problem = points_problem(model(NOMINAL, joints, approach, indices(names)), points_mm)
+    def rank(approach, names=SPACE.free_if_extended):
+        problem = points_problem(model(NOMINAL, joints, approach, SPACE.places(names)), points_mm)
         return observability(problem.jacobian(problem.start())).rank - 6
 
-    assert len(FREE_IF_EXTENDED) == 35
+    assert len(SPACE.free_if_extended) == 35
     assert rank(approaches(120)) == 35
     assert rank(None) == 31
     turns = ("arm0.azimuth_deg", "arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
-    assert rank(approaches(120), (*turns, *FREE_IF_EXTENDED)) == 35
+    assert rank(approaches(120), (*turns, *SPACE.free_if_extended)) == 35
 
 
 def problems_of(points_mm, tried):
@@ -183,7 +170,7 @@ def problems_of(points_mm, tried):
 
 @pytest.mark.parametrize("robot", [TABLE1, LEANING], ids=["level", "tilted"])
 def test_derivatives_by_parameters_that_are_not_free_are_those_of_a_fit_that_frees_all(robot):
-    joints, every = reachable_joints(robot, 10, seed=70), np.arange(len(GEOMETRY_NAMES))
+    joints, every = reachable_joints(robot, 10, seed=70), np.arange(len(SPACE.geometry))
     found, exact = (
         tried.by_geometry(tried.nominal, every)
         for tried in (model(robot, joints, None, free) for free in (OF_FULL, ALL))
@@ -200,7 +187,7 @@ def test_azimuths_tilts_and_backlash_are_found_from_exact_shots(estimator):
     found = fit.x[: len(FREE)]
     assert fit.converged
     assert np.abs((tried.kinematics(found).p - MADE.p)[OF_GEOMETRY]).max() < 1e-6
-    assert np.abs(backlash_in(FREE_IF_EXTENDED, found) - BACKLASH_RAD).max() < 1e-8
+    assert np.abs(backlash_in(SPACE.free_if_extended, found) - BACKLASH_RAD).max() < 1e-8
 
 
 @pytest.mark.parametrize("made", [MADE, leaning(NOMINAL)], ids=["all wrong", "tilts alone"])
@@ -209,7 +196,7 @@ def test_a_first_step_of_a_level_plate_leads_to_the_minimum_of_the_tilted_one(ma
     joints, free = reachable_joints(made, 120, seed=68, limits=WELL_INSIDE), SPACE.free_in_full
     points_mm = made.forward(joints).values_or_raise()[:, :3]
     points_mm += TRACKER_STD_MM * np.random.default_rng(69).standard_normal(points_mm.shape)
-    problem = problems_of(points_mm, model(NOMINAL, joints, None, indices(free)))[estimator]
+    problem = problems_of(points_mm, model(NOMINAL, joints, None, SPACE.places(free)))[estimator]
     tilting = [place for place, name in enumerate(free) if name in SPACE.extensions]
     assert np.flatnonzero(problem.fine_unknowns()).tolist() == tilting
     found, all_at_once = solve(problem), solve(problem, start=problem.start())
@@ -249,12 +236,12 @@ def visited(robot, targets):
 
 @pytest.mark.slow
 def test_the_simulated_gears_lost_motion_is_found_with_its_sign():
-    free = FREE_IF_EXTENDED
+    free = SPACE.free_if_extended
     true_rad = np.array([60.0, 20.0, 40.0, 90.0]) * ARCSEC
     targets = reachable_joints(NOMINAL, 70, seed=67, limits=WELL_INSIDE)
     joints, points_mm, approach = visited(driven_robot(true_rad), targets)
     assert len(joints) > 50
-    tried = model(NOMINAL, joints, approach, indices(free))
+    tried = model(NOMINAL, joints, approach, SPACE.places(free))
     fit = solve(points_problem(tried, points_mm))
     found = fit.x[: len(free)]
     assert fit.converged

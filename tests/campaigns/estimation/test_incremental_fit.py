@@ -12,7 +12,7 @@ from par4_cases import (
     measured_points,
     reachable_joints,
 )
-from par4_space import FREE_BY_DEFAULT
+from par4_space import SPACE
 
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton, next_size
 
@@ -29,7 +29,7 @@ def known_after(shots):
 
 
 def after(shots, joints=JOINTS, points_mm=MEASURED_MM):
-    running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
+    running = IncrementalGaussNewton(NOMINAL, SPACE.free_by_default)
     for row in range(shots):
         running.add(joints[row], points_mm[row])
     return running
@@ -105,7 +105,7 @@ def test_with_all_shots_the_frame_is_the_tracker_s():
 
 def test_asking_for_a_prediction_first_changes_no_answer():
     """The next step begins with the predicted pose instead of the last one's."""
-    asked, not_asked = (IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT) for _ in range(2))
+    asked, not_asked = (IncrementalGaussNewton(NOMINAL, SPACE.free_by_default) for _ in range(2))
     for row in range(20):
         asked.predict(JOINTS[row])
         for running in (asked, not_asked):

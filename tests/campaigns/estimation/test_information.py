@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from par4_cases import NOMINAL, TABLE1, measured_points, reachable_joints
-from par4_space import FREE_BY_DEFAULT, indices
+from par4_space import SPACE
 
 from campaigns.estimation import information
 from campaigns.estimation.estimate import estimate
@@ -15,7 +15,7 @@ from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solv
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 
 SHOTS = 80
-FREE = indices(FREE_BY_DEFAULT)
+FREE = SPACE.places(SPACE.free_by_default)
 COUNT = len(FREE)
 JOINTS = reachable_joints(TABLE1, SHOTS, seed=31)
 BEAM_STD_MM, ACROSS_STD_MM = 0.004, 0.012
@@ -38,10 +38,10 @@ def seen_after(shots, measured_mm):
 
 @cache
 def _seen(measured):
-    running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
+    running = IncrementalGaussNewton(NOMINAL, SPACE.free_by_default)
     for joints, point_mm in zip(JOINTS, np.frombuffer(measured).reshape(-1, 3), strict=False):
         running.add(joints, point_mm)
-    return running.linearized(FREE_BY_DEFAULT)
+    return running.linearized(SPACE.free_by_default)
 
 
 def fitted(shots, measured_mm):
@@ -156,10 +156,10 @@ def test_too_few_shots_no_pairs_and_a_covariance_that_cannot_be_tell_nothing():
 def test_shots_that_cannot_tell_all_parameters_tell_nothing():
     """Ten poses, each of them seen four times."""
     joints, measured_mm = np.repeat(JOINTS[:10], 4, axis=0), np.repeat(points_mm()[:10], 4, axis=0)
-    running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
+    running = IncrementalGaussNewton(NOMINAL, SPACE.free_by_default)
     for joint, point_mm in zip(joints[:36], measured_mm[:36], strict=True):
         running.add(joint, point_mm)
-    seen = running.linearized(FREE_BY_DEFAULT)
+    seen = running.linearized(SPACE.free_by_default)
     assert information.covariance_from_points(replace(seen, stated_mm2=stated(36))) is None
 
 

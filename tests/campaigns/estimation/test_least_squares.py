@@ -4,14 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from par4_cases import NOMINAL, TABLE1, VECTORS, WELL_INSIDE, measured_points, reachable_joints
-from par4_space import FREE_BY_DEFAULT, indices, par4_of
+from family_cases import VECTORS
+from par4_cases import NOMINAL, TABLE1, WELL_INSIDE, measured_points, reachable_joints
+from par4_space import SPACE, par4_of
 
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 from campaigns.mechanisms.mechanism import NoSolution
 
-FREE = indices(FREE_BY_DEFAULT)
+FREE = SPACE.places(SPACE.free_by_default)
 
 
 def distances(name):
@@ -106,7 +107,7 @@ def test_a_far_start_still_arrives():
     measured_mm = np.linalg.norm(positions[second] - positions[first], axis=1)
     off = TABLE1.p.copy()
     off[FREE] += np.random.default_rng(0).choice([-1, 1], 22) * np.where(
-        [name.endswith("_deg") for name in FREE_BY_DEFAULT], np.radians(1.0), 4.0
+        [name.endswith("_deg") for name in SPACE.free_by_default], np.radians(1.0), 4.0
     )
     model = PositionModel(par4_of(off), FREE, joints)
     fit = solve(DistanceResiduals.in_mm(model, first, second, measured_mm))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from par4_cases import LIMITS, NOMINAL, reachable_joints
-from par4_space import FREE_BY_DEFAULT, NAMES, indices
+from par4_space import SPACE
 
 from campaigns.estimation.information import covariance
 from campaigns.estimation.observability import observability, triangle_of, unobservable_combinations
@@ -18,7 +18,7 @@ JOINTS = reachable_joints(NOMINAL, 120, seed=51, limits=LIMITS)
 
 def distance_jacobian(names):
     rows = np.arange(0, len(JOINTS), 2)
-    model = PositionModel(NOMINAL, indices(names), JOINTS)
+    model = PositionModel(NOMINAL, SPACE.places(names), JOINTS)
     problem = DistanceResiduals.in_mm(model, rows, rows + 1, np.zeros(len(rows)))
     return problem.jacobian(problem.start())
 
@@ -28,19 +28,19 @@ def of_all_arms(field):
 
 
 def test_sixty_pairs_tell_the_22_parameters_with_the_explicit_inverses_covariance():
-    seen = observability(distance_jacobian(FREE_BY_DEFAULT))
+    seen = observability(distance_jacobian(SPACE.free_by_default))
     assert seen.rank == 22
     assert 50.0 < seen.condition < 200.0
-    assert unobservable_combinations(seen, FREE_BY_DEFAULT) == []
-    assert_explicit_inverse(distance_jacobian(FREE_BY_DEFAULT))
+    assert unobservable_combinations(seen, SPACE.free_by_default) == []
+    assert_explicit_inverse(distance_jacobian(SPACE.free_by_default))
 
 
 def test_with_everything_free_the_frame_s_place_and_turn_are_named():
     """Distances don't know where the base frame is: three shifts, and the turn about z."""
-    seen = observability(distance_jacobian(NAMES))
+    seen = observability(distance_jacobian(SPACE.names))
     assert seen.rank == 25
     assert seen.condition == np.inf
-    combinations = [set(names) for names in unobservable_combinations(seen, NAMES)]
+    combinations = [set(names) for names in unobservable_combinations(seen, SPACE.names)]
     assert len(combinations) == 4
     for field in ("x_mm", "y_mm", "z_mm"):
         assert of_all_arms(field) in combinations
@@ -49,23 +49,23 @@ def test_with_everything_free_the_frame_s_place_and_turn_are_named():
 
 
 def test_freed_azimuths_and_a_freed_motor_are_named():
-    names = FREE_BY_DEFAULT + AZIMUTHS
+    names = SPACE.free_by_default + AZIMUTHS
     seen = observability(distance_jacobian(names))
     assert seen.rank == 25
     (combination,) = unobservable_combinations(seen, names)
     assert set(AZIMUTHS) <= set(combination)
     assert not any(name.endswith(("z_mm", "arm_mm", "offset_deg")) for name in combination)
-    names = (*FREE_BY_DEFAULT, "arm0.z_mm")
+    names = (*SPACE.free_by_default, "arm0.z_mm")
     seen = observability(distance_jacobian(names))
     assert seen.rank == 22
     assert set(unobservable_combinations(seen, names)[0]) == of_all_arms("z_mm")
 
 
 def test_an_unobservable_direction_really_changes_no_distance():
-    jacobian = distance_jacobian(NAMES)
+    jacobian = distance_jacobian(SPACE.names)
     seen = observability(jacobian)
     norms = np.linalg.norm(jacobian, axis=0)
-    model = PositionModel(NOMINAL, indices(NAMES), JOINTS)
+    model = PositionModel(NOMINAL, SPACE.places(SPACE.names), JOINTS)
     poses = NOMINAL.forward(JOINTS).values_or_raise()
     before = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
     for direction in seen.null_directions:
@@ -77,7 +77,7 @@ def test_an_unobservable_direction_really_changes_no_distance():
 
 
 def test_fewer_rows_than_parameters_cannot_have_full_rank():
-    seen = observability(distance_jacobian(FREE_BY_DEFAULT)[:15])
+    seen = observability(distance_jacobian(SPACE.free_by_default)[:15])
     assert (seen.rank, len(seen.singular_values)) == (15, 22)
     assert seen.null_directions.shape == (7, 22)
     assert seen.condition == np.inf
@@ -85,7 +85,7 @@ def test_fewer_rows_than_parameters_cannot_have_full_rank():
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_units_change_neither_rank_nor_condition(scale):
-    jacobian = distance_jacobian(FREE_BY_DEFAULT)
+    jacobian = distance_jacobian(SPACE.free_by_default)
     seen = observability(jacobian * np.where(np.arange(22) % 2, scale, 1.0))
     assert seen.rank == 22
     assert seen.condition == pytest.approx(observability(jacobian).condition, rel=1e-9)
@@ -117,7 +117,7 @@ def test_covariance_is_the_explicit_inverse(seed):
 
 def test_lost_rank_has_no_covariance():
     with pytest.raises(np.linalg.LinAlgError, match="rank 25 of 29"):
-        covariance(distance_jacobian(NAMES))
+        covariance(distance_jacobian(SPACE.names))
 
 
 def test_spread_tells_mean_rms_and_largest_of_something():

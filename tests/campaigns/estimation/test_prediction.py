@@ -7,7 +7,7 @@ import pytest
 from design_cases import VARIANCE_MM2 as ISOTROPIC_MM2
 from design_cases import drawn, isotropic, rows_at
 from par4_cases import NOMINAL, central_differences, measured_points, reachable_joints
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices, par4_of
+from par4_space import SPACE, par4_of
 
 from campaigns.estimation.information import (
     marginalise_frame,
@@ -20,7 +20,7 @@ from campaigns.estimation.observability import observability
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import fit_transform
 
-FREE = indices(FREE_BY_DEFAULT)
+FREE = SPACE.places(SPACE.free_by_default)
 JOINTS = reachable_joints(NOMINAL, 120, seed=61)
 POSES = NOMINAL.forward(JOINTS).values_or_raise()
 SHOTS = 60
@@ -35,13 +35,13 @@ def distances_mm(free_values):
     return np.linalg.norm(positions[PAIRS[:, 1]] - positions[PAIRS[:, 0]], axis=1)
 
 
-def told(variance_mm2=VARIANCE_MM2, names=FREE_BY_DEFAULT):
+def told(variance_mm2=VARIANCE_MM2, names=SPACE.free_by_default):
     found, seen = predict_distances(NOMINAL, names, JOINTS, POSES, PAIRS, variance_mm2)
     return np.sqrt(np.diag(found)), seen
 
 
 def test_standard_deviations_are_those_of_weighted_least_squares():
-    steps = np.where(IS_ANGLE[FREE], 1e-5, 1e-3)
+    steps = np.where(SPACE.is_angle[FREE], 1e-5, 1e-3)
     jacobian = central_differences(distances_mm, NOMINAL.p[FREE], steps)
     information = jacobian.T @ np.diag(1.0 / VARIANCE_MM2) @ jacobian
     expected = np.sqrt(np.diag(np.linalg.inv(information)))
@@ -54,15 +54,15 @@ def test_variance_scales_and_sixty_pairs_give_tenths_of_a_millimetre():
     """Random pairs at 0.015/√3 mm a coordinate: 0.09 mm and 0.007° for the worst parameters."""
     variance_mm2 = np.full(60, 2.0 * 0.015**2 / 3.0)
     std, _ = told(variance_mm2)
-    assert 0.05 < std[~IS_ANGLE[FREE]].max() < 0.18
-    assert 0.003 < np.degrees(std[IS_ANGLE[FREE]].max()) < 0.014
+    assert 0.05 < std[~SPACE.is_angle[FREE]].max() < 0.18
+    assert 0.003 < np.degrees(std[SPACE.is_angle[FREE]].max()) < 0.014
     (plain, seen), (noisy, same) = (told(factor * VARIANCE_MM2) for factor in (1.0, 4.0))
     assert noisy == pytest.approx(2.0 * plain, rel=1e-9)
     assert same.condition == pytest.approx(seen.condition, rel=1e-9)
 
 
 def test_lost_rank_predicts_infinite_standard_deviations():
-    std, seen = told(names=NAMES)
+    std, seen = told(names=SPACE.names)
     assert seen.rank == 25
     assert seen.condition == np.inf
     assert np.isinf(std).all()
@@ -98,7 +98,7 @@ def joints(poses):
 
 @pytest.fixture(scope="module")
 def known(poses, joints):
-    return predict_points(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))[0]
+    return predict_points(NOMINAL, SPACE.free_by_default, joints, poses, isotropic(SHOTS))[0]
 
 
 def test_prediction_is_the_covariance_of_the_fit_itself(poses, joints, known):
@@ -114,11 +114,13 @@ def test_prediction_is_the_covariance_of_the_fit_itself(poses, joints, known):
 def test_what_is_seen_is_of_the_parameters_alone_and_lost_rank_gives_infinite_deviations(
     poses, joints
 ):
-    _, seen = predict_points(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))
+    _, seen = predict_points(NOMINAL, SPACE.free_by_default, joints, poses, isotropic(SHOTS))
     assert seen.rank == 22
     assert 10 < seen.condition < 1000
     assert all(value > 0.0 for value in seen.indices.values())
-    found, seen = predict_points(NOMINAL, FREE_BY_DEFAULT, joints[:11], poses[:11], isotropic(11))
+    found, seen = predict_points(
+        NOMINAL, SPACE.free_by_default, joints[:11], poses[:11], isotropic(11)
+    )
     assert seen.rank < 22
     assert np.isinf(found).all()
 

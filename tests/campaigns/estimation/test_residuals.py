@@ -13,15 +13,15 @@ from par4_cases import (
     measured_points,
     reachable_joints,
 )
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices
+from par4_space import SPACE
 
 from campaigns.estimation.least_squares import IdentifiableSubspace, LeastSquaresProblem, Priors
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.mechanisms.mechanism import NoSolution
 
-FREE = indices(FREE_BY_DEFAULT)
-STEPS = np.where(IS_ANGLE[FREE], 1e-5, 1e-3)
+FREE = SPACE.places(SPACE.free_by_default)
+STEPS = np.where(SPACE.is_angle[FREE], 1e-5, 1e-3)
 FRAME_STEPS = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2])
 JOINTS = reachable_joints(NOMINAL, 30, seed=31, limits=WELL_INSIDE)
 POINTS_MM = measured_points(TABLE1, JOINTS)
@@ -162,18 +162,18 @@ def test_the_model_s_memory_changes_no_answer():
 
 
 def test_the_model_replaces_only_what_is_free():
-    freed = indices(("arm2.forearm_mm", "plate_mm"))
+    freed = SPACE.places(("arm2.forearm_mm", "plate_mm"))
     geometry = PositionModel(NOMINAL, freed, JOINTS).kinematics(np.array([701.5, 98.0]))
     nominal = NOMINAL.parameters
     changed = {n: v for n, v in geometry.parameters.items() if v != pytest.approx(nominal[n])}
     assert changed == {"arm2.forearm_mm": 701.5, "plate_mm": 98.0}
-    assert tuple(geometry.parameters) == NAMES
+    assert tuple(geometry.parameters) == SPACE.names
 
 
 def test_after_parameters_without_an_assembly_the_model_goes_on():
     remembering = model()
     impossible = remembering.nominal.copy()
-    impossible[list(FREE_BY_DEFAULT).index("arm2.forearm_mm")] = 50.0
+    impossible[list(SPACE.free_by_default).index("arm2.forearm_mm")] = 50.0
     expected = TABLE1.forward(JOINTS).values_or_raise()[:, :3]
     remembering.jacobian(remembering.nominal)
     with pytest.raises(NoSolution):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from par4_space import FILE_UNIT, FREE_BY_DEFAULT, indices, par4, par4_of, turning_limits
+from par4_space import SPACE, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.estimators import LossShape
@@ -21,7 +21,7 @@ from campaigns.estimation.robust import (
 from campaigns.robots.robot import find_robot
 
 NOISE_MM = 0.015 / 3**0.5
-FREE = indices(FREE_BY_DEFAULT)
+FREE = SPACE.places(SPACE.free_by_default)
 NOMINAL = par4(dict(find_robot("par4-prototype").robot.parameters))
 
 
@@ -30,7 +30,7 @@ def shots():
     """Joints (120, 4), exact points (120, 3) and the true free parameters of an erroneous robot."""
     rng = np.random.default_rng(5)
     errors = rng.normal(0.0, 1.0, len(FREE)) * np.where(
-        FILE_UNIT[FREE] == 1.0, 0.5, np.radians(0.1)
+        SPACE.file_unit[FREE] == 1.0, 0.5, np.radians(0.1)
     )
     vector = NOMINAL.p.copy()
     vector[FREE] += errors
@@ -82,7 +82,7 @@ def all_of(problem):
 
 
 def worst_mm_deg(x, shots):
-    return np.abs((x[: len(FREE)] - shots[2]) / FILE_UNIT[FREE]).max()
+    return np.abs((x[: len(FREE)] - shots[2]) / SPACE.file_unit[FREE]).max()
 
 
 def test_moved_shots_are_named_and_nothing_else_unless_they_are_half_of_all(shots):
@@ -195,7 +195,7 @@ def test_an_outliers_size_is_what_the_fit_of_the_others_leaves_of_it_in_its_own_
 
 def test_a_prior_that_all_shots_contradict_is_neither_left_out_nor_weighed_down(shots):
     """A plate said to be 5 mm longer, to a micrometre: the fit must follow, whatever the loss."""
-    plate = FREE_BY_DEFAULT.index("plate_mm")
+    plate = SPACE.free_by_default.index("plate_mm")
     said = Priors(np.array([plate]), np.array([shots[2][plate] + 5.0]), np.array([1e-3]))
     problem = points_problem(shots, priors=said)
     robust = solve_robust(problem, Loss(LossShape.CAUCHY), all_of(problem))

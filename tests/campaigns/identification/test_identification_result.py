@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields, replace
 import numpy as np
 import pytest
 from identified_cases import TRACKER_FROM_BASE, identified, moved, noisy, simulated, workspace
-from par4_space import NAMES
+from par4_space import SPACE
 from tested_journal import plain_journal
 
 from campaigns.controllers.export import latest_identification
@@ -59,7 +59,7 @@ def recorded(**asked):
 def test_document_is_plain_json_with_every_parameter(estimator) -> None:
     told = document(estimator=estimator, poses=workspace())
     assert json.loads(json.dumps(told, allow_nan=False)) == told
-    assert list(told["parameters"]) == list(NAMES)
+    assert list(told["parameters"]) == list(SPACE.names)
     plate = told["parameters"]["plate_mm"]
     assert plate["delta"] == pytest.approx(plate["value"] - plate["nominal"])
     assert told["unseen_mm"]["after"].keys() == {"mean_abs", "rms", "max_abs"}

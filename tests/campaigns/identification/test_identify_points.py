@@ -19,7 +19,7 @@ from identified_cases import (
     values,
     workspace,
 )
-from par4_space import NAMES
+from par4_space import SPACE
 
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
@@ -55,7 +55,7 @@ def test_exact_points_give_the_robot_and_the_trackers_place() -> None:
 
 def test_points_know_parameters_better_than_distances_and_positions_best() -> None:
     points, pairs = deviations(by_points(CLEAN)), deviations(identified(CLEAN, Estimator.DISTANCES))
-    assert all(points[name] < 0.5 * pairs[name] for name in NAMES if points[name])
+    assert all(points[name] < 0.5 * pairs[name] for name in SPACE.names if points[name])
     assert missed(by_points(CLEAN)) < missed(identified(CLEAN, Estimator.DISTANCES))
     found = by_points(CLEAN, poses=workspace())
     assert 0.002 < found.position_std_mm.mean < found.position_std_mm.max < 0.03

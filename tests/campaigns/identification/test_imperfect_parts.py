@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from identified_cases import NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
-from par4_space import SKEW_NAMES, SPACE, indices
+from par4_space import SKEW_NAMES, SPACE
 
 from campaigns.evaluation.diagnostics import LACK
 from campaigns.identification.identify import identify
@@ -17,7 +17,7 @@ SKEWS_RAD = np.array([5e-4, -6e-4, 7e-4, -4e-4])
 
 def shots_of(skews_rad, seed):
     p = TRUTH.p.copy()
-    p[indices(SKEW_NAMES)] = skews_rad
+    p[SPACE.places(SKEW_NAMES)] = skews_rad
     data = simulated(60, 20, seed)
     robot = Kinematics(NOMINAL.mechanism, p)
     points = robot.forward(data.joints).values_or_raise()[:, :3]

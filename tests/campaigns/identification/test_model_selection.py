@@ -7,16 +7,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from identified_cases import NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
-from par4_space import (
-    AXIS_TILT_NAMES,
-    BACKLASH_NAMES,
-    MODEL_NAMES,
-    SKEW_NAMES,
-    SPACE,
-    indices,
-    par4,
-    par4_of,
-)
+from par4_space import AXIS_TILT_NAMES, SKEW_NAMES, SPACE, par4, par4_of
 
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model
@@ -40,8 +31,8 @@ from campaigns.shots.shot_sets import ShotSet
 
 MODELS = candidate_models(SPACE, Model.EXTENDED)
 USUAL = select_parameters(SPACE)
-AZIMUTHS = indices([f"arm{arm}.azimuth_deg" for arm in range(4)])
-BACKLASHES = indices(BACKLASH_NAMES)
+AZIMUTHS = SPACE.places([f"arm{arm}.azimuth_deg" for arm in range(4)])
+BACKLASHES = SPACE.places(SPACE.backlashes)
 NO_BACKLASH = np.zeros(4)
 BACKLASH_RAD = np.radians(np.array([1.0, 0.8, 1.2, 0.6]) / 60.0)
 
@@ -50,7 +41,7 @@ def tilted():
     """Table I's robot, whose axes point a little elsewhere too."""
     p = TRUTH.p.copy()
     p[AZIMUTHS] += [0.0, 1e-3, -8e-4, 6e-4]
-    p[indices(AXIS_TILT_NAMES)] = [1e-3, -8e-4, 6e-4, -1e-3]
+    p[SPACE.places(AXIS_TILT_NAMES)] = [1e-3, -8e-4, 6e-4, -1e-3]
     return par4_of(p)
 
 
@@ -79,7 +70,7 @@ def geared(nominal: Kinematics = NOMINAL, *, seed=1, **terms):
     names = tuple(values)
     mechanism = nominal.mechanism
     model = PositionModel(
-        replace(TRUTH, mechanism=mechanism), indices(names), data.joints, approach=approach
+        replace(TRUTH, mechanism=mechanism), SPACE.places(names), data.joints, approach=approach
     )
     x = np.array([*values.values()]) * SPACE.units(names)
     points = TRACKER_FROM_BASE.apply(model.positions_mm(x))
@@ -198,7 +189,7 @@ def test_a_prior_on_what_a_model_cannot_end_with_is_refused():
 def test_terms_that_are_fixed_are_not_added():
     data, _ = geared(backlash_deg=1.0 / 60.0)
     choice = of_auto(data, fixed=["arm*.backlash_deg"], without=LARGER)
-    assert not any(name in BACKLASH_NAMES for name in choice.free)
+    assert not any(name in SPACE.backlashes for name in choice.free)
     assert not any("backlash" in each.name for each in choice.models)
     assert any(doubt.numbers.get("cause") == "backlash" for doubt in choice.doubts)
 
@@ -221,7 +212,7 @@ def test_of_several_causes_the_one_that_gains_most_is_told_first_and_none_that_i
     before = standard.adding("backlash", of("backlash"), terms).adding("ratio", of("gain"), terms)
     best = _needed(before.adding("eccentricity", of("eccentricity"), terms), before, tried)
     assert best.name == "standard+eccentricity+ratio"
-    assert not {*best.known.free} & {*BACKLASH_NAMES}
+    assert not {*best.known.free} & {*SPACE.backlashes}
     assert {*best.known.free} >= of("gain") | of("eccentricity")
     assert [each.name for each in tried][-1] == "standard+ratio+eccentricity"
 
@@ -245,7 +236,7 @@ def warming(ppm: float, seed: int = 1):
     )
     grown = ppm * 1e-6 * (1.0 - np.exp(-3.0 * passed))
     names = [n for n in SPACE.names if n.endswith(("arm_mm",))]
-    lengths = indices(names)
+    lengths = SPACE.places(names)
     points = []
     for row, by in enumerate(grown):
         p = TRUTH.p.copy()
@@ -297,7 +288,7 @@ def test_tilted_axes_and_backlash_are_found_and_kept():
     choice = chosen(shots(TILTED, BACKLASH_RAD))
     assert kept(choice) == "axes+backlash"
     found = choice.parameters
-    for name, true_rad in zip(BACKLASH_NAMES, BACKLASH_RAD, strict=True):
+    for name, true_rad in zip(SPACE.backlashes, BACKLASH_RAD, strict=True):
         assert abs(found[name].value - np.degrees(true_rad)) < 4.0 * found[name].std
     standard = choice.models[0]
     assert choice.unseen_mm.after.rms < 0.5 * standard.unseen_rms_mm
@@ -323,7 +314,7 @@ def test_a_robot_that_22_parameters_describe_keeps_them_as_they_are_without_a_ch
 
 def test_unequal_rods_are_found_and_no_more_kept_than_they_need():
     p = TRUTH.p.copy()
-    p[indices(SKEW_NAMES)] = [6e-4, -9e-4, 1e-3, 4e-4]
+    p[SPACE.places(SKEW_NAMES)] = [6e-4, -9e-4, 1e-3, 4e-4]
     choice = select_model(NOMINAL, shots(par4_of(p)), candidate_models(SPACE, Model.AUTO))
     assert kept(choice) == "rods"
     found = choice.parameters
@@ -418,9 +409,9 @@ def test_each_model_adds_its_parameters_to_what_the_user_frees_by_name():
     )
     assert all("arm0.x_mm" in known.free for known in models.values())
     assert not any("arm2.axis_tilt_deg" in known.free for known in models.values())
-    assert not {*AXIS_TILT_NAMES, *BACKLASH_NAMES} & {*models[STANDARD].free}
-    assert {*BACKLASH_NAMES} <= {*models["backlash"].free}
-    assert list(models["axes"].free) == sorted(models["axes"].free, key=MODEL_NAMES.index)
+    assert not {*AXIS_TILT_NAMES, *SPACE.backlashes} & {*models[STANDARD].free}
+    assert {*SPACE.backlashes} <= {*models["backlash"].free}
+    assert list(models["axes"].free) == sorted(models["axes"].free, key=SPACE.model.index)
     models = candidate_models(SPACE, Model.EXTENDED, freed=["arm1.axis_tilt_deg"])
     assert "arm1.axis_tilt_deg" in models[STANDARD].free
 
@@ -439,7 +430,7 @@ def test_the_criterion_charges_a_parameter_the_logarithm_of_the_measurements():
     found = identify(NOMINAL, data, USUAL)
     dearer = replace(found, rank=found.rank + 1)
     assert bic(dearer) - bic(found) == pytest.approx(np.log(3 * 120))
-    assert len(indices(MODELS["axes+backlash"].free)) == 35
+    assert len(SPACE.places(MODELS["axes+backlash"].free)) == 35
 
 
 def test_a_ripple_of_unknown_rate_is_untold_and_every_number_of_the_result_finite():

@@ -1,7 +1,7 @@
 """What the user knows: patterns to free and fix, and priors."""
 
 import pytest
-from par4_space import FREE_BY_DEFAULT, NAMES, SPACE
+from par4_space import SPACE
 
 from campaigns.errors import OptionsInvalid
 from campaigns.identification.parameter_selection import matching, select_parameters
@@ -10,11 +10,11 @@ AZIMUTHS = tuple(f"arm{arm}.azimuth_deg" for arm in range(4))
 
 
 def test_patterns_free_and_fix_every_parameter_they_match():
-    assert select_parameters(SPACE).free == FREE_BY_DEFAULT
+    assert select_parameters(SPACE).free == SPACE.free_by_default
     assert select_parameters(SPACE).priors == {}
     free = select_parameters(SPACE, freed=["arm*.azimuth_deg"]).free
-    assert set(free) == {*FREE_BY_DEFAULT, *AZIMUTHS}
-    assert list(free) == sorted(free, key=NAMES.index)
+    assert set(free) == {*SPACE.free_by_default, *AZIMUTHS}
+    assert list(free) == sorted(free, key=SPACE.names.index)
     free = select_parameters(SPACE, fixed=["arm[12].*"]).free
     assert not [name for name in free if name.startswith(("arm1", "arm2"))]
     assert "arm3.x_mm" in free
@@ -38,7 +38,7 @@ def test_what_matches_nothing_or_leaves_nothing_is_refused():
         select_parameters(SPACE, freed=["arm1.azimut_deg"])
     assert "did you mean arm1.azimuth_deg?" in caught.value.remedy
     with pytest.raises(OptionsInvalid, match=r"arm7\.\* matches no parameter"):
-        matching("arm7.*", NAMES)
+        matching("arm7.*", SPACE.names)
     with pytest.raises(OptionsInvalid, match="no parameter to find"):
         select_parameters(SPACE, fixed=["*"])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from fake_cell import NOMINAL, TRACKER_FROM_BASE
-from par4_space import FREE_BY_DEFAULT
+from par4_space import SPACE
 from small_plans import FOUR_PAIRS, GATE
 
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
@@ -16,7 +16,7 @@ JOINTS = [shot.joints for shot in FOUR_PAIRS]
 
 
 def gate(rules=GATE) -> InnovationGate:
-    return InnovationGate(rules, lambda: IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT))
+    return InnovationGate(rules, lambda: IncrementalGaussNewton(NOMINAL, SPACE.free_by_default))
 
 
 def seen_mm(joints: Joints, off_mm: float = 0.0) -> Vector3:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fake_cell import COVARIANCE_MM2, NOMINAL, TRACKER_FROM_BASE
 from goal_plans import OTHERS, PLAN, STATED_STD_MM, until, worst_length_of
-from par4_space import FREE_BY_DEFAULT, par4
+from par4_space import SPACE, par4
 from small_plans import SETUP
 
 from campaigns.journal.records import Outcome
@@ -19,8 +19,8 @@ from campaigns.mechanisms.mechanism import Kinematics
 GOAL_MM = 0.2
 """Met by about 20 of the 26 identification shots."""
 SHOTS = [shot for shot in PLAN if shot.shot not in OTHERS]
-MORE = (*FREE_BY_DEFAULT, "arm1.azimuth_deg", "arm2.axis_tilt_deg")
-FEWER = tuple(name for name in FREE_BY_DEFAULT if not name.endswith("forearm_mm"))
+MORE = (*SPACE.free_by_default, "arm1.azimuth_deg", "arm2.axis_tilt_deg")
+FEWER = tuple(name for name in SPACE.free_by_default if not name.endswith("forearm_mm"))
 
 
 def outcomes(std_mm: float = STATED_STD_MM, truth: Kinematics = NOMINAL) -> list[Outcome]:
@@ -39,11 +39,11 @@ def freeing(free: tuple[str, ...]) -> Work:
     return until(None, setup=replace(SETUP, free=free))
 
 
-def fitted(measured: Sequence[Outcome], free=FREE_BY_DEFAULT) -> ParameterUncertainty | None:
+def fitted(measured: Sequence[Outcome], free=SPACE.free_by_default) -> ParameterUncertainty | None:
     return freeing(free).uncertainty_monitor().fitted(measured)
 
 
-def while_measured(measured: Sequence[Outcome], free=FREE_BY_DEFAULT, reset=()):
+def while_measured(measured: Sequence[Outcome], free=SPACE.free_by_default, reset=()):
     """As it is told after the last of the shots, some of which were voided then."""
     work = freeing(free)
     gate, monitor = work.gate_taught_by([]), work.uncertainty_monitor()
@@ -91,7 +91,7 @@ def test_what_is_held_at_nominal_scatters_what_is_told() -> None:
 def test_what_is_known_is_of_the_parameters_that_identify_will_look_for() -> None:
     measured = outcomes()
     told = while_measured(measured, MORE)
-    more, usual, fewer = (fitted(measured, free) for free in (MORE, FREE_BY_DEFAULT, FEWER))
+    more, usual, fewer = (fitted(measured, free) for free in (MORE, SPACE.free_by_default, FEWER))
     assert told.shots == more.shots == len(SHOTS)
     assert told.length_std_mm == pytest.approx(more.length_std_mm, rel=0.05)
     assert more.length_std_mm > 1.02 * usual.length_std_mm
@@ -113,7 +113,7 @@ def test_parameters_held_wrongly_do_not_refuse_shots() -> None:
 def test_what_a_run_asks_of_the_same_shots_at_its_end_is_fitted_once(monkeypatch) -> None:
     fits, fit = [], uncertainty_monitor.fit_shots
     monkeypatch.setattr(uncertainty_monitor, "fit_shots", lambda of: fits.append(of) or fit(of))
-    work, measured = freeing(FREE_BY_DEFAULT), outcomes()
+    work, measured = freeing(SPACE.free_by_default), outcomes()
     known = work.uncertainty_monitor().fitted(measured)
     assert np.isfinite(work.reference_noise([*measured]).freedom)
     assert work.uncertainty_monitor().fitted(iter(measured)) == known == fitted(measured)

@@ -2,33 +2,18 @@
 
 import numpy as np
 import pytest
+from family_cases import flat_in
 from hypothesis import given
 from hypothesis import strategies as st
-from par4_cases import CASES, NOMINAL, TILTED, flat_in
-from par4_space import (
-    AXIS_TILT_NAMES,
-    BACKLASH_NAMES,
-    BACKLASHES,
-    FREE_BY_DEFAULT,
-    GEOMETRY_NAMES,
-    MODEL_NAMES,
-    NAMES,
-    OFFSETS,
-    PLATE,
-    SKEW_NAMES,
-    SPACE,
-    TILTS,
-    indices,
-    par4,
-    places_of,
-)
+from par4_cases import CASES, NOMINAL, TILTED
+from par4_space import AXIS_TILT_NAMES, BACKLASHES, PLATE, SKEW_NAMES, SPACE, TILTS, par4, places_of
 
 
 def values_of(names):
     return st.fixed_dictionaries({name: st.floats(-2000.0, 2000.0) for name in names})
 
 
-@given(values_of(GEOMETRY_NAMES))
+@given(values_of(SPACE.geometry))
 def test_names_and_vector_hold_the_same(flat):
     geometry = par4(flat)
     told = dict.fromkeys(AXIS_TILT_NAMES + SKEW_NAMES, 0.0) | geometry.parameters
@@ -37,21 +22,21 @@ def test_names_and_vector_hold_the_same(flat):
 
 
 def test_names_are_those_of_files_and_axis_tilts_only_where_there_are_any():
-    assert tuple(NOMINAL.parameters) == NAMES
+    assert tuple(NOMINAL.parameters) == SPACE.names
     assert (NOMINAL.p[TILTS] == 0.0).all()
     flat = NOMINAL.parameters | {"arm2.axis_tilt_deg": 90.0}
     geometry = par4(flat)
     assert geometry.p[TILTS].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
-    assert geometry.parameters.keys() - set(NAMES) == {"arm2.axis_tilt_deg"}
+    assert geometry.parameters.keys() - set(SPACE.names) == {"arm2.axis_tilt_deg"}
     assert par4(TILTED.parameters).p == pytest.approx(TILTED.p, rel=1e-15)
 
 
 def test_files_hold_degrees_and_the_inside_radians():
     flat = flat_in(CASES["nominal"]["geometry"]) | {"arm2.joint_offset_deg": 90.0}
     geometry = par4(flat)
-    assert geometry.p[OFFSETS].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
+    assert geometry.p[SPACE.offsets].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
     assert geometry.p[places_of("azimuth_deg")[0]] == np.radians(225.0)
-    motor = indices(("arm3.x_mm", "arm3.y_mm", "arm3.z_mm"))
+    motor = SPACE.places(("arm3.x_mm", "arm3.y_mm", "arm3.z_mm"))
     assert geometry.p[motor].tolist() == [-172.5, 222.5, 0.0]
 
 
@@ -60,23 +45,25 @@ def test_a_missing_parameter_is_named_and_an_unknown_one_has_no_place():
     del flat["arm1.forearm_mm"]
     with pytest.raises(KeyError, match=r"arm1\.forearm_mm"):
         par4(flat)
-    assert indices(("plate_mm", "arm0.x_mm")).tolist() == [28, 0]
+    assert SPACE.places(("plate_mm", "arm0.x_mm")).tolist() == [28, 0]
     with pytest.raises(ValueError):
-        indices(("arm4.x_mm",))
+        SPACE.places(("arm4.x_mm",))
 
 
 def test_what_lies_beyond_the_29_stands_after_them_and_22_of_them_are_free():
     """A place by name is the same whether one thinks of 29, 37, 61 or 64 parameters."""
     beyond = SPACE.transmission + SPACE.thermal
-    assert tuple(MODEL_NAMES) == NAMES + AXIS_TILT_NAMES + SKEW_NAMES + beyond
-    assert SPACE.transmission[-4:] == BACKLASH_NAMES
+    assert tuple(SPACE.model) == SPACE.names + AXIS_TILT_NAMES + SKEW_NAMES + beyond
+    assert SPACE.transmission[-4:] == SPACE.backlashes
     assert [SPACE[name].unit for name in SPACE.transmission] == ["ppm"] * 4 + ["deg"] * 20
     assert SPACE.thermal == ("arm_expansion_ppm", "forearm_expansion_ppm", "frame_expansion_ppm")
-    assert indices(NAMES).tolist() == list(range(29))
-    assert NAMES[PLATE] == "plate_mm"
-    assert [NAMES[place] for place in OFFSETS] == [f"arm{i}.joint_offset_deg" for i in range(4)]
-    assert [MODEL_NAMES[place] for place in TILTS] == list(AXIS_TILT_NAMES)
-    assert [MODEL_NAMES[place] for place in BACKLASHES] == list(BACKLASH_NAMES)
+    assert SPACE.places(SPACE.names).tolist() == list(range(29))
+    assert SPACE.names[PLATE] == "plate_mm"
+    assert [SPACE.names[place] for place in SPACE.offsets] == [
+        f"arm{i}.joint_offset_deg" for i in range(4)
+    ]
+    assert [SPACE.model[place] for place in TILTS] == list(AXIS_TILT_NAMES)
+    assert [SPACE.model[place] for place in BACKLASHES] == list(SPACE.backlashes)
     held = {f"arm{arm}.azimuth_deg" for arm in range(4)} | {f"arm0.{axis}_mm" for axis in "xyz"}
-    assert len(FREE_BY_DEFAULT) == 22
-    assert set(NAMES) - set(FREE_BY_DEFAULT) == held
+    assert len(SPACE.free_by_default) == 22
+    assert set(SPACE.names) - set(SPACE.free_by_default) == held

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+from par4_space import SPACE
 
 from campaigns.design import pose_sampling, tours
 from campaigns.errors import PlanInvalid
@@ -31,12 +31,12 @@ GEOMETRY, LIMITS = ROBOT.kinematics, ROBOT.limits
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
 ROBOT_MODEL = RobotModel(GEOMETRY, LIMITS, pose_row(CENTRE))
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
-LENGTH = ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
+LENGTH = ~SPACE.is_angle[SPACE.places(SPACE.free_by_default)]
 
 
 def request(shots=40, *, drift=3, validation_pairs=10, **others):
     plan = PlanRequest(shots, validation_pairs, drift, CENTRE)
-    asked = {"free": FREE_BY_DEFAULT, "candidates": 400} | others
+    asked = {"free": SPACE.free_by_default, "candidates": 400} | others
     return OptimalRequest(plan=plan, uncertainty=TrackerUncertainty(), **asked)
 
 
@@ -53,7 +53,7 @@ def worst_length_mm(shots, view=VIEW):
     shots = of(shots, ShotSet.IDENTIFICATION)
     poses = poses_of(shots)
     noise = point_covariance_mm2(poses[:, :3] - view.tracker_mm, TrackerUncertainty())
-    found, _ = predict_points(GEOMETRY, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
+    found, _ = predict_points(GEOMETRY, SPACE.free_by_default, joints_of(shots), poses, noise)
     return np.sqrt(np.diag(found)[: len(LENGTH)])[LENGTH].max()
 
 
@@ -62,7 +62,7 @@ def worst_length_by_distances_mm(shots):
     noise = point_covariance_mm2(poses[:, :3] - VIEW.tracker_mm, TrackerUncertainty())
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
     joints = joints_of(shots)
-    found, _ = predict_distances(GEOMETRY, FREE_BY_DEFAULT, joints, poses, pairs, variance)
+    found, _ = predict_distances(GEOMETRY, SPACE.free_by_default, joints, poses, pairs, variance)
     return np.sqrt(np.diag(found))[LENGTH].max()
 
 
@@ -179,7 +179,7 @@ def test_fewer_shots_than_tell_all_are_refused(estimator, fewest):
 
 def test_parameters_that_move_with_the_frame_are_refused():
     with pytest.raises(PlanInvalid, match=r"arm0\.x_mm.*--fix"):
-        planned(request(free=(*FREE_BY_DEFAULT, "arm0.x_mm")))
+        planned(request(free=(*SPACE.free_by_default, "arm0.x_mm")))
 
 
 def test_view_that_sees_too_little_is_refused(monkeypatch):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT, SPACE
+from par4_space import SPACE
 
 from campaigns.design.pose_sampling import sample_workspace, workspace_poses
 from campaigns.design.restricted_space import Disc, RestrictedSpace, Zone
@@ -26,7 +26,7 @@ CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
 VIEW = plans.View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
 TRACKER_MM = np.array(VIEW.tracker_mm)
 MEANS = predicted_uncertainty.EstimationSetup(
-    Estimator.POINTS, FREE_BY_DEFAULT, tracker_noise.TrackerUncertainty()
+    Estimator.POINTS, SPACE.free_by_default, tracker_noise.TrackerUncertainty()
 )
 BY_DISTANCES = replace(MEANS, estimator=Estimator.DISTANCES)
 REGION = plans.region_of(GEOMETRY, ROBOT.limits, VIEW, CENTRE)
@@ -67,7 +67,7 @@ def test_a_robot_that_takes_hardly_a_pose_is_refused_with_what_to_correct(plan):
     elsewhere = Zone("cabinet", Disc((9000.0, 0.0), 1.0), (0.0, 1.0), keeps_in=True)
     robot = RobotModel(short, ROBOT.limits, REGION.centre, RestrictedSpace((elsewhere,)))
     with pytest.raises(ConfigInvalid, match=r"at \d of 70 poses of its workspace \(limit 10 %\)"):
-        predicted_uncertainty.sample_positions(robot, FREE_BY_DEFAULT, plan)
+        predicted_uncertainty.sample_positions(robot, SPACE.free_by_default, plan)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def poses():
 
 @pytest.fixture(scope="module")
 def rows(poses):
-    return information.WorkspaceSample.of(GEOMETRY, FREE_BY_DEFAULT, poses)
+    return information.WorkspaceSample.of(GEOMETRY, SPACE.free_by_default, poses)
 
 
 def rows_of(plan, estimator):
@@ -95,12 +95,14 @@ def rows_of(plan, estimator):
     )
     if estimator is Estimator.POINTS:
         rows = pairs.ravel()
-        seen = information.point_jacobian(GEOMETRY, FREE_BY_DEFAULT, joints[rows], poses[rows])
+        seen = information.point_jacobian(
+            GEOMETRY, SPACE.free_by_default, joints[rows], poses[rows]
+        )
         return information.marginalise_frame(information.whitened(seen, noise[rows])).reshape(
             -1, 22
         )
     variance = tracker_noise.distance_variance_mm2(poses[:, :3], noise, *pairs.T)
-    seen = information.distance_jacobian(GEOMETRY, FREE_BY_DEFAULT, joints, poses, pairs)
+    seen = information.distance_jacobian(GEOMETRY, SPACE.free_by_default, joints, poses, pairs)
     return seen / np.sqrt(tracker_noise.pooled_variance_mm2(variance))
 
 
@@ -109,7 +111,7 @@ def test_covariance_rank_and_condition_are_of_one_estimator(plan, rows, means):
     forecast = predicted_uncertainty.plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
     seen = rows_of(plan, means.estimator)
     alone = np.linalg.inv(seen.T @ seen)
-    std = np.sqrt(np.diag(alone)) / SPACE.units(FREE_BY_DEFAULT)
+    std = np.sqrt(np.diag(alone)) / SPACE.units(SPACE.free_by_default)
     assert [*forecast.predicted.std().values()] == pytest.approx(std, rel=1e-6)
     assert forecast.seen.rank == 22
     assert forecast.seen.condition == pytest.approx(observability(seen).condition, rel=1e-6)
@@ -157,7 +159,7 @@ def test_too_few_shots_tell_nothing_for_sure(rows, means, shots):
 def test_parameters_that_no_position_tells_apart_are_named(poses):
     with pytest.raises(PlanInvalid, match=r"arm0\.x_mm, .*arm3\.x_mm move together.*--fix"):
         predicted_uncertainty.require_identifiable(
-            information.WorkspaceSample.of(GEOMETRY, ("arm0.x_mm", *FREE_BY_DEFAULT), poses)
+            information.WorkspaceSample.of(GEOMETRY, ("arm0.x_mm", *SPACE.free_by_default), poses)
         )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT
+from par4_space import SPACE
 
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.restricted_space import UNRESTRICTED, Disc, RestrictedSpace, Zone
@@ -18,7 +18,7 @@ from drivers.values import Pose
 ROBOT = find_robot("par4-prototype").robot
 CENTRE = np.array([0.0, 0.0, -575.0])
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(40.0))
-SETUP = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
+SETUP = EstimationSetup(Estimator.POINTS, SPACE.free_by_default, TrackerUncertainty())
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def shots():
 @pytest.fixture(scope="module")
 def sample():
     poses = sample_workspace(ROBOT.kinematics, ROBOT.limits, np.append(CENTRE, 0.0))
-    return WorkspaceSample.of(ROBOT.kinematics, FREE_BY_DEFAULT, poses)
+    return WorkspaceSample.of(ROBOT.kinematics, SPACE.free_by_default, poses)
 
 
 def compared(shots, sample, places, facing=None, space=UNRESTRICTED):

@@ -1,16 +1,15 @@
 """Robot files: read, checked, compensated, written."""
 
 import hashlib
-import json
 import math
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
+from family_cases import PAR4_REFERENCE, flat_in
 from hypothesis import given
 from hypothesis import strategies as st
-from par4_space import AXIS_TILT_NAMES, NAMES, indices
+from par4_space import AXIS_TILT_NAMES, SPACE
 
 from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.files.yaml_file import yaml_text
@@ -26,7 +25,6 @@ from campaigns.robots.robot import (
     write_new_robot,
 )
 
-VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 PROTOTYPE = find_robot("par4-prototype")
 LINE_OF_ARM_0 = 18
 LINE_OF_ARM_2 = 20
@@ -44,12 +42,6 @@ DIGESTS = {
     "par4-table1": ("f6c8eb5cc6af5de5", "5ba2adb27bf2a2aa", "761ddb8e78222e66"),
 }
 """First digits of sha256: of the shipped geometry, of a changed one and of its file."""
-
-
-def geometry_in(vectors_geometry):
-    arms = vectors_geometry["arms"]
-    flat = {f"arm{i}.{key}": value for i, arm in enumerate(arms) for key, value in arm.items()}
-    return flat | {"plate_mm": vectors_geometry["plate_mm"]}
 
 
 def written(folder, text):
@@ -80,8 +72,8 @@ def changed(geometry=PROTOTYPE.robot.parameters, of=PROTOTYPE, std=None, provena
 
 
 def test_shipped_robots_are_those_of_reference_and_paper():
-    cases = json.loads((VECTORS / "kinematics.json").read_text())["cases"]
-    assert PROTOTYPE.robot.parameters == geometry_in(cases["nominal"]["geometry"])
+    nominal = PAR4_REFERENCE["cases"]["nominal"]
+    assert PROTOTYPE.robot.parameters == flat_in(nominal["geometry"])
     limits = PROTOTYPE.robot.limits
     assert limits.joint == (math.radians(-45.0), math.radians(90.0))
     assert limits.task == (None, None, None, (math.radians(-45.0), math.radians(45.0)))
@@ -95,10 +87,10 @@ def test_shipped_robots_are_those_of_reference_and_paper():
 
 
 def test_a_robot_has_its_parameters_arm_by_arm_and_then_the_platforms():
-    assert len(NAMES) == 29
-    assert NAMES[7:9] == ("arm1.x_mm", "arm1.y_mm")
-    assert NAMES[-2:] == ("arm3.forearm_mm", "plate_mm")
-    assert tuple(PROTOTYPE.robot.parameters) == NAMES
+    assert len(SPACE.names) == 29
+    assert SPACE.names[7:9] == ("arm1.x_mm", "arm1.y_mm")
+    assert SPACE.names[-2:] == ("arm3.forearm_mm", "plate_mm")
+    assert tuple(PROTOTYPE.robot.parameters) == SPACE.names
     robot = find_robot("delta").robot
     assert robot.mechanism.name == DELTA.name
     assert tuple(robot.parameters) == DELTA.parameters.names
@@ -266,7 +258,7 @@ def test_axis_tilts_are_written_where_there_are_any_and_read_back(tmp_path):
     assert robot.parameters == PROTOTYPE.robot.parameters | TILTS
     assert robot.parameters.std == {"arm0.axis_tilt_deg": 0.01}
     assert robot.is_extended
-    tilts_rad = robot.kinematics.p[indices(AXIS_TILT_NAMES)]
+    tilts_rad = robot.kinematics.p[SPACE.places(AXIS_TILT_NAMES)]
     assert tilts_rad.tolist() == [math.radians(0.03), 0.0, 0.0, math.radians(-0.02)]
 
 
@@ -377,7 +369,7 @@ def any_value_of(name):
 @pytest.mark.slow
 @given(
     geometry=st.fixed_dictionaries(
-        {name: any_value_of(name) for name in NAMES},
+        {name: any_value_of(name) for name in SPACE.names},
         optional={name: any_value_of(name) for name in AXIS_TILT_NAMES},
     )
 )

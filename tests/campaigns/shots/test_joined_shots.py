@@ -1,9 +1,9 @@
 """Points and joints from two files become shots, by name or order, or it is said what is amiss."""
 
 import math
-from pathlib import Path
 
 import pytest
+from family_cases import VECTORS
 
 from campaigns.errors import ShotsInvalid
 from campaigns.mechanisms.par4 import PAR4
@@ -11,7 +11,6 @@ from campaigns.shots.joined_shots import read_joined_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
 
-VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 POINTS = """\
 A Main p1 1.0 2.0 3.0
 A Main p2 4.0 5.0 6.0

@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from family_cases import VECTORS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +13,6 @@ from campaigns.mechanisms.par4 import PAR4
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, parse_shots, read_shots, shots_text, write_shots
 
-VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 HEADER = "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n"
 SHOTS = HEADER + (
     "0,1,2,3,4,2000.5,10,-300\n0,5,6,7,8,2100,20,-310\n1,9,8,7,6,2200,30,-320\n1,5,4,3,2,2300,40,-330\n"

@@ -1,7 +1,7 @@
 """The study that tests draw campaigns of: 40 pairs to fit, some never fitted, 22 parameters."""
 
 import numpy as np
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+from par4_space import SPACE
 
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.identification.options import IdentificationOptions
@@ -13,8 +13,8 @@ from drivers.values import Pose
 
 ROBOT = find_robot("par4-prototype").robot
 NOMINAL = ROBOT.kinematics
-FREE = indices(FREE_BY_DEFAULT)
-STD = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
+FREE = SPACE.places(SPACE.free_by_default)
+STD = np.where(SPACE.is_angle[FREE], np.radians(0.1), 0.5)
 TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 0.0]))
 
 
@@ -30,7 +30,7 @@ def setup_of(shots, **options):
     return StudySetup(
         nominal=NOMINAL,
         shots=planned_shots(shots),
-        free=FREE_BY_DEFAULT,
+        free=SPACE.free_by_default,
         options=IdentificationOptions(**options),
         tracker_from_base=TRACKER,
         seed=3,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from drawn_study import FREE, NOMINAL, TRACKER, robots, setup_of
 from drawn_study import plan as planned
-from par4_space import FILE_UNIT, FREE_BY_DEFAULT, NAMES, par4_of
+from par4_space import SPACE, par4_of
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
 from campaigns.estimation import residual_stacks
@@ -172,7 +172,7 @@ def by_differences(setup, true, step=1e-4):
 def test_bound_is_the_information_of_the_coordinates_at_the_truth(setup, outcomes):
     jacobian = by_differences(setup, robots(COUNT)[3])
     information = jacobian.T @ jacobian / NOISE_MM**2
-    expected = np.sqrt(np.diag(np.linalg.inv(information))[: len(FREE)]) / FILE_UNIT[FREE]
+    expected = np.sqrt(np.diag(np.linalg.inv(information))[: len(FREE)]) / SPACE.file_unit[FREE]
     np.testing.assert_allclose(outcomes[3].estimate.bound, expected, rtol=1e-4)
 
 
@@ -185,7 +185,7 @@ def test_bound_of_distances_is_the_information_of_the_distances_alone(setup, dis
     by_point = by_differences(setup, true)[:, : len(FREE)].reshape(-1, 3, len(FREE))
     jacobian = np.einsum("mk,mkf->mf", towards, by_point[second] - by_point[first])
     information = jacobian.T @ jacobian / (2.0 * NOISE_MM**2)
-    expected = np.sqrt(np.diag(np.linalg.inv(information))) / FILE_UNIT[FREE]
+    expected = np.sqrt(np.diag(np.linalg.inv(information))) / SPACE.file_unit[FREE]
     np.testing.assert_allclose(distance_outcomes[3].estimate.bound, expected, rtol=1e-3)
 
 
@@ -235,7 +235,7 @@ def test_normal_scores_are_standard_normal_for_either_estimator(
 
 def test_parameters_that_no_shot_tells_apart_are_named(setup):
     assert indistinguishable(setup) == []
-    free = tuple(name for name in NAMES if name in {*FREE_BY_DEFAULT, "arm0.x_mm"})
+    free = tuple(name for name in SPACE.names if name in {*SPACE.free_by_default, "arm0.x_mm"})
     (together,) = indistinguishable(replace(setup, free=free))
     assert together == tuple(f"arm{arm}.x_mm" for arm in range(4))
 
@@ -256,7 +256,7 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
     stated = [found.parameters[name].std for name in setup.free]
     np.testing.assert_allclose(studied.std, stated, rtol=1e-6)
     values = np.array([found.parameters[name].value for name in setup.free])
-    true = robots(1)[0, FREE] / FILE_UNIT[FREE]
+    true = robots(1)[0, FREE] / SPACE.file_unit[FREE]
     np.testing.assert_allclose(studied.errors, values - true, atol=1e-9)
     if estimator is Estimator.POINTS:
         assert found.chi2.believable == (louder == 1.0)
@@ -272,7 +272,7 @@ def test_true_robots_are_the_same_in_any_company(setup, estimator, way):
         pytest.skip("numba is not installed: pip install -e '.[fast]'")
     own = with_options(setup, estimator=estimator)
     near, truths = NOMINAL.forward(setup.shots.joints).values_or_raise(), robots(3)
-    truths[1, [NAMES.index(f"arm{arm}.forearm_mm") for arm in range(4)]] = 1.0
+    truths[1, [SPACE.names.index(f"arm{arm}.forearm_mm") for arm in range(4)]] = 1.0
     first, impossible, last = true_robots(own, near, truths, kernel)
     assert impossible.startswith("no assembly")
     for robot, truth in ((first, truths[0]), (last, truths[2])):
@@ -298,7 +298,7 @@ def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
 
 def test_campaign_that_cannot_be_measured_is_an_outcome_and_spoils_no_other(setup, outcomes):
     truths = robots(COUNT)[:3]
-    truths[1, NAMES.index("arm0.forearm_mm")] = 100.0
+    truths[1, SPACE.names.index("arm0.forearm_mm")] = 100.0
     first, failed, third = run(setup, [0, 1, 2], truths)
     assert failed.estimate is None
     assert "no assembly" in failed.failure
@@ -352,7 +352,7 @@ def test_digest_tells_studies_apart(setup):
         replace(setup, shots=replace(shots, purposes=sets)).digest("robots"),
         replace(setup, shots=replace(shots, joints=shots.joints[::-1])).digest("robots"),
         replace(setup, shots=replace(shots, pairs=shots.pairs[::-1])).digest("robots"),
-        replace(setup, free=FREE_BY_DEFAULT[1:]).digest("robots"),
+        replace(setup, free=SPACE.free_by_default[1:]).digest("robots"),
         with_options(setup, instrument=TrackerUncertainty()).digest("robots"),
     ]
     assert len({setup.digest("robots"), *others}) == 1 + len(others)
@@ -396,7 +396,7 @@ def begin(table):
     return fresh
 
 
-def head(study="0123456789ab", free=FREE_BY_DEFAULT):
+def head(study="0123456789ab", free=SPACE.free_by_default):
     return {"schema": "pkmcal/study-table/1", "study": study, "parameters": list(free)}
 
 
@@ -469,7 +469,7 @@ def test_line_without_end_is_not_read(table):
     ("other", "said"),
     [
         (head(study="ba9876543210"), r"study\.jsonl: belongs to another study"),
-        (head(free=FREE_BY_DEFAULT[:-1]), r"a study of other parameters .* another folder"),
+        (head(free=SPACE.free_by_default[:-1]), r"a study of other parameters .* another folder"),
         (head() | {"schema": "pkmcal/study-table/9"}, "is no table of `pkmcal study`"),
     ],
 )

@@ -1,12 +1,10 @@
 """The eight-rod mechanism: tied to the contracted equations, and departing where it should."""
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from family_cases import flat_in
+from family_cases import PAR4_REFERENCE, flat_in
 
 from sim.errors import AssemblyLost
 from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
@@ -14,7 +12,6 @@ from sim.robot.assembly import OutOfReach, assemble, follow, joints_for, plate_j
 from sim.robot.rods import Build, Growth, Plate, RodMechanism, rotation, rotation_and_rates
 from sim.scenarios.scenario import load_scenario
 
-VECTORS = Path(__file__).parents[2] / "data" / "vectors" / "kinematics.json"
 PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]])
 CENTRE_MM = np.array([0.0, 0.0, -575.0])
 
@@ -75,7 +72,7 @@ def test_perfect_rods_equal_the_contracted_model(name, count):
 
 @pytest.mark.slow
 def test_the_golden_poses_are_reached():
-    for case in json.loads(VECTORS.read_text())["cases"].values():
+    for case in PAR4_REFERENCE["cases"].values():
         geometry = geometry_of(flat_in(case["geometry"]))
         rods = mechanism(geometry)
         centre = assemble(rods, geometry, CENTRE_MM, 0.0)
