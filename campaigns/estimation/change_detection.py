@@ -40,6 +40,8 @@ AS_WELL = 9.2
 FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
+WELL_TOLD = 1e-9
+"""Part of the best known direction from which no other is lost to rounding."""
 UNTOLD = 1e-10
 """Part of what is told of the best known direction below which nothing is told of one."""
 
@@ -102,28 +104,31 @@ def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
         if few or chi2 <= EXACT**2 * freedom:
             return None
         tests = [_Tests.of(cause, shots) for cause in causes]
-        chances = [log_p(each.size.shape[1], freedom, each.gain, chi2) for each in tests]
         alone: int | None = None
+        places = [int(np.argmax(each.gain)) for each in tests]
         told = [
-            (each, found, int(np.argmin(found))) for each, found in zip(tests, chances, strict=True)
+            (each, float(log_p(each.gained.shape[1], freedom, each.gain[place], chi2)), place)
+            for each, place in zip(tests, places, strict=True)
         ]
-        told.sort(key=lambda of: of[1][of[2]] - of[0].cause.log_prior)
+        told.sort(key=lambda of: of[1] - of[0].cause.log_prior)
+        by_chance = 0.0
         for each, found, place in told:
             chance = 0.0
-            for test in tests:
-                chance += test.chance_anywhere(float(found[place]))
+            for test in tests if found < by_chance else ():
+                chance += test.chance_anywhere(found)
                 if chance >= SIGNIFICANCE:
                     break
-            if chance >= SIGNIFICANCE:
+            if found >= by_chance or chance >= SIGNIFICANCE:
+                by_chance = min(by_chance, found)  # and so it is of all that are as likely
                 continue
             by_shot, expected = each.gain_by_shot(place, shots.left)
             most = float(by_shot.max())
-            beside = log_p(each.size.shape[1], freedom, max(each.gain[place] - most, 0.0), chi2)
+            beside = log_p(each.gained.shape[1], freedom, max(each.gain[place] - most, 0.0), chi2)
             if most > MADE_BY_ONE * each.gain[place] and beside > math.log(SIGNIFICANCE):
                 alone = int(np.argmax(by_shot))
                 break
             if each.holds(place, by_shot, expected):
-                logarithm = math.log(min(chance, 1.0)) if chance > 0.0 else float(found[place])
+                logarithm = math.log(min(chance, 1.0)) if chance > 0.0 else found
                 return each.change(place, chi2, freedom, logarithm)
         if alone is None:
             return None
@@ -139,7 +144,7 @@ def likeliest_drift(shots: FittedShots, drifts: Sequence[Cause]) -> Change | Non
     if freedom < 2 * FEWEST_BEYOND or chi2 <= EXACT**2 * freedom:
         return None
     tests = [_Tests.of(cause, shots) for cause in drifts]
-    chances = [log_p(each.size.shape[1], freedom, each.gain, chi2) for each in tests]
+    chances = [each.log_p(freedom, chi2) for each in tests]
     least, test, found = min(
         ((float(found.min()), test, found) for test, found in zip(tests, chances, strict=True)),
         key=lambda each: each[0],
@@ -224,48 +229,63 @@ def last_together(wrong: Mask) -> int | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tests:
-    """Tests of one cause at K places: places, steps (K, m), their gains and unit covariances.
+    """Tests of one cause at K places: places, normal equations (K, m, m) and (K, m), gains (K,).
 
     `correlation` (K - 1,) is that of each place's statistic with the next one's, where m is 1.
     """
 
     cause: Cause
     after: Index
-    size: Array
+    normal: Array
+    gained: Array
     gain: Array
-    covariance: Array
     correlation: Array
 
     @classmethod
     def of(cls, cause: Cause, shots: FittedShots) -> "_Tests":
         """Tests beside the columns of the fit."""
         columns, count = cause.columns, len(cause.columns)
-        by_shot, basis = shots.left.reshape(count, 3), shots.basis.reshape(count, 3, -1)
-        turned = columns.swapaxes(1, 2)
-        own, shared = turned @ columns, basis.swapaxes(1, 2) @ columns
-        gained = (turned @ by_shot[:, :, None])[:, :, 0]
         if cause.kind == "drift":
+            turned = columns.swapaxes(1, 2)
+            by_shot, basis = shots.left.reshape(count, 3, 1), shots.basis.reshape(count, 3, -1)
             courses = _courses(cause, count)
             own, shared, gained = (
                 np.tensordot(part, each, axes=1)
-                for part, each in ((courses**2, own), (courses, shared), (courses, gained))
+                for part, each in (
+                    (courses**2, turned @ columns),
+                    (courses, basis.swapaxes(1, 2) @ columns),
+                    (courses, (turned @ by_shot)[:, :, 0]),
+                )
             )
-            first = np.arange(len(courses))
-        else:
-            own, shared, gained = map(_from_there_on, (own, shared, gained))
-            first = np.arange(FEWEST_BEYOND, count - FEWEST_BEYOND + 1)
-        normal = (own - shared.swapaxes(1, 2) @ shared)[first]
-        inverse = _inverse(normal)
-        size = np.einsum("nij,nj->ni", inverse, gained[first])
-        gain = np.maximum(np.einsum("ni,ni->n", gained[first], size), 0.0)
+            normal = own - shared.swapaxes(1, 2) @ shared
+            places, gain = np.zeros(len(courses), dtype=np.intp), _gains(normal, gained)
+            return cls(cause, places, normal, gained, gain, np.empty(0))
+        # sums from the last shot on, of those steps that leave enough shots before and after them
+        last, some = np.ascontiguousarray(columns[::-1]), slice(FEWEST_BEYOND - 1, -FEWEST_BEYOND)
+        turned, by_shot = last.swapaxes(1, 2), shots.left.reshape(count, 3, 1)[::-1]
+        shared = _sums(shots.basis_from_last @ last)[some]
+        own, gained = (_sums(each)[some] for each in (turned @ last, (turned @ by_shot)[:, :, 0]))
+        normal = (own - shared.swapaxes(1, 2) @ shared)[::-1]
+        gained = gained[::-1]
         correlation = np.empty(0)
-        if columns.shape[2] == 1 and cause.kind != "drift":
-            together = own[first[1:], 0, 0]  # what both of two neighbours have: the later one's
-            together = together - np.sum(shared[first[:-1], :, 0] * shared[first[1:], :, 0], axis=1)
-            unit = np.sqrt(np.maximum(inverse[:, 0, 0], 0.0))  # rounding where a fit says it all
-            correlation = together * unit[:-1] * unit[1:]
-        places = np.zeros_like(first) if cause.kind == "drift" else first - 1
-        return cls(cause, places, size, gain, inverse, correlation)
+        if columns.shape[2] == 1:
+            together = own[:-1, 0, 0]  # what both of two neighbours have: the later one's
+            together = together - np.einsum("nr,nr->n", shared[1:, :, 0], shared[:-1, :, 0])
+            # rounding where a fit says it all
+            unit = np.sqrt(np.maximum(_inverse(normal)[:, 0, 0], 0.0))
+            correlation = together[::-1] * unit[:-1] * unit[1:]
+        after = np.arange(FEWEST_BEYOND - 1, count - FEWEST_BEYOND)
+        return cls(cause, after, normal, gained, _gains(normal, gained), correlation)
+
+    def log_p(self, freedom: int, chi2: float) -> Array:
+        """Logarithm of the chance of each place's gain, (K,)."""
+        return log_p(self.gained.shape[1], freedom, self.gain, chi2)
+
+    def solved(self, place: int) -> tuple[Array, Array]:
+        """Step (m,) at a place, and its unit covariance (m, m)."""
+        few = slice(None) if self.gained.shape[1] == 1 else slice(place, place + 1)
+        covariance = _inverse(self.normal[few])[place if few.start is None else 0]
+        return covariance @ self.gained[place], covariance
 
     def chance_anywhere(self, logarithm: float) -> float:
         """Bound on the chance that good shots show a test of so small a p at any of the places.
@@ -287,7 +307,7 @@ class _Tests:
 
     def gain_by_shot(self, place: int, left: Array) -> tuple[Array, Array]:
         """Part of the gain that each shot makes, and would make if all showed the change, (N,)."""
-        count, moved = len(self.cause.columns), self.cause.columns @ self.size[place]
+        count, moved = len(self.cause.columns), self.cause.columns @ self.solved(place)[0]
         course = (np.arange(count) > self.after[place]).astype(np.float64)
         if self.cause.kind == "drift":
             course = _courses(self.cause, count)[place]
@@ -310,17 +330,46 @@ class _Tests:
 
     def change(self, place: int, chi2: float, freedom: int, logarithm: float) -> Change:
         """Change at one of the places."""
-        rest = max(chi2 - float(self.gain[place]), 0.0) / (freedom - self.size.shape[1])
-        std = np.sqrt(np.abs(rest * np.diag(self.covariance[place])))
+        size, covariance = self.solved(place)
+        rest = max(chi2 - float(self.gain[place]), 0.0) / (freedom - len(size))
+        std = np.sqrt(np.abs(rest * np.diag(covariance)))
         cause, after = self.cause, int(self.after[place])
         slowing = cause.time_constants[place] if cause.kind == "drift" else math.inf
-        return Change(cause.kind, cause.name, after, -self.size[place], std, logarithm, slowing)
+        return Change(cause.kind, cause.name, after, -size, std, logarithm, slowing)
 
 
 def _courses(cause: Cause, count: int) -> Array:
     """Courses of a drift, (K, N)."""
     passed = np.linspace(0.0, 1.0, count)
     return np.stack([drifted(passed, each) for each in cause.time_constants])
+
+
+def _gains(normal: Array, gained: Array) -> Array:
+    """Gains (K,) of χ² by normal equations (K, m, m) and (K, m), none along what nothing tells.
+
+    By elimination of all at once; by their inverses where little may be left of a direction.
+    """
+    if normal.shape[-1] == 1:
+        return _by_inverses(normal, gained)
+    rest, told = np.ascontiguousarray(normal.transpose(1, 2, 0)), gained.T.copy()
+    own, gain, least = np.einsum("iik->ik", rest).copy(), np.zeros(len(normal)), np.inf
+    with np.errstate(all="ignore"):
+        for place, column in enumerate(own):
+            pivot, others = rest[place, place].copy(), slice(place + 1, None)
+            least = np.minimum(least, pivot / column)
+            part = rest[others, place] / pivot
+            gain += told[place] ** 2 / pivot
+            told[others] -= part * told[place]
+            rest[others, others] -= part[:, None] * rest[place, others]
+        well_told = own.min(axis=0) * least > WELL_TOLD * own.max(axis=0)
+    if not well_told.all():
+        gain[~well_told] = _by_inverses(normal[~well_told], gained[~well_told])
+    return np.maximum(gain, 0.0)
+
+
+def _by_inverses(normal: Array, gained: Array) -> Array:
+    size = np.einsum("nij,nj->ni", _inverse(normal), gained)
+    return np.asarray(np.maximum(np.einsum("ni,ni->n", gained, size), 0.0))
 
 
 def _inverse(normal: Array) -> Array:
@@ -338,6 +387,12 @@ def _inverse(normal: Array) -> Array:
     return np.asarray(inverse)
 
 
-def _from_there_on(each: Array) -> Array:
-    """Sums of a shot and all that follow it."""
-    return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
+def _sums(each: Array) -> Array:
+    """Sums (N, …) of a row and all before it, in order: of two columns at a time, if it can be.
+
+    As parts of complex numbers, for each sum waits for the one before it.
+    """
+    rows = np.ascontiguousarray(each).reshape(len(each), -1)
+    if rows.shape[1] % 2 == 0:
+        rows = rows.view(np.complex128)
+    return np.cumsum(rows, axis=0).view(np.float64).reshape(each.shape)

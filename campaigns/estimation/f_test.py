@@ -1,6 +1,7 @@
 """F test of further columns beside a fit, in the linearised and whitened shots."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -28,7 +29,7 @@ def log_p(columns: int, freedom: float, gain: Array | float, chi2: float) -> Arr
     return np.asarray(np.where(p > UNDERFLOW, np.log(np.maximum(p, UNDERFLOW)), first))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FittedShots:
     """Whitened residuals of N shots after a linear fit, and the columns that it took up."""
 
@@ -36,6 +37,7 @@ class FittedShots:
     """(3 N,)"""
     basis: Array
     """Orthonormal, (3 N, R)."""
+    _beside: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, residual: Array, jacobian: Array) -> "FittedShots":
@@ -43,6 +45,12 @@ class FittedShots:
         flat = residual.ravel()
         basis = orthonormal_basis(jacobian.reshape(len(flat), -1))
         return cls(flat - basis @ (basis.T @ flat), basis)
+
+    @cached_property
+    def basis_from_last(self) -> Array:
+        """The basis of each shot, the last one first, (N, R, 3)."""
+        by_shot = self.basis.reshape(-1, 3, self.basis.shape[1])
+        return np.ascontiguousarray(by_shot[::-1].swapaxes(1, 2))
 
     @property
     def chi2(self) -> float:
@@ -55,11 +63,17 @@ class FittedShots:
         return int(self.left.size - self.basis.shape[1])
 
     def beside(self, columns: Array) -> Array:
-        """What is left of columns (N, 3, k) beside the fit, (3 N, k); nothing of the fit's own."""
-        flat = columns.reshape(self.left.size, -1)
-        left = flat - self.basis @ (self.basis.T @ flat)
-        own = np.linalg.norm(left, axis=0) > LOST * np.linalg.norm(flat, axis=0)
-        return np.asarray(left * own)
+        """What is left of columns (N, 3, k) beside the fit, (3 N, k); nothing of the fit's own.
+
+        The same columns are asked for more than once.
+        """
+        known = self._beside.get(id(columns))
+        if known is None:
+            flat = columns.reshape(self.left.size, -1)
+            left = flat - self.basis @ (self.basis.T @ flat)
+            own = np.linalg.norm(left, axis=0) > LOST * np.linalg.norm(flat, axis=0)
+            known = self._beside[id(columns)] = columns, np.asarray(left * own)
+        return known[1]
 
     def fitted(self, columns: Array) -> "FittedShots":
         """The same with further columns (N, 3, k) in the fit."""

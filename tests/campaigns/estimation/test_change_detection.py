@@ -150,8 +150,11 @@ def test_a_step_before_the_last_three_shots_is_told(after):
 def test_what_nothing_tells_has_no_size_where_other_places_tell_everything():
     normal = np.array([np.diag([4.0, 2.0]), np.ones((2, 2)), np.zeros((2, 2))])
     expected = [np.diag([0.25, 0.5]), np.full((2, 2), 0.25), np.zeros((2, 2))]
+    gained, gains = np.array([[2.0, 2.0]] * 3), [3.0, 4.0, 0.0]
     for rows in ([0], [1], [0, 1, 2]):
         assert change_detection._inverse(normal[rows]) == pytest.approx(np.array(expected)[rows])
+        found = change_detection._gains(normal[rows], gained[rows])
+        assert found == pytest.approx(np.array(gains)[rows])
 
 
 def test_shots_that_hardly_show_a_step_do_not_speak_against_it():
