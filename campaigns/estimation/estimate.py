@@ -207,10 +207,7 @@ def _scatter(
     For a robust loss Huber's (1981, section 7.6): that of ρ' over the mean of ρ''. The freedom that
     the data have is what their leverages leave of them; priors have the rest.
     """
-    rows = _reduced_jacobian(problem, robust, kept)
-    basis, _ = np.linalg.qr(rows)
-    measured = problem.block * problem.blocks
-    freedom = problem.block * kept.sum() - float(np.sum(basis[:measured] ** 2))
+    freedom = problem.block * kept.sum() - _leverage(problem, robust, kept)
     if freedom < LEAST_FREEDOM:
         return None
     sizes = problem.sizes(robust.fit.x)[kept]
@@ -221,6 +218,14 @@ def _scatter(
         return None
     found = felt / curvature
     return found if loss.shape is LossShape.LINEAR else max(found, robust.scale)
+
+
+def _leverage(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> float:
+    """Degrees of freedom that the measurements give away; without priors one an unknown."""
+    if not len(problem.priors):
+        return float(len(robust.fit.x))
+    basis, _ = np.linalg.qr(_reduced_jacobian(problem, robust, kept))
+    return float(np.sum(basis[: problem.block * problem.blocks] ** 2))
 
 
 def _reduced_jacobian(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> Array:

@@ -18,6 +18,7 @@ from campaigns.estimation.observability import (
     Observability,
     observability,
     project_out_nuisance,
+    triangle_of,
 )
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.residuals import (
@@ -155,7 +156,9 @@ def covariance(jacobian: Array) -> Array:
     """
     norms = np.linalg.norm(jacobian, axis=-2)
     scaled = jacobian / np.where(norms > 0.0, norms, 1.0)[..., None, :]
-    return covariance_of_triangle(np.asarray(np.linalg.qr(scaled, mode="r")), norms)
+    one = scaled.ndim == 2
+    triangle = triangle_of(scaled) if one else np.asarray(np.linalg.qr(scaled, mode="r"))
+    return covariance_of_triangle(triangle, norms)
 
 
 def covariance_of_triangle(triangle: Array, norms: Array) -> Array:

@@ -19,6 +19,7 @@ from campaigns.estimation import error_columns
 from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, SIGNIFICANCE
+from campaigns.estimation.observability import triangle_of
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -188,7 +189,10 @@ def external_reliability(
     flat = jacobian.reshape(shots.left.size, -1)
     lengths = np.linalg.norm(flat, axis=0)
     lengths[lengths == 0.0] = np.inf  # what moves no point is moved by none
-    inverse = np.linalg.pinv(flat / lengths, rcond=math.sqrt(RANK)) / lengths[:, None]
+    _, spread, directions = np.linalg.svd(triangle_of(flat / lengths))
+    told = spread > math.sqrt(RANK) * spread.max(initial=0.0)
+    directions = directions[: len(spread)][told] / spread[told, None]
+    inverse = directions.T @ directions / np.outer(lengths, lengths)
     tests = sum(len(_parts(each)) for each in groups)
     sigma0 = math.sqrt(max(1.0, shots.chi2 / shots.freedom))
     for group in groups:
@@ -199,7 +203,7 @@ def external_reliability(
         chance = SIGNIFICANCE / (tests * group.searched)
         threshold = float(scipy.special.fdtri(solved.rank, freedom, 1.0 - chance))
         size = math.sqrt(scipy.special.ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
-        moved = inverse @ (group.columns.reshape(len(flat), -1) @ solved.along)
+        moved = inverse @ (flat.T @ group.columns.reshape(len(flat), -1) @ solved.along)
         yield group.name, sigma0 * size * moved
 
 

@@ -14,6 +14,8 @@ ROUNDING = 1e-13
 """A column below this part of the longest is zero but for rounding."""
 BLOCK_ROWS = 300
 """Rows of which a QR stays in the processor's cache."""
+APART = 1e-3
+"""Least over largest singular value of columns that are all well apart."""
 SHARE_NAMED = 0.1
 """Parameters with at least this share in an unobservable combination are named in it."""
 
@@ -98,7 +100,12 @@ def orthonormal_basis(columns: Array) -> Array:
     """Orthonormal basis (M, R) of the space of columns (M, P), those of no length left out."""
     norms = np.linalg.norm(columns, axis=0)
     kept = norms > RANK_TOLERANCE * norms.max(initial=0.0)
-    u, spread, _ = np.linalg.svd(columns[:, kept] / norms[kept], full_matrices=False)
+    scaled = columns[:, kept] / norms[kept]
+    if len(scaled) >= 2 * BLOCK_ROWS:  # a triangle tells as much, unless columns nearly depend
+        _, spread, directions = np.linalg.svd(triangle_of(scaled))
+        if spread.min(initial=np.inf) > APART * spread.max(initial=0.0):
+            return np.asarray(scaled @ (directions.T / spread))
+    u, spread, _ = np.linalg.svd(scaled, full_matrices=False)
     return np.asarray(u[:, spread > RANK_TOLERANCE * spread.max(initial=0.0)])
 
 

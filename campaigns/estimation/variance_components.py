@@ -33,6 +33,10 @@ PROMISING = 1.0
 SEARCHED_BELOW = 3.0
 """A second component is sought between what it would be alone and e⁻³ of it."""
 NOWHERE = -math.inf
+CLEAR = 1.0
+"""In 2 log L: by so much no further search would choose other components."""
+UNMOVED = 0.01
+"""Relative change of a component that tells nothing new, half of what a fit is made again for."""
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 LEAST_STEP = math.sqrt(2.2e-16)
 """Part of a place, beside a tolerance, that two trials of a search are at least apart."""
@@ -89,21 +93,30 @@ NONE = VarianceComponents()
 
 
 def estimate_components(
-    shots: LinearizedShots, kernel: ModuleType | None = None, scores: Array | None = None
+    shots: LinearizedShots,
+    kernel: ModuleType | None = None,
+    scores: Array | None = None,
+    before: VarianceComponents = NONE,
 ) -> VarianceComponents:
     """Components that the likelihood asks for; none with too few shots to tell any.
 
     `kernel`: compiled loops, where they can be used; scores of the components where known, (2,).
+    `before`: those of the same shots about another fit, which stay where they hardly move.
     """
     count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
     if count <= unknowns + 2:
         return NONE
+    likelihood: _RestrictedLikelihood | None = None
+    if (before.point_mm > 0.0) != (before.joint > 0.0):
+        likelihood = _RestrictedLikelihood(shots, kernel)
+        if likelihood.is_top(before):
+            return before
     found = _scores(shots) if scores is None else scores
     least = hopeless_score(count - unknowns)
     hopeful = [place for place, score in enumerate(found) if score >= least]
     if not hopeful:
         return NONE
-    likelihood = _RestrictedLikelihood(shots, kernel)
+    likelihood = likelihood or _RestrictedLikelihood(shots, kernel)
     none, best = likelihood.at(NOWHERE, NOWHERE), {}
     for place in hopeful:
         best[place] = likelihood.best_single(place)
@@ -269,6 +282,21 @@ class _RestrictedLikelihood:
             options={"xatol": 0.01, "fatol": 0.01, "maxfev": 120},
         )
         return -float(found.fun), (float(found.x[0]), float(found.x[1]))
+
+    def is_top(self, one: VarianceComponents) -> bool:
+        """Whether a single component hardly moves, and neither none, the other nor both gain."""
+        place = 0 if one.point_mm > 0.0 else 1
+        log = math.log((one.point_mm or one.joint) / self._units[place])
+        value, nothing = self.at(*self._logs(place, log)), self.at(NOWHERE, NOWHERE)
+        beside = [self.at(*self._logs(place, log + by)) for by in (-UNMOVED, UNMOVED)]
+        other = self.at(*self._logs(1 - place, log))  # which moves the points as far
+        both = [(log, log - by) if place == 0 else (log - by, log) for by in (1.0, 2.0)]
+        return (
+            max(beside) < value
+            and nothing + WORTH + CLEAR < value
+            and other + CLEAR < value
+            and max(self.at(*each) for each in both) + CLEAR < value + WORTH
+        )
 
     def components(self, logs: tuple[float, float]) -> VarianceComponents:
         """With standard deviations from the curvature of the likelihood at its top."""

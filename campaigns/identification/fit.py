@@ -200,20 +200,24 @@ def fit_points(inputs: Inputs) -> PointFit:
         exclude=options.outliers is Outliers.EXCLUDE,
     )
     found = estimated(fitted.problem)
-    scatter = variance_components.NONE
+    scatter = before = variance_components.NONE
     if options.loss is not LossShape.LINEAR:
         return PointFit(fitted, found, scatter)
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
-        anew = variance_components.estimate_components(linearized(fitted, found.x).rows(kept))
+        anew = variance_components.estimate_components(
+            linearized(fitted, found.x).rows(kept), before=before
+        )
         if settled(scatter, anew):
             break
         scatter = anew
         covariance_mm2 = covariance_of(stated, found.x, scatter)
         fitted = replace(stated, residuals=stated.points.with_covariance(covariance_mm2))
         found = estimated(fitted.problem, start=found)
-        if np.array_equal(found.kept, kept) and not scatter.any:
+        same = np.array_equal(found.kept, kept)
+        if same and not scatter.any:
             break
+        before = scatter if same else variance_components.NONE
     return PointFit(fitted, found, scatter)
 
 

@@ -145,7 +145,7 @@ def _fit_points(
         scatter = variance_components.NONE
         known: Array | None = scores[:, at]
         for _ in range(SCATTER_ROUNDS):  # as `fit_points` does
-            anew = variance_components.estimate_components(linearized, kernel, known)
+            anew = variance_components.estimate_components(linearized, kernel, known, scatter)
             known = None
             if settled(scatter, anew):
                 break

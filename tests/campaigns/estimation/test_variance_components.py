@@ -1,6 +1,7 @@
 """The robot's own scatter is found where there is some, and nowhere else."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -138,3 +139,16 @@ def test_compiled_loops_find_the_components_that_numpy_finds(scatter):
             value, logs = likelihood.best_single(place)
             assert value == pytest.approx(likelihood.at(*logs), abs=1e-9)
             assert logs == pytest.approx(own.best_single(place)[1], abs=1e-6)
+
+
+def test_components_stay_where_another_fit_hardly_moves_them():
+    some = shots(3, point_mm=0.1)
+    first = estimate_components(some)
+    near = replace(some, residual_mm=some.residual_mm + 1e-3 * some.jacobian[:, :, 0])
+    assert estimate_components(near, before=first) is first
+    wider = replace(some, residual_mm=1.05 * some.residual_mm)
+    again = estimate_components(wider, before=first)
+    assert again == estimate_components(wider)
+    assert again.point_mm == pytest.approx(1.05 * first.point_mm, rel=0.01)
+    for other in (shots(3), shots(3, joint=2e-4), shots(3, point_mm=0.1, joint=4e-4)):
+        assert estimate_components(other, before=first) == estimate_components(other)
