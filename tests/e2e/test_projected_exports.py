@@ -5,12 +5,11 @@ import json
 import numpy as np
 import pytest
 from command_line import change
-from family_cases import ALL_MEMBERS
+from family_cases import BY_NAME
 
 from app.main import run_command
 from campaigns.robots.robot import read_robot
 
-MEMBERS = {member.name: member for member in ALL_MEMBERS}
 pytestmark = pytest.mark.slow
 
 
@@ -21,7 +20,7 @@ pytestmark = pytest.mark.slow
 )
 def campaign(request, tmp_path_factory):
     """A member's noisy shots, identified with a share of the pairs unseen; its folder and name."""
-    member = MEMBERS[request.param]
+    member = BY_NAME[request.param]
     folder = tmp_path_factory.mktemp("members") / member.name
     assert run_command(["new", str(folder), "--robot", member.name]) == 0
     if member.name == "linear-delta":  # whose shots all lie near its axis

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.mechanisms.mechanism import Kinematics
@@ -137,3 +138,13 @@ class Par4Member(Member):
 
 MEMBERS = tuple(map(Member, REFERENCE))
 ALL_MEMBERS = (Par4Member("par4"), *MEMBERS)
+BY_NAME = {member.name: member for member in ALL_MEMBERS}
+
+
+def of_members(*names):
+    """Mark of a test of these members."""
+    return pytest.mark.parametrize("member", [BY_NAME[name] for name in names], ids=names)
+
+
+all_members = of_members(*BY_NAME)
+some_members = of_members("par4", "linear-delta")

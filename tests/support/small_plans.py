@@ -13,7 +13,9 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
+from campaigns.planning.plan_check import Pace
 from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.planning.plans import View
 from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Step, joint_steps
 from campaigns.settings.sections import GateConfig, SettleConfig
@@ -24,16 +26,30 @@ LIMITS = ROBOT.limits
 SETUP = EstimationSetup(
     Estimator.POINTS, ROBOT.mechanism.parameters.free_by_default, TrackerUncertainty()
 )
+VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
+PACE = Pace(1.0, 0.2, 1.0)
+OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
+"""Robot in an unrestricted space."""
 SPEED_FRACTION = 0.3
 SETTLE = SettleConfig()
 GATE = GateConfig()
 
 
+def joints_at(*pose: float) -> np.ndarray:
+    """Joints (4,) of a pose, mm and rad."""
+    return NOMINAL.inverse(np.array([pose], dtype=float)).values_or_raise()[0]
+
+
+def of(shots: Sequence[PlannedShot], purpose: ShotSet) -> list[PlannedShot]:
+    """Shots of a set."""
+    return [shot for shot in shots if shot.purpose is purpose]
+
+
 def planned(
     shot: int, purpose: ShotSet, pair: int | None, x: float, y: float, z: float, theta: float = 0.0
 ) -> PlannedShot:
-    joints = NOMINAL.inverse(np.array([[x, y, z, theta]])).values_or_raise()[0]
-    return PlannedShot(shot, purpose, pair, Pose(x, y, z, theta), tuple(joints.tolist()))
+    joints = tuple(joints_at(x, y, z, theta).tolist())
+    return PlannedShot(shot, purpose, pair, Pose(x, y, z, theta), joints)
 
 
 def drift(shot: int) -> PlannedShot:
@@ -71,7 +87,7 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
         "plan_digest": plan_digest(shots, ROBOT.mechanism),
         "robot_file_digest": ROBOT.digest(),
         "configuration": {"name": "test"},
-        "robot": RobotModel(NOMINAL, LIMITS, CENTRE),
+        "robot": OPEN,
         "speed_fraction": SPEED_FRACTION,
         "settle": SETTLE,
         "gate": GATE,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS
+from family_cases import BY_NAME, all_members, some_members
 
 from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
@@ -12,22 +12,16 @@ from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Kinematics
 
-MEMBERS = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
-BY_NAME = {member.name: member for member in ALL_MEMBERS}
-SOME = pytest.mark.parametrize(
-    "member", [BY_NAME["par4"], BY_NAME["linear-delta"]], ids=lambda each: each.name
-)
-
 
 def correction_of(member, **more):
     return TargetCorrection(member.tilted, member.nominal, member.limits, **more)
 
 
 def test_every_mechanism_is_tried():
-    assert {member.name for member in ALL_MEMBERS} == set(MECHANISMS)
+    assert set(BY_NAME) == set(MECHANISMS)
 
 
-@MEMBERS
+@all_members
 def test_the_robot_stands_where_it_was_wanted(member):
     correction = correction_of(member)
     wanted = member.poses(60)
@@ -38,7 +32,7 @@ def test_the_robot_stands_where_it_was_wanted(member):
     assert correction_mm(wanted, commanded).mean() > 0.1
 
 
-@SOME
+@some_members
 def test_targets_one_after_another_follow_the_sides_that_joints_come_from(member):
     space = member.space
     lost = {name: 0.05 if space[name].is_angle else 0.2 for name in space.backlashes}
@@ -60,14 +54,14 @@ def test_targets_one_after_another_follow_the_sides_that_joints_come_from(member
     assert reached["none"] > 0.05
 
 
-@SOME
+@some_members
 def test_identical_parameters_correct_nothing(member):
     correction = TargetCorrection(member.nominal, member.nominal, member.limits)
     wanted = member.poses(60)
     assert np.abs(correction.commanded(wanted).values_or_raise() - wanted).max() < 1e-9
 
 
-@SOME
+@some_members
 def test_poses_out_of_reach_are_the_fault_that_is_named(member):
     correction = correction_of(member)
     wanted = member.poses(5)
@@ -102,7 +96,7 @@ def test_poses_in_a_zone_to_keep_out_of_are_refused():
     assert "below space.z_mm" in reason
 
 
-@SOME
+@some_members
 def test_the_uncertainty_is_that_of_the_workspace(member):
     """At the shots' own poses it is what plans and identifications say of positions."""
     free = member.space.free_by_default

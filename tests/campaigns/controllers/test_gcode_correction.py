@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS
+from family_cases import BY_NAME, some_members
 
 from campaigns.controllers import gcode_correction
 from campaigns.controllers.corrected_targets import TargetCorrection
@@ -13,10 +13,6 @@ from campaigns.controllers.gcode_correction import correct_gcode
 from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.errors import TargetsInvalid
 
-BY_NAME = {member.name: member for member in ALL_MEMBERS}
-SOME = pytest.mark.parametrize(
-    "member", [BY_NAME["par4"], BY_NAME["linear-delta"]], ids=lambda each: each.name
-)
 """One that turns, one on rails: that targets are corrected for each is tested with targets."""
 
 
@@ -74,7 +70,7 @@ def from_segment_mm(points, start, end):
     return np.linalg.norm(points - start - part[:, None] * way, axis=1)
 
 
-@SOME
+@some_members
 def test_the_robot_follows_the_wanted_path_within_the_tolerance(member):
     robot = member.perturbed
     text = program(member)
@@ -86,7 +82,7 @@ def test_the_robot_follows_the_wanted_path_within_the_tolerance(member):
     assert found.pieces == len(places(found.text, member)) > found.targets
 
 
-@SOME
+@some_members
 def test_identical_parameters_change_no_place_and_nothing_a_second_time(member):
     correction = correction_of(member, member.nominal)
     once = correct_gcode(program(member), "part.ngc", correction, tolerance_mm=0.05)
@@ -134,7 +130,7 @@ def test_what_stops_the_program_comes_after_the_last_piece():
     assert [line.endswith(" M0") for line in others] == [*[False] * (len(others) - 1), True]
 
 
-@SOME
+@some_members
 def test_places_that_cannot_be_taken_are_refused_by_their_line(member):
     x, y, z = member.shipped.workspace_centre[:3]
     turn = " C0" if len(member.mechanism.task) > 3 else ""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS
+from family_cases import BY_NAME, some_members
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
@@ -17,10 +17,6 @@ from campaigns.estimation.point_sets import fitted_frame
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
 
-BY_NAME = {member.name: member for member in ALL_MEMBERS}
-SOME = pytest.mark.parametrize(
-    "member", [BY_NAME["par4"], BY_NAME["linear-delta"]], ids=lambda each: each.name
-)
 """What is projected does not depend on the mechanism: one that turns, one on rails."""
 MEMBER_OF = {word: BY_NAME[made.mechanism] for word, made in FORMATS.items()}
 WORDS = pytest.mark.parametrize("word", FORMATS)
@@ -39,7 +35,7 @@ def slightly_tilted(member):
     return Kinematics(member.mechanism, p)
 
 
-@SOME
+@some_members
 def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
     workspace = workspace_of(member, member.perturbed)
     found = project_plain(member.perturbed, workspace)
@@ -47,7 +43,7 @@ def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
     assert left_by(member.nominal, workspace).mean_mm > 0.3
 
 
-@SOME
+@some_members
 def test_plain_parameters_leave_less_than_the_full_ones_without_their_extensions(member):
     robot = slightly_tilted(member)
     workspace = workspace_of(member, robot)
@@ -59,7 +55,7 @@ def test_plain_parameters_leave_less_than_the_full_ones_without_their_extensions
     assert not found.kinematics.p[member.space.places(member.space.extensions)].any()
 
 
-@SOME
+@some_members
 def test_no_other_values_leave_less(member):
     """Every small change of a value, the frame fitted anew, makes the error larger."""
     robot = slightly_tilted(member)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS
+from family_cases import all_members
 
 from campaigns.estimation.datum import datum_parameters
 from campaigns.estimation.rigid_transforms import fit_transform
@@ -24,9 +24,6 @@ def apart_mm(member, one, other):
     own, points = (each.forward(joints).values_or_raise()[:, :3] for each in (one, other))
     left = fit_transform(own, points).apply(own) - points
     return np.abs(left).max()
-
-
-all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 
 
 def held(member):

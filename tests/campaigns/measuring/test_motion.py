@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, FakeCell, rounded_deg
-from small_plans import LIMITS, SETTLE, SPEED_FRACTION, commanded_as_pose, planned
+from small_plans import OPEN, SETTLE, SPEED_FRACTION, commanded_as_pose, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
@@ -18,8 +18,7 @@ from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import EmergencyStop
 
-MECHANISM = RobotModel(NOMINAL, LIMITS, CENTRE)
-NO_WAYS = PathCache(MECHANISM, ())
+NO_WAYS = PathCache(OPEN, ())
 NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
 
 
@@ -85,7 +84,7 @@ def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
     inside = joints.found & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
     ends = joints.values[inside]
     for here, there in pairwise(ends):
-        way = MECHANISM.safe_path(here, there)
+        way = OPEN.safe_path(here, there)
         if way is not None and len(way) > 1:
             return here, there
     raise AssertionError("no such poses")
@@ -104,7 +103,7 @@ def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
 def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) -> None:
     cell = FakeCell()
     further = planned(8, ShotSet.ROTATION, None, -60.0, 0.0, -520.0)
-    ways = PathCache(MECHANISM, [NEAR.joints, further.joints])
+    ways = PathCache(OPEN, [NEAR.joints, further.joints])
     mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     monkeypatch.setattr(RobotModel, "safe_path", lambda *_: None)
@@ -117,13 +116,13 @@ def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None
     here, there = unsafe_ends()
     cell = FakeCell()
     target = replace(NEAR, joints=tuple(there.tolist()))
-    ways = PathCache(MECHANISM, [NEAR.joints, target.joints])
+    ways = PathCache(OPEN, [NEAR.joints, target.joints])
     mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     cell.robot.joints = here
     cell.calls.clear()
     mover.go(Step(target, "joints"), lambda _: None)
-    legs = MECHANISM.safe_path(here, there)
+    legs = OPEN.safe_path(here, there)
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
@@ -159,7 +158,7 @@ def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
     here, there = unsafe_ends()
     cell = FakeCell()
     cell.robot.joints = here
-    ends_s = np.abs(MECHANISM.safe_path(here, there)[0] - here).max() / 0.9
+    ends_s = np.abs(OPEN.safe_path(here, there)[0] - here).max() / 0.9
     cell.clock.after(ends_s, cell.wish.ask)
     with pytest.raises(Interrupted):
         go(cell, Step(replace(NEAR, joints=tuple(there.tolist())), "joints"))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS
+from family_cases import BY_NAME, all_members
 from par4_cases import CENTRE, LIMITS, NOMINAL
 from par4_space import TILTS, places_of
 from scipy.optimize import brentq
@@ -16,7 +16,6 @@ from campaigns.robots.robot import find_robot
 
 TURNED = np.array([[100.0, -150.0, -600.0, 0.5]])
 """Joints 13.8…60.9°, forearm 0 swings 31.8° out of its arm's plane."""
-BY_NAME = {each.name: each for each in ALL_MEMBERS}
 OUT_OF_REACH = np.array([[0.0, -50.0, -1300.0, 0.0]])
 
 
@@ -131,7 +130,7 @@ def test_an_elbow_stretched_straight_is_refused():
     assert judged.feasible[0]
 
 
-@pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
+@all_members
 def test_what_is_feasible_keeps_every_limit(member):
     robot, (low, high) = member.tilted, member.limits.joint
     judged = robot.feasibility(member.limits, member.reachable_poses(robot, 200, seed=4))

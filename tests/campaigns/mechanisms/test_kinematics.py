@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS, PAR4_REFERENCE, flat_in
+from family_cases import ALL_MEMBERS, BY_NAME, PAR4_REFERENCE, all_members, flat_in, of_members
 from hypothesis import given
 from hypothesis import strategies as st
 from par4_cases import NOMINAL, TABLE1, central_differences, reachable_joints
@@ -25,7 +25,6 @@ DIRECTIONS = 6
 CONDITION = {"par4": 120, "delta": 89, "h4": 120, "i4r": 105, "linear-delta": 363, "i4l": 742}
 """Of the reference models, for 200 shots of their own."""
 FEWEST_SHOTS = {"par4": 13, "delta": 7, "h4": 10, "i4r": 11, "linear-delta": 5, "i4l": 8}
-BY_NAME = {each.name: each for each in ALL_MEMBERS}
 UPSIDE_DOWN = (
     ([131.59, -317.79, -479.51, -0.4], [-86.12, 54.54, 265.75, -1.55]),
     ([-134.45, -195.12, -398.44, 0.42], [142.34, 73.5, 290.29, 1.55]),
@@ -42,16 +41,9 @@ TURNED_OVER_DEG = {
 }
 """Every assembly of these is turned over, above the elbows or in the other assembly mode."""
 
-all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
-some_members = pytest.mark.parametrize(
-    "member",
-    [BY_NAME[name] for name in ("par4", "i4r", "linear-delta")],
-    ids=lambda each: each.name,
-)
+some_members = of_members("par4", "i4r", "linear-delta")
 """Where all closed chains share the code: Par4 has a forward model of its own, one has rails."""
-with_rails = pytest.mark.parametrize(
-    "member", [BY_NAME["linear-delta"], BY_NAME["i4l"]], ids=lambda each: each.name
-)
+with_rails = of_members("linear-delta", "i4l")
 
 
 def closures_mm2(robot, joints, poses):

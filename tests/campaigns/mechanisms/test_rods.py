@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS
+from family_cases import ALL_MEMBERS, all_members
 
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import assemble, follow, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism
 
-all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 OFFSET_MM = np.array([20.0, -30.0, -45.0])
 POSES = 20
 LARGE_RAD = 0.02

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from family_cases import ALL_MEMBERS, VECTORS, flat_in
+from family_cases import VECTORS, all_members, flat_in
 from par4_cases import NOMINAL, central_differences
 
 from app.new_campaign import cell_text
@@ -25,8 +25,6 @@ FIELDS = {
     "d_deg": "ripple_cos_deg",
     "beta_deg": "backlash_deg",
 }
-
-all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 
 
 def geared(member):

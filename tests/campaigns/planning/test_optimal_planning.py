@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from par4_space import SPACE
+from small_plans import VIEW, of
 
 from campaigns.design import pose_sampling, tours
 from campaigns.errors import PlanInvalid
@@ -30,7 +31,6 @@ ROBOT = find_robot("par4-prototype").robot
 GEOMETRY, LIMITS = ROBOT.kinematics, ROBOT.limits
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
 ROBOT_MODEL = RobotModel(GEOMETRY, LIMITS, pose_row(CENTRE))
-VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
 LENGTH = ~SPACE.is_angle[SPACE.places(SPACE.free_by_default)]
 
 
@@ -43,10 +43,6 @@ def request(shots=40, *, drift=3, validation_pairs=10, **others):
 def planned(asked, view=VIEW, seed=1):
     """Shots, and what other numbers of them would give."""
     return make_optimal_plan(ROBOT, view, asked, np.random.default_rng(seed))
-
-
-def of(shots, purpose):
-    return [shot for shot in shots if shot.purpose is purpose]
 
 
 def worst_length_mm(shots, view=VIEW):

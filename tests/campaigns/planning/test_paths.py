@@ -6,17 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
+from small_plans import OPEN, joints_at
 
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning import paths
 from campaigns.planning.paths import SLACK_RAD, PathCache, RobotModel
 from campaigns.robots.robot import find_robot
-
-OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
-
-
-def joints_of(*pose):
-    return NOMINAL.inverse(np.array([pose], dtype=float)).values_or_raise()[0]
 
 
 def turning_by(theta_rad):
@@ -33,11 +28,11 @@ def joints():
 
 
 def test_a_short_way_at_the_centre_is_straight_and_none_at_all_is_safe():
-    here, there = joints_of(-50, -50, -575, 0), joints_of(50, -20, -600, 0.2)
+    here, there = joints_at(-50, -50, -575, 0), joints_at(50, -20, -600, 0.2)
     assert OPEN.fault(here, there) is None
     (target,) = OPEN.safe_path(here, there)
     assert (target == there).all()
-    here = joints_of(0, -50, -575, 0)
+    here = joints_at(0, -50, -575, 0)
     assert OPEN.fault(here, here) is None
 
 
@@ -70,7 +65,7 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
     """The shortest way round between these two would take joint 1 to -59.6°."""
     here, there = np.radians([[-37.5, -21.9, 69.8, 55.7], [82.9, -43.6, -39.8, 86.4]])
     middle = 0.5 * NOMINAL.forward(np.stack([here, there])).values_or_raise().sum(axis=0)
-    assert np.degrees(joints_of(*middle)).min() == pytest.approx(-59.6, abs=0.1)
+    assert np.degrees(joints_at(*middle)).min() == pytest.approx(-59.6, abs=0.1)
     (target, end) = OPEN.safe_path(here, there)
     assert np.degrees(target).min() > -45.0
     assert (end == there).all()
@@ -84,14 +79,14 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
     ],
 )
 def test_each_fault_of_a_way_is_named_with_the_part_where_it_begins(limits, reason):
-    here, there = joints_of(0, -50, -575, 0), joints_of(150, 60, -575, 0.4)
+    here, there = joints_at(0, -50, -575, 0), joints_at(150, 60, -575, 0.4)
     fault = RobotModel(NOMINAL, limits, CENTRE).fault(here, there)
     assert fault[0] == reason
     assert 0.0 < fault[1] < 1.0
 
 
 def test_a_way_past_a_singularity_is_named():
-    here, there = joints_of(0, -50, -575, 0), joints_of(0, -50, -575, 1.55)
+    here, there = joints_at(0, -50, -575, 0), joints_at(0, -50, -575, 1.55)
     wide = replace(turning_by(2.0), forearm_swing_rad=1.5)
     fault = RobotModel(NOMINAL, wide, CENTRE).fault(here, there)
     assert fault[0] == "it passes near a singularity"
@@ -99,15 +94,15 @@ def test_a_way_past_a_singularity_is_named():
 
 
 def test_a_way_where_the_mechanism_comes_apart_is_named_and_from_there_is_none():
-    here, apart = joints_of(0, -50, -575, 0), np.radians([90.0, -90.0, 90.0, -90.0])
+    here, apart = joints_at(0, -50, -575, 0), np.radians([90.0, -90.0, 90.0, -90.0])
     fault = OPEN.fault(here, apart)
     assert fault[0] == "the mechanism cannot be assembled"
-    apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_of(0, -50, -575, 0)
+    apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_at(0, -50, -575, 0)
     assert OPEN.safe_path(apart, there) is None
 
 
 def test_when_every_way_is_blocked_there_is_none():
-    here, there = joints_of(0, -50, -575, -0.5), joints_of(0, -50, -575, 0.5)
+    here, there = joints_at(0, -50, -575, -0.5), joints_at(0, -50, -575, 0.5)
     nothing_allowed = replace(LIMITS, forearm_swing_rad=-1.0)
     assert RobotModel(NOMINAL, nothing_allowed, CENTRE).safe_path(here, there) is None
 

@@ -7,22 +7,16 @@ import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL
 from par4_space import SPACE
-from small_plans import FOUR_PAIRS, LIMITS, planned
+from small_plans import FOUR_PAIRS, LIMITS, OPEN, PACE, VIEW, planned
 
 from campaigns.errors import PlanInvalid
 from campaigns.planning import plan_check
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
+from campaigns.planning.plan_check import CheckedPlan, check_plan
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View
 from campaigns.settings.sections import KnownLengthConfig
 from campaigns.shots.shot_sets import ShotSet
-
-VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
-PACE = Pace(1.0, 0.2, 1.0)
-
-
-OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
 
 
 def check(shots: tuple[PlannedShot, ...], view: View = VIEW, limits=LIMITS) -> CheckedPlan:

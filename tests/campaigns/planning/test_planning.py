@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
-from small_plans import LIMITS
+from small_plans import LIMITS, PACE, VIEW, of
 
 from campaigns.design import tours
 from campaigns.design.pose_sampling import incidence_rad
@@ -15,16 +15,14 @@ from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning import plans
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import Pace, check_plan
+from campaigns.planning.plan_check import check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
-VIEW = plans.View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
 MIDDLE = Pose(*CENTRE.tolist())
 REQUEST = plans.PlanRequest(120, 20, 3, MIDDLE)
-PACE = Pace(1.0, 0.2, 1.0)
 
 
 def plan(request: plans.PlanRequest = REQUEST, seed: int = 1, view: plans.View = VIEW):
@@ -34,10 +32,6 @@ def plan(request: plans.PlanRequest = REQUEST, seed: int = 1, view: plans.View =
 @pytest.fixture(scope="module")
 def default_plan() -> tuple[PlannedShot, ...]:
     return plan()
-
-
-def of(shots: tuple[PlannedShot, ...], purpose: ShotSet) -> list[PlannedShot]:
-    return [shot for shot in shots if shot.purpose is purpose]
 
 
 def test_default_plan_has_what_was_asked_for_in_pairs_with_drift_shots_between(

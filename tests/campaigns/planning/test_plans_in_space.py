@@ -8,7 +8,7 @@ import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from small_plans import LIMITS, TWO_PAIRS
+from small_plans import LIMITS, OPEN, PACE, TWO_PAIRS, VIEW, joints_at
 
 from campaigns.design.pose_sampling import FURTHER, workspace_poses
 from campaigns.design.restricted_space import (
@@ -24,11 +24,10 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel
-from campaigns.planning.plan_check import Pace, check_plan
+from campaigns.planning.plan_check import check_plan
 from campaigns.planning.plans import (
     SPACE_RESERVE_MM,
     PlanRequest,
-    View,
     joints_of,
     make_plan,
     poses_of,
@@ -42,9 +41,7 @@ from campaigns.settings.space import SpaceConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
-VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
 MIDDLE = Pose(*CENTRE.tolist())
-PACE = Pace(1.0, 0.2, 1.0)
 CONFIG = SpaceConfig.model_validate_json(
     """{"z_lowest_mm": -720.0, "z_highest_mm": -420.0, "radius_mm": 500.0, "margin_mm": 10.0,
     "keep_out": {"boxes": [{"name": "conveyor", "x_mm": [-400.0, -150.0], "y_mm": [150.0, 400.0]}],
@@ -55,13 +52,6 @@ PILLAR = Zone("pillar", Disc((0.0, 150.0), 10.0), ANYWHERE, keeps_in=False)
 SHEET = Zone("sheet", Rectangle((99.5, 100.5), (-150.0, 400.0)), ANYWHERE, keeps_in=False)
 FENCED = RobotModel(NOMINAL, LIMITS, CENTRE, RestrictedSpace((PILLAR, SHEET), 30.0, 5.0))
 FINE = 3200
-
-
-OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
-
-
-def joints_at(*pose):
-    return NOMINAL.inverse(np.array([pose], dtype=float)).values_or_raise()[0]
 
 
 def least_mm(space, here, there):
