@@ -18,11 +18,6 @@ from campaigns.workflow.validation import Validated
 TERMINAL_WIDTH = 80
 
 
-@pytest.fixture(scope="module")
-def found(whole: PaperCampaign) -> Evaluation:
-    return evaluate(whole.campaign)
-
-
 def rows_of(capsys, found: Evaluation) -> dict[str, list[str]]:
     """Cells by their row's name."""
     show_gain(Terminal(as_json=False), found)
@@ -37,9 +32,9 @@ def rows_of(capsys, found: Evaluation) -> dict[str, list[str]]:
 
 
 @pytest.mark.slow
-def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, found):
-    rows = rows_of(capsys, found)
-    page = {row[0]: row for row in texts(GAINS, found.gains)}
+def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, evaluation):
+    rows = rows_of(capsys, evaluation)
+    page = {row[0]: row for row in texts(GAINS, evaluation.gains)}
     assert set(page) <= set(rows)
     for name, (_, *_, on_page) in page.items():
         assert (rows[name][3] == "no change shown") is (on_page == "no change shown"), name
@@ -62,8 +57,8 @@ def test_limits_are_held_against_the_calibrated_robot_alone(capsys, whole: Paper
     assert ("not good: distances, mean" in said) is (stage == "after")
 
 
-def test_the_uncertainty_of_each_difference_stands_beside_it(capsys, found):
-    rows = rows_of(capsys, found)
-    for gain in found.gains:
+def test_the_uncertainty_of_each_difference_stands_beside_it(capsys, evaluation):
+    rows = rows_of(capsys, evaluation)
+    for gain in evaluation.gains:
         expanded_mm = float(np.round(gain.expanded_uncertainty_mm, 3))
         assert float(rows[gain.name][2]) == expanded_mm

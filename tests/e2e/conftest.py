@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from command_line import CommandLine, change
+from command_line import SMALL_TESTS, CommandLine, change
 from filelock import FileLock
 
 from app.main import run_command
@@ -17,9 +17,7 @@ SMALL = {
     "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
     "plan.shots": 48,
     "plan.validation_pairs": 4,
-    "validation.repeatability_approaches": 3,
-    "validation.rotation_steps": 3,
-    "validation.line_points": 3,
+    **SMALL_TESTS,
 }
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 FAST = {"speed_up": 1000}

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from command_line import change
+from command_line import SMALL_TESTS, change
 from family_cases import MEMBERS
 
 from app.main import run_command
@@ -22,9 +22,7 @@ SMALL = {
     "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
     "plan.shots": 30,
     "plan.validation_pairs": 4,
-    "validation.repeatability_approaches": 3,
-    "validation.rotation_steps": 3,
-    "validation.line_points": 3,
+    **SMALL_TESTS,
 }
 FAST = {"speed_up": 1000}
 

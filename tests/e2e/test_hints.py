@@ -5,7 +5,7 @@ import shlex
 import shutil
 
 import pytest
-from command_line import change
+from command_line import SMALL_TESTS, change
 
 from campaigns.campaign import open_campaign
 from campaigns.robots.robot import read_robot
@@ -18,13 +18,7 @@ ROBOTS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
 SCENARIOS = ("drawn-robots", "realistic")
 """The tracker's noise alone on a robot that 22 parameters explain; and much that they cannot."""
 WAYS = ("full", "plain", "targets", "imported")
-SMALL = {
-    "plan.shots": 60,
-    "plan.validation_pairs": 10,
-    "validation.repeatability_approaches": 3,
-    "validation.rotation_steps": 3,
-    "validation.line_points": 3,
-}
+SMALL = {"plan.shots": 60, "plan.validation_pairs": 10, **SMALL_TESTS}
 QUICK = SMALL | {"plan.shots": 20, "plan.validation_pairs": 3}
 FASTER = {"speed_up": 3000}
 MOVING = {"run", "validate", "load"}

@@ -15,6 +15,12 @@ from app.main import run_command
 
 PKMCAL = (sys.executable, "-m", "app.main")
 PREFIX = "pkmcal: "
+SMALL_TESTS = {
+    "validation.repeatability_approaches": 3,
+    "validation.rotation_steps": 3,
+    "validation.line_points": 3,
+}
+"""Settings of a campaign's tests that are soon measured."""
 UNTOUCHED = ("campaign.lock", "campaign.db-wal", "campaign.db-shm")
 """Files that come and go with any work, and hold nothing of it."""
 

@@ -7,6 +7,8 @@ import pytest
 if TYPE_CHECKING:
     from paper_campaign import PaperCampaign
 
+    from campaigns.evidence import Evaluation
+
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
@@ -14,6 +16,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
     from paper_campaign import whole_campaign  # what a test of a driver need not wait for
 
     return whole_campaign(tmp_path_factory.mktemp("campaigns") / "whole")
+
+
+@pytest.fixture(scope="session")
+def evaluation(whole: "PaperCampaign") -> "Evaluation":
+    """What is said of it."""
+    from campaigns.evidence import evaluate
+
+    return evaluate(whole.campaign)
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from command_line import change
+from command_line import SMALL_TESTS, change
 from made_up import TABLE_I
 
 from app.console import Terminal
@@ -25,13 +25,7 @@ from campaigns.campaign import open_campaign
 from campaigns.identification.options import AS_THE_PAPER
 from sim.scenarios.scenario import load_scenario
 
-SMALL = {
-    "plan.shots": 48,
-    "plan.validation_pairs": 4,
-    "validation.repeatability_approaches": 3,
-    "validation.rotation_steps": 3,
-    "validation.line_points": 3,
-}
+SMALL = {"plan.shots": 48, "plan.validation_pairs": 4, **SMALL_TESTS}
 
 
 def made(folder, trial):

@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
+import recorded_identifications
 from par4_space import SPACE
+from recorded_identifications import SPREAD
 from tested_journal import plain_journal
 
 from campaigns import errors
@@ -19,7 +21,6 @@ from campaigns.robots.robot import RobotDocument, at_temperature, find_robot, re
 from campaigns.version import VERSION
 from drivers.values import Identity
 
-SPREAD = {"mean_abs": 1.0, "rms": 1.5, "max_abs": 3.0}
 COMMENTS = ("# the robot of line 3", "# measured in 2019")
 
 
@@ -41,32 +42,9 @@ def entry(name: str, old: float) -> dict[str, object]:
 
 
 def body(nominal: RobotDocument, **changes: object) -> dict[str, object]:
-    flat = dict(nominal.robot.parameters)
-    found = {
-        "schema": "pkmcal/identification/1",
-        "estimator": "distances",
-        "converged": True,
-        "iterations": 9,
-        "rank": 9,
-        "condition": 12.5,
-        "dof": 151,
-        "parameters": {name: entry(name, value) for name, value in flat.items()},
-        "excluded": [],
-        "unobservable": [],
-        "residuals_mm": {"before": SPREAD, "after": SPREAD},
-        "unseen_mm": {"before": SPREAD, "after": SPREAD},
-        "verdict": "pass",
-        "reasons": ["hold-out pairs: better"],
-        "seconds": 0.1,
-        "series": 1,
-        "shots": 163,
-        "robot_digest": nominal.robot.digest(),
-        "plan_digest": "a" * 64,
-        "journal_digest": "b" * 64,
-        "journal_records": 500,
-        "at_utc": "2026-03-02T08:00:00Z",
-    }
-    return found | changes
+    found = {name: entry(name, value) for name, value in nominal.robot.parameters.items()}
+    own = {"estimator": "distances", "shots": 163, "robot_digest": nominal.robot.digest()}
+    return recorded_identifications.body(found, **own | changes)
 
 
 def finding(nominal: RobotDocument, **changes: object) -> RecordedIdentification:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-from paper_campaign import PaperCampaign
 
 from campaigns.evaluation.campaign_verdict import (
     NONE_ASKED_FOR,
@@ -14,16 +13,11 @@ from campaigns.evaluation.campaign_verdict import (
 )
 from campaigns.evaluation.gains import gains, worse_than_before
 from campaigns.evaluation.validation import ValidationResult, validation_verdict
-from campaigns.evidence import Evaluation, evaluate
+from campaigns.evidence import Evaluation
 from campaigns.settings.sections import AcceptanceConfig
 
 WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
 PASSED = IdentificationVerdict("pass", ())
-
-
-@pytest.fixture(scope="module")
-def evaluation(whole: PaperCampaign) -> Evaluation:
-    return evaluate(whole.campaign)
 
 
 @pytest.fixture(scope="module")

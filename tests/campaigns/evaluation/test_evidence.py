@@ -42,11 +42,6 @@ NEWER = {
 """What older software did not write of an identification."""
 
 
-@pytest.fixture(scope="module")
-def contents(whole: PaperCampaign) -> Evaluation:
-    return evaluate(whole.campaign)
-
-
 def told_by(paper: PaperCampaign) -> RecordedIdentification:
     with paper.journal() as journal:
         return latest_identification(journal)
@@ -89,9 +84,9 @@ def away_from_line(points: np.ndarray) -> float:
 
 @pytest.mark.parametrize("stage", ["before", "after"])
 def test_a_validation_says_what_its_shots_say(
-    whole: PaperCampaign, contents: Evaluation, stage: str
+    whole: PaperCampaign, evaluation: Evaluation, stage: str
 ) -> None:
-    found = getattr(contents, stage)
+    found = getattr(evaluation, stage)
     pairs = accepted(whole, stage, ShotSet.VALIDATION)
     told, seen = commanded_mm(pairs), points_mm(pairs)
     lengths = [np.linalg.norm(each[::2] - each[1::2], axis=1) for each in (told, seen)]
@@ -110,19 +105,19 @@ def test_a_validation_says_what_its_shots_say(
 
 
 def test_repeatability_is_the_iso_figure_of_the_same_points(
-    whole: PaperCampaign, contents: Evaluation
+    whole: PaperCampaign, evaluation: Evaluation
 ) -> None:
     visits = points_mm(accepted(whole, "after", ShotSet.REPEATABILITY))
     away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
-    row = next(row for row in iso_rows(contents.after) if row.name.startswith("repeated"))
+    row = next(row for row in iso_rows(evaluation.after) if row.name.startswith("repeated"))
     assert row.figure.value_mm == pytest.approx(away.mean() + 3.0 * away.std(ddof=1))
     assert row.n == len(visits)
 
 
 def test_only_tests_made_as_the_standard_makes_them_have_a_symbol_with_a_figure(
-    whole: PaperCampaign, contents: Evaluation
+    whole: PaperCampaign, evaluation: Evaluation
 ) -> None:
-    ap, rp, *rows = iso_rows(contents.after)
+    ap, rp, *rows = iso_rows(evaluation.after)
     assert (ap.name, rp.name) == CUBE_FIGURES
     assert None not in {ap.figure, rp.figure}
     cube = points_mm(accepted(whole, "after", ShotSet.ISO_CUBE))
@@ -136,9 +131,9 @@ def test_only_tests_made_as_the_standard_makes_them_have_a_symbol_with_a_figure(
 
 
 def test_residuals_of_a_perfect_robot_are_the_trackers_noise(
-    contents: Evaluation, by_distances: PaperCampaign
+    evaluation: Evaluation, by_distances: PaperCampaign
 ) -> None:
-    of_shots, of_pairs = contents.budget, evaluate(by_distances.campaign).budget
+    of_shots, of_pairs = evaluation.budget, evaluate(by_distances.campaign).budget
     assert (of_shots.of, of_pairs.of) == ("coordinate", "distance")
     for left, noise_mm in ((of_shots, NOISE_MM), (of_pairs, np.sqrt(2.0) * NOISE_MM)):
         assert left.chi == pytest.approx(1.0, abs=0.4)
@@ -156,17 +151,17 @@ def test_what_neither_tracker_nor_repeatability_explains_is_left() -> None:
 
 
 def test_an_identification_of_older_software_can_be_read_and_evaluated(
-    whole: PaperCampaign, contents: Evaluation
+    whole: PaperCampaign, evaluation: Evaluation
 ) -> None:
     with whole.journal() as journal:
         findings = [entry.record for entry in journal.records_of(Finding)]
     body = next(found.body for found in findings if found.kind == "identification")
     older = read_identification({key: body[key] for key in body.keys() - NEWER})
     assert (older.covariance, older.chi2, older.frame) == (None, None, None)
-    found = Evaluation(replace(contents.evidence, identification=older))
+    found = Evaluation(replace(evaluation.evidence, identification=older))
     assert found.budget is None
     assert found.errors.shots is None
-    assert found.errors.fitted.after_mm == pytest.approx(contents.errors.fitted.after_mm)
+    assert found.errors.fitted.after_mm == pytest.approx(evaluation.errors.fitted.after_mm)
     assert read_identification(body).covariance.names == older.free
     known = dict(body["covariance"])
     known["unseen"] = known.pop("undetected")  # its name in the first of them
@@ -186,13 +181,13 @@ def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
 
 
 def test_errors_by_the_poses_kept_are_those_worked_out_again(
-    whole: PaperCampaign, contents: Evaluation
+    whole: PaperCampaign, evaluation: Evaluation
 ) -> None:
-    assert contents.evidence.identification.modelled is not None
-    older = replace(contents.evidence.identification, modelled=None)
+    assert evaluation.evidence.identification.modelled is not None
+    older = replace(evaluation.evidence.identification, modelled=None)
     found, again = (
-        contents.errors,
-        Evaluation(replace(contents.evidence, identification=older)).errors,
+        evaluation.errors,
+        Evaluation(replace(evaluation.evidence, identification=older)).errors,
     )
     for one, other in ((found.fitted, again.fitted), (found.unseen, again.unseen)):
         assert one.numbers == other.numbers
@@ -211,14 +206,14 @@ def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCa
 
 
 def test_positions_are_in_the_base_frame_and_drift_and_air_in_their_time(
-    contents: Evaluation,
+    evaluation: Evaluation,
 ) -> None:
-    positions = contents.errors.positions
+    positions = evaluation.errors.positions
     after = np.linalg.norm(positions.after_mm, axis=1)
     assert after.max() < 10.0 * NOISE_MM
     assert np.linalg.norm(positions.before_mm, axis=1).max() > 1.0
     assert positions.fitted.sum() == 80
-    run = next(series for series in contents.time_series if series.name == "run")
+    run = next(series for series in evaluation.time_series if series.name == "run")
     assert len(run.drift_mm) == 2
     assert run.drift_mm[0] == 0.0
     assert np.all(np.diff(run.temperature_s) > 0.0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from identified_cases import TRACKER_FROM_BASE, identified, moved, noisy, simulated, workspace
 from par4_space import SPACE
+from recorded_identifications import PROVENANCE
 from tested_journal import plain_journal
 
 from campaigns.controllers.export import latest_identification
@@ -17,15 +18,6 @@ from campaigns.identification.result import Frame, RecordedIdentification, read_
 from campaigns.journal.records import Finding
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
-PROVENANCE = {
-    "series": 1,
-    "shots": 160,
-    "robot_digest": "c" * 64,
-    "plan_digest": "a" * 64,
-    "journal_digest": "b" * 64,
-    "journal_records": 500,
-    "at_utc": "2026-03-02T08:00:00Z",
-}
 SPOILT = moved(CLEAN, (7, 50, 99), by_mm=2.0)
 ASKED = {
     "points": {"data": SPOILT, "poses": workspace()},

@@ -19,11 +19,6 @@ RECORDS = 3
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "campaign.db"
-
-
-@pytest.fixture
 def journal(path: Path) -> Iterator[Journal]:
     with open_journal(path, now_utc=ticking(), create=True) as journal:
         run = journal.start_series(beginning())

@@ -10,61 +10,39 @@ from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Intent, Outcome
 from campaigns.measuring.run_state import EngineState
 
+
+def taken(shot: int, *joints_deg: float) -> list[tuple[object, ...]]:
+    """All that is asked and written of a shot; readings that follow one another are one entry."""
+    return [
+        ("journal.intent", shot, 1),
+        ("robot.state",),
+        ("robot.move_joints", *joints_deg),
+        ("robot.state",),
+        ("tracker.measure",),
+        ("robot.state",),
+        ("journal.outcome", shot, 1),
+    ]
+
+
 GOLDEN_TWO_PAIRS = [
     ("journal.series-started",),
     ("robot.state",),
     ("journal.session-started",),
     # the drift pose: the robot stands there already, and is still sent there
-    ("journal.intent", 0, 1),
-    ("robot.state",),
-    ("robot.move_joints", 31.34, 31.34, 21.0, 21.0),
-    ("robot.state",),
-    ("tracker.measure",),
-    ("robot.state",),
-    ("journal.outcome", 0, 1),
+    *taken(0, 31.34, 31.34, 21.0, 21.0),
     # pair 0
-    ("journal.intent", 1, 1),
-    ("robot.state",),
-    ("robot.move_joints", 55.48, 29.16, 5.3, 36.98),
-    ("robot.state",),
-    ("tracker.measure",),
-    ("robot.state",),
-    ("journal.outcome", 1, 1),
-    ("journal.intent", 2, 1),
-    ("robot.state",),
-    ("robot.move_joints", 25.37, 48.81, 26.23, -8.9),
-    ("robot.state",),
-    ("tracker.measure",),
-    ("robot.state",),
-    ("journal.outcome", 2, 1),
+    *taken(1, 55.48, 29.16, 5.3, 36.98),
+    *taken(2, 25.37, 48.81, 26.23, -8.9),
     # pair 1
-    ("journal.intent", 3, 1),
-    ("robot.state",),
-    ("robot.move_joints", 17.98, 33.69, 52.36, 39.16),
-    ("robot.state",),
-    ("tracker.measure",),
-    ("robot.state",),
-    ("journal.outcome", 3, 1),
-    ("journal.intent", 4, 1),
-    ("robot.state",),
-    ("robot.move_joints", 17.49, 1.97, 17.63, 37.36),
-    ("robot.state",),
-    ("tracker.measure",),
-    ("robot.state",),
-    ("journal.outcome", 4, 1),
+    *taken(3, 17.98, 33.69, 52.36, 39.16),
+    *taken(4, 17.49, 1.97, 17.63, 37.36),
     # the drift pose again, compared with the first one
-    ("journal.intent", 5, 1),
-    ("robot.state",),
-    ("robot.move_joints", 31.34, 31.34, 21.0, 21.0),
-    ("robot.state",),
-    ("tracker.measure",),
-    ("robot.state",),
+    *taken(5, 31.34, 31.34, 21.0, 21.0)[:-1],
     ("journal.event",),
     ("journal.outcome", 5, 1),
     ("journal.series-finished",),
     ("journal.session-stopped",),
 ]
-"""Readings of the robot that follow one another are one entry."""
 
 
 def test_golden_sequence_of_a_two_pair_plan_and_what_its_outcomes_hold(tmp_path: Path) -> None:

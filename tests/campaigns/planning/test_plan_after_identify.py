@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_identifications import body
 
 from app.new_campaign import create_simulated
 from campaigns.campaign import Campaign, open_campaign
@@ -17,7 +18,6 @@ from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement, joints_of, poses_of
 from campaigns.workflow.planning import plan
 
-SPREAD = {"mean_abs": 1.0, "rms": 1.5, "max_abs": 3.0}
 OFF = {"mm": 5.0, "deg": 3.0}
 AFTER = PlanOptions(shots=40, model=Model.STANDARD, after_identify=True)
 OPTIMAL = replace(AFTER, placement=Placement.OPTIMAL, candidates=200)
@@ -36,35 +36,13 @@ def identified(tmp_path: Path) -> Identified:
         new = {**old} | {
             name: old[name] + OFF[old.space[name].unit] * rng.uniform(-1.0, 1.0) for name in free
         }
-        body = {
-            "schema": "pkmcal/identification/1",
-            "estimator": "points",
-            "converged": True,
-            "iterations": 9,
-            "rank": len(free),
-            "condition": 12.5,
-            "dof": 151,
-            "parameters": {
-                name: {"nominal": old[name], "value": new[name], "std": 0.01, "free": name in free}
-                for name in new
-            },
-            "excluded": [],
-            "unobservable": [],
-            "residuals_mm": {"before": SPREAD, "after": SPREAD},
-            "unseen_mm": {"before": SPREAD, "after": SPREAD},
-            "verdict": "pass",
-            "reasons": [],
-            "seconds": 0.1,
-            "series": 1,
-            "shots": 163,
-            "robot_digest": campaign.robot.digest(),
-            "plan_digest": "a" * 64,
-            "journal_digest": "b" * 64,
-            "journal_records": 500,
-            "at_utc": "2026-03-02T08:00:00Z",
+        parameters = {
+            name: {"nominal": old[name], "value": new[name], "std": 0.01, "free": name in free}
+            for name in new
         }
+        found = body(parameters, robot_digest=campaign.robot.digest(), **more)
         with campaign.journal() as journal:
-            journal.append(Finding("identification", body | more))
+            journal.append(Finding("identification", found))
         return campaign, Kinematics.of(campaign.robot.mechanism, new)
 
     return make
