@@ -27,16 +27,15 @@ from benchmarks.shared.measured_robot import (
     by_distances,
     by_points,
     distance_problem,
-    largest_differences,
     measured_robot,
     point_problem,
     position_model,
     printed_parameters,
 )
-from benchmarks.shared.prototype import FREE_PLACES, NOMINAL
+from benchmarks.shared.prototype import FREE_ANGLES, FREE_PLACES, NOMINAL
 from benchmarks.shared.rounds import Contestant, Run, contestant, least_s, ratio, take_turns
 from benchmarks.shared.yardstick import Figure, Report, Table, main
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array, Mask
 from campaigns.estimation.least_squares import Residuals
 from campaigns.estimation.rigid_transforms import fit_transform
 
@@ -93,11 +92,12 @@ def contest(
     return Report(figures, [Table(title, COLUMNS, rows)])
 
 
-def apart(mm: float, deg: float, limits: tuple[float, float]) -> list[Figure]:
+def apart(off: Array, is_angle: Mask, limits: tuple[float, float]) -> list[Figure]:
     """Largest differences of two answers: a ratio against another answer is worth nothing."""
+    mm, deg = off[~is_angle].max(), np.degrees(off[is_angle].max())
     return [
-        Figure("lengths apart", mm, "mm", highest=limits[0]),
-        Figure("angles apart", deg, "°", highest=limits[1]),
+        Figure("lengths apart", float(mm), "mm", highest=limits[0]),
+        Figure("angles apart", float(deg), "°", highest=limits[1]),
     ]
 
 
@@ -106,7 +106,7 @@ def same_parameters(
     ours: Sequence[Run[Array]],
     limits: tuple[float, float] = SAME_PARAMETERS,
 ) -> list[Figure]:
-    return apart(*largest_differences(theirs[-1].answer, ours[-1].answer), limits)
+    return apart(np.abs(theirs[-1].answer - ours[-1].answer), FREE_ANGLES, limits)
 
 
 def same_minimum(theirs: Sequence[Run[Array]], ours: Sequence[Run[Array]]) -> list[Figure]:
@@ -118,7 +118,7 @@ def same_minimum(theirs: Sequence[Run[Array]], ours: Sequence[Run[Array]]) -> li
 def same_poses(theirs: Sequence[Run[Array]], ours: Sequence[Run[Array]]) -> list[Figure]:
     found = theirs[-1].answer
     off = np.abs(found - ours[-1].answer[: len(found)]).max(axis=0)
-    return apart(float(off[:3].max()), float(np.degrees(off[3])), SAME_POSES)
+    return apart(off, np.arange(4) == len(AXES), SAME_POSES)
 
 
 def unseen_errors(theirs: Sequence[Run[float]], _ours: Sequence[Run[Array]]) -> list[Figure]:

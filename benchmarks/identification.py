@@ -50,30 +50,26 @@ def measure(rounds: int) -> Report:
     return Report([*solving(robot, rounds), *running(robot), *studying(rounds)])
 
 
-def solving(robot: MeasuredRobot, rounds: int) -> list[Figure]:
+def solving(robot: MeasuredRobot, rounds: int) -> Iterator[Figure]:
     estimators = by_distances, by_points
     solves = [partial(solve, robot, free) for free in (FREE_PLACES, FULL) for solve in estimators]
     taken = take_turns([contestant(solve, REPEATS) for solve in solves], rounds)
     usual, full = map(least_s, taken[: len(estimators)]), map(least_s, taken[len(estimators) :])
-    figures, beside = list[Figure](), list[Figure]()
     for (name, limit), own_s, full_s in zip(LIMITS_MS.items(), usual, full, strict=True):
-        figures.append(Figure(f"solution of {name}", 1e3 * own_s, "ms", highest=limit))
+        yield Figure(f"solution of {name}", 1e3 * own_s, "ms", highest=limit)
         label = f"full model over the 22, {name}"
-        beside.append(Figure(label, full_s / own_s, highest=FULL_OVER_USUAL))
-    return [*figures, *beside]
+        yield Figure(label, full_s / own_s, highest=FULL_OVER_USUAL)
 
 
-def running(robot: MeasuredRobot) -> list[Figure]:
+def running(robot: MeasuredRobot) -> Iterator[Figure]:
     """What one more shot costs, as the median of the shots around each of `RUNNING_AT`."""
     fit, half, costs_ms = IncrementalGaussNewton(NOMINAL, FREE), REPEATS // 2, []
     for shot in range(max(RUNNING_AT) + half + 1):
         row = shot % len(robot.joints)  # the file has fewer shots: they come round again
         costs_ms.append(1e3 * timed_s(partial(fit.add, robot.joints[row], robot.points_mm[row])))
-    around = {at: costs_ms[max(0, at - half) : at + half + 1] for at in RUNNING_AT}
-    return [
-        Figure(f"one more shot after {at}", statistics.median(some), "ms")
-        for at, some in around.items()
-    ]
+    for at in RUNNING_AT:
+        some = costs_ms[max(0, at - half) : at + half + 1]
+        yield Figure(f"one more shot after {at}", statistics.median(some), "ms")
 
 
 def studying(rounds: int) -> Iterator[Figure]:

@@ -11,10 +11,11 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 
 import numpy as np
 
@@ -33,45 +34,29 @@ NOISE_MM = 0.01
 COLUMNS = ("", "size", "s", "exponent", "MB", "× old")
 Costs = dict[str, dict[int, Cost]]
 """By work and size."""
-Works = list[tuple[str, Callable[[], object]]]
 
 
 def measure(shots: int, campaigns: int, candidates: int, picture: str, old: str) -> Report:
     asked = {"shots": shots, "campaigns": campaigns, "candidates": candidates}
     found, before = Costs(), Costs()
+    code_of_old = patch.dict(os.environ, PYTHONPATH=old)
     with TemporaryDirectory() as scratch:
         for what, largest in asked.items():
             for size in _sizes(LEAST[what], largest):
                 name = f"{what}-{size}"
-                works = begun(what, Path(scratch) / name, size)
-                theirs = begun(what, Path(scratch) / f"old-{name}", size, old) if old else works
+                works = [*WORKS[what](Path(scratch) / name, size)]
+                with code_of_old:
+                    theirs = [*WORKS[what](Path(scratch) / f"old-{name}", size)] if old else works
                 for (name, work), (_, old_work) in zip(works, theirs, strict=True):
                     found.setdefault(name, {})[size] = cost_of(work)
                     if old and getattr(old_work, "func", None) is pkmcal:
-                        with code_of(old), suppress(SystemExit):  # it may not know the command
+                        with code_of_old, suppress(SystemExit):  # it may not know the command
                             before.setdefault(name, {})[size] = cost_of(old_work)
                     print(f"{name}, {size}: {found[name][size].seconds:.4g} s", file=sys.stderr)
     if picture:
         draw(found, Path(picture))
     rows = [*_rows(found, before)]
     return Report(tables=[Table("processor time and memory by size", COLUMNS, rows)])
-
-
-@contextmanager
-def code_of(checkout: str) -> Iterator[None]:
-    """Commands are those of a checkout, of this code if it is empty."""
-    own = os.environ.get("PYTHONPATH", "")
-    os.environ["PYTHONPATH"] = checkout or own
-    try:
-        yield
-    finally:
-        os.environ["PYTHONPATH"] = own
-
-
-def begun(what: str, folder: Path, size: int, checkout: str = "") -> Works:
-    """Works of a size, after what comes before the first."""
-    with code_of(checkout):
-        return [*WORKS[what](folder, size)]
 
 
 def of_shots(folder: Path, size: int) -> Iterator[tuple[str, Callable[[], object]]]:

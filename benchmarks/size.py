@@ -37,11 +37,8 @@ def classes_in(*folders: str) -> list[ast.ClassDef]:
 
 
 def is_dataclass(found: ast.ClassDef) -> bool:
-    for mark in found.decorator_list:
-        name = mark.func if isinstance(mark, ast.Call) else mark
-        if "dataclass" in (getattr(name, "id", ""), getattr(name, "attr", "")):
-            return True
-    return False
+    marks = (each.func if isinstance(each, ast.Call) else each for each in found.decorator_list)
+    return any("dataclass" in (getattr(m, "id", ""), getattr(m, "attr", "")) for m in marks)
 
 
 def import_contracts() -> int:

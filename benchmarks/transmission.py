@@ -126,9 +126,8 @@ def measure(robots: int, clean: int) -> Report:
 
 def kept_of_clean(name: str, robots: int) -> list[str]:
     """Model kept of each robot that the usual one describes."""
-    (found,) = studied(
-        name, "drawn-robots", SHOTS, ("--effects", "clean", "--model", "auto"), robots
-    )
+    asked = ("--effects", "clean", "--model", "auto")
+    (found,) = studied(name, "drawn-robots", SHOTS, asked, robots)
     return [verdict.model for verdict in found.verdicts()]
 
 

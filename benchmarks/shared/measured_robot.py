@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.shared.prototype import FREE_ANGLES, FREE_PLACES, NOMINAL, SPACE
+from benchmarks.shared.prototype import FREE_PLACES, NOMINAL, SPACE
 from campaigns.arrays import Array, Index
 from campaigns.estimation.least_squares import Solution, solve
 from campaigns.estimation.point_sets import distances_mm
@@ -77,9 +77,3 @@ def _parameters(fit: Solution, free: Index) -> Array:
 def printed_parameters(geometry: Kinematics) -> Array:
     """The 29 of the paper's eq. 1, mm and rad: all that a lab knows of."""
     return geometry.p[: len(SPACE.names)]
-
-
-def largest_differences(one: Array, other: Array) -> tuple[float, float]:
-    """The largest difference of two answers (22,): in a length, mm, and in an angle, deg."""
-    off = np.abs(one - other)
-    return float(off[~FREE_ANGLES].max()), float(np.degrees(off[FREE_ANGLES].max()))
