@@ -16,6 +16,7 @@ from numba import njit
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation import variance_components
 from campaigns.estimation.gauss_newton import LEAST_PIVOT
+from campaigns.estimation.observability import RANK_TOLERANCE
 from campaigns.mechanisms.closed_chain import MISFIT_OF_STEP
 
 Closed: TypeAlias = tuple[Array, Array, Array, Array, Index, Array, Array, Array]
@@ -484,18 +485,38 @@ def point_steps(
 
 
 @_compiled
-def distance_jacobians(closed: Closed, first: Index, second: Index, whitening: Array) -> Array:
+def distance_residuals(
+    poses: Array, first: Index, second: Index, measured_mm: Array, whitening: Array
+) -> Array:
+    """Whitened differences (R, M) of distances between shots `first` and `second` from measured."""
+    residuals = np.empty(measured_mm.shape)
+    for r in range(len(poses)):
+        pose = poses[r]
+        for m in range(len(first)):
+            a, b = first[m], second[m]
+            x, y, z = pose[0, b] - pose[0, a], pose[1, b] - pose[1, a], pose[2, b] - pose[2, a]
+            off_mm = np.sqrt(x * x + y * y + z * z) - measured_mm[r, m]
+            residuals[r, m] = whitening[r, m] * off_mm
+    return residuals
+
+
+@_compiled
+def distance_jacobians(
+    closed: Closed, first: Index, second: Index, whitening: Array, residual: Array
+) -> tuple[Array, Array, Array, Mask]:
     """Whitened derivatives (R, F, M) of distances between shots `first` and `second`.
 
+    And steps (R, F) from residuals (R, M), if there are any, their lengths, and which to trust.
     Each shot is an end of one distance at most.
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
-    forearms, by_turn = np.empty((4, 3, shots)), np.empty((4, shots))
-    inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
+    forearms, inverse, _ = _room(shots)
+    by_turn, determinant = np.empty((4, shots)), np.empty(shots)
     through, of_shots = np.zeros((1, 4, shots)), np.empty((free, 1, shots))
     jacobians, of_turns = np.empty((robots, free, len(first))), np.empty((2, shots))
-    along = np.zeros((3, shots))
+    steps, lengths = np.empty((robots, free)), np.empty(robots)
+    along, regular = np.zeros((3, shots)), np.zeros(robots, dtype=np.bool_)
     for r in range(robots):
         pose = poses[r]
         _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
@@ -518,18 +539,9 @@ def distance_jacobians(closed: Closed, first: Index, second: Index, whitening: A
             for m in range(len(first)):
                 both = of_shots[place, 0, second[m]] + of_shots[place, 0, first[m]]
                 jacobians[r, place, m] = both
-    return jacobians
-
-
-@_compiled
-def gauss_newton_steps(jacobians: Array, residual: Array) -> tuple[Array, Array, Mask]:
-    """Steps (R, P) by Jacobians' columns (R, P, M), their lengths, and which to trust."""
-    robots, unknowns, _ = jacobians.shape
-    steps, lengths = np.empty((robots, unknowns)), np.empty(robots)
-    regular = np.empty(robots, dtype=np.bool_)
-    for r in range(robots):
-        lengths[r], regular[r] = _step(jacobians[r], residual[r], steps[r])
-    return steps, lengths, regular
+        if len(residual):
+            lengths[r], regular[r] = _step(jacobians[r], residual[r], steps[r])
+    return jacobians, steps, lengths, regular
 
 
 @_compiled
@@ -572,16 +584,40 @@ def _triangle(rows: Array, norms: Array, root: Array, basis: Array) -> bool:
 
 
 @_compiled
-def triangles(jacobians: Array) -> tuple[Array, Array, Mask]:
-    """Triangles (R, P, P) of Jacobians' columns (R, P, M) made unit, norms; which are regular."""
+def _covariance(root: Array, norms: Array, covariance: Array) -> bool:
+    """(JᵀJ)⁻¹ by the root of products made unit; whether its rank is beyond doubt."""
+    count, inverse = len(root), np.zeros(root.shape)
+    square = inverse_square = 0.0
+    for a in range(count):
+        inverse[a, a] = 1.0
+        for k in range(a):
+            for b in range(k + 1):
+                inverse[a, b] -= root[a, k] * inverse[k, b]
+        for b in range(a + 1):
+            inverse[a, b] /= root[a, a]
+            square += root[a, b] ** 2
+            inverse_square += inverse[a, b] ** 2
+    covariance[:] = 0.0
+    for k in range(count):
+        for a in range(k + 1):
+            inverse[k, a] /= norms[a]
+        for a in range(k + 1):
+            for b in range(k + 1):
+                covariance[a, b] += inverse[k, a] * inverse[k, b]
+    return bool(square * inverse_square < RANK_TOLERANCE**-2)
+
+
+@_compiled
+def covariances(jacobians: Array) -> tuple[Array, Mask]:
+    """Covariances (R, P, P) by Jacobians' columns (R, P, M), and whose rank is beyond doubt."""
     robots, unknowns, measured = jacobians.shape
-    found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
+    found, norms = np.empty((robots, unknowns, unknowns)), np.empty(unknowns)
     regular = np.empty(robots, dtype=np.bool_)
     root, basis = np.empty((unknowns, unknowns)), np.empty((unknowns, measured))
     for r in range(robots):
-        regular[r] = _triangle(jacobians[r], norms[r], root, basis)
-        found[r] = root.T
-    return found, norms, regular
+        regular[r] = _triangle(jacobians[r], norms, root, basis)
+        regular[r] &= _covariance(root, norms, found[r])
+    return found, regular
 
 
 @_compiled
@@ -618,8 +654,8 @@ def _add_products(vectors: Array, products: Array) -> None:
 @_compiled
 def point_scores(
     closed: Closed, rotation: Array, by_angle: Array, whitening: Array, slopes: Array, left: Array
-) -> tuple[Array, Array, Mask, Array]:
-    """Triangles as `triangles`, of the derivatives of points, and scores of both components (2, R).
+) -> tuple[Array, Mask, Array]:
+    """Covariances as `covariances`, by the derivatives of points, and scores of components (2, R).
 
     `slopes` of the functions of the joints, (2, n, N); whitened residuals (R, 3 N).
     """
@@ -629,7 +665,7 @@ def point_scores(
     jacobian, column = np.empty((unknowns, 3, shots)), np.empty((3, shots))
     closure = np.empty((1, shots))
     basis, root = np.empty((unknowns, 3 * shots)), np.empty((unknowns, unknowns))
-    found, norms = np.empty((robots, unknowns, unknowns)), np.empty((robots, unknowns))
+    found, norms = np.empty((robots, unknowns, unknowns)), np.empty(unknowns)
     regular, scores = np.empty(robots, dtype=np.bool_), np.empty((2, robots))
     leverage, products = np.empty((6, shots)), np.empty((6, shots))
     forearms, _, through = room
@@ -637,15 +673,17 @@ def point_scores(
         own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
         frame = rotation[r], by_angle[r], whitening[r]
         _point_jacobian((functions, *own), *frame, room, jacobian)
-        regular[r] = _triangle(jacobian.reshape(unknowns, 3 * shots), norms[r], root, basis)
-        found[r] = root.T
+        regular[r] = _triangle(jacobian.reshape(unknowns, 3 * shots), norms, root, basis)
+        regular[r] &= _covariance(root, norms, found[r])
         leverage[:] = 0.0
         for a in range(unknowns):
             _add_products(basis[a].reshape(3, shots), leverage)
         by_shot = left[r].reshape(3, shots)
         products[:] = 0.0
         for axis in range(3):
-            _add_products(whitening[r, :, axis], products)
+            for row in range(3):
+                column[row] = whitening[r, row, axis]
+            _add_products(column, products)
         scores[0, r] = _score(products, by_shot, leverage)
         products[:] = 0.0
         for arm in range(arms):
@@ -660,7 +698,7 @@ def point_scores(
                     column[row, n] = through[row, arm, n] * closure[0, n]
             _add_products(column, products)
         scores[1, r] = _score(products, by_shot, leverage)
-    return found, norms, regular, scores
+    return found, regular, scores
 
 
 @_compiled

@@ -31,6 +31,12 @@ from campaigns.mechanisms.parameters import ParameterSpace
 
 WITH_TURN = 4
 """Task coordinates of any mechanism, whether its platform turns or not."""
+KEPT_BYTES = 31 * 2**20
+"""The most, but for 1 MB, that glibc takes as a sign of how much to keep."""
+
+# freed at once: glibc then keeps what stacks free, up to twice as much, for the next ones; to give
+# pages back and have them cleared again took an eighth of a campaign's time
+np.empty(KEPT_BYTES, dtype=np.uint8)
 
 
 def closure_kernel(robot: Kinematics) -> ModuleType | None:
@@ -329,17 +335,15 @@ class PointStack:
             rows_of(self._jacobians, rows) if self.robots.kernel is None else self.jacobian(x, rows)
         )
 
-    def scored(
-        self, x: Array, residual: Array, rows: Index
-    ) -> tuple[Array, Array, Mask, Array] | None:
-        """Triangles (R, P, P) of the Jacobians at residuals (R, 3 N), norms, which are regular.
+    def scored(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Mask, Array] | None:
+        """Covariances (R, P, P) at residuals (R, 3 N), and whose rank is beyond doubt.
 
         And scores (2, R) of the robot's own scatter; None without a kernel.
         """
         if (kernel := self.robots.kernel) is None:
             return None
         found = kernel.point_scores(*self._closed_at(x, rows), self.robots.joint_slopes(), residual)
-        return found[0], found[1], found[2], found[3]
+        return found[0], found[1], found[2]
 
     def _closed_at(self, x: Array, rows: Index) -> tuple[object, ...]:
         """Closures and frames as the kernel takes them."""
@@ -414,17 +418,23 @@ class DistanceStack:
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """(R, M); which have an answer."""
         positions, found = self.robots.positions_mm(x, rows)
+        measured_mm, whitening = (
+            rows_of(each, rows) for each in (self._measured_mm, self._whitening)
+        )
+        if self.robots.kernel is not None:
+            of_pairs = self._first, self._second, measured_mm, whitening
+            return self.robots.kernel.distance_residuals(positions, *of_pairs), found
         lengths = np.linalg.norm(self._between(positions), axis=1)
-        return rows_of(self._whitening, rows) * (lengths - self._measured_mm[rows]), found
+        return whitening * (lengths - measured_mm), found
 
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, M), as `normal_step`."""
-        jacobian = self.jacobian(x, rows)
-        self._jacobians = with_rows(self._jacobians, rows, jacobian)
         if self.robots.kernel is None:
-            return normal_step(jacobian, residual)
-        columns = np.ascontiguousarray(jacobian.swapaxes(1, 2))
-        step, length, regular = self.robots.kernel.gauss_newton_steps(columns, residual)
+            jacobian = self.jacobian(x, rows)
+            step, length, regular = normal_step(jacobian, residual)
+        else:
+            jacobian, step, length, regular = self._compiled(x, residual, rows)
+        self._jacobians = with_rows(self._jacobians, rows, jacobian)
         return step, length, regular
 
     def change(self, step: Array, rows: Index) -> Array:
@@ -438,15 +448,21 @@ class DistanceStack:
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters, (R, M, F)."""
         if self.robots.kernel is not None:
-            pairs = (self._first, self._second, rows_of(self._whitening, rows))
-            found = self.robots.kernel.distance_jacobians(self.robots.closed_at(x, rows), *pairs)
-            return np.asarray(found.swapaxes(1, 2))
+            return self._compiled(x, np.empty((0, len(self._first))), rows)[0]
         positions, by_x = self.robots.jacobian(x, rows)
         between = self._between(positions)
         lengths = np.maximum(np.linalg.norm(between, axis=1), TINY_MM)
         along = (between * (rows_of(self._whitening, rows) / lengths)[:, None]).swapaxes(0, 1)
         columns = sum(a * b for a, b in zip(along, self._between(by_x), strict=True))
         return np.ascontiguousarray(np.swapaxes(columns, 0, 1)).swapaxes(1, 2)
+
+    def _compiled(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Array, Mask]:
+        """Jacobians (R, M, F) and, from residuals (R, M) if there are any, what `step` gives."""
+        assert self.robots.kernel is not None, "asked for where there is one"
+        pairs = self._first, self._second, rows_of(self._whitening, rows), residual
+        closed = self.robots.closed_at(x, rows)
+        jacobians, step, length, regular = self.robots.kernel.distance_jacobians(closed, *pairs)
+        return jacobians.swapaxes(1, 2), step, length, regular
 
     def _between(self, each: Array) -> Array:
         """From first to second shots, (…, M) of (…, N)."""

@@ -124,7 +124,7 @@ def _fit_points(
     found = FitStack(solution.x, np.zeros((len(plain), unknowns, unknowns)), plain)
     if not (every := np.flatnonzero(plain)).size:
         return found, (robots, covariance, kept)
-    found.covariance[every], scores = _scored(problem, solution, every, of_points=of_points)
+    found.covariance[every], scores = _scored(problem, solution, every)
     least = variance_components.hopeless_score(measured[0].size - unknowns)
     hopeful = (scores >= least).any(axis=0)
     plain[every[hopeful]] &= kept[every[hopeful]].all(axis=1)
@@ -160,7 +160,7 @@ def _fit_points(
             plain[row] = is_plain[0] and agree.all()
             if not plain[row]:
                 break
-            found.covariance[own], _ = _scored(fitted, refit, one, of_points=of_points)
+            found.covariance[own], _ = _scored(fitted, refit, one)
             of_refit = (
                 each(refit.x, one)[0] for each in (fitted.last_jacobians, fitted.whitened_by_joints)
             )
@@ -199,21 +199,17 @@ def _linearized(
     return variance_components.LinearizedShots(misfit_mm[:, :, 0], jacobian, stated_mm2, through)
 
 
-def _scored(
-    problem: PointStack, solution: StackSolution, rows: Index, *, of_points: bool
-) -> tuple[Array, Array]:
-    """Covariances (R, P, P) of rows, where points are what is asked for, and scores of components.
+def _scored(problem: PointStack, solution: StackSolution, rows: Index) -> tuple[Array, Array]:
+    """Covariances (R, P, P) of rows, and scores of components, (2, R).
 
-    These are (2, R). Raises `LinAlgError` for a lost rank.
+    Raises `LinAlgError` for a lost rank.
     """
     x, residual = solution.x[rows], solution.residual[rows]
     if compiled := problem.scored(x, residual, rows):
-        triangles, norms, regular, scores = compiled
+        own, regular, scores = compiled
         if not regular.all():  # by another way others' rounding would depend on it
             raise np.linalg.LinAlgError("a Jacobian is all but singular")
-        if not of_points:
-            return np.zeros((len(rows), x.shape[1], x.shape[1])), scores
-        return information.covariance_of_triangle(triangles, norms), scores
+        return own, scores
     jacobians, left = problem.last_jacobians(x, rows), residual.reshape(len(x), COORDINATES, -1)
     own = information.covariance(jacobians)
     by_x = jacobians.reshape(*left.shape, x.shape[1])
@@ -324,8 +320,7 @@ def covariances(kernel: ModuleType | None, jacobians: Array) -> Array:
     """Covariances (R, P, P) of Jacobians (R, M, P); `LinAlgError` for a lost rank."""
     if kernel is None:
         return information.covariance(jacobians)
-    columns = np.ascontiguousarray(jacobians.swapaxes(1, 2))
-    triangles, norms, regular = kernel.triangles(columns)
+    found, regular = kernel.covariances(np.ascontiguousarray(jacobians.swapaxes(1, 2)))
     if not regular.all():
-        triangles[~regular] = np.linalg.qr(jacobians[~regular] / norms[~regular][:, None], mode="r")
-    return information.covariance_of_triangle(triangles, norms)
+        found[~regular] = information.covariance(jacobians[~regular])
+    return np.asarray(found)

@@ -108,10 +108,13 @@ def test_compiled_scores_of_a_robots_own_scatter_are_those_by_numpy(member):
     problem, rows = _points(robots, points_mm, covariance_mm2, frames), np.arange(CAMPAIGNS)
     x = problem.start()
     residual, _ = problem.residual(x, rows)
-    *_, regular, scores = problem.scored(x, residual, rows)
+    covariance, regular, scores = problem.scored(x, residual, rows)
     left, jacobian = residual.reshape(CAMPAIGNS, 3, -1), problem.jacobian(x, rows)
-    by_x = jacobian.reshape(*left.shape, -1)
-    known = by_x @ information.covariance(jacobian)[:, None]
+    by_x, known = jacobian.reshape(*left.shape, -1), information.covariance(jacobian)
+    std = np.sqrt(np.diagonal(known, axis1=1, axis2=2))
+    off = (covariance - known) / (std[:, :, None] * std[:, None])
+    np.testing.assert_allclose(off, 0.0, atol=1e-9)
+    known = by_x @ known[:, None]
     leverage = np.einsum("cinp,cjnp->cijn", known, by_x)
     by_joints = problem.whitened_by_joints(x, rows).swapaxes(1, 2)
     wanted = component_scores(left, leverage, problem.whitening, by_joints)
@@ -213,14 +216,14 @@ def test_compiled_cosines_and_sines_are_those_of_the_library_all_around():
 @pytest.mark.peer
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("apart", [1.0, 1e-2, 1e-4])
-def test_compiled_triangles_are_those_of_qr_where_columns_are_nearly_alike(apart):
+def test_compiled_covariances_are_those_by_qr_where_columns_are_nearly_alike(apart):
     columns = np.random.default_rng(5).standard_normal((2, 4, 30)) * [[[1.0], [1e3], [1e-3], [1.0]]]
     columns[:, 3] = columns[:, 0] + apart * columns[:, 3]
-    triangles, norms, regular = kernel_of(ALL_MEMBERS[0]).triangles(columns)
+    found, regular = kernel_of(ALL_MEMBERS[0]).covariances(columns)
     wanted = information.covariance(columns.swapaxes(1, 2))
     std = np.sqrt(np.diagonal(wanted, axis1=1, axis2=2))
-    off = information.covariance_of_triangle(triangles, norms) - wanted
+    off = found - wanted
     np.testing.assert_allclose(off / (std[:, :, None] * std[:, None]), 0.0, atol=1e-9)
     assert regular.all()
     columns[0, 3] = columns[0, 0]
-    assert kernel_of(ALL_MEMBERS[0]).triangles(columns)[-1].tolist() == [False, True]
+    assert kernel_of(ALL_MEMBERS[0]).covariances(columns)[-1].tolist() == [False, True]
