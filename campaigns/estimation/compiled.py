@@ -280,6 +280,46 @@ def _whitened(whitening: Array, vectors: Array, out: Array) -> None:
 
 
 @_compiled
+def weighed_points(
+    points_mm: Array,
+    along_mm: float,
+    along_per_mm: float,
+    across_mm: float,
+    across_per_mm: float,
+    robot_scatter_mm: float,
+) -> tuple[Array, Array, Array, bool]:
+    """Points (R, N, 3) by component, (R, 3, N), and the covariances (R, N, 3, 3) of a tracker.
+
+    And what whitens these, (R, 3, 3, N), as `point_covariance_mm2` and `inverse_roots`; whether all
+    are positive definite.
+    """
+    robots, shots, _ = points_mm.shape
+    by_component, covariance = np.empty((robots, 3, shots)), np.empty((robots, shots, 3, 3))
+    whitening, finite = np.zeros((robots, 3, 3, shots)), True
+    for r in range(robots):
+        for n in range(shots):
+            p, c, w = points_mm[r, n], covariance[r, n], whitening[r, :, :, n]
+            distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+            along = (along_mm + along_per_mm * distance) ** 2
+            across = (across_mm + across_per_mm * distance) ** 2
+            for i in range(3):
+                by_component[r, i, n] = p[i]
+                for j in range(3):
+                    c[i, j] = (along - across) * ((p[i] / distance) * (p[j] / distance))
+                c[i, i] += across + robot_scatter_mm**2
+            first = 1.0 / np.sqrt(c[0, 0])
+            y, z = c[1, 0] * first, c[2, 0] * first
+            second = 1.0 / np.sqrt(c[1, 1] - y * y)
+            aside = (c[2, 1] - z * y) * second
+            third = 1.0 / np.sqrt(c[2, 2] - z * z - aside * aside)
+            w[0, 0], w[1, 1], w[2, 2] = first, second, third
+            w[1, 0], w[2, 1] = -y * first * second, -aside * second * third
+            w[2, 0] = (aside * y * second - z) * first * third
+            finite &= bool(np.isfinite(first + second + third))
+    return by_component, covariance, whitening, finite
+
+
+@_compiled
 def point_residuals(
     poses: Array, rotation: Array, shift_mm: Array, points_mm: Array, whitening: Array
 ) -> Array:

@@ -272,6 +272,9 @@ class PointStack:
         self.robots = robots
         self._points_mm, self.whitening = points_mm, whitening
         self._rotation, self._translation_mm = guesses
+        none = np.empty((0, 3, 3))
+        self._last: tuple[Index, Array, tuple[Array, Array]] = np.empty(0, int), none, (none, none)
+        """Rows and angles (R, 3) that were last turned by, and what `_turned` gave."""
         if robots.kernel is None:
             count, free = robots.start.shape
             self._jacobians = _columns(count, 3 * points_mm.shape[2], free + FRAME_COLUMNS)
@@ -299,14 +302,10 @@ class PointStack:
         start[:, coarse] += step
         return start
 
-    def rotations(self, x: Array, rows: Index) -> Array:
-        """From base to tracker, (R, 3, 3)."""
-        return np.asarray(self._rotation[rows] @ small_rotation(x[:, -6:-3])[0])
-
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """Component by component, (R, 3 N); which have an answer."""
         positions, found = self.robots.positions_mm(x[:, :-FRAME_COLUMNS], rows)
-        translation, rotation = self._translation_mm[rows] + x[:, -3:], self.rotations(x, rows)
+        translation, (rotation, _) = self._translation_mm[rows] + x[:, -3:], self._turned(x, rows)
         points, whitening = rows_of(self._points_mm, rows), rows_of(self.whitening, rows)
         if self.robots.kernel is not None:
             modelled = positions, rotation, translation
@@ -353,9 +352,14 @@ class PointStack:
 
     def _turned(self, x: Array, rows: Index) -> tuple[Array, Array]:
         """Rotations from base to tracker (R, 3, 3), and by their angles (R, 3, 3, 3)."""
-        turn, by_angle = small_rotation(x[:, -6:-3])
-        rotation, by_angle = self._rotation[rows] @ turn, self._rotation[rows][:, None] @ by_angle
-        return rotation, np.ascontiguousarray(by_angle)
+        angles, guesses = x[:, -6:-3].copy(), self._rotation[rows]
+        last_rows, last_angles, turned = self._last
+        if np.array_equal(last_rows, rows) and np.array_equal(last_angles, angles):
+            return turned
+        turn, by_angle = small_rotation(angles)
+        turned = guesses @ turn, np.ascontiguousarray(guesses[:, None] @ by_angle)
+        self._last = rows, angles, turned
+        return turned
 
     def jacobian(self, x: Array, rows: Index) -> Array:
         """Derivatives by parameters and frame, (R, 3 N, F + 6)."""
@@ -374,7 +378,7 @@ class PointStack:
 
     def whitened_by_joints(self, x: Array, rows: Index) -> Array:
         """∂point/∂joints where Jacobians were last asked for, (R, n, 3, N)."""
-        rotation = self.rotations(x, rows)
+        rotation, _ = self._turned(x, rows)
         if self.robots.kernel is not None:
             closed = self.robots.closed_at(x[:, :-FRAME_COLUMNS], rows, by_offsets=True)
             frames = (rotation, np.empty((len(rows), 0, 3, 3)), rows_of(self.whitening, rows))

@@ -25,6 +25,7 @@ from campaigns.estimation.residual_stacks import (
 from campaigns.estimation.rigid_transforms import fit_frames
 from campaigns.estimation.robust import linear_inliers, rejection_threshold
 from campaigns.estimation.tracker_noise import (
+    TrackerUncertainty,
     distance_variance_mm2,
     inverse_roots,
     point_covariance_mm2,
@@ -113,11 +114,11 @@ def _fit_points(
     shots, near = inputs.shots, inputs.at_nominal.values
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     measured, joints, near = points_mm[:, rows], shots.joints[rows], near[rows]
-    stated = point_covariance_mm2(measured, inputs.options.instrument)
-    guesses, covariance = fit_frames(near[:, :3], measured), stated
+    guesses, kept = fit_frames(near[:, :3], measured), np.ones(measured.shape[:2], bool)
     near_all = np.broadcast_to(near.T, (len(measured), *near.T.shape))
     robots = _robots(inputs, joints, near_all, kernel)
-    problem, kept = _points(robots, measured, stated, guesses), np.ones(measured.shape[:2], bool)
+    stated, problem = _weighed(robots, measured, inputs.options.instrument, guesses)
+    covariance = stated
     of_points = inputs.options.estimator is Estimator.POINTS
     solution, plain = _solved(problem, problem.start(), kept, SETTLED if of_points else NEARLY)
     unknowns = solution.x.shape[1]
@@ -170,6 +171,29 @@ def _fit_points(
             if not scatter.any:
                 break
     return found, (robots, covariance, kept)
+
+
+def _weighed(
+    robots: RobotStack,
+    measured: Array,
+    instrument: TrackerUncertainty,
+    guesses: tuple[Array, Array],
+) -> tuple[Array, PointStack]:
+    """Covariances (C, N, 3, 3) that a tracker states of points (C, N, 3), and these so weighed."""
+    if robots.kernel is None:
+        stated = point_covariance_mm2(measured, instrument)
+        return stated, _points(robots, measured, stated, guesses)
+    points_mm, stated, roots, is_regular = robots.kernel.weighed_points(
+        measured,
+        instrument.along_mm,
+        instrument.along_per_mm,
+        instrument.across_mm,
+        instrument.across_per_mm,
+        instrument.robot_scatter_mm,
+    )
+    if not is_regular:
+        raise np.linalg.LinAlgError("a covariance is not positive definite")
+    return stated, PointStack(robots, points_mm, roots, guesses)
 
 
 def _points(

@@ -25,6 +25,7 @@ from drivers.values import Pose
 
 CAMPAIGNS, PAIRS = 4, {Model.STANDARD: 25, Model.FULL: 40}
 INSTRUMENT = tracker_noise.TrackerUncertainty()
+WEIGHING = ("along_mm", "along_per_mm", "across_mm", "across_per_mm", "robot_scatter_mm")
 TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 40.0, 0.0]))
 
 
@@ -227,3 +228,21 @@ def test_compiled_covariances_are_those_by_qr_where_columns_are_nearly_alike(apa
     assert regular.all()
     columns[0, 3] = columns[0, 0]
     assert kernel_of(ALL_MEMBERS[0]).covariances(columns)[-1].tolist() == [False, True]
+
+
+@pytest.mark.peer
+@pytest.mark.timeout(0)
+def test_compiled_weights_of_points_are_those_by_numpy_and_need_points():
+    _, points_mm = inputs_of(ALL_MEMBERS[0], Estimator.POINTS)
+    instrument = replace(INSTRUMENT, robot_scatter_mm=0.02)
+    of_instrument = [getattr(instrument, name) for name in WEIGHING]
+    weighed_points = kernel_of(ALL_MEMBERS[0]).weighed_points
+    by_component, covariance, whitening, is_regular = weighed_points(points_mm, *of_instrument)
+    wanted = tracker_noise.point_covariance_mm2(points_mm, instrument)
+    np.testing.assert_array_equal(by_component.swapaxes(1, 2), points_mm)
+    np.testing.assert_allclose(covariance, wanted, rtol=1e-12, atol=1e-16)
+    roots = np.moveaxis(whitening, -1, 1)
+    np.testing.assert_allclose(roots, tracker_noise.inverse_roots(wanted), rtol=1e-9, atol=1e-9)
+    assert is_regular
+    points_mm[2, 3] = 0.0
+    assert not weighed_points(points_mm, *of_instrument)[-1]
