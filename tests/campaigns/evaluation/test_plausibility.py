@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from refusals import refusal
 from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
@@ -63,9 +64,7 @@ def measured(name, seed=1, share=0.3, half=None):
 def complaint(name, shots, place_mm=None, told_half=None):
     nominal = find_robot(name).robot.kinematics
     nominal = replace(nominal, mechanism=nominal.mechanism.seen_from(told_half))
-    with pytest.raises(ShotsInvalid) as caught:
-        plausibility.check_shots(nominal, shots, "shots.csv", place_mm)
-    return str(caught.value)
+    return refusal(ShotsInvalid, plausibility.check_shots, nominal, shots, "shots.csv", place_mm)
 
 
 def on_station(name, *, half=1, columns=None):

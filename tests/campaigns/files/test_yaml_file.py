@@ -1,9 +1,12 @@
 """YAML files: whatever is in them is either read or answered with one line."""
 
+from functools import partial
+
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import Field
+from refusals import refusal, refusal_if_any
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
@@ -25,19 +28,10 @@ def read(text):
     return yaml_file.checked(yaml_file.parse_document(text, "sample.yaml"), SCHEMA, Sample)
 
 
-def answer_to(text):
-    """What is said of a text; nothing when it can be read."""
-    try:
-        read(text)
-    except ConfigInvalid as error:
-        return str(error)
-    return ""
+answer_to = partial(refusal_if_any, ConfigInvalid, read)
 
 
-def complaint(text):
-    with pytest.raises(ConfigInvalid) as caught:
-        read(text)
-    return str(caught.value)
+complaint = partial(refusal, ConfigInvalid, read)
 
 
 def with_schema(text):

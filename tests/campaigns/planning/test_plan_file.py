@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import Model
@@ -31,13 +33,7 @@ def digest(shots):
     return plan_file.plan_digest(shots, PAR4)
 
 
-def complaint(text):
-    with pytest.raises(PlanInvalid) as caught:
-        read(text)
-    said = str(caught.value)
-    assert "\n" not in said
-    assert said.startswith("plan.csv:")
-    return said
+complaint = partial(refusal, PlanInvalid, read, begins="plan.csv:")
 
 
 def test_rows_are_read_in_their_order_with_angles_in_rad():

@@ -2,10 +2,12 @@
 
 import math
 import re
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from campaigns.errors import ConfigInvalid, OutputExists, WriteFailed
 from campaigns.files.yaml_file import FileModel, checked, commented_yaml, parse_document
@@ -38,12 +40,7 @@ def read(text):
     return checked(parse_document(text, "campaign.yaml"), SCHEMA, CampaignConfig)
 
 
-def complaint(text):
-    with pytest.raises(ConfigInvalid) as caught:
-        read(text)
-    said = str(caught.value)
-    assert "\n" not in said
-    return said
+complaint = partial(refusal, ConfigInvalid, read)
 
 
 def test_new_campaign_reads_back_as_it_was_told(tmp_path):

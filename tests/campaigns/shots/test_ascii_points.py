@@ -1,10 +1,12 @@
 """Point files of SpatialAnalyzer and OpenIndy: what they mean, and what they cannot tell."""
 
 import math
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.shots.ascii_points import parse_points, read_points
@@ -31,14 +33,7 @@ def found(text, **told):
     return {point.name: point.point_mm for point in read(text, **told)[0]}
 
 
-def complaint(text, **told):
-    with pytest.raises(ShotsInvalid) as caught:
-        read(text, **told)
-    said = str(caught.value)
-    assert "\n" not in said
-    assert said.startswith("points.txt:")
-    assert " → " in said
-    return said
+complaint = partial(refusal, ShotsInvalid, read, begins="points.txt:")
 
 
 class TestForms:

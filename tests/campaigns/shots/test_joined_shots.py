@@ -4,6 +4,7 @@ import math
 
 import pytest
 from family_cases import VECTORS
+from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.mechanisms.par4 import PAR4
@@ -36,11 +37,7 @@ def join(tmp_path):
 @pytest.fixture
 def complaint(join, tmp_path):
     def said(*files, **told):
-        with pytest.raises(ShotsInvalid) as caught:
-            join(*files, **told)
-        text = str(caught.value)
-        assert "\n" not in text
-        assert text.startswith(str(tmp_path))
+        text = refusal(ShotsInvalid, join, *files, begins=str(tmp_path), **told)
         return text.replace(f"{tmp_path}/", "")
 
     return said

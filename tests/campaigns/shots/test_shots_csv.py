@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from family_cases import VECTORS
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal, refusal_if_any
 
 from campaigns.errors import OutputExists, ShotsInvalid
 from campaigns.mechanisms.par4 import PAR4
@@ -32,22 +34,10 @@ def text_of(shots):
     return shots_text(shots, PAR4)
 
 
-def answer_to(text):
-    """What is said of a text; nothing when it can be read."""
-    try:
-        read(text)
-    except ShotsInvalid as error:
-        return str(error)
-    return ""
+answer_to = partial(refusal_if_any, ShotsInvalid, read)
 
 
-def complaint(text):
-    with pytest.raises(ShotsInvalid) as caught:
-        read(text)
-    said = str(caught.value)
-    assert "\n" not in said
-    assert said.startswith("shots.csv:")
-    return said
+complaint = partial(refusal, ShotsInvalid, read, begins="shots.csv:")
 
 
 @pytest.mark.parametrize("name", ["table1-exact", "table1-tracker-noise", "table2-repeatability"])

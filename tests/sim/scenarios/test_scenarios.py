@@ -1,12 +1,12 @@
 """Scenario files: the shipped ones are what they say, and a wrong one is explained."""
 
 import math
-import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from sim.cell import Cell
 from sim.errors import ScenarioInvalid
@@ -25,12 +25,7 @@ tracker:
 
 
 def explained(text):
-    with pytest.raises(ScenarioInvalid) as refused:
-        parse_scenario(text, "cell.yaml")
-    line = str(refused.value)
-    assert re.match(r"cell\.yaml(:\d+)?: ", line)
-    assert "\n" not in line
-    return line
+    return refusal(ScenarioInvalid, parse_scenario, text, "cell.yaml", begins="cell.yaml:")
 
 
 def test_six_scenarios_are_shipped_and_each_makes_a_cell():
