@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
+DECISIONS: Mapping[str, str] = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
+"""How each decision looks."""
 LOOK_S = 0.1
 """How often a question looks at the wish to stop."""
 TYPED_BYTES = 4096

@@ -255,17 +255,10 @@ def measure_plan(
     plain: bool = False,
 ) -> RunResult:
     """Take up the unfinished series, or begin one, with the operator's yes."""
-
-    def prepare(cell: Cell) -> Work:  # noqa: ARG001 - the plan asks nothing of the devices
-        return work
-
-    def finish(journal: Journal, series: int) -> RunResult:
-        return run_result(journal, series, work)
-
     return measure(
         campaign,
-        prepare,
-        finish,
+        lambda _: work,  # the plan asks nothing of the devices
+        partial(run_result, work=work),
         terminal,
         title="run",
         stage="run",

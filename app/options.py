@@ -34,6 +34,7 @@ Json = Annotated[
 Yes = Annotated[
     bool, typer.Option("--yes", "-y", help="Do not ask whether the cell is clear: it is.")
 ]
+Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
 Dry = Annotated[bool, typer.Option("--dry", help="Show what would happen, and do nothing.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 Anew = Annotated[

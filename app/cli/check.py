@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import typer
 
-from app.console import BAD, GOOD, OPEN, Terminal, terminal_of
+from app.console import DECISIONS, OPEN, Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import measure
 from app.next import tell_next
@@ -103,7 +103,6 @@ def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck)
         f"{found.shots} shots: coordinates misfit by {found.misfit_mm:.4f} mm rms, expected "
         f"{found.expected_mm:.4f} (χ² {found.chi2:.0f} with {found.dof} degrees of freedom)"
     )
-    style = {"pass": GOOD, "fail": BAD}.get(found.decision, OPEN)
-    told = style == GOOD and found.base is not None and found.base.decision != "pass"
-    terminal.say(found.says, OPEN if told else style)
+    told = found.decision == "pass" and found.base is not None and found.base.decision != "pass"
+    terminal.say(found.says, OPEN if told else DECISIONS[found.decision])
     terminal.document(asdict(found) | tell_next(terminal, campaign))

@@ -9,14 +9,13 @@ from app.consent import require_consent
 from app.console import terminal_of
 from app.interrupt import awaited_signal
 from app.new_campaign import cell_text
-from app.options import Seed
+from app.options import Port, Seed
 from campaigns.robots.robot import find_robot
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.scenarios.scenario import load_scenario, parse_scenario
 
-Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
 Name = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A shipped scenario's name, or a cell file.")
 ]

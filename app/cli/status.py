@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 from pydantic_core import to_jsonable_python
 
-from app.console import BAD, GOOD, OPEN, WARNING, terminal_of
+from app.console import DECISIONS, WARNING, terminal_of
 from app.options import Folder, Json
 from app.remembered import Answer, Line, answer_to
 from campaigns.files.lock import lock_holder
@@ -17,7 +17,6 @@ from campaigns.files.lock import lock_holder
 if TYPE_CHECKING:
     from campaigns.workflow.status import CampaignStatus
 
-COLOURS = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 LATEST = 5
 """Series that are listed; `--json` has all."""
 
@@ -57,6 +56,6 @@ def _lines(found: "CampaignStatus") -> Iterator[Line]:
     yield from ((f"open: {text}", WARNING) for text in found.open)
     yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)
     if found.decision is not None:
-        yield f"verdict: {found.answer}", COLOURS[found.decision]
+        yield f"verdict: {found.answer}", DECISIONS[found.decision]
     yield from ((way.says, "") for way in found.ways)
     yield f"next: {found.next.says}" if found.next else "nothing is left to do", ""

@@ -13,7 +13,7 @@ from app.interrupt import awaited_signal
 from app.monitor.follower import Follower
 from app.monitor.live_state import utc_now
 from app.monitor.server import LiveServer, News, follow
-from app.options import Folder, Json
+from app.options import Folder, Json, Port
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
 
@@ -29,7 +29,6 @@ Host = Annotated[
         "address; the page's address then has a token.",
     ),
 ]
-Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
 
 
 def command(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from app.console import BAD, GOOD, OPEN, WARNING, Terminal
+from app.console import DECISIONS, WARNING, Terminal
 from app.report import model_sections
 from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
@@ -46,7 +46,7 @@ def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace)
         terminal.say(line)
     for line in _warnings(found):
         terminal.say(line, WARNING)
-    terminal.say(f"verdict: {found.verdict}", {"pass": GOOD, "fail": BAD}.get(found.verdict, OPEN))
+    terminal.say(f"verdict: {found.verdict}", DECISIONS[found.verdict])
     for reason in found.reasons:
         terminal.say(f"  {reason}")
     if any(name in space.extensions for name in found.free):

@@ -2,7 +2,7 @@
 
 import typer
 
-from app.console import BAD, GOOD, OPEN, Terminal
+from app.console import DECISIONS, GOOD, Terminal
 from app.exits import Exit
 from app.next import tell_next
 from app.report.results_sections import BEFORE_AND_AFTER, CUBE, limits
@@ -15,8 +15,6 @@ from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
 from campaigns.options import ValidationStage
 from campaigns.workflow.validation import Validated
-
-STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 
 
 def validation_document(found: Validated) -> dict[str, object]:
@@ -72,14 +70,14 @@ def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     # limits are for the calibrated robot
     says, style = "before calibration, only stated", ""
     if stage == "after":
-        says, style = "not good", STYLES.get(verdict.decision or "", "")
+        says, style = "not good", DECISIONS.get(verdict.decision or "", "")
     for reason in verdict.reasons:
         terminal.say(f"{says}: {reason}", style)
     whole = found.campaign_verdict
     if verdict.decision == "pass" and found.otherwise is None:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
     if whole is not None and whole.answer != verdict.decision:
-        terminal.say(f"the campaign as a whole: {whole.says}", STYLES[whole.decision])
+        terminal.say(f"the campaign as a whole: {whole.says}", DECISIONS[whole.decision])
 
 
 def show_gain(terminal: Terminal, found: Evaluation) -> None:
