@@ -34,6 +34,8 @@ SIN_SERIES = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(9))
 """Of powers of an angle's square: products are a tenth of the time of quotients."""
 NEAR_MM = 1e-2
 """Step behind which the same inverse is as good: it leaves some 1e-5 of the next one."""
+SETTLED_MM = 1e-4
+"""Step by an inverse of its own that leaves as little as one of `CONVERGED_MM` by another's."""
 NEWTON_STEPS = 10
 """More are left to the slower way, which also tries other guesses."""
 
@@ -146,15 +148,18 @@ def _is_wanted(
     functions: Array, upper: Array, limit_rad: float, sign: float, pose: Array, determinant: Array
 ) -> bool:
     """Whether platforms hang below their elbows, in the mode of home, and have not turned over."""
-    wanted, arms = True, len(upper)
-    for n in range(len(determinant)):
-        heights = 0.0
-        for arm in range(arms):
-            a = upper[arm, 2]
-            heights += a[0] + a[1] * functions[1, arm, n] + a[2] * functions[2, arm, n]
-        wanted &= arms * pose[2, n] < heights and determinant[n] * sign > 0.0
-        wanted &= abs(pose[3, n]) < limit_rad
-    return wanted
+    arms, shots = len(upper), len(determinant)
+    below, wanted = np.empty((1, shots)), 0
+    for n in range(shots):
+        below[0, n] = -arms * pose[2, n]
+    for arm in range(arms):
+        a, b, c = upper[arm, 2]
+        for n in range(shots):
+            below[0, n] += a + b * functions[1, arm, n] + c * functions[2, arm, n]
+    for n in range(shots):
+        is_turned = not abs(pose[3, n]) < limit_rad
+        wanted += below[0, n] > 0.0 and determinant[n] * sign > 0.0 and not is_turned
+    return wanted == shots
 
 
 @_compiled
@@ -176,10 +181,11 @@ def assemble(
     inverse, determinant = np.empty((4, 4, shots)), np.empty(shots)
     misfit, step, of_turns = np.zeros((4, shots)), np.empty((4, shots)), np.empty((2, shots))
     for r in range(robots):
-        pose, far = poses[r], 1
+        pose, far, settled_mm = poses[r], 1, converged_mm
         for _ in range(NEWTON_STEPS):
             _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
             _misfits(forearms, lengths[r], misfit)
+            settled_mm = max(converged_mm, SETTLED_MM) if far else converged_mm
             if far:
                 _inverted(forearms, by_turn, inverse, determinant)
             for axis in range(CLOSURES):
@@ -192,17 +198,19 @@ def assemble(
             for n in range(shots):
                 way = max(abs(step[0, n]), abs(step[1, n]), abs(step[2, n]))
                 way += lever_mm[r] * abs(step[3, n])
-                underway += not way < converged_mm
+                underway += not way < settled_mm
                 far += not way < NEAR_MM
             if not underway:
                 break
         found[r] = not underway and _is_wanted(
             functions, upper[r], limit_rad[r], sign[r], pose, determinant
         )
+        beyond = 0
         for arm in range(arms):
+            most_mm2 = MISFIT_OF_STEP * settled_mm * lengths[r, arm]
             for n in range(shots):
-                most_mm2 = MISFIT_OF_STEP * converged_mm * lengths[r, arm]
-                found[r] &= abs(misfit[arm, n]) < most_mm2
+                beyond += not abs(misfit[arm, n]) < most_mm2
+        found[r] &= beyond == 0
     return found
 
 

@@ -6,6 +6,7 @@ of 1, θ, cos θ, sin θ of the platform's turn. The coefficients of these, and 
 read off the mechanism at as many joints and turns, so that its mathematics is written once.
 """
 
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -101,6 +102,7 @@ def closures(mechanism: ClosedChain, p: Array, places: Index, by_platform: Array
     )
 
 
+@lru_cache(maxsize=8)
 def _sampled(mechanism: ClosedChain) -> tuple[Array, Array]:
     """Joints (3, n) where upper ends are read off, and what makes coefficients of them, (3, 3)."""
     samples = np.array(SAMPLE_ANGLES if mechanism.joints[0].is_revolute else SAMPLE_WAYS)
