@@ -68,10 +68,10 @@ class Program:
 
 @dataclass(frozen=True, slots=True)
 class Language:
-    """Language of controllers: its file's ending, the program's text, and what it assumes."""
+    """Language of controllers: its file's ending, the program's lines, and what it assumes."""
 
     suffix: str
-    text: Callable[[Program], str]
+    lines: Callable[[Program], Iterator[str]]
     assumes: str
     """Of poses."""
     joints: str
@@ -160,36 +160,29 @@ def _moves(
             yield from dwell
 
 
-def _lines(lines: Iterator[str]) -> str:
-    return "".join(f"{line}\n" for line in lines)
-
-
 def _turn_of(values: Sequence[float]) -> float:
     """Turn of a pose, deg; 0 of a plate that does not turn."""
     return values[3] if len(values) > 3 else 0.0
 
 
-def _gcode(program: Program) -> str:
+def _gcode(program: Program) -> Iterator[str]:
     task, joints = program.mechanism.task, program.mechanism.joints
     poses = program.targets == "poses"
     letters = axis_letters(task, ROTARY) if poses else tuple(JOINT_LETTERS[: len(joints)])
 
-    def lines() -> Iterator[str]:
-        yield from (f"; {line}" for line in _heading(program, "gcode"))
-        yield "G21 G90 G94 G17 G61"
-        before: ProgramStop | None = None
-        for stop in program.stops:
-            place = program.values(stop)
-            words = " ".join(f"{a}{_number(v)}" for a, v in zip(letters, place, strict=True))
-            feed = _feed(program, before, stop, task if poses else joints)
-            said = "passes" if stop.shot is None else _said(stop.shot)
-            yield f"G1 {words} F{feed:.3f} ; {said}"
-            if stop.shot is not None:
-                yield f"G4 P{program.dwell_s:g}"
-            before = stop
-        yield "M2"
-
-    return _lines(lines())
+    yield from (f"; {line}" for line in _heading(program, "gcode"))
+    yield "G21 G90 G94 G17 G61"
+    before: ProgramStop | None = None
+    for stop in program.stops:
+        place = program.values(stop)
+        words = " ".join(f"{a}{_number(v)}" for a, v in zip(letters, place, strict=True))
+        feed = _feed(program, before, stop, task if poses else joints)
+        said = "passes" if stop.shot is None else _said(stop.shot)
+        yield f"G1 {words} F{feed:.3f} ; {said}"
+        if stop.shot is not None:
+            yield f"G4 P{program.dwell_s:g}"
+        before = stop
+    yield "M2"
 
 
 def _feed(
@@ -212,7 +205,7 @@ def _feed(
     return max(1.0, way / max(turn / speed, 1e-3) * MINUTE_S)
 
 
-def _rapid(program: Program) -> str:
+def _rapid(program: Program) -> Iterator[str]:
     unused = ",".join(["9E9"] * 6)
 
     def move(values: Sequence[float]) -> str:
@@ -224,21 +217,18 @@ def _rapid(program: Program) -> str:
         target = f"[[{_numbers(values[:3])}],[{turned}],[0,0,0,0],[{unused}]]"
         return f"    MoveJ {target},vmax,fine,tool0\\WObj:=wobj0;"
 
-    def lines() -> Iterator[str]:
-        name = program.stage.title()
-        yield f"MODULE Pkmcal{name}"
-        yield from (f"  ! {line}" for line in _heading(program, "rapid"))
-        yield f"  PROC pkmcal_{program.stage}()"
-        yield "    ConfJ \\Off;"
-        yield f"    VelSet {program.speed_percent:g}, 5000;"
-        yield from _moves(program, move, [f"    WaitTime \\InPos, {program.dwell_s:g};"], "!")
-        yield "  ENDPROC"
-        yield "ENDMODULE"
-
-    return _lines(lines())
+    name = program.stage.title()
+    yield f"MODULE Pkmcal{name}"
+    yield from (f"  ! {line}" for line in _heading(program, "rapid"))
+    yield f"  PROC pkmcal_{program.stage}()"
+    yield "    ConfJ \\Off;"
+    yield f"    VelSet {program.speed_percent:g}, 5000;"
+    yield from _moves(program, move, [f"    WaitTime \\InPos, {program.dwell_s:g};"], "!")
+    yield "  ENDPROC"
+    yield "ENDMODULE"
 
 
-def _krl(program: Program) -> str:
+def _krl(program: Program) -> Iterator[str]:
     def move(values: Sequence[float]) -> str:
         if program.targets == "joints":
             own = (f"A{place} {_number(v)}" for place, v in enumerate(values, start=1))
@@ -246,39 +236,33 @@ def _krl(program: Program) -> str:
         each = zip("XYZA", (*values[:3], _turn_of(values)), strict=True)
         return f"PTP {{{', '.join(f'{a} {_number(v)}' for a, v in each)}, B 0, C 180}}"
 
-    def lines() -> Iterator[str]:
-        yield "&ACCESS RVP"
-        yield f"DEF pkmcal_{program.stage}()"
-        yield from (f"; {line}" for line in _heading(program, "krl"))
-        yield "BAS(#INITMOV, 0)"
-        yield "BAS(#BASE, 0)"
-        yield "BAS(#TOOL, 0)"
-        yield f"BAS(#VEL_PTP, {program.speed_percent:g})"
-        yield "PTP $AXIS_ACT"
-        yield from _moves(program, move, [f"WAIT SEC {program.dwell_s:g}"], ";")
-        yield "END"
-
-    return _lines(lines())
+    yield "&ACCESS RVP"
+    yield f"DEF pkmcal_{program.stage}()"
+    yield from (f"; {line}" for line in _heading(program, "krl"))
+    yield "BAS(#INITMOV, 0)"
+    yield "BAS(#BASE, 0)"
+    yield "BAS(#TOOL, 0)"
+    yield f"BAS(#VEL_PTP, {program.speed_percent:g})"
+    yield "PTP $AXIS_ACT"
+    yield from _moves(program, move, [f"WAIT SEC {program.dwell_s:g}"], ";")
+    yield "END"
 
 
-def _vplus(program: Program) -> str:
+def _vplus(program: Program) -> Iterator[str]:
     def move(values: Sequence[float]) -> str:
         if program.targets == "joints":
             return f"  MOVE #PPOINT({_numbers(values)})"
         return f"  MOVE TRANS({_numbers(values[:3])},0,180,{_number(-_turn_of(values))})"
 
-    def lines() -> Iterator[str]:
-        yield f".PROGRAM pkm_{program.stage}()"
-        yield from (f"  ; {line}" for line in _heading(program, "vplus"))
-        yield "  TOOL NULL"
-        yield f"  SPEED {program.speed_percent:g} ALWAYS"
-        yield from _moves(program, move, ["  BREAK", f"  DELAY {program.dwell_s:g}"], ";")
-        yield ".END"
-
-    return _lines(lines())
+    yield f".PROGRAM pkm_{program.stage}()"
+    yield from (f"  ; {line}" for line in _heading(program, "vplus"))
+    yield "  TOOL NULL"
+    yield f"  SPEED {program.speed_percent:g} ALWAYS"
+    yield from _moves(program, move, ["  BREAK", f"  DELAY {program.dwell_s:g}"], ";")
+    yield ".END"
 
 
-def _csv(program: Program) -> str:
+def _csv(program: Program) -> Iterator[str]:
     task, joints = program.mechanism.task, program.mechanism.joints
     head = ("shot", "set", "pair", *axis_columns(task), *axis_columns(joints), "dwell_s", "program")
     about = "; ".join(_heading(program, "csv"))
@@ -293,7 +277,7 @@ def _csv(program: Program) -> str:
         values = (*pose, *axis_texts(joints, stop.joints.tolist()))
         dwell = number_text(0.0 if shot is None else program.dwell_s)
         rows.append([*told, *values, dwell, "" if rows else about])
-    return csv_text(head, rows)
+    yield from csv_text(head, rows).splitlines()
 
 
 LANGUAGES: Mapping[str, Language] = {

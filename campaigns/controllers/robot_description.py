@@ -54,7 +54,8 @@ def robot_description(robot: RobotFile, language: str) -> str:
     """Text of a robot's description, URDF or SDF."""
     joints = list(_joints(robot))
     arms = range(len(robot.mechanism.joints))
-    return (_urdf if language == "urdf" else _sdf)(robot.name, joints, arms)
+    lines = (_urdf if language == "urdf" else _sdf)(robot.name, joints, arms)
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _joints(robot: RobotFile) -> Iterator[Joint]:
@@ -177,69 +178,59 @@ def _turned(joint: Joint) -> str:
     return _numbers([np.arctan2(own[2, 1], own[2, 2]), pitch, np.arctan2(own[1, 0], own[0, 0])])
 
 
-def _text(lines: Iterator[str]) -> str:
-    return "".join(f"{line}\n" for line in lines)
+def _urdf(name: str, joints: Sequence[Joint], arms: Sequence[int]) -> Iterator[str]:
+    yield '<?xml version="1.0"?>'
+    yield f"<!-- pkmcal {VERSION}; joints arm0, arm1 ... are the encoders', in rad or m -->"
+    yield f"<robot name={quoteattr(name)}>"
+    yield '  <link name="base"/>'
+    for joint in joints:
+        yield f'  <link name="{joint.name}"/>'
+        yield f'  <joint name="{joint.name}_joint" type="{joint.kind}">'
+        yield f'    <parent link="{joint.parent}"/><child link="{joint.name}"/>'
+        yield f'    <origin xyz="{_numbers(joint.place_m)}" rpy="{_turned(joint)}"/>'
+        if joint.kind != "fixed":
+            low, high = joint.limits
+            yield f'    <axis xyz="{_numbers(joint.axis)}"/>'
+            yield f'    <limit lower="{low:.9g}" upper="{high:.9g}" effort="0" velocity="0"/>'
+        if joint.mimics:
+            source, factor = joint.mimics
+            yield f'    <mimic joint="{source}_joint" multiplier="{factor:.9g}"/>'
+        yield "  </joint>"
+    yield from (f"  <!-- loop closure: end{arm} is in plate{arm} -->" for arm in arms)
+    yield "</robot>"
 
 
-def _urdf(name: str, joints: Sequence[Joint], arms: Sequence[int]) -> str:
-    def lines() -> Iterator[str]:
-        yield '<?xml version="1.0"?>'
-        yield f"<!-- pkmcal {VERSION}; joints arm0, arm1 ... are the encoders', in rad or m -->"
-        yield f"<robot name={quoteattr(name)}>"
-        yield '  <link name="base"/>'
-        for joint in joints:
-            yield f'  <link name="{joint.name}"/>'
-            yield f'  <joint name="{joint.name}_joint" type="{joint.kind}">'
-            yield f'    <parent link="{joint.parent}"/><child link="{joint.name}"/>'
-            yield f'    <origin xyz="{_numbers(joint.place_m)}" rpy="{_turned(joint)}"/>'
-            if joint.kind != "fixed":
-                low, high = joint.limits
-                yield f'    <axis xyz="{_numbers(joint.axis)}"/>'
-                yield f'    <limit lower="{low:.9g}" upper="{high:.9g}" effort="0" velocity="0"/>'
+def _sdf(name: str, joints: Sequence[Joint], arms: Sequence[int]) -> Iterator[str]:
+    yield '<?xml version="1.0"?>'
+    yield '<sdf version="1.11">'
+    yield f"  <model name={quoteattr(name)}>"
+    values = ", ".join(f"{joint.name} {joint.value:.9g}" for joint in joints if joint.value)
+    yield f"    <!-- pkmcal {VERSION}; positions count from the workspace's centre, where are:"
+    yield f"         {values} -->"
+    yield '    <link name="base"/>'
+    ends = "<parent>world</parent><child>base</child>"
+    yield f'    <joint name="mount" type="fixed">{ends}</joint>'
+    for joint in map(Joint.at_centre, joints):
+        pose = f"{_numbers(joint.place_m)} {_turned(joint)}"
+        yield f'    <link name="{joint.name}">'
+        yield f'      <pose relative_to="{joint.parent}">{pose}</pose>'
+        yield "    </link>"
+        yield f'    <joint name="{joint.name}_joint" type="{joint.kind}">'
+        yield f"      <parent>{joint.parent}</parent><child>{joint.name}</child>"
+        if joint.kind != "fixed":
+            low, high = (end - joint.value for end in joint.limits)
+            limit = f"<limit><lower>{low:.9g}</lower><upper>{high:.9g}</upper></limit>"
+            mimic = ""
             if joint.mimics:
                 source, factor = joint.mimics
-                yield f'    <mimic joint="{source}_joint" multiplier="{factor:.9g}"/>'
-            yield "  </joint>"
-        yield from (f"  <!-- loop closure: end{arm} is in plate{arm} -->" for arm in arms)
-        yield "</robot>"
-
-    return _text(lines())
-
-
-def _sdf(name: str, joints: Sequence[Joint], arms: Sequence[int]) -> str:
-    def lines() -> Iterator[str]:
-        yield '<?xml version="1.0"?>'
-        yield '<sdf version="1.11">'
-        yield f"  <model name={quoteattr(name)}>"
-        values = ", ".join(f"{joint.name} {joint.value:.9g}" for joint in joints if joint.value)
-        yield f"    <!-- pkmcal {VERSION}; positions count from the workspace's centre, where are:"
-        yield f"         {values} -->"
-        yield '    <link name="base"/>'
-        ends = "<parent>world</parent><child>base</child>"
-        yield f'    <joint name="mount" type="fixed">{ends}</joint>'
-        for joint in map(Joint.at_centre, joints):
-            pose = f"{_numbers(joint.place_m)} {_turned(joint)}"
-            yield f'    <link name="{joint.name}">'
-            yield f'      <pose relative_to="{joint.parent}">{pose}</pose>'
-            yield "    </link>"
-            yield f'    <joint name="{joint.name}_joint" type="{joint.kind}">'
-            yield f"      <parent>{joint.parent}</parent><child>{joint.name}</child>"
-            if joint.kind != "fixed":
-                low, high = (end - joint.value for end in joint.limits)
-                limit = f"<limit><lower>{low:.9g}</lower><upper>{high:.9g}</upper></limit>"
-                mimic = ""
-                if joint.mimics:
-                    source, factor = joint.mimics
-                    mimic = (
-                        f'<mimic joint="{source}_joint"><multiplier>{factor:.9g}</multiplier>'
-                        "<offset>0</offset><reference>0</reference></mimic>"
-                    )
-                yield f"      <axis><xyz>{_numbers(joint.axis)}</xyz>{limit}{mimic}</axis>"
-            yield "    </joint>"
-        for arm in arms:
-            ends = f"<parent>plate{arm}</parent><child>end{arm}</child>"
-            yield f'    <joint name="closure{arm}" type="ball">{ends}</joint>'
-        yield "  </model>"
-        yield "</sdf>"
-
-    return _text(lines())
+                mimic = (
+                    f'<mimic joint="{source}_joint"><multiplier>{factor:.9g}</multiplier>'
+                    "<offset>0</offset><reference>0</reference></mimic>"
+                )
+            yield f"      <axis><xyz>{_numbers(joint.axis)}</xyz>{limit}{mimic}</axis>"
+        yield "    </joint>"
+    for arm in arms:
+        ends = f"<parent>plate{arm}</parent><child>end{arm}</child>"
+        yield f'    <joint name="closure{arm}" type="ball">{ends}</joint>'
+    yield "  </model>"
+    yield "</sdf>"

@@ -84,7 +84,7 @@ def _written(campaign: Campaign, stage: ProgramStage, options: ProgramOptions) -
     path = campaign.path(f"program-{stage}{language.suffix}")
     joints_path = campaign.path(f"program-{stage}-joints.csv")
     with campaign.held():
-        replace_text(path, language.text(program))
+        replace_text(path, "".join(f"{line}\n" for line in language.lines(program)))
         replace_text(joints_path, joints_text(program))
     return WrittenProgram(stage, path, joints_path, len(steps), _seconds(program), notes)
 
