@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from command_line import SMALL_TESTS, CommandLine, change
+from command_line import SMALL_TESTS, change
 from filelock import FileLock
 
 from app.main import run_command
@@ -23,12 +23,6 @@ TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 FAST = {"speed_up": 1000}
 IMPATIENT_ROBOT = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
-
-
-@pytest.fixture
-def pkmcal(capsys):
-    """Runs a command and tells how it ended."""
-    return CommandLine(capsys)
 
 
 @pytest.fixture

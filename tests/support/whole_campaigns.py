@@ -1,13 +1,22 @@
-"""Whole campaigns as fixtures, made once for all tests that only read them."""
+"""Whole campaigns as fixtures, made once for all tests that only read them; and commands."""
 
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
+    from command_line import CommandLine
     from paper_campaign import PaperCampaign
 
     from campaigns.evidence import Evaluation
+
+
+@pytest.fixture
+def pkmcal(capsys: pytest.CaptureFixture[str]) -> "CommandLine":
+    """Runs a command in the process of the tests; gives its exit code, its answer and its words."""
+    from command_line import CommandLine
+
+    return CommandLine(capsys)
 
 
 @pytest.fixture(scope="session")
