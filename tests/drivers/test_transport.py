@@ -60,23 +60,15 @@ class Host:
             self.socket.close()
 
 
-@pytest.fixture
-def line():
-    line = Line()
-    yield line
-    line.goes()
-
-
-@pytest.fixture
-def host():
-    host = Host()
-    yield host
-    host.goes()
-
-
-@pytest.fixture(params=["host", "line"])
+@pytest.fixture(params=[Host, Line], ids=["host", "line"])
 def device(request):
-    return request.getfixturevalue(request.param)
+    device = request.param()
+    yield device
+    device.goes()
+
+
+of_host = pytest.mark.parametrize("device", [Host], indirect=True)
+of_line = pytest.mark.parametrize("device", [Line], indirect=True)
 
 
 def opened(device):
@@ -88,20 +80,6 @@ def opened(device):
 @pytest.fixture
 def ours(device):
     ours = opened(device)
-    yield ours
-    ours.close()
-
-
-@pytest.fixture
-def of_host(host):
-    ours = opened(host)
-    yield ours
-    ours.close()
-
-
-@pytest.fixture
-def of_line(line):
-    ours = opened(line)
     yield ours
     ours.close()
 
@@ -145,37 +123,41 @@ def test_closed_pipe_refuses_every_call(ours):
         ours.receive(1.0)
 
 
-def test_one_reading_of_a_socket_is_bounded(host, of_host):
-    host.socket.settimeout(1.0)
-    host.says(b"x" * (CHUNK_BYTES + 10_000))
-    pieces = [of_host.receive(1.0), of_host.receive(1.0)]
+@of_host
+def test_one_reading_of_a_socket_is_bounded(device, ours):
+    device.socket.settimeout(1.0)
+    device.says(b"x" * (CHUNK_BYTES + 10_000))
+    pieces = [ours.receive(1.0), ours.receive(1.0)]
     assert max(map(len, pieces)) <= CHUNK_BYTES
 
 
-def test_small_questions_are_sent_at_once(host):
-    ours = TcpTransport.connect(*host.address, timeout_s=1.0)
+@of_host
+def test_small_questions_are_sent_at_once(device):
+    ours = TcpTransport.connect(*device.address, timeout_s=1.0)
     assert ours._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
     ours.close()
 
 
+@of_host
 @pytest.mark.parametrize(
     ("unread", "problem"), [(b"", "the device closed the connection"), (b"x", "connection broke")]
 )
-def test_host_that_closes_or_resets_breaks_the_pipe(host, of_host, unread, problem):
+def test_host_that_closes_or_resets_breaks_the_pipe(device, ours, unread, problem):
     if unread:
-        of_host.send(2 * unread, 1.0)
-        host.socket.recv(1)
-    host.socket.close()
+        ours.send(2 * unread, 1.0)
+        device.socket.recv(1)
+    device.socket.close()
     with pytest.raises(LinkDown, match=problem):
-        of_host.receive(1.0)
+        ours.receive(1.0)
 
 
-def test_a_host_that_is_not_there_or_too_slow_is_said(host, monkeypatch):
-    host.goes()
+@of_host
+def test_a_host_that_is_not_there_or_too_slow_is_said(device, monkeypatch):
+    device.goes()
     with pytest.raises(
-        LinkDown, match=f"{host.url}: nobody answers .*refused.*check that the device"
+        LinkDown, match=f"{device.url}: nobody answers .*refused.*check that the device"
     ):
-        open_transport(host.url, timeout_s=1.0)
+        open_transport(device.url, timeout_s=1.0)
     limits_s = []
 
     def too_slow(address, timeout):
@@ -188,31 +170,34 @@ def test_a_host_that_is_not_there_or_too_slow_is_said(host, monkeypatch):
     assert limits_s == [0.7]
 
 
-def test_what_came_before_a_line_is_opened_is_thrown_away(line):
-    first = opened(line)
-    line.says(b"stale\n")
+@of_line
+def test_what_came_before_a_line_is_opened_is_thrown_away(device):
+    first = opened(device)
+    device.says(b"stale\n")
     first.close()
-    second = opened(line)
+    second = opened(device)
     assert second.receive(0.002) == b""
     second.close()
 
 
-def test_line_is_held_by_one_alone_and_can_be_opened_again_after_closing(line, of_line):
+@of_line
+def test_line_is_held_by_one_alone_and_can_be_opened_again_after_closing(device, ours):
     with pytest.raises(LinkDown, match="nobody else holds it"):
-        opened(line)
-    of_line.close()
-    again = opened(line)
+        opened(device)
+    ours.close()
+    again = opened(device)
     again.send(b"hello\n", 1.0)
-    assert line.hears() == b"hello\n"
+    assert device.hears() == b"hello\n"
     again.close()
 
 
-def test_unplugged_line_breaks_the_pipe(line, of_line):
-    line.goes()
+@of_line
+def test_unplugged_line_breaks_the_pipe(device, ours):
+    device.goes()
     with pytest.raises(LinkDown, match="the line broke"):
-        of_line.receive(0.01)
+        ours.receive(0.01)
     with pytest.raises(LinkDown, match="the line broke"):
-        of_line.send(b"x", 0.01)
+        ours.send(b"x", 0.01)
 
 
 @pytest.mark.parametrize("path", ["/dev/there-is-no-such-line", "/dev/null", "/dev/nul\0l"])

@@ -105,23 +105,20 @@ class TestReflectors:
         assert {r.identifier: r.name for r in reflectors} == NAMES
         assert reflectors[0].surface_offset_mm == 19.05
 
-    def test_list_that_breaks_off_closes_the_wire(self):
+    @pytest.mark.parametrize(
+        ("total", "error", "said"),
+        [
+            (3, LinkDown, "the list of reflectors"),
+            (2**31 - 1, WireError, "claims 2147483647 reflectors"),
+        ],
+    )
+    def test_list_that_breaks_off_or_claims_too_much_closes_the_wire(self, total, error, said):
         station = Station().connected()
-        entry = bodies.ReflectorEntry(3, 1, 1, 19.05, "CCR-1.5in")
+        entry = bodies.ReflectorEntry(total, 1, 1, 19.05, "CCR-1.5in")
         station.instrument.says[Command.GET_REFLECTORS] = [
             (0.0, Answer(Command.GET_REFLECTORS, 0, entry))
         ]
-        with pytest.raises(LinkDown, match="the list of reflectors"):
-            station.tracker.reflectors()
-        assert station.pipe.is_closed
-
-    def test_list_that_claims_too_much_is_not_read(self):
-        station = Station().connected()
-        entry = bodies.ReflectorEntry(2**31 - 1, 1, 1, 19.05, "CCR-1.5in")
-        station.instrument.says[Command.GET_REFLECTORS] = [
-            (0.0, Answer(Command.GET_REFLECTORS, 0, entry))
-        ]
-        with pytest.raises(WireError, match="claims 2147483647 reflectors"):
+        with pytest.raises(error, match=said):
             station.tracker.reflectors()
         assert station.pipe.is_closed
 
