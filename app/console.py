@@ -7,7 +7,7 @@ import select
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from threading import Timer
+from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
@@ -36,6 +36,8 @@ TYPED_BYTES = 4096
 TALK, WARNING = "dim", "yellow"
 SILENT_S = 1.0
 """Work of so long needs no word."""
+REDRAWN_S = 1.0
+"""After so long its line is drawn again: each drawing takes its time from the work."""
 
 
 def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
@@ -212,21 +214,40 @@ class Terminal:
 
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:
-        """Shows on a terminal, from a second on, what the block is at; gives what changes it."""
+        """Shows on a terminal, from a second on, what the block is at and how long it has taken.
+
+        Gives what changes it.
+        """
         if not self._talk.is_terminal:
             yield lambda _news: None
             return
         from rich.live import Live  # with threads and more, for what takes its time
 
-        # it draws when it is told something: no thread of its own takes time from the work
-        live = Live(Text(text), console=self._talk, transient=True, auto_refresh=False)
-        late = Timer(SILENT_S, live.start, (True,))
-        late.start()
+        began_s, now_at, over = monotonic(), text, Event()
+
+        def shown() -> Text:
+            return Text(f"{now_at} · {monotonic() - began_s:.0f} s")
+
+        def draw() -> None:
+            if not over.wait(SILENT_S):
+                live.start(refresh=True)
+            while not over.wait(REDRAWN_S):
+                live.refresh()
+
+        def tell(news: str) -> None:
+            nonlocal now_at
+            now_at = news
+            if live.is_started:
+                live.refresh()
+
+        live = Live(console=self._talk, transient=True, auto_refresh=False, get_renderable=shown)
+        drawing = Thread(target=draw)
+        drawing.start()
         try:
-            yield lambda news: live.update(Text(news), refresh=live.is_started)
+            yield tell
         finally:
-            late.cancel()
-            late.join()
+            over.set()
+            drawing.join()
             live.stop()
 
     def watching(self, title: str, *, plain: bool = False) -> "RunDisplay":

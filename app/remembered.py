@@ -57,10 +57,11 @@ def _is_line(kept: object) -> bool:
     return isinstance(kept, list) and [*map(type, kept)] == [str, str]
 
 
-def checked_plan(campaign: "Campaign") -> "CheckedPlan":
+def checked_plan(campaign: "Campaign", tell: Callable[[str], None]) -> "CheckedPlan":
     """plan.csv that the nominal robot can run; raises `PlanInvalid`.
 
-    The same shots are not checked again by the same robot, settings and software.
+    The same shots are not checked again by the same robot, settings and software. `tell` hears what
+    is checked.
     """
     from campaigns.planning.plan_check import CheckedPlan
     from campaigns.planning.plan_file import plan_digest
@@ -74,7 +75,7 @@ def checked_plan(campaign: "Campaign") -> "CheckedPlan":
     match memory.recall("plan", campaign.folder, of):
         case {"detours": int(detours), "seconds": float(seconds)}:
             return CheckedPlan(shots, detours, seconds)
-    found = campaign.checked_plan(shots)
+    found = campaign.checked_plan(shots, tell)
     told = {"detours": found.detours, "seconds": found.seconds}
     memory.remember("plan", campaign.folder, of, told)
     return found

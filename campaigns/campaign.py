@@ -1,6 +1,6 @@
 """Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -206,11 +206,15 @@ class Campaign:
 
         return read_plan(self.plan_path, self.robot.mechanism)
 
-    def checked_plan(self, shots: "tuple[PlannedShot, ...] | None" = None) -> "CheckedPlan":
+    def checked_plan(
+        self,
+        shots: "tuple[PlannedShot, ...] | None" = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> "CheckedPlan":
         """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
         from campaigns.planning.plan_check import check_plan
 
-        return check_plan(self.read_plan() if shots is None else shots, *self.plan_limits)
+        return check_plan(self.read_plan() if shots is None else shots, *self.plan_limits, tell)
 
     @property
     def plan_limits(self) -> "PlanLimits":

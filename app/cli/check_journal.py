@@ -49,7 +49,8 @@ def command(
     campaign.require_journal()
     tell_who_works(terminal, campaign)
     path = campaign.journal_path
-    found = inspect_journal(path, raw_readers(campaign))
+    with terminal.telling("reading every record"):
+        found = inspect_journal(path, raw_readers(campaign))
     foreign = _foreign(campaign) if found.whole else None
     if foreign is not None:
         terminal.document(_document(campaign, found, (Problem(foreign.problem),)))

@@ -48,8 +48,8 @@ def command(
         written = _write(terminal, campaign, programs) if programs.program else {}
         terminal.document(compared | written | tell_next(terminal, campaign))
         return
-    with terminal.telling("choosing poses, checking every way between them"):
-        planned = plan(campaign, options)
+    with terminal.telling("reading the campaign") as now_at:
+        planned = plan(campaign, options, now_at)
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:

@@ -50,8 +50,8 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     campaign.require_devices()
-    with terminal.telling("checking every way of the plan"):
-        checked = checked_plan(campaign)
+    with terminal.telling("reading the plan") as now_at:
+        checked = checked_plan(campaign, now_at)
     terminal.note(plan_line(checked))
     held = state_by_journal(campaign)
     if held is not None:

@@ -5,7 +5,7 @@ on the straight line to the pose as well, or on straight parts of the way: which
 pose takes is the controller's choice.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -324,15 +324,22 @@ def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
     return detours
 
 
-def check_paths(stops: Sequence[Stop], robot: RobotModel) -> tuple[int, float, list[str]]:
+def check_paths(
+    stops: Sequence[Stop], robot: RobotModel, tell: Callable[[str], None] = lambda _: None
+) -> tuple[int, float, list[str]]:
     """Look for a safe way between each two stops that follow each other.
 
     Gives the number of ways that are not straight because that would not be safe, the travel of
     cranks in rad, or what compares with it, and a line for each two stops without a safe way.
+    `tell` hears how many ways are checked.
     """
     detours, travel = 0, 0.0
     faults: list[str] = []
-    ways = robot.safe_paths(np.array([joints for _, joints in stops]))
+    joints = np.array([each for _, each in stops])
+    ways: list[list[Array] | None] = []
+    for first in range(0, len(stops) - 1, MOVES_AT_ONCE):
+        tell(f"checking the ways between shots: {first} of {len(stops) - 1}")
+        ways += robot.safe_paths(joints[first : first + MOVES_AT_ONCE + 1])
     for (here, there), way in zip(pairwise(stops), ways, strict=True):
         if way is None:
             faults.append(_fault(robot, here, there))

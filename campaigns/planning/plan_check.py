@@ -1,6 +1,6 @@
 """Check of a plan, made or edited, before anything moves."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,11 +55,12 @@ def check_plan(
     pace: Pace,
     nests: Collection[str] = (),
     known: Sequence[KnownLengthConfig] = (),
+    tell: Callable[[str], None] = lambda _: None,
 ) -> CheckedPlan:
     """Check reach, limits, swing, singularity, space, the tracker's view, every way between shots.
 
-    Nests and `known` lengths between them too. Raises `PlanInvalid` naming the shots at fault with
-    value and limit.
+    Nests and `known` lengths between them too; `tell` hears what is checked. Raises `PlanInvalid`
+    naming the shots at fault with value and limit.
     """
     refuse(
         [
@@ -74,7 +75,7 @@ def check_plan(
     stops = [
         (f"shot {shot.shot}", joints) for shot, joints in zip(shots, joints_of(shots), strict=True)
     ]
-    detours, travel_rad, faults = check_paths(stops, robot)
+    detours, travel_rad, faults = check_paths(stops, robot, tell)
     refuse(faults, remedy="move one of the two poses, or make a new plan with `pkmcal plan`")
     return CheckedPlan(tuple(shots), detours, pace.seconds(len(shots), travel_rad))
 

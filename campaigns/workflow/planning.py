@@ -1,6 +1,6 @@
 """Planning of a campaign: poses chosen, checked and written, and what they will tell."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,15 +68,20 @@ class PlannedCampaign:
     """Validation lines that would fit, where those of campaign.yaml are too long; else None."""
 
 
-def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampaign:
+def plan(
+    campaign: Campaign,
+    options: PlanOptions | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> PlannedCampaign:
     """Make, check and write a plan; an older one is kept.
 
     For the full model unless told otherwise, or for the standard one where that takes more shots.
-    Raises `OptionsInvalid`, `PlanInvalid` or `WriteFailed`; for the identified robot `ShotsMissing`
-    where nothing was identified, and `VerdictBad` where that did not pass.
+    `tell` hears what is done. Raises `OptionsInvalid`, `PlanInvalid` or `WriteFailed`; for the
+    identified robot `ShotsMissing` where nothing was identified, and `VerdictBad` where that did
+    not pass.
     """
     options = options or PlanOptions()
-    planned = _largest(campaign, options)
+    planned = _largest(campaign, options, tell)
     with campaign.held():
         shots = planned.checked.shots
         write_beside_older(campaign.plan_path, shots, campaign.robot.mechanism)
@@ -109,23 +114,27 @@ def where_tracker(
     )
 
 
-def _largest(campaign: Campaign, options: PlanOptions) -> PlannedCampaign:
+def _largest(
+    campaign: Campaign, options: PlanOptions, tell: Callable[[str], None]
+) -> PlannedCampaign:
     """Plan for the model asked for, or else for the larger one that its shots can tell."""
     if options.model is not None:
-        return _made(campaign, options, options.model)
+        return _made(campaign, options, options.model, tell)
     try:
-        planned, why = _made(campaign, options, Model.FULL), "the shots are too few"
+        planned, why = _made(campaign, options, Model.FULL, tell), "the shots are too few"
     except PlanInvalid as error:
         planned, why = None, error.problem
     if planned is not None and planned.forecast.predicted.full_rank:
         return planned
-    smaller = _made(campaign, options, Model.STANDARD)
+    smaller = _made(campaign, options, Model.STANDARD, tell)
     if not smaller.forecast.predicted.full_rank:
         return planned or smaller
     return replace(smaller, note=f"planned for the standard model, not the full one: {why}")
 
 
-def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCampaign:
+def _made(
+    campaign: Campaign, options: PlanOptions, model: Model, tell: Callable[[str], None]
+) -> PlannedCampaign:
     """Plan for a model, checked; nothing is written.
 
     Where it is for the identified robot, its poses are those of the nominal one at the same joints:
@@ -142,6 +151,7 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
     seed = campaign.config.plan.seed if options.seed is None else options.seed
     rng = np.random.default_rng(seed)
     curve: tuple[tuple[int, Uncertainty], ...] = ()
+    tell(f"choosing poses and their order, for the {model} model")
     if placement is Placement.OPTIMAL:
         shots, curve = make_optimal_plan(campaign.robot, campaign.view, request, rng)
     else:
@@ -150,7 +160,9 @@ def _made(campaign: Campaign, options: PlanOptions, model: Model) -> PlannedCamp
     asked, config = tuple(typed_words(options)), campaign.config
     shots = tuple(replace(shot, model=named, asked=asked) for shot in shots)
     commanded = shots if campaign is nominal else commanded_to(shots, nominal.robot.kinematics)
-    checked = nominal.checked_plan(with_nests(commanded, config.nests, config.known_lengths))
+    measured = with_nests(commanded, config.nests, config.known_lengths)
+    checked = nominal.checked_plan(measured, tell)
+    tell("predicting what the shots will tell")
     robot, view, space = campaign.robot, campaign.view, campaign.space
     sample = judged_positions(robot, campaign.centre, space, request.free, shots)
     setup = EstimationSetup(request.estimator, request.free, request.uncertainty)

@@ -1,6 +1,7 @@
 """The terminal: what goes where, and who is asked."""
 
 import io
+import itertools
 import json
 import threading
 
@@ -56,6 +57,20 @@ def test_what_a_long_work_is_at_is_shown_on_a_terminal_and_nowhere_else(monkeypa
     with terminal.telling("reading") as now_at:
         now_at("figure 2 of 3")
         assert shown.wait(2.0 if is_terminal else 0.01) is is_terminal
+
+
+def test_how_long_a_work_takes_goes_on_where_it_says_nothing_new(monkeypatch):
+    monkeypatch.setattr("app.console.SILENT_S", 0.0)
+    monkeypatch.setattr("app.console.REDRAWN_S", 0.01)
+    monkeypatch.setattr("app.console.monotonic", itertools.count().__next__)
+    shown, screen = threading.Event(), io.StringIO()
+    monkeypatch.setattr(
+        screen, "write", lambda text: (shown.set() if "reading · 3 s" in text else None, 0)[1]
+    )
+    terminal = Terminal(as_json=False)
+    terminal._talk = Console(file=screen, force_terminal=True, width=80)
+    with terminal.telling("reading"):
+        assert shown.wait(2.0)
 
 
 def test_a_short_work_is_told_nothing_of(monkeypatch):

@@ -10,7 +10,7 @@ from par4_space import SPACE
 from small_plans import FOUR_PAIRS, LIMITS, OPEN, PACE, VIEW, planned
 
 from campaigns.errors import PlanInvalid
-from campaigns.planning import plan_check
+from campaigns.planning import paths, plan_check
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, check_plan
 from campaigns.planning.plan_file import PlannedShot
@@ -143,3 +143,18 @@ def test_detours_are_counted() -> None:
     legs = [leg for a, way in zip(joints, ways, strict=False) for leg in pairwise([a, *way])]
     travel_rad = sum(np.abs(b - a).max() for a, b in legs)
     assert checked.seconds == pytest.approx(travel_rad + len(shots) * 1.2)
+
+
+def test_ways_are_checked_some_at_once_which_tells_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    at_once, told = check(FOUR_PAIRS), list[str]()
+    monkeypatch.setattr(paths, "MOVES_AT_ONCE", 3)
+    robot = RobotModel(NOMINAL, LIMITS, CENTRE)
+    assert check_plan(FOUR_PAIRS, robot, VIEW, PACE, tell=told.append) == at_once
+    ways = len(FOUR_PAIRS) - 1
+    assert [*map(last_words, told)] == [f"{done} of {ways}" for done in range(0, ways, 3)]
+
+
+def last_words(text: str) -> str:
+    return text.rpartition(": ")[2]
