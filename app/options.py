@@ -79,7 +79,7 @@ WhereTracker = Annotated[
     typer.Option(
         "--where-tracker",
         help="Also compare stands of the tracker about the robot; a plan.csv that is there is "
-        "kept, unless options of a plan are given.",
+        "kept, unless options of a plan are given. --plot then draws the stands.",
     ),
 ]
 Seed = Annotated[

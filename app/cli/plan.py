@@ -1,6 +1,7 @@
 """pkmcal plan: where to measure."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import typer
 
@@ -43,8 +44,9 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     has_more = programs.program is not None or where_tracker
-    if has_more and campaign.plan_path.exists() and options == PlanOptions() and not plot:
-        compared = _compare(terminal, campaign, options) if where_tracker else {}
+    draws_plan = plot is not None and not where_tracker
+    if has_more and campaign.plan_path.exists() and options == PlanOptions() and not draws_plan:
+        compared = _compare(terminal, campaign, options, plot) if where_tracker else {}
         written = _write(terminal, campaign, programs) if programs.program else {}
         terminal.document(compared | written | tell_next(terminal, campaign))
         return
@@ -52,7 +54,7 @@ def command(
         planned = plan(campaign, options, now_at)
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
-    if plot is not None:
+    if plot is not None and draws_plan:
         from app.report.plots import plot_plan  # matplotlib takes longer than a plan
 
         own = planned.forecast
@@ -61,7 +63,7 @@ def command(
     if planned.note:
         terminal.note(planned.note, WARNING)
     written = _write(terminal, campaign, programs) if programs.program else {}
-    compared = _compare(terminal, campaign, options) if where_tracker else {}
+    compared = _compare(terminal, campaign, options, plot) if where_tracker else {}
     document = plan_document(campaign, planned) | compared | written
     terminal.document(document | tell_next(terminal, campaign))
 
@@ -79,8 +81,13 @@ def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> d
     return {"programs": [asdict(each) for each in written]}
 
 
-def _compare(terminal: Terminal, campaign: Campaign, options: PlanOptions) -> dict[str, object]:
-    """Stands of the tracker compared for plan.csv, said and as a part of what `--json` prints."""
+def _compare(
+    terminal: Terminal, campaign: Campaign, options: PlanOptions, plot: Path | None
+) -> dict[str, object]:
+    """Stands of the tracker compared for plan.csv, said and as a part of what `--json` prints.
+
+    Drawn, too, into a file `plot`.
+    """
     with terminal.telling("comparing stands of the tracker"):
         stands = compared_stands(campaign, campaign.read_plan(), options)
     if not stands:
@@ -90,6 +97,11 @@ def _compare(terminal: Terminal, campaign: Campaign, options: PlanOptions) -> di
     best = best_stand(stands)
     for line in plan_text.best_stand_lines(stands):
         terminal.say(line)
+    if plot is not None:
+        from app.report.plots import plot_stands  # as above
+
+        plot_stands(plot, stands)
+        terminal.say(f"drawn: {plot}")
     return {
         "stands": [plan_text.stand_document(each) for each in stands],
         "best_stand": plan_text.stand_document(best),

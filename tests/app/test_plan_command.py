@@ -20,6 +20,7 @@ from app.plan_text import (
     told_lines,
     warnings,
 )
+from app.report.figures.stands import stands_map
 from campaigns.campaign import open_campaign
 from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
@@ -369,3 +370,23 @@ def test_stands_are_compared_for_the_plan_that_is_there(campaign, capsys, monkey
     assert len(document["stands"]) == 12
     assert document["best_stand"] in document["stands"]
     assert min(each["unseen"] for each in document["stands"]) == document["best_stand"]["unseen"]
+
+
+def test_stands_are_drawn_with_what_each_tells_and_the_best_ringed():
+    near = Stand(270.0, 1500.0, (0.0, -1500.0, -500.0), 0, 0.008)
+    far = Stand(90.0, 6000.0, (0.0, 6000.0, -500.0), 0, 0.021)
+    hidden = Stand(0.0, 1500.0, (1500.0, 0.0, -500.0), 3, 0.007)
+    [axes, *_] = stands_map((far, near, hidden)).axes
+    words = {text.get_text(): text.get_position() for text in axes.texts}
+    assert words == words | {"8": (0.0, -1.5), "21": (0.0, 6.0), "(3)": (1.5, 0.0)}
+    assert axes.collections[-1].get_offsets().tolist() == [[0.0, -1.5]]
+
+
+def test_the_map_of_stands_takes_the_place_of_the_plans_picture(campaign, monkeypatch, tmp_path):
+    monkeypatch.setattr("campaigns.planning.stands.DIRECTIONS_DEG", (0,))
+    assert run_command(["plan", str(campaign.folder), "--shots", "40"]) == 0
+    plan, picture = campaign.plan_path.read_bytes(), tmp_path / "stands.svg"
+    words = ["plan", str(campaign.folder), "--where-tracker", "--plot", str(picture)]
+    assert run_command(words) == 0
+    assert campaign.plan_path.read_bytes() == plan
+    assert "Stands of the tracker" in picture.read_text()
