@@ -403,6 +403,8 @@ def _drawn(setup: study.StudySetup, scenario: Scenario, number: int) -> Kinemati
     section, mechanism = scenario.robot, setup.nominal.mechanism
     flat = true_geometry(section, own_seed)
     level = Kinematics.of(mechanism, flat)
+    if not {*setup.free} & {*mechanism.parameters.extensions}:
+        return level
     geometry = geometry_of(flat, section.kind)
     build = told_by(build_of(section, geometry, own_seed), mechanism.parameters, setup.free)
     return Kinematics(mechanism, vector_of_parts(level, geometry, build))
