@@ -15,7 +15,7 @@ from app.study.rods import misread, rod_robot, told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.estimation.datum import datum_parameters, datum_sample
+from campaigns.estimation.datum import DatumSample, datum_parameters
 from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -264,7 +264,7 @@ def _judging(
     return replace(
         setup,
         options=replace(setup.options, workspace=workspace),
-        beyond_model=partial(rod_robot, scenario.robot, datum_sample(campaign.robot.kinematics)),
+        beyond_model=partial(rod_robot, scenario.robot, DatumSample(campaign.robot.kinematics)),
         misread=misread,
         models=models,
         model=method.model,
@@ -359,7 +359,7 @@ def study_tasks(
     setup: study.StudySetup, scenario: Scenario, numbers: Iterable[int]
 ) -> Iterator[study.StudyTask]:
     """The campaigns of these numbers, some at a time, each with a robot of its own."""
-    sample = datum_sample(setup.nominal)
+    sample = DatumSample(setup.nominal)
     for some in numbers_of_tasks(setup, numbers):
         robots = (_drawn(setup, scenario, number) for number in some)
         truths = [datum_parameters(setup.nominal, robot, sample).p for robot in robots]

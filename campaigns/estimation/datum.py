@@ -5,6 +5,9 @@ with a free frame beside it. Along it a robot is moved until what fixes the datu
 S-transformation of geodesy, in Gauss-Newton steps because robots are not linear.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from campaigns.arrays import Array, Index
@@ -27,16 +30,19 @@ NOTHING = 1e-6
 """Share of the largest effect below which only rounding is left."""
 
 
-DatumSample = tuple[Array, Array]
-"""Joints (N, n) at which points are compared, and poses (N, t) near those of the robots there."""
+@dataclass(frozen=True, eq=False)
+class DatumSample:
+    """Joints where robots like this one can be assembled, found when they are asked for."""
 
+    robot: Kinematics
 
-def datum_sample(robot: Kinematics) -> DatumSample:
-    """Joints where robots like this one can be assembled."""
-    scale = SPREAD * np.array([axis.scale for axis in robot.mechanism.joints])
-    joints = scale * np.random.default_rng(1).uniform(-1.0, 1.0, (SAMPLE, len(scale)))
-    solved = robot.forward(joints)
-    return joints[solved.found], solved.values[solved.found]
+    @cached_property
+    def joints_and_poses(self) -> tuple[Array, Array]:
+        """Joints (N, n) at which points are compared, and this robot's poses (N, t) there."""
+        scale = SPREAD * np.array([axis.scale for axis in self.robot.mechanism.joints])
+        joints = scale * np.random.default_rng(1).uniform(-1.0, 1.0, (SAMPLE, len(scale)))
+        solved = self.robot.forward(joints)
+        return joints[solved.found], solved.values[solved.found]
 
 
 def datum_parameters(
@@ -46,7 +52,7 @@ def datum_parameters(
 
     Exact, but for plate bars that follow the azimuths of tilted arms and for carriages' plates that
     tilt instead of the base: what is left there is of second order in the tilts. Who asks for many
-    robots finds the sample once, of the nominal one.
+    robots gives them one sample, of the nominal one.
     """
     space, mechanism = own.mechanism.parameters, own.mechanism
     wanted = own.p.copy()
@@ -54,7 +60,7 @@ def datum_parameters(
     if (wanted[held] == nominal.p[held]).all():
         return own
     wanted[held] = nominal.p[held]
-    joints, near = sample or datum_sample(nominal)
+    joints, near = (sample or DatumSample(nominal)).joints_and_poses
     solved = own.forward(joints, near)
     joints, poses = joints[solved.found], solved.values[solved.found]
     told = [space[name] for name in space.geometry if not space[name].fixes_datum]

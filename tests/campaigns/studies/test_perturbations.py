@@ -10,7 +10,7 @@ from drawn_study import FREE, NOMINAL, ROBOT, STD, plan, setup_of
 
 from app.study.rods import misread, rod_robot
 from campaigns.design.pose_sampling import workspace_poses
-from campaigns.estimation.datum import datum_sample
+from campaigns.estimation.datum import DatumSample
 from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 def setup():
     rng, centre = np.random.default_rng(1), ROBOT.workspace_centre
     workspace = workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng)
-    robots = partial(rod_robot, load_scenario("realistic").robot, datum_sample(NOMINAL))
+    robots = partial(rod_robot, load_scenario("realistic").robot, DatumSample(NOMINAL))
     return replace(
         setup_of(plan(unseen_pairs=10), workspace=workspace), beyond_model=robots, misread=misread
     )
