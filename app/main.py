@@ -75,8 +75,8 @@ COMMANDS = {
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 
-COLLECTED_AFTER = (100_000, 5, 10)
-"""Objects, and rounds, after which cycles are looked for: what a command imports makes 70 000."""
+COLLECTED_AFTER = (1_000_000, 5, 10)
+"""Objects, and rounds, after which cycles are looked for: records of 10 000 shots make fewer."""
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
