@@ -30,10 +30,9 @@ if TYPE_CHECKING:
 RecordT = TypeVar("RecordT", bound=kinds.Record)
 _Hashed = tuple[int, "_Hash"]
 """Number of records that went into a digest, and the digest."""
-_Read = tuple[
-    ChainEnd, list[Entry[kinds.Record]], tuple[tuple[Series, ...], int], _Hashed, dict[int, str]
-]
-"""End of the chain that was read to, the records, the series of so many, and their digests."""
+_Read = tuple[ChainEnd, list[Entry[kinds.Record]], tuple[int, views.Parts], _Hashed, dict[int, str]]
+"""End of the chain that was read to, the records, what series of so many are made of, and their
+digests."""
 
 
 def read_journal(path: Path, verified: Verified = none_verified) -> "JournalReader":
@@ -91,20 +90,21 @@ class JournalReader:
 
     def read_so_far(self) -> _Read:
         """Return what is known up to a place of the chain, for another reader to take over."""
-        series = (self._series, self._series_of)
+        if len(self._known) == self._end.number:
+            self._read_to = self._end
         known = self._known[: self._read_to.number]
-        return self._read_to, known, series, self._hashed, self._digests
+        return self._read_to, known, self._parts, self._hashed, self._digests
 
     def take_over(self, read: _Read) -> None:
         """Take over what another one has read, where the chain proves that this file holds it."""
-        end, known, series, hashed, digests = read
+        end, known, (of, parts), hashed, digests = read
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
             stored = database.stored_digest(self._connection, end.number)
         if stored != end.digest or end.number > self._end.number:
             return
         self._read_to, self._known = end, known
-        if series[1] == end.number:
-            self._series, self._series_of = series
+        if of <= end.number:
+            self._parts = of, views.copied(parts)
         if hashed[0] <= end.number:
             self._hashed = hashed
         self._digests |= {number: each for number, each in digests.items() if number <= end.number}
@@ -271,7 +271,7 @@ class Journal(JournalReader):
             )
         try:
             if self._is_open:
-                self._insert(record, series, self._text(record))
+                self._insert(series, *self._as_stored(record))
             else:
                 self._append(record, series)
         except JournalFailed:
@@ -327,9 +327,9 @@ class Journal(JournalReader):
         self._read_to, self._hashed, self._digests = EMPTY, (0, hashlib.sha256()), {}
 
     def _append(self, record: kinds.Record, series: int | None) -> None:
-        text = self._text(record)
+        stored = self._as_stored(record)
         self._check_file()
-        self._insert(record, series, text)
+        self._insert(series, *stored)
         self._settle()
 
     def _settle(self) -> None:
@@ -353,10 +353,11 @@ class Journal(JournalReader):
         except JournalFailed as changed:
             raise self._given_up(changed) from changed
 
-    def _insert(self, record: kinds.Record, series: int | None, text: str) -> None:
-        number = self._end.number + 1
+    def _insert(self, series: int | None, text: str, record: kinds.Record) -> None:
+        """Write the text of a record, and know the record as it will be read."""
+        number, at_utc = self._end.number + 1, self._now_utc()
         kind, (shot, attempt) = kinds.KIND_OF_TYPE[type(record)], _numbers(record)
-        content = (number, self._now_utc(), kind, series, shot, attempt, text)
+        content = (number, at_utc, kind, series, shot, attempt, text)
         digest = digest_after(self._end.digest, content)
         # No RETURNING here: with it the commit waits until the row has been fetched to the end.
         command = (
@@ -367,6 +368,8 @@ class Journal(JournalReader):
             self._path, f"the record {_label(record)} cannot be written"
         ):
             self._connection.execute(command, (*content, digest))
+        if len(self._known) == self._end.number:
+            self._known.append(Entry(number, at_utc, series, record))
         self._end = ChainEnd(number, digest)
 
     def _given_up(self, changed: JournalFailed) -> JournalFailed:
@@ -388,9 +391,9 @@ class Journal(JournalReader):
         except JournalFailed:
             return False
 
-    def _text(self, record: kinds.Record) -> str:
+    def _as_stored(self, record: kinds.Record) -> tuple[str, kinds.Record]:
         try:
-            return kinds.to_text(record)
+            return kinds.as_stored(record)
         except (TypeError, ValueError, AttributeError) as error:
             raise JournalFailed(
                 f"{self._path}: the record {_label(record)} cannot be written: {error}",

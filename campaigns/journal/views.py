@@ -106,6 +106,14 @@ def take_up(parts: Parts, entries: Iterable[Entry[records.Record]]) -> None:
                     accepted.pop(shot, None)
 
 
+def copied(parts: Parts) -> Parts:
+    """The same, for another to take up further records into."""
+    return {
+        series: (first, kinds.copy(), intents.copy(), accepted.copy())
+        for series, (first, kinds, intents, accepted) in parts.items()
+    }
+
+
 def series_of(parts: Parts) -> tuple[Series, ...]:
     """Series as they stand, in the order of their beginning."""
     return tuple(

@@ -245,6 +245,19 @@ def test_what_was_read_is_taken_over_by_a_later_reader_of_the_same_journal(
             assert reader.digest(through=2) == alone.digest(through=2)
 
 
+def test_what_was_written_is_known_as_it_is_read_and_need_not_be_read_again(
+    journal: Journal, run: int, path: Path
+) -> None:
+    finding = Finding("validation", {"pairs": [1, 2], "mean_mm": 1e-5, "says": "NaN is no number"})
+    appended(journal, run, intent(1), outcome(1), finding)
+    written = journal.read_so_far()
+    with read_journal(path) as reader, read_journal(path) as alone:
+        reader.take_over(written)
+        assert reader.records() == alone.records()
+        assert all(now is then for now, then in zip(reader.records(), written[1], strict=True))
+        assert reader.series() == alone.series()
+
+
 def test_series_of_a_journal_that_grows_are_those_of_all_its_records(
     journal: Journal, run: int
 ) -> None:
