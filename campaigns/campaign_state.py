@@ -113,13 +113,13 @@ def state_of(
         return _calibrated(evaluation, found, passed, held)
     from campaigns.ways_on import Unusable
 
-    shots = evidence.run.shots if evidence.run else None
+    run = evidence.run.series.shots if evidence.run else ()
     purposes = [shot.intent.purpose for shot in latest.shots]
     unusable = Unusable(
         found=found,
         shots=purposes.count(ShotSet.IDENTIFICATION.value),
         limits_mm=campaign.config.acceptance.distances_mm,
-        sessions=dict(zip(shots.numbers, shots.session.tolist(), strict=True)) if shots else {},
+        sessions={shot.outcome.shot: shot.session for shot in run},
         folder=state.folder,
         imported=imported,
         shot_s=_shot_seconds(latest),

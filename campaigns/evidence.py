@@ -62,12 +62,17 @@ STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
 """Stages of series that count as each of a validation's."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class MeasuredSeries:
-    """Series with its accepted shots as arrays."""
+    """Series with its accepted shots as arrays, which are made when they are asked for."""
 
     series: Series
-    shots: Shots
+    make_shots: Callable[[], Shots]
+
+    @cached_property
+    def shots(self) -> Shots:
+        """Accepted shots."""
+        return self.make_shots()
 
 
 @dataclass(frozen=True, slots=True)
@@ -497,7 +502,7 @@ def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeri
     """Those in which any shot counts."""
     mechanism = campaign.robot.mechanism
     return tuple(
-        MeasuredSeries(series, shots_of_journal(series.shots, mechanism))
+        MeasuredSeries(series, partial(shots_of_journal, series.shots, mechanism))
         for series in every
         if series.shots
     )
