@@ -15,6 +15,8 @@ ANGLE_DECIMALS = 12
 loses. So a file that was read and written again is the same file."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Matches in a time that grows with the text's length, not with its square."""
+SIGNS_OF_NUMBERS = b"+-.0123456789Ee"
+"""Of these alone Python makes no number that `NUMBER` does not match."""
 _WHOLE_NUMBER = re.compile(r"[+-]?\d+", re.ASCII)
 WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
@@ -94,6 +96,17 @@ class CsvRow:
         if WITH_COMMA.fullmatch(text):
             return self.wrong(f"{column} is '{text}', a decimal comma", remedy=_POINT_REMEDY)
         return self.wrong(f"{column} is '{text}', must be {wanted}", remedy="correct the value")
+
+
+def numbers_of(texts: Sequence[str]) -> list[float]:
+    """Finite numbers of many texts, as `CsvRow.number` reads each; [] where any is none."""
+    if "".join(texts).encode(errors="replace").translate(None, SIGNS_OF_NUMBERS):
+        return []
+    try:
+        values = [*map(float, texts)]
+    except ValueError:
+        return []
+    return values if all(map(math.isfinite, values)) else []
 
 
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:

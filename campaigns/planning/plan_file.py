@@ -2,7 +2,7 @@
 
 import hashlib
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -133,7 +133,8 @@ def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedSho
     rows = list(parse_csv(text, name, form))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
-    shots = tuple(_shot_of(row, mechanism) for row in rows)
+    values = [columns.axis_rows(rows, axes) for axes in (mechanism.task, mechanism.joints)]
+    shots = tuple(_shot_of(row, *values) for row in rows)
     _check_numbers(rows, shots)
     _check_models(rows, shots)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
@@ -199,14 +200,17 @@ def _options_of(text: str) -> tuple[str, ...]:
     return tuple(shlex.split(text))
 
 
-def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
+def _shot_of(
+    row: CsvRow, poses: Iterator[tuple[float, ...]], joints: Iterator[tuple[float, ...]]
+) -> PlannedShot:
+    """Shot of a row, whose values are the next ones."""
     purpose = columns.shot_set(row)
     return PlannedShot(
         shot=row.whole_number("shot"),
         purpose=purpose,
         pair=columns.pair_number(row, purpose),
-        pose=pose_of(columns.axis_values(row, mechanism.task)),
-        joints=columns.axis_values(row, mechanism.joints),
+        pose=pose_of(next(poses)),
+        joints=next(joints),
         model=_model_of(row),
         asked=_asked_of(row),
         nest=columns.nest_name(row, purpose),

@@ -3,10 +3,11 @@
 What is wrong raises the error of the file that the row is from.
 """
 
+import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from campaigns.files.csv_file import CsvRow, angle_text, number_text
+from campaigns.files.csv_file import CsvRow, angle_text, number_text, numbers_of
 from campaigns.files.wording import shown, suggestion
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR
@@ -29,6 +30,14 @@ def axis_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
 def axis_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[float, ...]:
     """Inner values of a row's columns, rad or mm."""
     return tuple(_axis_value(row, axis) for axis in axes)
+
+
+def axis_rows(rows: Sequence[CsvRow], axes: Sequence[Axis]) -> Iterator[tuple[float, ...]]:
+    """The same of each row in turn, in a fourth of the time where nothing is wrong in any."""
+    found = [column for axis in axes if (column := _axis_column(rows, axis))]
+    if len(found) == len(axes):
+        return zip(*found, strict=True)
+    return (axis_values(row, axes) for row in rows)
 
 
 def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:
@@ -77,6 +86,14 @@ def axis_text_columns(axes: Sequence[Axis], rows: Sequence[Sequence[float]]) -> 
     by_axis = zip(*rows, strict=True) if rows else [()] * len(axes)
     each = zip(axes, by_axis, strict=True)
     return [[*map(angle_text if axis.is_revolute else number_text, own)] for axis, own in each]
+
+
+def _axis_column(rows: Sequence[CsvRow], axis: Axis) -> list[float]:
+    """Inner values of a column; [] where any is wrong."""
+    column = axis.column
+    values = numbers_of([row.texts.get(column, "") for row in rows])
+    most = ANGLE_LIMIT_DEG if axis.is_revolute else math.inf
+    return [*map(axis.from_file, values)] if max(map(abs, values), default=0.0) <= most else []
 
 
 def _axis_value(row: CsvRow, axis: Axis) -> float:

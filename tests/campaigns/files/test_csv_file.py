@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import MOST_LINES, CsvForm, csv_text, number_text, parse_csv
+from campaigns.files.csv_file import (
+    MOST_LINES,
+    CsvForm,
+    csv_text,
+    number_text,
+    numbers_of,
+    parse_csv,
+)
 
 FORM = CsvForm(("a", "b"), (), ShotsInvalid)
 MEASURED = CsvForm(("shot", "x_mm"), ("set",), ShotsInvalid)
@@ -93,6 +100,20 @@ def test_numbers_are_written_as_they_are(value):
 def test_any_text_comes_back_but_for_its_outer_blanks_and_line_breaks(text):
     _, back = there_and_back(text, "x")
     assert back[0] == " ".join(text.strip().splitlines())
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1", 1.0), ("-.5", -0.5), ("+5.", 5.0), ("2e-3", 2e-3), ("0.1", 0.1)]
+)
+def test_many_numbers_are_read_as_each_is(text, value):
+    assert numbers_of(["1.5", text]) == [1.5, value]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "nan", "inf", "1e999", "1_0", "1,5", "0x1", "e", ".", "١", "é"]
+)
+def test_none_is_read_of_texts_of_which_one_is_no_number(text):
+    assert numbers_of(["1.5", text]) == []
 
 
 @pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
