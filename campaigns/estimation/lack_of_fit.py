@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation import error_columns
@@ -39,6 +40,7 @@ SHORTEST_MM, LONGEST_MM = 5.0, 500.0
 """Periods of a carriage's drive that are looked for."""
 SHORTEST_RAD, LONGEST_RAD = 2.0 * math.pi / 200.0, 2.0 * math.pi / 4.0
 """Periods of an arm's gear: from four to 200 in a turn."""
+Waves = NDArray[np.complex128]
 Drives = tuple[Array, Array, float, float]
 """Whitened ∂point/∂joints (N, 3, n), joints (N, n), and the shortest and longest period."""
 POSSIBLE = 0.01
@@ -49,7 +51,9 @@ FEWEST_PERIODS = 2.0
 """Over the travel: fewer may as well be an eccentric encoder, a ratio or the geometry."""
 STEPS_A_TURN = 2.0
 """Frequencies looked at, from one that makes a turn more over the travel to the next."""
-SHOTS_AT_ONCE = 128
+SHOTS_AT_ONCE = 256
+NEAR = 9
+"""Frequencies about the best one, a quarter of a step apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,11 +252,13 @@ def best_period(shots: FittedShots, drives: Drives) -> Group:
     step = 1.0 / (STEPS_A_TURN * travel)
     lowest = max(1.0 / longest, FEWEST_PERIODS / travel)
     frequencies = np.arange(lowest, max(1.0 / shortest, lowest + step), step)
-    fine = np.asarray(frequencies[: math.isqrt(len(frequencies))] - lowest, np.float64)
-    gains = _gains(shots, by_joints, joints, frequencies[:: len(fine)], fine)
-    best = frequencies[int(np.argmax(gains[: len(frequencies)]))]
-    near = np.maximum(best + step * np.linspace(-1.0, 1.0, 9), lowest)
-    best = near[int(np.argmax(_gains(shots, by_joints, joints, near, np.zeros(1))))]
+    columns = np.column_stack([shots.basis, shots.left]).reshape(len(joints), 3, -1)
+    turned = by_joints.swapaxes(1, 2)
+    sought = joints, turned @ by_joints, turned @ columns
+    best = frequencies[int(np.argmax(_gains(*sought, lowest, step, len(frequencies))))]
+    near = best + step * np.linspace(-1.0, 1.0, NEAR)
+    gains = _gains(*sought, float(near[0]), step * 2.0 / (NEAR - 1), NEAR)
+    best = near[int(np.argmax(np.where(near < lowest, -np.inf, gains)))]
     columns = harmonic(by_joints, 2.0 * np.pi * best * joints)
     arms = np.repeat(np.arange(joints.shape[1]), 2)
     tests = len(frequencies) + len(near)
@@ -266,37 +272,57 @@ def best_period(shots: FittedShots, drives: Drives) -> Group:
 
 
 def _gains(
-    shots: FittedShots, by_joints: Array, joints: Array, coarse: Array, fine: Array
+    joints: Array, own: Array, through: Array, lowest: float, step: float, count: int
 ) -> Array:
-    """Part of χ² that sines and cosines explain, (F f,), of frequencies (F,) plus (f,).
+    """Part of χ² that sines and cosines explain, (F,), of so many frequencies a step apart.
 
+    Of joints (N, n) by Jᵀ J (N, n, n) and Jᵀ of the fit's basis and what it leaves (N, n, R + 1).
     By sums over some shots at a time, whose waves stay in the processor's cache.
     """
-    count, arms = joints.shape
-    turned, waves = by_joints.swapaxes(1, 2), len(coarse) * len(fine)
-    columns = np.column_stack([shots.basis, shots.left]).reshape(count, 3, -1)
-    own, through = turned @ by_joints, turned @ columns  # (N, n, n), (N, n, R + 1)
-    normal = np.zeros((arms, arms, 2, 2, waves))
-    told = np.zeros((arms, columns.shape[2], 2 * waves))
-    for first in range(0, count, SHOTS_AT_ONCE):
+    fine, arms = math.isqrt(count), joints.shape[1]
+    coarse = -(-count // fine)
+    waves = coarse * fine
+    told = np.zeros((arms, through.shape[2], 2 * waves))
+    sums = np.zeros((2, arms, arms, coarse, fine), np.complex128)
+    for first in range(0, len(joints), SHOTS_AT_ONCE):
         some = slice(first, first + SHOTS_AT_ONCE)
-        phase = 2j * np.pi * joints[some].T[:, :, None]
+        turn, begin = np.exp(2j * np.pi * np.multiply.outer((step, lowest), joints[some].T))
         # the angle sum theorem saves most sines
-        wave = np.exp(phase * coarse)[..., None] * np.exp(phase * fine)[:, :, None]
-        wave = wave.reshape(arms, -1, waves)
-        both = np.stack([wave.imag, wave.real], axis=2)  # (n, S, 2, F f)
-        told += through[some].transpose(1, 2, 0) @ both.reshape(arms, -1, 2 * waves)
-        for i, j in np.ndindex(arms, arms):
-            if i <= j:
-                weighted = own[some, i, j, None, None] * both[i]
-                normal[i, j] += np.einsum("naf,nbf->abf", weighted, both[j])
-                normal[j, i] = normal[i, j].swapaxes(0, 1)
-    square = normal.transpose(4, 0, 2, 1, 3).reshape(waves, 2 * arms, 2 * arms)
-    shared = told.reshape(arms, -1, 2, waves).transpose(3, 1, 0, 2).reshape(waves, -1, 2 * arms)
+        steps = _powers(np.ones_like(turn), turn, fine)
+        leaps = _powers(begin, steps[..., -1] * turn, coarse)  # (n, S, F)
+        for i in range(arms):
+            wave = (leaps[i, :, :, None] * steps[i, :, None]).reshape(-1, waves)
+            told[i] += through[some, i].T @ wave.view(np.float64)
+            for j in range(i, arms):
+                weighted = own[some, i, j, None] * leaps[i]
+                for place, leap, each in (
+                    (0, leaps[j].conj(), steps[j].conj()),
+                    (1, leaps[j], steps[j]),
+                ):
+                    sums[place, i, j] += (weighted * leap).T @ (steps[i] * each)
+    square = np.empty((arms, 2, arms, 2, waves))
+    for i in range(arms):
+        for j in range(i, arms):
+            less, more = sums[:, i, j].reshape(2, waves)  # of the angles' difference and sum
+            sines, cosines = less.real - more.real, less.real + more.real
+            mixed = more.imag + less.imag, more.imag - less.imag
+            square[i, :, j] = 0.5 * np.array([[sines, mixed[0]], [mixed[1], cosines]])
+            square[j, :, i] = square[i, :, j].swapaxes(0, 1)
+    square = square.transpose(4, 0, 1, 2, 3).reshape(waves, 2 * arms, 2 * arms)[:count]
+    # of each complex wave the cosine comes first
+    both = told.reshape(arms, -1, waves, 2)[:, :, :count, ::-1]
+    shared = both.transpose(2, 1, 0, 3).reshape(count, -1, 2 * arms)
     gained, shared = shared[:, -1], shared[:, :-1]
     square = square - shared.swapaxes(1, 2) @ shared
     size = np.einsum("fij,fj->fi", np.linalg.pinv(square, rcond=RANK, hermitian=True), gained)
     return np.asarray(np.sum(gained * size, axis=1))
+
+
+def _powers(begin: Waves, turn: Waves, count: int) -> Waves:
+    """Waves (…, count), from the beginning (…) on each a turn (…) further."""
+    found = np.repeat(turn[..., None], count, axis=-1)
+    found[..., 0] = begin
+    return np.cumprod(found, axis=-1, dtype=np.complex128)
 
 
 def _most_significant(shots: FittedShots, groups: Sequence[Group]) -> LackOfFit | None:

@@ -160,9 +160,10 @@ def test_waves_of_some_shots_at_a_time_gain_what_they_gain_in_a_fit_of_all(monke
     monkeypatch.setattr(lack_of_fit, "SHOTS_AT_ONCE", 32)
     joints, by_joints, jacobian, noise = drawn(7)
     shots = FittedShots.of(noise, jacobian)
-    coarse, fine = np.array([1.0, 2.0]), np.array([0.0, 0.3])
-    gains = lack_of_fit._gains(shots, by_joints, joints, coarse, fine)
-    for each, gain in zip([1.0, 1.3, 2.0, 2.3], gains.tolist(), strict=True):
+    columns = np.column_stack([shots.basis, shots.left]).reshape(len(joints), 3, -1)
+    turned = by_joints.swapaxes(1, 2)
+    gains = lack_of_fit._gains(joints, turned @ by_joints, turned @ columns, 1.0, 0.3, 5)
+    for each, gain in zip([1.0, 1.3, 1.6, 1.9, 2.2], gains.tolist(), strict=True):
         waves = harmonic(by_joints, 2.0 * np.pi * each * joints)
         assert gain == pytest.approx(shots.chi2 - shots.fitted(waves).chi2, rel=1e-9)
 
