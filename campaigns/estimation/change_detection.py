@@ -40,6 +40,7 @@ AS_WELL = 9.2
 FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
+SHOTS_AT_ONCE = 256
 WELL_TOLD = 1e-9
 """Part of the best known direction from which no other is lost to rounding."""
 UNTOLD = 1e-10
@@ -262,15 +263,18 @@ class _Tests:
             return cls(cause, places, normal, gained, gain, np.empty(0))
         # sums from the last shot on, of those steps that leave enough shots before and after them
         last, some = np.ascontiguousarray(columns[::-1]), slice(FEWEST_BEYOND - 1, -FEWEST_BEYOND)
-        turned, by_shot = last.swapaxes(1, 2), shots.left.reshape(count, 3, 1)[::-1]
-        shared = _sums(shots.basis_from_last @ last)[some]
+        turned, by_shot = (
+            np.ascontiguousarray(last.swapaxes(1, 2)),
+            shots.left.reshape(count, 3, 1)[::-1],
+        )
         own, gained = (_sums(each)[some] for each in (turned @ last, (turned @ by_shot)[:, :, 0]))
-        normal = (own - shared.swapaxes(1, 2) @ shared)[::-1]
+        squares, products = (each[some] for each in _shared(turned, shots.basis_from_last))
+        normal = (own - squares)[::-1]
         gained = gained[::-1]
         correlation = np.empty(0)
         if columns.shape[2] == 1:
-            together = own[:-1, 0, 0]  # what both of two neighbours have: the later one's
-            together = together - np.einsum("nr,nr->n", shared[1:, :, 0], shared[:-1, :, 0])
+            # what both of two neighbours have: the later one's
+            together = own[:-1, 0, 0] - products[1:]
             # rounding where a fit says it all
             unit = np.sqrt(np.maximum(_inverse(normal)[:, 0, 0], 0.0))
             correlation = together[::-1] * unit[:-1] * unit[1:]
@@ -385,6 +389,27 @@ def _inverse(normal: Array) -> Array:
     lost = size * own > 1.0 / UNTOLD  # no smaller than the condition
     inverse[lost] = np.linalg.pinv(normal[lost], rcond=UNTOLD, hermitian=True)
     return np.asarray(inverse)
+
+
+def _shared(turned: Array, basis: Array) -> tuple[Array, Array]:
+    """Of sums over shots, what columns (N, m, 3) share with a fit's basis (N, 3, R), (m, R) each.
+
+    Their squares (N, m, m), and the product of each with the one before it, (N,), where m is 1. Of
+    some shots at a time, whose sums stay in the processor's cache.
+    """
+    (count, columns, _), one = turned.shape, turned.shape[1] == 1
+    squares, products = np.empty((count, columns, columns)), np.zeros(count * one)
+    before = np.zeros((1, columns, basis.shape[2]))
+    for first in range(0, count, SHOTS_AT_ONCE):
+        some = slice(first, first + SHOTS_AT_ONCE)
+        sums = _sums(np.concatenate([before, turned[some] @ basis[some]]))
+        if one:
+            np.einsum("nr,nr->n", sums[1:, 0], sums[1:, 0], out=squares[some, 0, 0])
+            np.einsum("nr,nr->n", sums[1:, 0], sums[:-1, 0], out=products[some])
+        else:
+            np.matmul(sums[1:], sums[1:].swapaxes(1, 2), out=squares[some])
+        before = sums[-1:]
+    return squares, products
 
 
 def _sums(each: Array) -> Array:

@@ -48,9 +48,8 @@ class FittedShots:
 
     @cached_property
     def basis_from_last(self) -> Array:
-        """The basis of each shot, the last one first, (N, R, 3)."""
-        by_shot = self.basis.reshape(-1, 3, self.basis.shape[1])
-        return np.ascontiguousarray(by_shot[::-1].swapaxes(1, 2))
+        """The basis of each shot, the last one first, (N, 3, R)."""
+        return np.ascontiguousarray(self.basis.reshape(-1, 3, self.basis.shape[1])[::-1])
 
     @property
     def chi2(self) -> float:
