@@ -66,6 +66,7 @@ class PositionModel:
         self._regressor = np.zeros(len(joints)) if regressor is None else regressor
         self._start = start
         self._last: Assembled | None = None
+        self._whole: tuple[Assembled, Array] | None = None
         self._expansion: tuple[Assembled, Array, Array] | None = None
         """Poses to first order: about which, by x (N, t, F), by all of `parameters.geometry`."""
 
@@ -111,9 +112,16 @@ class PositionModel:
         left_out = [] if self._is_extended else [self._extensions]
         left_out += [] if self._has_azimuths else [self._mechanism.azimuths]
         if any(np.isin(places, each).any() for each in left_out):
-            _, configuration, poses = self._assembled_at(x)
-            by_all = configuration.jacobian(poses)
+            by_all = self._with_all(x)
         return by_all[:, :3][:, :, places]
+
+    def _with_all(self, x: Array) -> Array:
+        """∂poses/∂(every parameter of the geometry), (N, t, G), also where few ask for it."""
+        there = self._assembled_at(x)
+        if self._whole is None or self._whole[0] is not there:
+            _, configuration, poses = there
+            self._whole = there, configuration.jacobian(poses)
+        return self._whole[1]
 
     def by_expansions(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂(growth of arms, forearms and frame, a share of their lengths), (N, 3, 3)."""

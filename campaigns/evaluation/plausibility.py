@@ -232,7 +232,7 @@ def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) 
 
 def _unchanged(nominal: Kinematics, joints: Array, points: Array) -> Reading:
     """Reading of joints and points as they are written."""
-    return min(_readings(nominal, joints, points, ""), key=lambda each: each.steps)
+    return next(_readings(nominal, joints, points, ""))
 
 
 def _on_a_line(points: Array) -> bool:
@@ -361,7 +361,10 @@ def _joint_words(*, axes_order: tuple[int, ...], sign: tuple[float, ...]) -> Ite
 def _readings(
     nominal: Kinematics, joints: Array, points: Array, words: str, remedy: str = ""
 ) -> Iterator[Reading]:
-    """Of joints (N, n) as they may have been meant, with every unit, mirrored and not."""
+    """Of joints (N, n) as they may have been meant, with every unit, mirrored and not.
+
+    The first one takes points as they are written.
+    """
     modelled = nominal.forward(joints)
     rows = np.flatnonzero(modelled.found)
     if len(rows) < FEWEST:

@@ -172,7 +172,9 @@ class Shots:
         return replace(self, points_in_tracker_mm=nearer)
 
     def rows(self, rows: Index) -> "Shots":
-        """Shots of these rows."""
+        """Shots of these rows; the same where these are all, as they stand."""
+        if len(rows) == len(self) and np.array_equal(rows, np.arange(len(self))):
+            return self
         chosen = rows.tolist()
 
         def taken(column: Array | Index | tuple[object, ...]) -> object:
