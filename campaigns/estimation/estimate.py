@@ -10,8 +10,18 @@ import numpy as np
 from campaigns.arrays import Array, Mask
 from campaigns.estimation import information
 from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.least_squares import IdentifiableSubspace, LeastSquaresProblem, Solution
-from campaigns.estimation.observability import Observability, observability, project_out_nuisance
+from campaigns.estimation.least_squares import (
+    IdentifiableSubspace,
+    LeastSquaresProblem,
+    Priors,
+    Solution,
+)
+from campaigns.estimation.observability import (
+    Observability,
+    observability,
+    project_out_nuisance,
+    triangle_of,
+)
 from campaigns.estimation.robust import (
     ROUNDING,
     Inliers,
@@ -88,7 +98,7 @@ def estimate(
     """
     at, kept = problem.data.start(), np.ones(problem.blocks, dtype=bool)
     for _ in range(CONSTRAINT_ROUNDS):
-        seen = observability(project_out_nuisance(_jacobian(problem, at, kept), parameters))
+        seen = _observed(problem, _triangle(problem, at, kept), parameters)
         held = replace(problem, subspace=_subspace(problem, seen))
         near = start if held.subspace is None else None
         begin, spent = (None, 0) if near is None else (near.x[: len(at)], near.fit.evaluations)
@@ -97,15 +107,18 @@ def estimate(
         kept = agreed.kept
         last, robust, noise = _solved(held, loss, first, kept=kept, known_variance=known_variance)
         at = last.x(robust.fit.x)
-        found = observability(project_out_nuisance(_jacobian(last, at, kept), parameters))
+        triangle = _triangle(last, at, kept)
+        found = _observed(last, triangle, parameters)
         if found.rank >= seen.rank:
             break
     observed = found if found.rank == seen.rank else seen
-    by_data = _by_data_alone(last, at, kept, observed, parameters)
+    by_data = observed
+    if len(problem.priors):
+        by_data = _observed(replace(last, priors=Priors.none()), triangle, parameters)
     with_conflicts = len(problem.priors) > 0 and by_data.rank == parameters
     return Estimate(
         at,
-        _covariance(last, at, noise, kept),
+        _covariance(last, triangle, noise),
         _identifiable(seen),
         observed,
         by_data,
@@ -146,6 +159,23 @@ def _jacobian(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Array:
     if not len(problem.priors):
         return data
     return np.vstack([data, problem.priors.jacobian(len(x))])
+
+
+def _triangle(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Array:
+    """Triangle (P, P) of ∂(whitened measurements)/∂unknowns, without what was left out."""
+    rows = problem.data.jacobian(x)
+    return triangle_of(rows if kept.all() else rows[np.repeat(kept, problem.block)])
+
+
+def _beside_priors(problem: LeastSquaresProblem, triangle: Array) -> Array:
+    """Rows that tell as much as measurements of this triangle, and priors, (P + K, P)."""
+    return np.vstack([triangle / problem.sigma0, problem.priors.jacobian(triangle.shape[1])])
+
+
+def _observed(problem: LeastSquaresProblem, triangle: Array, parameters: int) -> Observability:
+    """Observability of the parameters, the first unknowns, by measurements of this triangle."""
+    alone = project_out_nuisance(_beside_priors(problem, triangle), parameters)
+    return replace(observability(alone), rows=problem.rows)
 
 
 def _subspace(problem: LeastSquaresProblem, seen: Observability) -> IdentifiableSubspace | None:
@@ -237,13 +267,14 @@ def _reduced_jacobian(problem: LeastSquaresProblem, robust: RobustFit, kept: Mas
 
 
 def _covariance(
-    problem: LeastSquaresProblem, x: Array, noise: information.ChiSquareTest, kept: Mask
+    problem: LeastSquaresProblem, triangle: Array, noise: information.ChiSquareTest
 ) -> Array | None:
-    """(P, P), of the measurements at their allowed scatter and the priors as they are."""
+    """(P, P), of measurements at their allowed scatter and the priors as they are."""
     if (sigma0 := noise.sigma0) is None:
         return None
-    rows = _jacobian(replace(problem, sigma0=max(sigma0, ROUNDING)), x, kept)
-    directions = np.eye(len(x)) if problem.subspace is None else problem.subspace.directions
+    rows = _beside_priors(replace(problem, sigma0=max(sigma0, ROUNDING)), triangle)
+    subspace = problem.subspace
+    directions = np.eye(rows.shape[1]) if subspace is None else subspace.directions
     try:
         moving = information.covariance(rows @ directions)
     except np.linalg.LinAlgError:  # more was lost on the way than where it began
@@ -254,12 +285,3 @@ def _covariance(
 def _identifiable(seen: Observability) -> Mask:
     """Mask of parameters that take part in no unobservable combination, (F,)."""
     return np.asarray(np.abs(seen.null_directions).max(axis=0, initial=0.0) < NOTHING_MOVES)
-
-
-def _by_data_alone(
-    problem: LeastSquaresProblem, x: Array, kept: Mask, with_priors: Observability, parameters: int
-) -> Observability:
-    if not len(problem.priors):
-        return with_priors
-    measured = problem.block * problem.blocks
-    return observability(project_out_nuisance(_jacobian(problem, x, kept)[:measured], parameters))
