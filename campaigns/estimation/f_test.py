@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array
-from campaigns.estimation.observability import orthonormal_basis
+from campaigns.estimation.observability import column_norms, orthonormal_basis
 
 LOST = 1e-4
 """A column of which less than this part is left beside the fit is one of the fit's own."""
@@ -70,8 +70,9 @@ class FittedShots:
         if known is None:
             flat = columns.reshape(self.left.size, -1)
             left = flat - self.basis @ (self.basis.T @ flat)
-            own = np.linalg.norm(left, axis=0) > LOST * np.linalg.norm(flat, axis=0)
-            known = self._beside[id(columns)] = columns, np.asarray(left * own)
+            lost = column_norms(left) <= LOST * column_norms(flat)
+            left[:, lost] = 0.0
+            known = self._beside[id(columns)] = columns, left
         return known[1]
 
     def fitted(self, columns: Array) -> "FittedShots":

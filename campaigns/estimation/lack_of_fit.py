@@ -20,7 +20,7 @@ from campaigns.estimation import error_columns
 from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, SIGNIFICANCE
-from campaigns.estimation.observability import triangle_of
+from campaigns.estimation.observability import column_norms, triangle_of
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -191,7 +191,7 @@ def external_reliability(
     if shots.freedom < LEAST_FREEDOM:
         return
     flat = jacobian.reshape(shots.left.size, -1)
-    lengths = np.linalg.norm(flat, axis=0)
+    lengths = column_norms(flat)
     lengths[lengths == 0.0] = np.inf  # what moves no point is moved by none
     _, spread, directions = np.linalg.svd(triangle_of(flat / lengths))
     told = spread > math.sqrt(RANK) * spread.max(initial=0.0)

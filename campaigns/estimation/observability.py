@@ -69,7 +69,7 @@ class Observability:
 
 def observability(jacobian: Array) -> Observability:
     """Rank and null space of a Jacobian (M, P) after column scaling."""
-    norms = np.linalg.norm(jacobian, axis=0)
+    norms = column_norms(jacobian)
     # a column of which only rounding is left must not be blown up to unit length
     scale = np.where(norms > ROUNDING * norms.max(initial=0.0), norms, 1.0)
     rows, wide = jacobian / scale, len(jacobian) < jacobian.shape[1]
@@ -79,6 +79,11 @@ def observability(jacobian: Array) -> Observability:
     values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
     rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
     return Observability(values, rank, directions, scale, len(jacobian))
+
+
+def column_norms(rows: Array) -> Array:
+    """Lengths (P,) of the columns of rows (M, P), without an array of all their squares."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", rows, rows)))
 
 
 def triangle_of(rows: Array) -> Array:
@@ -98,7 +103,7 @@ def triangle_of(rows: Array) -> Array:
 
 def orthonormal_basis(columns: Array) -> Array:
     """Orthonormal basis (M, R) of the space of columns (M, P), those of no length left out."""
-    norms = np.linalg.norm(columns, axis=0)
+    norms = column_norms(columns)
     kept = norms > RANK_TOLERANCE * norms.max(initial=0.0)
     scaled = columns[:, kept] / norms[kept]
     if len(scaled) >= 2 * BLOCK_ROWS:  # a triangle tells as much, unless columns nearly depend
@@ -120,8 +125,7 @@ def project_out_nuisance(jacobian: Array, count: int) -> Array:
         return parameters
     basis, _ = np.linalg.qr(others)
     alone = parameters - basis @ (basis.T @ parameters)
-    whole = np.linalg.norm(parameters, axis=0)
-    lost = np.linalg.norm(alone, axis=0) <= RANK_TOLERANCE * whole
+    lost = column_norms(alone) <= RANK_TOLERANCE * column_norms(parameters)
     return np.asarray(np.where(lost, 0.0, alone))
 
 

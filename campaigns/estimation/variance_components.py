@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.observability import RANK_TOLERANCE, triangle_of
+from campaigns.estimation.observability import RANK_TOLERANCE, column_norms, triangle_of
 from campaigns.estimation.tracker_noise import inverse_roots
 
 WORTH = 6.0
@@ -37,6 +37,7 @@ CLEAR = 1.0
 """In 2 log L: by so much no further search would choose other components."""
 UNMOVED = 0.01
 """Relative change of a component that tells nothing new, half of what a fit is made again for."""
+SHOTS_AT_ONCE = 256
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 LEAST_STEP = math.sqrt(2.2e-16)
 """Part of a place, beside a tolerance, that two trials of a search are at least apart."""
@@ -143,7 +144,7 @@ def _scores(shots: LinearizedShots) -> Array:
     by_shot = _orthonormal(whitened[:, :, :-1])
     if by_shot is None:
         flat = whitened[:, :, :-1].reshape(-1, rows.shape[-1] - 1)
-        basis = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
+        basis = np.linalg.qr(flat / np.maximum(column_norms(flat), TINY))[0]
         by_shot = basis.reshape(len(shots), 3, -1)
     basis, residual = by_shot.reshape(3 * len(shots), -1), whitened[:, :, -1].ravel()
     left = (residual - basis @ (basis.T @ residual)).reshape(-1, 3)
@@ -181,7 +182,7 @@ def component_score(left: Array, columns: Array, own: Array, taken: Array) -> Ar
 def _orthonormal(columns: Array) -> Array | None:
     """Orthonormal columns (N, 3, P) of the space of others; None where they nearly depend."""
     flat = columns.reshape(3 * len(columns), -1)
-    flat = flat / np.maximum(np.linalg.norm(flat, axis=0), TINY)
+    flat = flat / np.maximum(column_norms(flat), TINY)
     triangle = triangle_of(flat)
     own = np.abs(np.diag(triangle))
     if own.min() <= RANK_TOLERANCE * own.max():
@@ -203,7 +204,7 @@ class _RestrictedLikelihood:
         """Whether columns are so far from dependence that their squares, which take a fraction of
         the time of a QR, tell as much; compiled loops look themselves."""
         if jacobian is None:
-            scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
+            scale = column_norms(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]))
             jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
         self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
         if kernel is not None:
@@ -220,16 +221,25 @@ class _RestrictedLikelihood:
         covariance = self._shots.stated_mm2 + point**2 * np.eye(3) + joint**2 * self._through
         try:
             inverse = inverse_roots(covariance)
-            rows = (inverse @ self._rows).reshape(-1, self._rows.shape[-1])
             if self._is_orthonormal:
-                own = np.diag(np.linalg.cholesky(rows.T @ rows))
+                own = np.diag(np.linalg.cholesky(self._squares(inverse)))
             else:
+                rows = (inverse @ self._rows).reshape(-1, self._rows.shape[-1])
                 own = np.abs(np.diag(triangle_of(rows)))
         except np.linalg.LinAlgError:
             return NOWHERE
-        known = own[:-1] > own[:-1].max() * np.finfo(np.float64).eps * len(rows)
+        known = own[:-1] > own[:-1].max() * np.finfo(np.float64).eps * 3 * len(inverse)
         size = -2.0 * float(np.log(np.einsum("nii->ni", inverse)).sum())
         return -(size + 2.0 * float(np.log(own[:-1][known]).sum()) + float(own[-1] ** 2))
+
+    def _squares(self, inverse: Array) -> Array:
+        """Products of all whitened columns, of some shots at a time, which stay in the cache."""
+        found = np.zeros((self._rows.shape[-1],) * 2)
+        for first in range(0, len(inverse), SHOTS_AT_ONCE):
+            some = slice(first, first + SHOTS_AT_ONCE)
+            rows = (inverse[some] @ self._rows[some]).reshape(-1, len(found))
+            found += rows.T @ rows
+        return found
 
     def best_single(self, place: int) -> tuple[float, tuple[float, float]]:
         """Best value with one component alone, and where it is."""
