@@ -88,15 +88,16 @@ def state_of(
     every = evidence.journal.series if evidence.journal else ()
     bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
     runs = [each for each in every if each.to_identify]
-    program = evidence.programs.get("run", "")
+    # where a run or import leads on nothing asks for the plan, which takes long to read
+    plan = () if runs else evidence.plan
+    program = evidence.program if campaign.is_offline else ""
     state = replace(
-        _unmeasured(campaign, evidence.plan, program, answered=answered, reported=reported),
-        words=_words(evidence),
-        program_after=bool(evidence.programs.get("after")),
+        _unmeasured(campaign, plan, program, answered=answered, reported=reported),
+        program_after=bool(evidence.program_after),
         before=bool(evidence.before),
     )
     if not runs:
-        return state
+        return replace(state, words=_words(evidence))
     latest, imported = runs[-1], campaign.is_offline or runs[-1].started.stage == "import"
     left = "" if imported else _left(evidence, latest)
     state = replace(state, measured="import" if imported else "run", left=left)
@@ -105,7 +106,9 @@ def state_of(
         latest.number,
         campaign.robot.digest(),
     ):
-        return state
+        return replace(state, words=_words(evidence))
+    if left or last > found.journal_records or campaign.outdated(found):
+        state = replace(state, words=_words(evidence))
     if last > found.journal_records or campaign.outdated(found):
         return state
     if found.verdict == "pass":

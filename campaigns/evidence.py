@@ -4,7 +4,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property, partial
 from pathlib import Path
@@ -129,7 +129,7 @@ class JournalFacts:
         return None if through is None else self.digest_through(min(through, self.records))
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence:
     """Everything there is of a campaign; None: it is not there."""
 
@@ -142,7 +142,8 @@ class Evidence:
     identification: RecordedIdentification | None = None
     loaded: Load | None = None
     checked: RecordedCheck | None = None
-    plan: tuple[PlannedShot, ...] | None = None
+    read_plan: Callable[[list[str]], tuple[PlannedShot, ...] | None] = lambda _: None
+    """Reads plan.csv, which not everybody asks for; a problem goes into the list."""
     parameter_file: RobotFile | None = None
     spoilt_parameter_file: bool = False
     """Whether it is there and cannot be read."""
@@ -152,10 +153,31 @@ class Evidence:
     """What `export` or `correct` wrote last."""
     forms: tuple[WrittenSet, ...] = ()
     """Forms of identified sets that are robot files in the campaign's folder, latest first."""
-    programs: Mapping[str, str] = field(default_factory=dict)
-    """Languages of the programs of plan.csv and of what was written last, by stage."""
-    unreadable: tuple[str, ...] = ()
-    """What is there and cannot be read, and why."""
+    program_after: str = ""
+    """Language of the program of what was written last."""
+    spoilt: tuple[str, ...] = ()
+    """What is there beside the plan and cannot be read, and why."""
+
+    @cached_property
+    def _plan(self) -> tuple[tuple[PlannedShot, ...] | None, list[str]]:
+        problems = list[str]()
+        return self.read_plan(problems), problems
+
+    @property
+    def plan(self) -> tuple[PlannedShot, ...] | None:
+        """plan.csv."""
+        return self._plan[0]
+
+    @property
+    def unreadable(self) -> tuple[str, ...]:
+        """What is there and cannot be read, and why."""
+        return *self._plan[1], *self.spoilt
+
+    @property
+    def program(self) -> str:
+        """Language of the program of plan.csv."""
+        campaign = self.campaign
+        return program_of_plan(campaign.folder, self.plan, campaign.robot.mechanism)
 
     def has_plan(self, digest: str) -> bool:
         """Whether plan.csv is the plan of this digest."""
@@ -351,22 +373,19 @@ def evaluate(campaign: Campaign) -> Evaluation:
 def gather(campaign: Campaign) -> Evidence:
     """Read everything that is there; raises `JournalFailed` for a journal that cannot be read."""
     unreadable: list[str] = []
-    plan = _read_if_there(campaign.plan_path, lambda _: campaign.read_plan(), unreadable)
     parameters = _read_if_there(
         campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
     )
     is_spoilt = parameters is None and campaign.path(PARAMETER_FILE).exists()
-    programs = {"run": program_of_plan(campaign.folder, plan, campaign.robot.mechanism)}
     files = partial(
         Evidence,
         campaign=campaign,
-        plan=plan,
+        read_plan=partial(_read_if_there, campaign.plan_path, lambda _: campaign.read_plan()),
         parameter_file=parameters,
         spoilt_parameter_file=is_spoilt,
-        programs=programs,
     )
     if not campaign.journal_path.exists():
-        return files(unreadable=tuple(unreadable))
+        return files(spoilt=tuple(unreadable))
     with campaign.journal_reader() as journal:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
@@ -392,8 +411,9 @@ def gather(campaign: Campaign) -> Evidence:
         run = _measured(campaign, _identified_series(all_series, identification))
         every_written = tuple(written_sets(journal))
         written = next(iter(every_written), None)
+        program_after = ""
         if written is not None:
-            programs["after"] = current_program(campaign.folder, "after", lambda: written.digest)
+            program_after = current_program(campaign.folder, "after", lambda: written.digest)
         return files(
             journal=facts,
             before=_measured(campaign, _chosen(all_series, STAGES["before"])),
@@ -408,7 +428,8 @@ def gather(campaign: Campaign) -> Evidence:
             ),
             written=written,
             forms=tuple(_forms_there(campaign, every_written)),
-            unreadable=tuple(unreadable),
+            program_after=program_after,
+            spoilt=tuple(unreadable),
         )
 
 

@@ -347,11 +347,11 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         ({"after": ()}, "validate --stage after"),
         ({"loaded": None}, "load"),
         ({"parameter_file": None}, "export"),
-        ({"plan": asked}, "export"),
+        ({"read_plan": lambda _: asked}, "export"),
         ({"identification": None}, "identify --fix a"),
         ({"journal": replace(evidence.journal, series=unfinished)}, "run --fix a"),
         ({"journal": None, "before": ()}, "validate --stage before"),
-        ({"plan": None}, "devices"),
+        ({"read_plan": lambda _: None}, "devices"),
     ]
     for taken, said in left:
         evidence = replace(evidence, **taken)  # type: ignore[arg-type]
