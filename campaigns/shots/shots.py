@@ -18,7 +18,7 @@ from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Kinematics
-from campaigns.robots.robot import RobotFile, pose_row
+from campaigns.robots.robot import RobotFile
 from campaigns.shots.import_export import noted
 from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
@@ -299,7 +299,7 @@ def shots_of_outcomes(
         points_in_tracker_mm=_points_mm(outcomes),
         stated_covariance_mm2=_stated_covariance_mm2(outcomes),
         approach=approach_directions(outcomes, order, mechanism.joints),
-        commanded=np.array([pose_row(pose) for pose in targets]).reshape(
+        commanded=np.array([pose.coordinates for pose in targets]).reshape(
             count, len(mechanism.task)
         ),
         measured_utc=tuple(measured_utc or [""] * count),
@@ -390,19 +390,18 @@ def approach_directions(
     """
     scale = np.array([axis.scale for axis in axes])
     found = np.zeros((len(outcomes), len(axes)))
-    before, standing = np.zeros(len(axes)), np.full(len(axes), np.nan)
+    before, standing = np.zeros(len(axes)), (np.nan,) * len(axes)
     for row in order:
         outcome = outcomes[row]
         if not outcome.joints:
             continue
-        joints = np.array(outcome.joints)
         if outcome.approach is not None:
             found[row] = outcome.approach
         if outcome.came_from is not None:
             came_from = np.array(outcome.came_from)
             straight = bool((np.abs(came_from - standing) < AT_REST_RAD * scale).all())
-            found[row] = _direction((joints - came_from) / scale, before * straight)
-        before, standing = found[row], joints
+            found[row] = _direction((outcome.joints - came_from) / scale, before * straight)
+        before, standing = found[row], outcome.joints
     return found
 
 
