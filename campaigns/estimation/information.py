@@ -312,10 +312,10 @@ class WorkspaceSample:
         kinematics: Kinematics,
         names: Sequence[str],
         poses: Array,
-        reference: Array | None = None,
+        reference: Array | slice | None = None,
         approach: Array | None = None,
     ) -> "WorkspaceSample":
-        """Sample of poses (N, t) in the best frame of others (M, t), else of their own.
+        """Sample of poses (N, t) in the best frame of others (M, t) or some of them, else of all.
 
         `approach` (N, n) is of poses in their own frame. Raises `NoSolution`.
         """
@@ -325,10 +325,12 @@ class WorkspaceSample:
             joints = kinematics.inverse(each, approach).values_or_raise()
             return point_jacobian(kinematics, free, joints, each, approach)
 
+        jacobian = at(poses)
         if reference is None:
-            jacobian = marginalise_frame(at(poses))
+            jacobian = marginalise_frame(jacobian)
         else:
-            flat, jacobian = at(reference).reshape(-1, count + FRAME_COLUMNS), at(poses)
+            others = jacobian[reference] if isinstance(reference, slice) else at(reference)
+            flat = others.reshape(-1, count + FRAME_COLUMNS)
             moved = np.linalg.lstsq(flat[:, count:], flat[:, :count], rcond=None)[0]
             jacobian = jacobian[:, :, :count] - jacobian[:, :, count:] @ moved
         return cls(free, jacobian * kinematics.mechanism.parameters.units(free), poses)

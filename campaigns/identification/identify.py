@@ -461,7 +461,7 @@ def _positions(
     taken, at_shots = sample.poses, model.poses(x)[_kept_rows(fit)]
     try:
         both = np.vstack([taken, at_shots])
-        by_shots = WorkspaceSample.of(identified, known.names, both, reference=at_shots)
+        by_shots = WorkspaceSample.of(identified, known.names, both, slice(len(taken), None))
     except NoSolution:
         return None, None
     jacobian = sample.jacobian / identified.mechanism.parameters.units(known.names)
