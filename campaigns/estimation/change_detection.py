@@ -247,18 +247,18 @@ class _Tests:
         """Tests beside the columns of the fit."""
         columns, count = cause.columns, len(cause.columns)
         if cause.kind == "drift":
-            turned = columns.swapaxes(1, 2)
+            turned = np.ascontiguousarray(columns.swapaxes(1, 2))
             by_shot, basis = shots.left.reshape(count, 3, 1), shots.basis.reshape(count, 3, -1)
             courses = _courses(cause, count)
             own, shared, gained = (
                 np.tensordot(part, each, axes=1)
                 for part, each in (
                     (courses**2, turned @ columns),
-                    (courses, basis.swapaxes(1, 2) @ columns),
+                    (courses, turned @ basis),
                     (courses, (turned @ by_shot)[:, :, 0]),
                 )
             )
-            normal = own - shared.swapaxes(1, 2) @ shared
+            normal = own - shared @ shared.swapaxes(1, 2)
             places, gain = np.zeros(len(courses), dtype=np.intp), _gains(normal, gained)
             return cls(cause, places, normal, gained, gain, np.empty(0))
         # sums from the last shot on, of those steps that leave enough shots before and after them

@@ -93,5 +93,7 @@ def smooth(joints: Array) -> Array:
         for degree in range(1, DEGREE + 1)
         for chosen in combinations_with_replacement(places, degree)
     ]
-    columns = np.einsum("nt,kl->nktl", np.stack(terms, axis=1), np.eye(3))
+    columns = np.zeros((len(joints), 3, len(terms), 3))
+    for axis in range(3):
+        columns[:, axis, :, axis] = np.stack(terms, axis=1)
     return np.asarray(columns.reshape(len(joints), 3, -1))

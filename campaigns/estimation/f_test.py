@@ -1,5 +1,6 @@
 """F test of further columns beside a fit, in the linearised and whitened shots."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -66,14 +67,19 @@ class FittedShots:
 
         The same columns are asked for more than once.
         """
-        known = self._beside.get(id(columns))
-        if known is None:
-            flat = columns.reshape(self.left.size, -1)
+        return self.beside_each([columns])[0]
+
+    def beside_each(self, several: Sequence[Array]) -> list[Array]:
+        """The same of each of several, in less time than of one after the other."""
+        unknown = [each for each in several if id(each) not in self._beside]
+        if unknown:
+            flat = np.concatenate(unknown, axis=2).reshape(self.left.size, -1)
             left = flat - self.basis @ (self.basis.T @ flat)
-            lost = column_norms(left) <= LOST * column_norms(flat)
-            left[:, lost] = 0.0
-            known = self._beside[id(columns)] = columns, left
-        return known[1]
+            left[:, column_norms(left) <= LOST * column_norms(flat)] = 0.0
+            ends = np.cumsum([each.shape[2] for each in unknown])
+            for each, own in zip(unknown, np.split(left, ends[:-1], axis=1), strict=True):
+                self._beside[id(each)] = each, own
+        return [self._beside[id(each)][1] for each in several]
 
     def fitted(self, columns: Array) -> "FittedShots":
         """The same with further columns (N, 3, k) in the fit."""

@@ -200,7 +200,8 @@ def external_reliability(
     tests = sum(len(_parts(each)) for each in groups)
     sigma0 = math.sqrt(max(1.0, shots.chi2 / shots.freedom))
     for group in groups:
-        solved = _Solved.of(shots.beside(group.columns), shots.left)
+        beside = shots.beside(group.columns)
+        solved = _Solved.of(beside.T @ beside, beside.T @ shots.left)
         freedom = shots.freedom - solved.rank
         if solved.rank == 0 or freedom < LEAST_FREEDOM:
             continue
@@ -331,10 +332,11 @@ def _most_significant(shots: FittedShots, groups: Sequence[Group]) -> LackOfFit 
     if chi2 <= EXACT**2 * shots.left.size:
         return None
     best: tuple[float, Group, Index, _Solved] | None = None
-    for group in groups:
-        beside = shots.beside(group.columns)
+    columns = shots.beside_each([each.columns for each in groups])
+    for group, beside in zip(groups, columns, strict=True):
+        normal, told = beside.T @ beside, beside.T @ shots.left
         for part in _parts(group):
-            solved = _Solved.of(beside[:, part], shots.left)
+            solved = _Solved.of(normal[np.ix_(part, part)], told[part])
             if solved.rank == 0 or shots.freedom - solved.rank < LEAST_FREEDOM:
                 continue
             chance = float(log_p(solved.rank, shots.freedom, solved.gain, chi2))
@@ -354,7 +356,7 @@ def _parts(group: Group) -> list[Index]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solved:
-    """Least squares of columns (3 N, k) beside a fit: sizes, gain and rank."""
+    """Least squares of k columns beside a fit: sizes, gain and rank."""
 
     size: Array
     along: Array
@@ -363,8 +365,8 @@ class _Solved:
     rank: int
 
     @classmethod
-    def of(cls, beside: Array, left: Array) -> "_Solved":
-        normal, told = beside.T @ beside, beside.T @ left
+    def of(cls, normal: Array, told: Array) -> "_Solved":
+        """By normal equations (k, k) and (k,)."""
         lengths = np.sqrt(np.diag(normal))
         scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, TINY), 0.0)
         values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))

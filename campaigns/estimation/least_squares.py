@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import SETTLED, STEPS, gauss_newton, normal_step, product
+from campaigns.estimation.gauss_newton import SETTLED, STEPS, gauss_newton, normal_step
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -284,7 +284,7 @@ class _AsStack:
         return normal_step(self.jacobians, residual)
 
     def change(self, step: Array, rows: Index) -> Array:  # noqa: ARG002 - there is one
-        return product(self.jacobians, step)
+        return np.asarray(self.jacobians[0] @ step[0])[None]
 
 
 def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, bool]:

@@ -19,7 +19,7 @@ from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.information import Uncertainty
 from campaigns.estimation.rigid_transforms import best_rotation, fit_transform
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.mechanisms.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
@@ -104,15 +104,20 @@ def beyond_tolerance(
 
 
 def check_shots(
-    nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None = None
+    nominal: Kinematics,
+    shots: Shots,
+    where: str,
+    place_mm: Vector3 | None = None,
+    modelled: KinematicSolution | None = None,
 ) -> None:
     """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's in mm and rad.
 
     `where` names the file or series. `place_mm` is the tracker's rough place in the base frame: it
-    alone tells arms apart where the robot is symmetrical about its axis.
+    alone tells arms apart where the robot is symmetrical about its axis. `modelled`: the nominal
+    robot's poses at the shots, where somebody knows them.
     """
     _check_joints(nominal, shots, where)
-    _check_reading(nominal, shots, where, place_mm)
+    _check_reading(nominal, shots, where, place_mm, modelled)
     _check_values(shots, where)
 
 
@@ -172,11 +177,18 @@ def _check_values(shots: Shots, where: str) -> None:
             )
 
 
-def _check_reading(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None) -> None:
+def _check_reading(
+    nominal: Kinematics,
+    shots: Shots,
+    where: str,
+    place_mm: Vector3 | None,
+    modelled: KinematicSolution | None,
+) -> None:
     points = shots.points_in_tracker_mm
     if len(points) < FEWEST or _on_a_line(points):
         return
-    unchanged = _unchanged(nominal, shots.joints, points)
+    modelled = modelled or nominal.forward(shots.joints)
+    unchanged = _unchanged(nominal, shots.joints, points, modelled)
     _check_crossbar(nominal, shots, where, unchanged.cost)
     if unchanged.cost <= NEAR:
         if place_mm is not None:
@@ -230,9 +242,11 @@ def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) 
     raise ShotsInvalid(f"{where}: {cause}", remedy=remedy)
 
 
-def _unchanged(nominal: Kinematics, joints: Array, points: Array) -> Reading:
+def _unchanged(
+    nominal: Kinematics, joints: Array, points: Array, modelled: KinematicSolution | None = None
+) -> Reading:
     """Reading of joints and points as they are written."""
-    return next(_readings(nominal, joints, points, ""))
+    return next(_readings(nominal, joints, points, "", modelled=modelled))
 
 
 def _on_a_line(points: Array) -> bool:
@@ -359,13 +373,18 @@ def _joint_words(*, axes_order: tuple[int, ...], sign: tuple[float, ...]) -> Ite
 
 
 def _readings(
-    nominal: Kinematics, joints: Array, points: Array, words: str, remedy: str = ""
+    nominal: Kinematics,
+    joints: Array,
+    points: Array,
+    words: str,
+    remedy: str = "",
+    modelled: KinematicSolution | None = None,
 ) -> Iterator[Reading]:
     """Of joints (N, n) as they may have been meant, with every unit, mirrored and not.
 
     The first one takes points as they are written.
     """
-    modelled = nominal.forward(joints)
+    modelled = modelled or nominal.forward(joints)
     rows = np.flatnonzero(modelled.found)
     if len(rows) < FEWEST:
         yield Reading(words, remedy, math.inf, 1 if words else 0)

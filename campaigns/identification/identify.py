@@ -32,7 +32,7 @@ from campaigns.identification.nests import compensated, nest_doubts, nest_places
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -76,9 +76,8 @@ def fitted(
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     every, stand = compensated(shots, options)
     shots = every.on_robot()
-    known = shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    _check(nominal, known, sessions=options.sessions)
     inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
+    _check(inputs)
     constant: tuple[float, float] | None = None
     rate_std = np.nan
     try:
@@ -127,11 +126,15 @@ def _with_nests(
     return replace(found, nests=nests, nest_covariance_mm2=rows)
 
 
-def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
+def _check(inputs: Inputs) -> None:
     """Refusal of shots that cannot be this robot's, those of each session for themselves."""
-    own = shots.session if sessions else np.zeros(len(shots))
+    shots, solution = inputs.shots, inputs.at_nominal
+    known = shots.rows_of(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
+    own = shots.session[known] if inputs.options.sessions else np.zeros(len(known))
     for each in np.unique(own).tolist():
-        check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
+        rows = known[own == each]
+        modelled = KinematicSolution(solution.values[rows], solution.found[rows])
+        check_shots(inputs.nominal, shots.rows(rows), "the shots", modelled=modelled)
 
 
 def _result(
