@@ -46,7 +46,7 @@ CONTRACTION = 0.2
 """Part of a step that the next one with the same derivatives may have at most."""
 FIRST_CONTRACTION = 1e-3
 """That of the first step, where it is so short that the poses expected were near."""
-SETTLED_SHARE = 1e-6
+SETTLED_SHARE = 1e-4
 """Of that step: what is left of it leads no fit astray, whose next steps are far shorter."""
 
 
@@ -354,8 +354,8 @@ class Configuration:
                 rows = np.repeat(active, shots)
                 step, turn = np.where(rows, step, 0.0), np.where(rows, turn, 0.0)
             poses, gibbs = poses + step, turned_further(gibbs, turn)
-            moved_mm, turned_mm = step[:COORDINATES], TYPICAL_JOINT_MM * turn
-            size_mm = np.maximum(self._largest(moved_mm), self._largest(turned_mm))
+            moved_mm = np.concatenate([step[:COORDINATES], TYPICAL_JOINT_MM * turn])
+            size_mm = self._largest(moved_mm)
             if last_mm is not None:
                 contraction = size_mm / last_mm
             elif about is not None:

@@ -104,6 +104,30 @@ class RodPairs:
         """Whether rods and axes are perfect, which leaves the plate level everywhere."""
         return not (self.skew.any() or self.motor_axes[2].any())
 
+    @cached_property
+    def crossing(self) -> Array:
+        """Matrices of v_i × y_i / L_i, (3, 3, n, 1 or N): bars are horizontal."""
+        across_x, across_y = self.bars
+        crossing = np.zeros((3, 3, *across_x.shape))
+        crossing[0, 2], crossing[1, 2] = across_y, -across_x
+        crossing[2, 0], crossing[2, 1] = -across_y, across_x
+        return crossing
+
+    @cached_property
+    def bars(self) -> Array:
+        """Horizontal components of v_i / L_i, (2, n, 1 or N)."""
+        return np.asarray(self.plate_bars[:2] / self.forearm_mm)
+
+    @cached_property
+    def axes(self) -> Array:
+        """a_i / L_i, (3, n, 1 or N)."""
+        return np.asarray(self.motor_axes / self.forearm_mm)
+
+    @cached_property
+    def level_across(self) -> Array:
+        """(v_i - a_i) / L_i, (3, n, 1 or N)."""
+        return np.asarray((self.plate_bars - self.motor_axes) / self.forearm_mm)
+
     def tilt(self, forearms_mm: Array, seen_mm: Array, start: Array | None = None) -> Array:
         """Gibbs vectors (3, N) of the plate, of contracted forearms and plate joints (3, n, N)."""
         gibbs = np.zeros((3, forearms_mm.shape[2])) if start is None else start
@@ -126,14 +150,14 @@ class RodPairs:
         r_minus_i = rotation_minus_identity(gibbs)
         moved_mm = applied(r_minus_i, seen_mm)
         forearms_mm = forearms_mm + moved_mm
-        across = applied(r_minus_i, self.plate_bars[:2]) + (self.plate_bars - self.motor_axes)
-        misfit = _dot(forearms_mm, across) / self.forearm_mm - self.skew
+        across = applied(r_minus_i, self.bars) + self.level_across
+        misfit = dot(forearms_mm, across) - self.skew
         joints_mm, weights = seen_mm + moved_mm, self.crossed(forearms_mm)
         return TiltedForearms(self, r_minus_i, joints_mm, forearms_mm, across, misfit, weights)
 
     def crossed(self, vectors: Array) -> Array:
-        """v_i × y_i / L_i, (3, …, n, N), of vectors y (3, …, n or 1, N): bars are horizontal."""
-        return _crossed(self.plate_bars[:2] / self.forearm_mm, vectors)
+        """v_i × y_i / L_i, (3, n, N), of vectors y (3, n, N)."""
+        return np.asarray(np.einsum("klin,lin->kin", self.crossing, vectors))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +172,7 @@ class TiltedForearms:
     forearms_mm: Array
     """g_i (3, n, N)."""
     across: Array
-    """e_i = R v_i - a_i (3, n, N)."""
+    """e_i / L_i, of e_i = R v_i - a_i, (3, n, N)."""
     misfit: Array
     """g_i·e_i / L_i - κ_i (n, N)."""
     weights: Array
@@ -156,11 +180,11 @@ class TiltedForearms:
 
     def closures(self) -> Array:
         """|g_i|² - L_i² (n, N), zero at the plate's pose."""
-        return np.asarray(_dot(self.forearms_mm, self.forearms_mm) - self.pairs.forearm_mm**2)
+        return np.asarray(dot(self.forearms_mm, self.forearms_mm) - self.pairs.forearm_mm**2)
 
     def normal_equations(self) -> Array:
         """Σ weights · misfit (3, N), zero at the plate's tilt."""
-        return np.asarray((self.weights * self.misfit).sum(axis=1))
+        return np.asarray(np.einsum("kin,in->kn", self.weights, self.misfit))
 
     def rotated(self, vectors: Array) -> Array:
         """R y, (3, n, N), of vectors y (3, n, N)."""
@@ -173,20 +197,24 @@ class TiltedForearms:
         pose's own turn, where it has one.
         """
         tasks = 3 if by_turn_of_half is None else 4
-        moved = np.zeros((3, tasks + 3, *self.misfit.shape))
-        moved[DIAGONAL] = 1.0
+        pulls = np.stack([2.0 * self.forearms_mm, self.across], axis=1)  # by a joint's own motion
+        both = np.empty((2, tasks + 3, *self.misfit.shape))
+        both[:, :3] = pulls.swapaxes(0, 1)
+        both[:, tasks:] = cross(self.joints_mm[:, None], pulls).swapaxes(0, 1)  # φ × R c moves it
+        both[1, tasks:] += cross(self.across + self.pairs.axes, self.forearms_mm)
         if by_turn_of_half is not None:
-            moved[:, 3] = by_turn_of_half
-        (x, y, z), turned = self.joints_mm, moved[:, tasks:]  # φ × R c
-        turned[1, 0], turned[2, 0] = -z, y
-        turned[0, 1], turned[2, 1] = z, -x
-        turned[0, 2], turned[1, 2] = -y, x
-        closures = np.einsum("kin,kmin->min", 2.0 * self.forearms_mm, moved)
-        misfits = np.einsum("kin,kmin->min", self.across, moved)
-        misfits[tasks:] += cross(self.across + self.pairs.motor_axes, self.forearms_mm)
-        misfits /= self.pairs.forearm_mm
+            both[:, 3] = np.einsum("kin,kain->ain", by_turn_of_half, pulls)
+        closures, misfits = both
         normal = np.einsum("kin,min->kmn", self.weights, misfits)
-        normal += np.einsum("in,kmin->kmn", self.misfit, self.pairs.crossed(moved))
+        # weights change too: v × φ × R c = φ (v·R c) - R c (v·φ)
+        normal[:, :3] += np.einsum("in,klin->kln", self.misfit, self.pairs.crossing)
+        bars = self.misfit * self.pairs.bars
+        turned = np.einsum("kin,lin->kln", self.joints_mm, bars)
+        normal[:, tasks : tasks + 2] -= turned
+        normal[:, tasks:][DIAGONAL] += turned[0, 0] + turned[1, 1]
+        if by_turn_of_half is not None:
+            moved = self.misfit * by_turn_of_half
+            normal[:, 3] += np.einsum("klin,lin->kn", self.pairs.crossing, moved)
         return closures, normal
 
     def sensitivities(self, by_closure: Array, by_normal: Array) -> tuple[Array, Array]:
@@ -196,8 +224,9 @@ class TiltedForearms:
         (t, 3, N).
         """
         by_misfit = np.einsum("tkn,kin->tin", by_normal, self.weights)
-        by_forearm = (self.across / self.pairs.forearm_mm)[:, None] * by_misfit
-        by_forearm -= self.misfit * self.pairs.crossed(by_normal.swapaxes(0, 1)[:, :, None])
+        by_forearm = np.einsum("klin,tln->ktin", self.pairs.crossing, by_normal)
+        by_forearm *= -self.misfit
+        by_forearm += self.across[:, None] * by_misfit
         by_forearm *= 0.5
         by_forearm += self.forearms_mm[:, None] * by_closure
         return by_misfit, by_forearm
@@ -207,13 +236,16 @@ class TiltedForearms:
 
         From those by misfits and normal equations.
         """
-        length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
+        bars, axes = self.pairs.bars, self.pairs.motor_axes
         level = np.hypot(axes[0], axes[1])
         turned = np.stack([-bars[1], bars[0]])
         across = applied(self.r_minus_i, turned)
         across[:2] += turned * (1.0 - level)
-        weighted = _crossed(turned * (self.misfit / length), self.forearms_mm)
-        azimuth = by_misfit * (_dot(self.forearms_mm, across) / length)
+        horizontal = turned * self.misfit
+        weighted = np.zeros_like(self.forearms_mm)
+        weighted[:2] = horizontal
+        weighted = cross(weighted, self.forearms_mm)
+        azimuth = by_misfit * dot(self.forearms_mm, across)
         return np.asarray(azimuth + np.einsum("tkn,kin->tin", by_normal, weighted))
 
     def by_own_parameters(self, by_misfit: Array) -> tuple[Array, ...]:
@@ -226,7 +258,7 @@ class TiltedForearms:
         by_tilt[2] = np.hypot(axes[0], axes[1])
         return (
             -by_misfit * ((2.0 * self.misfit + self.pairs.skew) / length),
-            -by_misfit * (_dot(self.forearms_mm, by_tilt) / length),
+            -by_misfit * (dot(self.forearms_mm, by_tilt) / length),
             -by_misfit,
         )
 
@@ -270,9 +302,9 @@ def inverse_of_three(matrices: Array) -> Array:
 
     Raises `LinAlgError` for a singular one.
     """
-    b, c = matrices[NEXT], matrices[LAST]
-    columns = b[:, NEXT] * c[:, LAST] - b[:, LAST] * c[:, NEXT]
-    return np.asarray(columns.swapaxes(0, 1) / _regular(_dot(matrices[0], columns[0])))
+    of_columns = matrices.swapaxes(0, 1)
+    inverse = cross(of_columns.take(NEXT, axis=1), of_columns.take(LAST, axis=1))
+    return np.asarray(inverse / _regular(dot(matrices[0], inverse[:, 0])))
 
 
 def inverse_of_four(matrices: Array) -> Array:
@@ -309,35 +341,23 @@ def _regular(determinant: Array) -> Array:
 def turned_further(gibbs: Array, turn_rad: Array) -> Array:
     """Gibbs vectors of rotations followed by small turns (their Gibbs vectors half as long)."""
     half = 0.5 * turn_rad
-    return np.asarray((gibbs + half + cross(half, gibbs)) / (1.0 - _dot(half, gibbs)))
+    return np.asarray((gibbs + half + cross(half, gibbs)) / (1.0 - dot(half, gibbs)))
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray((a * b).sum(axis=0))
-
-
-def _crossed(horizontal: Array, vectors: Array) -> Array:
-    """Vector products (3, …, n, N) of horizontal vectors (2, n, N or 1) and others (3, …, N)."""
-    (across_x, across_y), (x, y, z) = horizontal, vectors
-    product = np.empty((3, *np.broadcast_shapes(across_x.shape, x.shape)))
-    np.multiply(across_y, z, out=product[0])
-    np.multiply(-across_x, z, out=product[1])
-    np.multiply(across_x, y, out=product[2])
-    product[2] -= across_y * x
-    return product
+def dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors by component, (3, …)."""
+    return np.asarray(np.einsum("k...,k...->...", a, b))
 
 
 def cross(a: Array, b: Array) -> Array:
     """Vector products of vectors by component, (3, …)."""
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    product[0] = a[1] * b[2] - a[2] * b[1]
-    product[1] = a[2] * b[0] - a[0] * b[2]
-    product[2] = a[0] * b[1] - a[1] * b[0]
-    return product
+    product = a.take(NEXT, axis=0) * b.take(LAST, axis=0)
+    product -= a.take(LAST, axis=0) * b.take(NEXT, axis=0)
+    return np.asarray(product)
 
 
 def _solved(matrices: Array, right: Array) -> Array:
     """Solutions (3, N) of symmetrical systems (3, 3, N)."""
     a, b, c = matrices
     bc, ca, ab = cross(b, c), cross(c, a), cross(a, b)
-    return np.asarray((right[0] * bc + right[1] * ca + right[2] * ab) / _dot(a, bc))
+    return np.asarray((right[0] * bc + right[1] * ca + right[2] * ab) / dot(a, bc))
