@@ -46,7 +46,9 @@ CONTRACTION = 0.2
 """Part of a step that the next one with the same derivatives may have at most."""
 FIRST_CONTRACTION = 1e-3
 """That of the first step, where it is so short that the poses expected were near."""
-SETTLED_SHARE = 1e-4
+FIRST_CONTRACTION_PER_MM = 1.0
+"""That of a still shorter one, over its length: what Newton's steps leave goes by their square."""
+SETTLED_SHARE = 1e-5
 """Of that step: what is left of it leads no fit astray, whose next steps are far shorter."""
 
 
@@ -326,7 +328,7 @@ class Configuration:
         if about is not None:
             gibbs, elimination = about
         poses, determinant = np.ascontiguousarray(near.T), limbs.assembly_sign
-        contraction, last_mm = np.full(self.robots, FIRST_CONTRACTION), None
+        last_mm: Array | None = None
         known = np.full(self.robots, about is not None)
         active, settled = np.ones_like(known), np.zeros_like(known)
         for _ in range(FOLLOWED_ROUNDS):
@@ -358,8 +360,10 @@ class Configuration:
             size_mm = self._largest(moved_mm)
             if last_mm is not None:
                 contraction = size_mm / last_mm
-            elif about is not None:
-                settled_mm = np.maximum(settled_mm, SETTLED_SHARE * size_mm)
+            else:
+                contraction = np.minimum(FIRST_CONTRACTION, FIRST_CONTRACTION_PER_MM * size_mm)
+                if about is not None:
+                    settled_mm = np.maximum(settled_mm, SETTLED_SHARE * size_mm)
             at_end = active & (size_mm * contraction <= settled_mm)
             settled |= at_end
             active &= ~at_end & np.isfinite(size_mm)

@@ -6,7 +6,7 @@ from campaigns.arrays import Array
 from campaigns.mechanisms.arms import RotaryArms
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.configuration import Limbs
-from campaigns.mechanisms.parasitic_rotation import cross, dot
+from campaigns.mechanisms.parasitic_rotation import LAST, NEXT
 from campaigns.mechanisms.platforms import HingedPlate
 
 FIRST_HALF = (0, 1)
@@ -42,21 +42,33 @@ class Par4(ClosedChain):
         w = poses[:3, None] - limbs.elbows_mm
         w[0, 2:] -= h * sin
         w[1, 2:] += h * cos
-        square = dot(w, w)
+        square = _dot(w, w)
         f = 0.5 * (square - limbs.forearm_mm**2)
         w0, w1, last_two = w[:, 0], w[:, 1], w[:, 2:]
-        normal, product = cross(w0, w1), dot(w0, w1)
+        normal, product = _cross(w0, w1), _dot(w0, w1)
         # the shortest step that satisfies the first two rows: it has no part along the normal
         part0, part1 = f[1] * product - f[0] * square[1], f[0] * product - f[1] * square[0]
-        fixed = (part0 * w0 + part1 * w1) / dot(normal, normal)
+        fixed = (part0 * w0 + part1 * w1) / _dot(normal, normal)
         by_theta = -h * (cos * last_two[0] + sin * last_two[1])
-        by_free = dot(last_two, normal[:, None])
-        wanted = -f[2:] - dot(last_two, fixed[:, None])
+        by_free = _dot(last_two, normal[:, None])
+        wanted = -f[2:] - _dot(last_two, fixed[:, None])
         determinant = by_free[0] * by_theta[1] - by_free[1] * by_theta[0]
         free = (wanted[0] * by_theta[1] - wanted[1] * by_theta[0]) / determinant
         turn = (by_free[0] * wanted[1] - by_free[1] * wanted[0]) / determinant
         step = np.concatenate([fixed + free * normal, turn[None]])
         return step, determinant, f / limbs.forearm_mm
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors by component, (3, …)."""
+    return np.asarray(np.einsum("k...,k...->...", a, b))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Vector products of vectors by component, (3, N)."""
+    return np.asarray(
+        a.take(NEXT, axis=0) * b.take(LAST, axis=0) - a.take(LAST, axis=0) * b.take(NEXT, axis=0)
+    )
 
 
 PAR4 = Par4()

@@ -105,18 +105,14 @@ class RodPairs:
         return not (self.skew.any() or self.motor_axes[2].any())
 
     @cached_property
-    def crossing(self) -> Array:
-        """Matrices of v_i × y_i / L_i, (3, 3, n, 1 or N): bars are horizontal."""
-        across_x, across_y = self.bars
-        crossing = np.zeros((3, 3, *across_x.shape))
-        crossing[0, 2], crossing[1, 2] = across_y, -across_x
-        crossing[2, 0], crossing[2, 1] = -across_y, across_x
-        return crossing
-
-    @cached_property
     def bars(self) -> Array:
         """Horizontal components of v_i / L_i, (2, n, 1 or N)."""
         return np.asarray(self.plate_bars[:2] / self.forearm_mm)
+
+    @cached_property
+    def rises(self) -> Array:
+        """Of the vertical component of v_i × y_i / L_i over that of y_i, (2, n, 1 or N)."""
+        return np.stack([-self.bars[1], self.bars[0]])
 
     @cached_property
     def axes(self) -> Array:
@@ -156,8 +152,11 @@ class RodPairs:
         return TiltedForearms(self, r_minus_i, joints_mm, forearms_mm, across, misfit, weights)
 
     def crossed(self, vectors: Array) -> Array:
-        """v_i × y_i / L_i, (3, n, N), of vectors y (3, n, N)."""
-        return np.asarray(np.einsum("klin,lin->kin", self.crossing, vectors))
+        """v_i × y_i / L_i, (3, n, N), of vectors y (3, n, N): bars are horizontal."""
+        product = np.empty_like(vectors)
+        np.multiply(self.rises, -vectors[2], out=product[:2])
+        np.einsum("kin,kin->in", self.rises, vectors[:2], out=product[2])
+        return product
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,24 +196,27 @@ class TiltedForearms:
         pose's own turn, where it has one.
         """
         tasks = 3 if by_turn_of_half is None else 4
-        pulls = np.stack([2.0 * self.forearms_mm, self.across], axis=1)  # by a joint's own motion
-        both = np.empty((2, tasks + 3, *self.misfit.shape))
-        both[:, :3] = pulls.swapaxes(0, 1)
-        both[:, tasks:] = cross(self.joints_mm[:, None], pulls).swapaxes(0, 1)  # φ × R c moves it
-        both[1, tasks:] += cross(self.across + self.pairs.axes, self.forearms_mm)
+        forearms, across, joints = self.forearms_mm, self.across, self.joints_mm
+        closures = np.empty((tasks + 3, *self.misfit.shape))
+        misfits, rises = np.empty_like(closures), self.misfit * self.pairs.rises
+        closures[:3], misfits[:3] = forearms, across
+        closures[tasks:] = cross(joints, forearms)  # φ × R c moves a joint
+        misfits[tasks:] = cross(joints, across) + cross(across + self.pairs.axes, forearms)
         if by_turn_of_half is not None:
-            both[:, 3] = np.einsum("kin,kain->ain", by_turn_of_half, pulls)
-        closures, misfits = both
+            closures[3], misfits[3] = dot(by_turn_of_half, forearms), dot(by_turn_of_half, across)
+        closures *= 2.0
         normal = np.einsum("kin,min->kmn", self.weights, misfits)
-        # weights change too: v × φ × R c = φ (v·R c) - R c (v·φ)
-        normal[:, :3] += np.einsum("in,klin->kln", self.misfit, self.pairs.crossing)
-        bars = self.misfit * self.pairs.bars
-        turned = np.einsum("kin,lin->kln", self.joints_mm, bars)
-        normal[:, tasks : tasks + 2] -= turned
-        normal[:, tasks:][DIAGONAL] += turned[0, 0] + turned[1, 1]
+        # weights move too, by v × their joints' motions; v × φ × R c = φ (v·R c) - R c (v·φ)
+        by_place = rises.sum(axis=1)
+        normal[2, :2] += by_place
+        normal[:2, 2] -= by_place
+        turned = np.einsum("kin,lin->lkn", joints, rises)
+        normal[:, tasks] -= turned[1]
+        normal[:, tasks + 1] += turned[0]
+        normal[:, tasks:][DIAGONAL] += turned[1, 0] - turned[0, 1]
         if by_turn_of_half is not None:
-            moved = self.misfit * by_turn_of_half
-            normal[:, 3] += np.einsum("klin,lin->kn", self.pairs.crossing, moved)
+            normal[:2, 3] -= np.einsum("lin,in->ln", rises, by_turn_of_half[2])
+            normal[2, 3] += np.einsum("lin,lin->n", rises, by_turn_of_half[:2])
         return closures, normal
 
     def sensitivities(self, by_closure: Array, by_normal: Array) -> tuple[Array, Array]:
@@ -224,11 +226,13 @@ class TiltedForearms:
         (t, 3, N).
         """
         by_misfit = np.einsum("tkn,kin->tin", by_normal, self.weights)
-        by_forearm = np.einsum("klin,tln->ktin", self.pairs.crossing, by_normal)
-        by_forearm *= -self.misfit
-        by_forearm += self.across[:, None] * by_misfit
+        by_forearm, part = self.across[:, None] * by_misfit, np.empty_like(by_misfit)
+        for axis, rises in enumerate(self.misfit * self.pairs.rises):
+            by_forearm[axis] += np.multiply(rises, by_normal[:, 2, None], out=part)
+            by_forearm[2] -= np.multiply(rises, by_normal[:, axis, None], out=part)
         by_forearm *= 0.5
-        by_forearm += self.forearms_mm[:, None] * by_closure
+        for axis, forearms_mm in enumerate(self.forearms_mm):
+            by_forearm[axis] += np.multiply(forearms_mm, by_closure, out=part)
         return by_misfit, by_forearm
 
     def by_azimuths(self, by_misfit: Array, by_normal: Array) -> Array:
@@ -236,15 +240,12 @@ class TiltedForearms:
 
         From those by misfits and normal equations.
         """
-        bars, axes = self.pairs.bars, self.pairs.motor_axes
+        axes, turned = self.pairs.motor_axes, self.pairs.rises
         level = np.hypot(axes[0], axes[1])
-        turned = np.stack([-bars[1], bars[0]])
         across = applied(self.r_minus_i, turned)
         across[:2] += turned * (1.0 - level)
-        horizontal = turned * self.misfit
-        weighted = np.zeros_like(self.forearms_mm)
-        weighted[:2] = horizontal
-        weighted = cross(weighted, self.forearms_mm)
+        (turned_x, turned_y), (x, y, z) = self.misfit * turned, self.forearms_mm
+        weighted = np.stack([turned_y * z, -turned_x * z, turned_x * y - turned_y * x])
         azimuth = by_misfit * dot(self.forearms_mm, across)
         return np.asarray(azimuth + np.einsum("tkn,kin->tin", by_normal, weighted))
 
@@ -351,9 +352,12 @@ def dot(a: Array, b: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Vector products of vectors by component, (3, …)."""
-    product = a.take(NEXT, axis=0) * b.take(LAST, axis=0)
-    product -= a.take(LAST, axis=0) * b.take(NEXT, axis=0)
-    return np.asarray(product)
+    first = a[1] * b[2]
+    product = np.empty((3, *first.shape))
+    np.subtract(first, a[2] * b[1], out=product[0])
+    np.subtract(a[2] * b[0], a[0] * b[2], out=product[1])
+    np.subtract(a[0] * b[1], a[1] * b[0], out=product[2])
+    return product
 
 
 def _solved(matrices: Array, right: Array) -> Array:
