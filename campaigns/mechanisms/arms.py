@@ -178,17 +178,16 @@ class RotaryArms(Arms):
         cos, sin = self.cos, self.sin
         out, aside, down = in_frames(self.frames, forearms_mm)
         arm_mm, tilt_rad = self.arm_mm, self.axis_tilt_rad
-        _, *of, rows = forearms_mm.shape
-        jacobian = np.empty((*of, len(CRANK_FIELDS) + 1, rows))
-        jacobian[..., :3, :] = -2.0 * np.moveaxis(forearms_mm, 0, -2)
+        jacobian = np.empty((len(CRANK_FIELDS) + 1, *forearms_mm.shape[1:]))  # field by field
+        np.multiply(forearms_mm, -2.0, out=jacobian[:3])
         if azimuths:
             across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
-            jacobian[..., 3, :] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
-        jacobian[..., 4, :] = 2.0 * arm_mm * (sin * out - cos * down)
-        jacobian[..., 5, :] = -2.0 * (cos * out + sin * down)
-        jacobian[..., 6, :] = -2.0 * self.forearm_mm
-        jacobian[..., 7, :] = -2.0 * arm_mm * sin * aside
-        return jacobian
+            jacobian[3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
+        jacobian[4] = 2.0 * arm_mm * (sin * out - cos * down)
+        jacobian[5] = -2.0 * (cos * out + sin * down)
+        jacobian[6] = -2.0 * self.forearm_mm
+        jacobian[7] = -2.0 * arm_mm * sin * aside
+        return np.moveaxis(jacobian, 0, -2)
 
     @override
     def swing_rad(self, forearms_mm: Array) -> Array:

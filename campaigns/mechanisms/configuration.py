@@ -206,9 +206,11 @@ class Configuration:
 
         As of the tilting one, where neither bars nor misfits add anything.
         """
-        _, seen = self._seen(self.arms.elbows_mm, poses)
-        own = self.pairs.plate_bars, self.pairs.motor_axes, self.pairs.skew, self.pairs.forearm_mm
-        pairs = RodPairs(*(of_rows(each, len(poses)) for each in own))
+        pairs, offsets_mm = self.pairs, forearms_mm + (self.arms.elbows_mm - _at(poses))
+        seen = self.chain.plate.seen_mm(offsets_mm)
+        if self.robots > 1:
+            own = pairs.plate_bars, pairs.motor_axes, pairs.skew, pairs.forearm_mm
+            pairs = RodPairs(*(of_rows(each, len(poses)) for each in own))
         weights = pairs.crossed(forearms_mm)
         inverse = inverse_of_three(np.einsum("kin,lin->kln", weights, weights))
         eliminated = _product(2.0 * cross(forearms_mm, seen).swapaxes(0, 1), inverse)

@@ -120,6 +120,14 @@ class RodPairs:
         return np.asarray(self.motor_axes / self.forearm_mm)
 
     @cached_property
+    def axes_by_tilt(self) -> Array:
+        """Derivatives of a_i / L_i by the axis tilts, (3, n, 1 or N)."""
+        x, y, rise = self.axes
+        by_tilt = np.empty_like(self.axes)
+        by_tilt[:2], by_tilt[2] = -rise * self.plate_bars[:2], np.hypot(x, y)
+        return by_tilt
+
+    @cached_property
     def level_across(self) -> Array:
         """(v_i - a_i) / L_i, (3, n, 1 or N)."""
         return np.asarray((self.plate_bars - self.motor_axes) / self.forearm_mm)
@@ -254,13 +262,11 @@ class TiltedForearms:
 
         (t, n, N) each, but for what closures do; from those by misfits.
         """
-        length, axes = self.pairs.forearm_mm, self.pairs.motor_axes
-        by_tilt = -axes[2] * self.pairs.plate_bars
-        by_tilt[2] = np.hypot(axes[0], axes[1])
+        pairs, by_skew = self.pairs, -by_misfit
         return (
-            -by_misfit * ((2.0 * self.misfit + self.pairs.skew) / length),
-            -by_misfit * (dot(self.forearms_mm, by_tilt) / length),
-            -by_misfit,
+            by_skew * ((2.0 * self.misfit + pairs.skew) / pairs.forearm_mm),
+            by_skew * dot(self.forearms_mm, pairs.axes_by_tilt),
+            by_skew,
         )
 
 
@@ -268,8 +274,7 @@ def rotation_minus_identity(gibbs: Array) -> Array:
     """R - 1 (3, 3, N) of Gibbs vectors (3, N)."""
     (x, y, z), square = gibbs, (gibbs * gibbs).sum(axis=0)
     r_minus_i = gibbs[:, None] * gibbs
-    for axis in range(3):
-        r_minus_i[axis, axis] -= square
+    r_minus_i.reshape(9, -1)[::4] -= square  # the diagonal
     for (row, column), turn in (((2, 1), x), ((0, 2), y), ((1, 0), z)):
         r_minus_i[row, column] += turn
         r_minus_i[column, row] -= turn
