@@ -10,14 +10,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import (
-    CONTRACTION,
-    SETTLED,
-    STEPS,
-    gauss_newton,
-    normal_step,
-    product,
-)
+from campaigns.estimation.gauss_newton import CONTRACTION, SETTLED, STEPS, gauss_newton, normal_step
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
