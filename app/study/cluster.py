@@ -3,6 +3,7 @@
 import asyncio
 import importlib
 import logging
+import pickle
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -10,8 +11,9 @@ from functools import partial
 from itertools import islice
 from queue import Empty, Queue
 from typing import Any
+from uuid import uuid4
 
-from app.study.results import Outcome, Result, Results, Task, Work, tried
+from app.study.results import Outcome, Portion, Result, Results, Task, Work, tried
 from campaigns.errors import OptionsInvalid
 
 LOGS = ("distributed", "distributed.client", "asyncio")
@@ -88,9 +90,10 @@ def _from_cluster(
     suspects: list[int] = []
     ended: Queue[Any] = Queue()
     waiting = iter(range(len(tasks)))
+    sent: dict[int, tuple[str, Any]] = {}
 
     def submit(place: int) -> None:
-        future = client.submit(tried, work, place, tasks[place], pure=False)
+        future = _submitted(client, work, place, tasks[place], sent)
         places[future] = place
         future.add_done_callback(ended.put)
 
@@ -111,6 +114,34 @@ def _from_cluster(
             why = "the cluster's scheduler no longer answers"
     left = (*places.values(), *suspects, *waiting)
     yield from (Result(place, lost=why) for place in left)
+
+
+def _submitted(
+    client: Any, work: Work[Task, Any], place: int, task: Task, sent: dict[int, tuple[str, Any]]
+) -> Any:
+    """Future of a task's result; `sent` has by its id what portions share, a group's name first.
+
+    A scheduler keeps the last thousand messages to each process, so they stay small: what is shared
+    is a result of its own, which workers hand to each other, computed anew if all of them die. The
+    portions that need it are a group of their own: only of a group that needs few results does Dask
+    give tasks to any worker, not just to those that have these already.
+    """
+    if not isinstance(task, Portion):
+        return client.submit(tried, work, place, task, pure=False)
+    group, common = sent.get(id(task.common), ("", None))
+    if common is None or common.status not in {"pending", "finished"}:
+        group, pickled = uuid4().hex, pickle.dumps(task.common)
+        common = client.submit(bytes, pickled, key=(f"common-{group}", 0))
+        sent[id(task.common)] = group, common
+    key = (f"portion-{group}", uuid4().hex)
+    return client.submit(_tried_portion, work, place, common, task.own, key=key)
+
+
+def _tried_portion(
+    work: Work[Portion[Any, Any], Outcome], place: int, common: bytes, own: object
+) -> Result[Outcome]:
+    """Result of a portion, for which what it shares is made anew, as all of any other task is."""
+    return tried(work, place, Portion(pickle.loads(common), own))  # noqa: S301 - of our own study
 
 
 def _as_they_come(

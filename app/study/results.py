@@ -8,7 +8,17 @@ from drivers.errors import ExplainedError
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
+Common = TypeVar("Common")
+Own = TypeVar("Own")
 Work = Callable[[Task], tuple[Outcome, ...]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Portion(Generic[Common, Own]):
+    """Task whose larger part others have too, as the same object: it is sent far away only once."""
+
+    common: Common
+    own: Own
 
 
 @dataclass(frozen=True, slots=True)

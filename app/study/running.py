@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from app.progress import CountedWork
-from app.study.results import Task, Work, Workers
+from app.study.results import Portion, Task, Work, Workers
 from app.study.setup import Combination, numbers_of_tasks, simulated
 from campaigns.studies.engine import ResultTable, Row
 from campaigns.studies.study import CampaignRow
@@ -87,8 +87,9 @@ def run_study(
     tables = [combination.table for combination in combinations]
     begun = [len(table.read()) for table in tables]
     jobs = [
-        Job(each.table, (each.setup, each.scenario, some), len(some))
+        Job(each.table, Portion(common, some), len(some))
         for each in combinations
+        for common in [(each.setup, each.scenario)]
         for some in numbers_of_tasks(each.setup, (n for n in wanted if n not in each.table.places))
     ]
     total = len(combinations) * len(wanted)

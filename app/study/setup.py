@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from app.new_campaign import SCENARIO, cell_text
+from app.study.results import Portion
 from app.study.rods import misread, rod_robot, told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
@@ -372,10 +373,10 @@ def numbers_of_tasks(setup: study.StudySetup, numbers: Iterable[int]) -> Iterato
 
 
 def simulated(
-    task: tuple[study.StudySetup, Scenario, tuple[int, ...]],
+    task: Portion[tuple[study.StudySetup, Scenario], tuple[int, ...]],
 ) -> tuple[study.CampaignRow, ...]:
     """Rows of campaigns of these numbers; whoever computes them draws their robots too."""
-    return tuple(chain.from_iterable(map(run_task, study_tasks(*task))))
+    return tuple(chain.from_iterable(map(run_task, study_tasks(*task.common, task.own))))
 
 
 def uncertainty_of(noise: Noise) -> TrackerUncertainty:

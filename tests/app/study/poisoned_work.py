@@ -21,3 +21,8 @@ def work(task):
 def harmless(task):
     """The same without poison and fault."""
     return tuple(CampaignRow(number, failure="looked at") for number in task.numbers)
+
+
+def harmless_portion(portion):
+    """The same of tasks that share something."""
+    return harmless(portion.own)

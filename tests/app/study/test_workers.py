@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import socket
 import subprocess
 import sys
@@ -12,11 +13,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from lose_a_worker import COUNT
-from poisoned_work import FAULT, POISON, harmless, work
+from poisoned_work import FAULT, POISON, harmless, harmless_portion, work
 
 from app.main import run_command
 from app.study.cluster import AHEAD, cluster_results
-from app.study.results import Result
+from app.study.results import Portion, Result
 from app.study.workers import local_results, workers_of
 from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask
@@ -26,6 +27,7 @@ REPOSITORY = HERE.parents[2]
 TABLE = "plan-paper-simulation-points.jsonl"
 HASTY = {"connect_s": 0.2, "empty_s": 0.01}
 NOBODY = "tcp://127.0.0.1:1"
+COMMON = "common"
 
 
 def tasks(count=4, first=0):
@@ -153,6 +155,7 @@ class FakeClient:
         self._workers = workers
         self._gone = False
         self.submitted = 0
+        self.sent_bytes = []
         self.closed = False
 
     def __call__(self, address, **options):
@@ -177,11 +180,13 @@ class FakeClient:
             raise OSError("timed out")
         return {f"tcp://worker{n}": 1 for n in range(self._workers)}
 
-    def submit(self, work, *arguments, pure):
-        assert not pure, "Dask would take equal tasks for one"
-        self.submitted += 1
-        result = work(*arguments)
-        ends = self._ends.setdefault(result.place, ["finished"])
+    def submit(self, work, *arguments, pure=True, key=None):
+        assert key or not pure, "Dask would take equal tasks for one"
+        values = [each for each in arguments if not isinstance(each, Future)]
+        self.sent_bytes.append(len(pickle.dumps(values)))
+        result = work(*(getattr(each, "_result", each) for each in arguments))
+        self.submitted += isinstance(result, Result)
+        ends = self._ends.setdefault(getattr(result, "place", COMMON), ["finished"])
         end = ends.pop(0) if len(ends) > 1 else ends[0]
         if end == "never":
             self._workers = 0
@@ -292,6 +297,16 @@ def test_cluster_is_given_no_more_tasks_than_its_threads_have_use_for(pretend):
     for done, _ in enumerate(cluster_results(many, "tcp://there:8786", harmless, **HASTY)):
         assert min(done + most // 2, 100) <= client.submitted <= done + most
     assert client.submitted == 100
+
+
+@pytest.mark.parametrize(("ends", "sent"), [(["finished"], 2), ([KILLED, "finished"], 3)])
+def test_what_portions_share_is_sent_once_unless_it_has_gone(pretend, ends, sent):
+    client, commons = FakeClient({COMMON: ends}), [(b"one" * 9999,), (b"two" * 9999,)]
+    pretend(client)
+    portions = [Portion(common, task) for common in commons for task in tasks(20)]
+    results = list(cluster_results(portions, "tcp://there:8786", harmless_portion, **HASTY))
+    assert numbers(results) == [*range(40), *range(40)]
+    assert sum(size > len(commons[0][0]) for size in client.sent_bytes) == sent
 
 
 def test_cluster_without_workers_is_said_before_anything_begins(pretend):
