@@ -1,26 +1,22 @@
 """Lock of a campaign: one process at a time."""
 
 import errno
+import fcntl
 import json
 import os
 import socket
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from campaigns.errors import CampaignLocked, WriteFailed
 from drivers.bounded_files import FileRefused, read_bounded
 
-if TYPE_CHECKING:
-    from filelock import BaseFileLock
-
 LOCK_FILE = "campaign.lock"
 HOLDER_FILE = "campaign.lock.holder"
-"""A file of its own: some versions of filelock empty the lock file whenever somebody tries it."""
+"""A file of its own: older versions empty the lock file whenever they try it."""
 HOLDER_BYTES = 10_000
 SAME_CLOCK_S = 2.0
 """A process that began so much later than the note was written only has the same number."""
@@ -71,12 +67,9 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
     Raises `CampaignLocked`, naming the holder, when another process (or another block of this one)
     has it, and `WriteFailed` when the folder cannot be written.
     """
-    from filelock import FileLock, Timeout  # with logging, which a reader does not need
-
-    lock = FileLock(folder / LOCK_FILE, timeout=0)
     try:
-        _acquire(lock)
-    except Timeout as held:
+        lock = _locked(folder / LOCK_FILE)
+    except BlockingIOError as held:
         noted = _noted_holder(folder)
         held_by = noted.says if noted else "holder unknown"
         raise CampaignLocked(
@@ -89,25 +82,19 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
         with _named_holder(folder, now_utc()):
             yield
     finally:
-        lock.release()
+        fcntl.flock(lock, fcntl.LOCK_UN)  # of a process that was forked meanwhile, too
+        os.close(lock)
 
 
-def _acquire(lock: "BaseFileLock") -> None:
-    """Acquire it at once; raises `Timeout`, and `OSError` also where the system has no locks.
-
-    There it turns into a file that a process leaves when it is killed, or raises another error.
-    """
-    from filelock import SoftFileLock
-
-    no_locks = OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+def _locked(path: Path) -> int:
+    """Descriptor of a locked file; raises `BlockingIOError` when it is locked, and `OSError`."""
+    lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
     try:
-        with warnings.catch_warnings(action="ignore"):
-            lock.acquire()
-    except NotImplementedError as error:
-        raise no_locks from error
-    if isinstance(lock, SoftFileLock):
-        lock.release()
-        raise no_locks
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise
+    return lock
 
 
 @contextmanager

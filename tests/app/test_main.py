@@ -211,7 +211,7 @@ def test_an_identification_leaves_for_later_what_it_does_not_need():
     code = "import app.cli.identify, campaigns.identification.identify, sys; print([*sys.modules])"
     words = [sys.executable, "-c", code]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    later = {"scipy.optimize", "scipy.spatial", "filelock", "rich.live", "drivers.wire.robotline"}
+    later = {"scipy.optimize", "scipy.spatial", "rich.live", "drivers.wire.robotline"}
     assert not later & set(ast.literal_eval(done.stdout))
 
 
