@@ -7,14 +7,13 @@ import select
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from functools import cached_property
 from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
 import typer
 from pydantic_core import to_jsonable_python
-from rich.console import Console
-from rich.text import Text
 
 from app.exits import NotConfirmed
 from campaigns.files.table import Column, texts
@@ -23,6 +22,8 @@ from drivers.ports import Prompt
 from drivers.texts import printable
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from app.progress import RunDisplay
 
 T = TypeVar("T")
@@ -34,6 +35,8 @@ LOOK_S = 0.1
 """How often a question looks at the wish to stop."""
 TYPED_BYTES = 4096
 TALK, WARNING = "dim", "yellow"
+LIKE_A_TERMINAL = {"FORCE_COLOR", "TTY_COMPATIBLE"}
+"""Variables by which users want styles where there is no terminal."""
 SILENT_S = 1.0
 """Work of so long needs no word."""
 REDRAWN_S = 1.0
@@ -57,11 +60,6 @@ def forget_what_was_typed() -> None:
 
     with suppress(termios.error, io.UnsupportedOperation):  # no terminal, or none any more
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
-
-
-def _print(console: Console, text: str, style: str) -> None:
-    """A line; on a terminal it is broken between words, elsewhere not at all."""
-    console.print(text, style=style, markup=False, soft_wrap=not console.is_terminal)
 
 
 def _typed_line(stop_requested: Callable[[], bool]) -> str:
@@ -94,16 +92,39 @@ class Terminal:
     def __init__(self, *, as_json: bool, verbose: bool = False) -> None:
         self._as_json = as_json
         self._verbose = verbose
-        self._talk = Console(stderr=True, highlight=False)
-        self._answers = self._talk if as_json else Console(highlight=False)
+
+    @cached_property
+    def _talk(self) -> "Console":
+        from rich.console import Console  # for terminals and tables
+
+        return Console(stderr=True, highlight=False, emoji=False)
+
+    @cached_property
+    def _answers(self) -> "Console":
+        from rich.console import Console
+
+        return self._talk if self._as_json else Console(highlight=False, emoji=False)
 
     def say(self, text: str, style: str = "") -> None:
         """A line of the answer."""
-        _print(self._answers, printable(text), style)
+        self._line(text, style, is_talk=self._as_json)
 
     def note(self, text: str, style: str = TALK) -> None:
         """A line of talk."""
-        _print(self._talk, printable(text), style)
+        self._line(text, style, is_talk=True)
+
+    def _line(self, text: str, style: str, *, is_talk: bool) -> None:
+        """A line; on a terminal it is broken between words, elsewhere not at all."""
+        stream = sys.stderr if is_talk else sys.stdout
+        if stream is None:
+            return
+        if stream.isatty() or LIKE_A_TERMINAL & os.environ.keys():
+            console = self._talk if is_talk else self._answers
+            kept_whole = not console.is_terminal
+            console.print(printable(text), style=style, markup=False, soft_wrap=kept_whole)
+        else:
+            stream.write(f"{printable(text)}\n")
+            stream.flush()
 
     def alarm(self, text: str) -> None:
         """A line that the operator has to read at once."""
@@ -222,6 +243,7 @@ class Terminal:
             yield lambda _news: None
             return
         from rich.live import Live  # with threads and more, for what takes its time
+        from rich.text import Text
 
         began_s, now_at, over = monotonic(), text, Event()
 

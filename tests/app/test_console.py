@@ -3,13 +3,16 @@
 import io
 import itertools
 import json
+import os
+import subprocess
+import sys
 import threading
 
 import pytest
 from command_line import Keyboard
 from rich.console import Console
 
-from app.console import Terminal
+from app.console import LIKE_A_TERMINAL, Terminal
 from app.exits import NotConfirmed
 
 
@@ -111,3 +114,26 @@ def test_only_yes_is_yes(capsys, monkeypatch, typed, is_yes):
 def test_a_yes_given_before_is_not_asked_for_again(capsys):
     Terminal(as_json=False).require_yes("Sure?", yes=True)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("variables", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "with styles"])
+def test_words_between_colons_stay_as_they_are(capsys, monkeypatch, variables):
+    for name in LIKE_A_TERMINAL:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    Terminal(as_json=False).say("tcp:key:5020", "bold")
+    shown = capsys.readouterr().out
+    assert "tcp:key:5020" in shown
+    assert ("\x1b[" in shown) is bool(variables)
+
+
+def test_lines_that_no_terminal_shows_need_no_styles():
+    code = (
+        "import sys; from app.console import Terminal; Terminal(as_json=False).say('x', 'bold'); "
+        "print('rich' in sys.modules)"
+    )
+    own = {name: value for name, value in os.environ.items() if name not in LIKE_A_TERMINAL}
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, env=own)
+    assert done.stdout == "x\nFalse\n"
