@@ -56,6 +56,7 @@ def with_schema(text):
         ("a: 1e99999999999999999999\n", "schema is missing"),
         ("a: 1\n---\nb: 2\n", "is not YAML"),
         ("a: \x00\n", "is not YAML"),
+        ("a: °\x07\n", "is not YAML"),
         ("[" * 500, "nested deeper than 30 levels"),
         ("%YAML 1.3\n---\na: 1\n", "directives"),
         ("a: !!float\n", "has tags"),
