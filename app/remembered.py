@@ -24,9 +24,12 @@ Answer = tuple[list[Line], dict[str, object]]
 """Lines for people, and the document for programs."""
 
 
-def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file in a campaign's folder; empty where it cannot be told."""
-    found, left = {"folder": str(folder), "software": memory.software()}, MOST_BYTES
+def digests(folder: Path, software: str = "") -> dict[str, str]:
+    """SHA-256 of each file in a campaign's folder; empty where it cannot be told.
+
+    `software` is the digest of what runs, which does not change meanwhile.
+    """
+    found, left = {"folder": str(folder), "software": software or memory.software()}, MOST_BYTES
     try:
         for path in sorted(folder.iterdir()):
             if not path.is_file() or path.name.endswith(PASSING):
@@ -47,7 +50,7 @@ def answer_to(asked: str, folder: Path, find: Callable[[], Answer]) -> Answer:
         case {"lines": list(lines), "document": dict(document)} if all(map(_is_line, lines)):
             return [(text, style) for text, style in lines], document
     found = find()
-    if of == digests(folder):  # else files changed while it was looked for
+    if of == digests(folder, of.get("software", "")):  # else files changed while it was looked for
         lines, document = found
         memory.remember(asked, folder, of, {"lines": lines, "document": document})
     return found

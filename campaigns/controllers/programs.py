@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Literal
 
 from campaigns.arrays import Array
-from campaigns.controllers.gcode_moves import ROTARY, axis_letters
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
@@ -166,6 +165,8 @@ def _turn_of(values: Sequence[float]) -> float:
 
 
 def _gcode(program: Program) -> Iterator[str]:
+    from campaigns.controllers.gcode_moves import ROTARY, axis_letters
+
     task, joints = program.mechanism.task, program.mechanism.joints
     poses = program.targets == "poses"
     letters = axis_letters(task, ROTARY) if poses else tuple(JOINT_LETTERS[: len(joints)])

@@ -6,11 +6,10 @@ import selectors
 import socket
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from operator import itemgetter
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import TypeVar
 
 from sim.clock import ScaledClock
@@ -113,13 +112,13 @@ class CellServer:
         """Do something to the cell between two turns of the server, and return its result."""
         if self._thread is None or not self._thread.is_alive():
             return work()
-        future: Future[Result] = Future()
-        self._calls.put(lambda: future.set_result(work()))
+        results: SimpleQueue[Result] = SimpleQueue()
+        self._calls.put(lambda: results.put(work()))
         self._wake()
         while self._thread.is_alive():
-            with suppress(TimeoutError):
-                return future.result(LOOK_AGAIN_S)
-        return future.result() if future.done() else work()
+            with suppress(Empty):
+                return results.get(timeout=LOOK_AGAIN_S)
+        return work() if results.empty() else results.get()
 
     def __enter__(self) -> "CellServer":
         self.start()
