@@ -22,6 +22,7 @@ from itertools import zip_longest
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import psutil
@@ -29,6 +30,7 @@ from distributed import Client
 from joblib import Parallel, delayed
 
 from app.study.cluster import cluster_results
+from app.study.results import Portion
 from app.study.workers import local_results
 from benchmarks.shared.programs import PKMCAL, pkmcal
 from benchmarks.shared.rounds import medians, timed_s
@@ -44,8 +46,7 @@ MACHINE = "processes that know nothing of each other, without their start"
 KILLED = {"scheduler": 0.25, "study": 0.5, "worker 1": 0.6}  # after which share of the campaigns
 LINE_BYTES = 1564  # of a campaign with 22 parameters, to tell how many are done
 ENOUGH, MOST_SLOPE_MB = 50_000, 5.0  # campaigns that fill the scheduler's logs; in 10 000
-COMPARED, TIMED, FED = 5000, 200, 10_000
-EVERY_S, READY_S = 0.5, 300.0
+COMPARED, TIMED, FED, EVERY_S, READY_S = 5000, 200, 10_000, 0.5, 300.0
 SLOPE = "MB in 10 000 campaigns"
 MB, MILLION, S_AN_HOUR = 1e6, 1e6, 3600.0
 Processes = dict[str, "Popen[bytes]"]
@@ -184,7 +185,9 @@ def start(processes: Processes, name: str, address: str, study: Sequence[str]) -
 
 def feeding_s(address: str, file: Path, scheduler: int) -> float:
     """Processor time of a task without work: the study's, or the scheduler's if that is more."""
-    tasks, table = tasks_of(Estimator.POINTS, 60, FED), ResultTable(file, CampaignRow, "fed")
+    made, table = tasks_of(Estimator.POINTS, 60, FED), ResultTable(file, CampaignRow, "fed")
+    shared = made[0].setup, SCENARIO
+    tasks = [Portion(shared, task.numbers) for task in made]  # as `pkmcal study` gives them
     busy = psutil.Process(), psutil.Process(scheduler)
     for _ in range(2):  # at first modules are imported
         before = [sum(each.cpu_times()[:2]) for each in busy]
@@ -194,19 +197,19 @@ def feeding_s(address: str, file: Path, scheduler: int) -> float:
     return float(max(spent)) / len(tasks)
 
 
-def without_work(task: StudyTask) -> tuple[CampaignRow, ...]:
+def without_work(task: Portion[Any, tuple[int, ...]]) -> tuple[CampaignRow, ...]:
     """Rows as long as real ones."""
     figures = (1.0 / 7.0,) * 22
     found = CampaignEstimate(errors=figures, std=figures, bound=figures)
-    return tuple(CampaignRow(number, estimate=found) for number in task.numbers)
+    return tuple(CampaignRow(number, estimate=found) for number in task.own)
 
 
 def memory_of(samples: Samples, campaigns: int) -> list[tuple[str, float, float]]:
-    """Of each process the largest memory, and its slope in the last quarter of the campaigns."""
-    rows = []
+    """Largest memory of each process, and slope in the last quarter, before all is summed up."""
+    rows, done = [], max(done for _, done, _ in samples)
     for name in dict.fromkeys(name for name, *_ in samples):
         own = np.array([rest for each, *rest in samples if each == name])
-        late = own[own[:, 0] > 0.75 * campaigns]
+        late = own[(own[:, 0] > 0.75 * campaigns) & (own[:, 0] < done)]
         slope = 1e4 * np.polyfit(late[:, 0], late[:, 1], 1)[0] if len(late) > 1 else np.nan
         rows.append((name, float(own[:, 1].max()), float(slope)))
     return rows
