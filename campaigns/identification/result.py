@@ -40,6 +40,8 @@ SCHEMA = "pkmcal/identification/1"
 STRONG = 0.9
 """Correlations from here on are worth being told."""
 STRONGEST = 20
+_adapter_of = cache(TypeAdapter[Any])
+"""Made once for a class: that takes as long as half a fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -393,7 +395,8 @@ class IdentificationResult:
     def document(self) -> dict[str, JsonValue]:
         """Document `pkmcal/identification/1`."""
         # Any: what a dataclass holds, type by type, pydantic knows and mypy cannot
-        values: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, mode="json")
+        adapter = _adapter_of(type(self))  # type: ignore[arg-type]  # mypy thinks no class hashable
+        values: dict[str, Any] = adapter.dump_python(self, mode="json")
         values["parameters"] = {
             name: values["parameters"][name] | {"delta": found.delta}
             for name, found in self.parameters.items()
@@ -466,15 +469,11 @@ class RecordedIdentification(IdentificationResult):
         return tuple(changed)
 
 
-@cache
-def _reader() -> TypeAdapter[RecordedIdentification]:
-    return TypeAdapter(RecordedIdentification)
-
-
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     remedy = "identify again: another version of the software wrote it"
-    return _completed(read_body(_renamed(body), _reader(), "identification", remedy))
+    adapter = _adapter_of(RecordedIdentification)
+    return _completed(read_body(_renamed(body), adapter, "identification", remedy))
 
 
 def _renamed(body: Mapping[str, JsonValue]) -> Mapping[str, JsonValue]:
