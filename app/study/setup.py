@@ -28,7 +28,7 @@ from campaigns.planning.plans import joints_of
 from campaigns.settings.option import Option
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import study
-from campaigns.studies.engine import PlacesByNumber, ResultTable, run_task
+from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.perturbations import KINDS, PERTURBATIONS, sizes_of
 from sim.factory import build_of, true_geometry
 from sim.geometry import geometry_of
@@ -277,7 +277,7 @@ def _combination(
 ) -> Combination:
     head: dict[str, object] = {"schema": TABLE_SCHEMA, "parameters": list(setup.free)}
     head["study"] = setup.digest(scenario.robot.model_dump_json())
-    table = ResultTable(folder, study.CampaignRow, "pkmcal study", head, PlacesByNumber())
+    table = ResultTable(folder, study.CampaignRow, "pkmcal study", head)
     found = Combination(plan.stem, scenario, setup, method, table)
     words = (["effect"] if setup.perturbation else []) + told_words(found.words)
     name = UNFIT_FOR_FILES.sub("_", "-".join(words).replace(", ", "-"))

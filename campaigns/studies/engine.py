@@ -5,8 +5,7 @@ No table is held in memory.
 """
 
 import json
-from array import array
-from collections.abc import Iterable, Iterator, Mapping, MutableMapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -29,7 +28,6 @@ from drivers.bounded_files import MEGABYTE, FileRefused, is_there, open_file
 MOST_LINE_BYTES = MEGABYTE
 """Of a table's line, some hundred times what a campaign needs; a table is as long as its study."""
 LINE_END = b"\n"
-BLOCK, NOWHERE = 1024, -1
 key_of = attrgetter("key")
 adapter_of = cache(TypeAdapter[Any])
 """Made once for a class: that takes as long as a campaign."""
@@ -41,37 +39,6 @@ def run_task(task: StudyTask) -> tuple[CampaignRow, ...]:
     if task.setup.perturbation:
         return judged(task)
     return estimated(task, closure_kernel(task.setup.nominal) if task.setup.is_long else None)
-
-
-class PlacesByNumber(MutableMapping[int, int]):
-    """Where rows begin whose keys are whole numbers in a row: of a million in 8 MB, not in 120."""
-
-    def __init__(self) -> None:
-        self._blocks: dict[int, array[int]] = {}
-
-    def __getitem__(self, number: int) -> int:
-        block, place = divmod(number, BLOCK)
-        if (begin := self._blocks[block][place]) == NOWHERE:
-            raise KeyError(number)
-        return begin
-
-    def __setitem__(self, number: int, begin: int) -> None:
-        block, place = divmod(number, BLOCK)
-        if block not in self._blocks:
-            self._blocks[block] = array("q", [NOWHERE]) * BLOCK
-        self._blocks[block][place] = begin
-
-    def __delitem__(self, number: int) -> None:
-        self[number] = NOWHERE
-
-    def __iter__(self) -> Iterator[int]:
-        for block, begins in sorted(self._blocks.items()):
-            for place, begin in enumerate(begins):
-                if begin != NOWHERE:
-                    yield block * BLOCK + place
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
 
 
 Row = TypeVar("Row")
@@ -90,7 +57,7 @@ class ResultTable(Generic[Row]):
     """Class of the rows."""
     command: str
     head: Mapping[str, Any] | None = None
-    places: MutableMapping[Any, int] = field(default_factory=dict)
+    places: dict[Any, int] = field(default_factory=dict)
     """By key: the byte at which its row begins, of those that were read or added."""
 
     def read(self) -> Mapping[Any, int]:

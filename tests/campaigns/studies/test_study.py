@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from drawn_study import FREE, NOMINAL, TRACKER, robots, setup_of
 from drawn_study import plan as planned
-from hypothesis import given
-from hypothesis import strategies as st
 from par4_space import SPACE, par4_of
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
@@ -23,7 +21,7 @@ from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import engine
-from campaigns.studies.engine import MOST_LINE_BYTES, PlacesByNumber, ResultTable, run_task
+from campaigns.studies.engine import MOST_LINE_BYTES, ResultTable, run_task
 from campaigns.studies.estimates import estimates, true_robot, true_robots
 from campaigns.studies.study import CampaignRow, StudyTask, indistinguishable, planned_shots
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
@@ -392,7 +390,7 @@ def test_pairs_of_two_plans_with_the_same_numbers_stay_apart(plan):
 
 def begin(table):
     """As a study begins, or goes on: what is there, taken up by a new process."""
-    fresh = replace(table, places=PlacesByNumber())
+    fresh = replace(table, places={})
     fresh.read()
     fresh.write()
     return fresh
@@ -404,8 +402,7 @@ def head(study="0123456789ab", free=SPACE.free_by_default):
 
 @pytest.fixture
 def table(tmp_path):
-    path, places = tmp_path / "study.jsonl", PlacesByNumber()
-    return begin(ResultTable(path, CampaignRow, "pkmcal study", head(), places))
+    return begin(ResultTable(tmp_path / "study.jsonl", CampaignRow, "pkmcal study", head()))
 
 
 def test_table_gives_back_what_was_written(table, outcomes):
@@ -427,17 +424,6 @@ def test_table_is_the_same_in_whatever_order_rows_came(table, outcomes):
         other.add([outcome])
     other.write()
     assert table.path.read_bytes() == one
-
-
-@given(
-    st.dictionaries(st.integers(-3, 5000), st.integers(0, 2**40)), st.sets(st.integers(-3, 5000))
-)
-def test_places_by_number_are_told_as_a_dictionary_tells_them(expected, other):
-    places = PlacesByNumber()
-    places.update(expected)
-    assert places == expected
-    assert [*places] == sorted(expected)
-    assert {number for number in other if number in places} == other & expected.keys()
 
 
 def test_row_that_was_cut_off_is_computed_again(table, outcomes):
