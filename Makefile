@@ -21,6 +21,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Every process of the tests would compile all anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+# pip does it of what it copies; without it, where Python may not write it, each command would.
+COMPILE := $(BIN)/python -m compileall -q app campaigns drivers sim pkmcal.py
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 .PHONY: demo test quick long peers lint bench torture
@@ -69,10 +71,12 @@ torture: $(VENV)/installed-dev
 # Whatever is installed is installed again when what it depends on has changed.
 $(VENV)/installed: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable .
+	@$(COMPILE)
 	@touch $@
 
 $(VENV)/installed-dev: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@$(COMPILE)
 	@touch $@ $(VENV)/installed
 
 $(BIN)/python:
