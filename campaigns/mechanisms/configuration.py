@@ -48,7 +48,7 @@ FIRST_CONTRACTION = 1e-3
 """That of the first step, where it is so short that the poses expected were near."""
 FIRST_CONTRACTION_PER_MM = 1.0
 """That of a still shorter one, over its length: what Newton's steps leave goes by their square."""
-SETTLED_SHARE = 1e-5
+SETTLED_SHARE = 1e-6
 """Of that step: what is left of it leads no fit astray, whose next steps are far shorter."""
 
 
