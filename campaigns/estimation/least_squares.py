@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import SETTLED, STEPS, gauss_newton, normal_step
+from campaigns.estimation.gauss_newton import CONTRACTION, SETTLED, STEPS, gauss_newton, normal_step
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -24,6 +24,8 @@ INFEASIBLE_FACTOR = 1e6
 that the solver turns back."""
 WORTH_A_STEP = 0.3
 """Part of the residual that a step without the unknowns of small effect may leave."""
+COARSE_STEPS = 2
+"""Without those, by the derivatives at the start: a third gains less than it costs."""
 NEGLIGIBLE = 1e-6
 """Root mean square of residuals, mm or whitened, of which only rounding is left."""
 STATIONARY_COSINE = 1e-3
@@ -287,29 +289,35 @@ class _AsStack:
         return np.asarray(self.jacobians[0] @ step[0])[None]
 
 
-def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, bool]:
-    """Unknowns to begin with, the residual there, and whether a step led to them.
+def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, int]:
+    """Unknowns to begin with, the residual there, and how many steps led to them.
 
-    Of the problem's own start: one of the unknowns that matter most, where it leads far.
+    Of the problem's own start: two of the unknowns that matter most, where the first leads far, by
+    the same derivatives: while the others are at their start an evaluation is a cheap one.
     """
     if start is not None:
         try:
-            return start, problem.residual(start), False
+            return start, problem.residual(start), 0
         except NoSolution:
             pass
     own, fine = problem.start(), problem.fine_unknowns()
     first = problem.residual(own)
     if not fine.any() or fine.all() or len(first) < len(own):
-        return own, first, False
-    further = own.copy()
-    step, _, regular = normal_step(problem.jacobian(own)[None][..., ~fine], first[None])
-    further[~fine] += step[0]
-    try:
-        left = problem.residual(further)
-    except NoSolution:
-        return own, first, False
-    shorter = np.linalg.norm(left) <= WORTH_A_STEP * np.linalg.norm(first)
-    return (further, left, True) if shorter and regular[0] else (own, first, False)
+        return own, first, 0
+    coarse, at, left = problem.jacobian(own)[None][..., ~fine], own, first
+    for steps in range(COARSE_STEPS):
+        step, _, regular = normal_step(coarse, left[None])
+        further = at.copy()
+        further[~fine] += step[0]
+        part = CONTRACTION if steps else WORTH_A_STEP
+        try:
+            residual = problem.residual(further)
+        except NoSolution:
+            return at, left, steps
+        if not regular[0] or not np.linalg.norm(residual) <= part * np.linalg.norm(left):
+            return at, left, steps
+        at, left = further, residual
+    return at, left, COARSE_STEPS
 
 
 def _checked(fit: Solution) -> Solution:
