@@ -593,50 +593,14 @@ def distance_jacobians(
 
 
 @_compiled
-def _basis(rows: Array, norms: Array, root: Array, basis: Array) -> None:
-    """Orthonormal rows (P, M) that rows (P, M) span, by the root of their products made unit."""
-    for a in range(len(rows)):
-        row, own, part = basis[a], rows[a], 1.0 / norms[a]
-        for n in range(len(row)):
-            row[n] = own[n] * part
-        for b in range(0, a, 2):  # two at once: each is read and written less
-            beyond = min(b + 1, a - 1)
-            one, other = root[a, b], root[a, beyond] if beyond > b else 0.0
-            first, second = basis[b], basis[beyond]
-            for n in range(len(row)):
-                row[n] -= one * first[n] + other * second[n]
-        part = 1.0 / root[a, a]
-        for n in range(len(row)):
-            row[n] *= part
+def _inverted_root(root: Array, norms: Array, inverse: Array) -> bool:
+    """Inverse (P, P) of a lower root of products of rows that were made unit, these norms undone.
 
-
-@_compiled
-def _triangle(rows: Array, norms: Array, root: Array, basis: Array) -> bool:
-    """QR of rows (P, M) made unit: its triangle's transpose, norms, basis; whether it is regular.
-
-    By Cholesky, twice where rows are nearly alike, which is as exact as reflections where it is
-    regular.
+    Whether their rank is beyond doubt.
     """
-    least = _scaled_root(rows, norms, root)
-    _basis(rows, norms, root, basis)
-    if least >= GOOD_PIVOT:
-        return True
-    size, again = np.empty(len(rows)), np.empty(root.shape)
-    regular = least > LEAST_PIVOT and _scaled_root(basis, size, again) > 0.5
-    for a in range(len(rows)):
-        for k in range(a + 1):
-            root[a, k] *= size[k]
-    root[:] = root @ again
-    _basis(basis.copy(), size, again, basis)
-    return regular
-
-
-@_compiled
-def _covariance(root: Array, norms: Array, covariance: Array) -> bool:
-    """(JᵀJ)⁻¹ by the root of products made unit; whether its rank is beyond doubt."""
-    count, inverse = len(root), np.zeros(root.shape)
     square = inverse_square = 0.0
-    for a in range(count):
+    inverse[:] = 0.0
+    for a in range(len(root)):
         inverse[a, a] = 1.0
         for k in range(a):
             for b in range(k + 1):
@@ -645,26 +609,41 @@ def _covariance(root: Array, norms: Array, covariance: Array) -> bool:
             inverse[a, b] /= root[a, a]
             square += root[a, b] ** 2
             inverse_square += inverse[a, b] ** 2
-    covariance[:] = 0.0
-    for k in range(count):
-        for a in range(k + 1):
-            inverse[k, a] /= norms[a]
-        for a in range(k + 1):
-            for b in range(k + 1):
-                covariance[a, b] += inverse[k, a] * inverse[k, b]
+    for b in range(len(root)):
+        for a in range(b, len(root)):
+            inverse[a, b] /= norms[b]
     return bool(square * inverse_square < RANK_TOLERANCE**-2)
+
+
+@_compiled
+def _orthonormal(rows: Array, inverse: Array) -> bool:
+    """Triangle (P, P) that makes rows (P, M) orthonormal; whether their rank is beyond doubt.
+
+    By Cholesky, twice where rows are nearly alike, which is as exact as reflections where it is
+    regular.
+    """
+    norms, root = np.empty(len(rows)), np.empty(inverse.shape)
+    least = _scaled_root(rows, norms, root)
+    regular = _inverted_root(root, norms, inverse)
+    if least >= GOOD_PIVOT:
+        return regular
+    size, again = np.empty(len(rows)), np.empty(root.shape)
+    regular = least > LEAST_PIVOT and _scaled_root(inverse @ rows, size, again) > 0.5
+    for a in range(len(rows)):
+        for k in range(a + 1):
+            root[a, k] *= size[k]
+    return _inverted_root(root @ again, norms, inverse) and regular
 
 
 @_compiled
 def covariances(jacobians: Array) -> tuple[Array, Mask]:
     """Covariances (R, P, P) by Jacobians' columns (R, P, M), and whose rank is beyond doubt."""
-    robots, unknowns, measured = jacobians.shape
-    found, norms = np.empty((robots, unknowns, unknowns)), np.empty(unknowns)
+    robots, unknowns, _ = jacobians.shape
+    found, inverse = np.empty((robots, unknowns, unknowns)), np.empty((unknowns, unknowns))
     regular = np.empty(robots, dtype=np.bool_)
-    root, basis = np.empty((unknowns, unknowns)), np.empty((unknowns, measured))
     for r in range(robots):
-        regular[r] = _triangle(jacobians[r], norms, root, basis)
-        regular[r] &= _covariance(root, norms, found[r])
+        regular[r] = _orthonormal(jacobians[r], inverse)
+        found[r] = inverse.T @ inverse
     return found, regular
 
 
@@ -712,8 +691,8 @@ def point_scores(
     room, unknowns = _room(shots), free + 2 * by_angle.shape[1]
     jacobian, column = np.empty((unknowns, 3, shots)), np.empty((3, shots))
     closure = np.empty((1, shots))
-    basis, root = np.empty((unknowns, 3 * shots)), np.empty((unknowns, unknowns))
-    found, norms = np.empty((robots, unknowns, unknowns)), np.empty(unknowns)
+    basis, inverse = np.empty((unknowns, 3 * shots)), np.empty((unknowns, unknowns))
+    found = np.empty((robots, unknowns, unknowns))
     regular, scores = np.empty(robots, dtype=np.bool_), np.empty((2, robots))
     leverage, products = np.empty((6, shots)), np.empty((6, shots))
     forearms, _, through = room
@@ -721,8 +700,10 @@ def point_scores(
         own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
         frame = rotation[r], by_angle[r], whitening[r]
         _point_jacobian((functions, *own), *frame, room, jacobian)
-        regular[r] = _triangle(jacobian.reshape(unknowns, 3 * shots), norms, root, basis)
-        regular[r] &= _covariance(root, norms, found[r])
+        rows = jacobian.reshape(unknowns, 3 * shots)
+        regular[r] = _orthonormal(rows, inverse)
+        found[r] = inverse.T @ inverse
+        np.dot(inverse, rows, basis)
         leverage[:] = 0.0
         for a in range(unknowns):
             _add_products(basis[a].reshape(3, shots), leverage)
@@ -747,6 +728,54 @@ def point_scores(
             _add_products(column, products)
         scores[1, r] = _score(products, by_shot, leverage)
     return found, regular, scores
+
+
+@_compiled
+def unwhitened(whitening: Array, covariance_mm2: Array, vectors: Array) -> Array:
+    """Vectors (k, 3, N) back in mm, by what (3, 3, N) whitens covariances C (N, 3, 3): W C Wᵀ = 1.
+
+    The inverse of W is C Wᵀ.
+    """
+    back, out = np.empty(whitening.shape), np.empty(vectors.shape)
+    for i in range(3):
+        for j in range(3):
+            for n in range(len(covariance_mm2)):
+                c, (x, y, z) = covariance_mm2[n, i], whitening[j, :, n]
+                back[i, j, n] = c[0] * x + c[1] * y + c[2] * z
+    for place in range(len(vectors)):
+        x, y, z = vectors[place]
+        for i in range(3):
+            for n in range(len(x)):
+                along = back[i, 0, n] * x[n] + back[i, 1, n] * y[n]
+                out[place, i, n] = along + back[i, 2, n] * z[n]
+    return out
+
+
+@_compiled
+def likelihood_rows(jacobian: Array, residual_mm: Array, by_joints: Array) -> tuple[Array, Array]:
+    """Rows (P + 1, 3, N) of which likelihoods are formed, and covariances (3, 3, N) of joints.
+
+    Of columns (P, 3, N), made unit, a misfit (3, N), and derivatives by the joints (n, 3, N).
+    """
+    unknowns, _, shots = jacobian.shape
+    rows, through = np.empty((unknowns + 1, 3, shots)), np.zeros((3, 3, shots))
+    rows[unknowns] = residual_mm
+    for place in range(unknowns):
+        square = 0.0
+        for i in range(3):
+            own = jacobian[place, i]
+            for n in range(shots):
+                square += own[n] * own[n]
+        part = 1.0 / np.sqrt(square) if square > 0.0 else 1.0
+        for i in range(3):
+            for n in range(shots):
+                rows[place, i, n] = jacobian[place, i, n] * part
+    for joint in range(len(by_joints)):
+        for i in range(3):
+            for j in range(3):
+                for n in range(shots):
+                    through[i, j, n] += by_joints[joint, i, n] * by_joints[joint, j, n]
+    return rows, through
 
 
 @_compiled

@@ -201,21 +201,25 @@ class _RestrictedLikelihood:
 
     def __init__(self, shots: LinearizedShots, kernel: ModuleType | None = None) -> None:
         self._shots, self._kernel = shots, kernel
-        self._through = shots.by_joints @ shots.by_joints.swapaxes(1, 2)
+        if kernel is None:
+            self._through = shots.by_joints @ shots.by_joints.swapaxes(1, 2)
+            jacobian = _orthonormal(shots.jacobian)
+            self._is_orthonormal = jacobian is not None
+            """Whether columns are so far from dependence that their squares, which take a fraction
+            of the time of a QR, tell as much; compiled loops look themselves."""
+            if jacobian is None:
+                scale = column_norms(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]))
+                jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
+            self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
+        else:
+            every = shots.jacobian, shots.residual_mm, shots.by_joints, shots.stated_mm2
+            *of_shots, stated = (np.ascontiguousarray(each.T) for each in every)
+            rows, through = kernel.likelihood_rows(*of_shots)
+            self._by_component = rows, stated, through  # covariances: symmetrical
+            self._rows, self._through, self._is_orthonormal = rows.T, through.T, False
         typical_mm = math.sqrt(float(np.trace(shots.stated_mm2, axis1=1, axis2=2).mean()) / 3.0)
         lever = math.sqrt(float(np.trace(self._through, axis1=1, axis2=2).mean()) / 3.0)
         self._units = (typical_mm, typical_mm / lever if lever > 0.0 else 1.0)
-        jacobian = _orthonormal(shots.jacobian) if kernel is None else None
-        self._is_orthonormal = jacobian is not None
-        """Whether columns are so far from dependence that their squares, which take a fraction of
-        the time of a QR, tell as much; compiled loops look themselves."""
-        if jacobian is None:
-            scale = column_norms(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]))
-            jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
-        self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
-        if kernel is not None:
-            every = (self._rows.T, shots.stated_mm2.T, self._through.T)  # covariances: symmetrical
-            self._by_component = [np.ascontiguousarray(each) for each in every]
 
     def at(self, log_point: float, log_joint: float) -> float:
         """2 log L but for a constant; -∞ where a covariance is none."""

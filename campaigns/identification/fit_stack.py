@@ -139,7 +139,7 @@ def _fit_points(
     by_joints = problem.whitened_by_joints(solution.x[every], every)
     for at, row in enumerate(every.tolist()):
         own, one = slice(row, row + 1), np.zeros(1, dtype=np.intp)
-        shots_of = partial(_linearized, stated_mm2=stated[row])
+        shots_of = partial(_linearized, stated_mm2=stated[row], kernel=kernel)
         linearized = shots_of(
             problem.whitening[row], covariance[row], solution.residual[row], by_x[at], by_joints[at]
         )
@@ -211,11 +211,19 @@ def _linearized(
     by_x: Array,
     by_joints: Array,
     stated_mm2: Array,
+    kernel: ModuleType | None,
 ) -> variance_components.LinearizedShots:
     """Shots of one campaign about its fit, from what (3, 3, N) whitens of covariances (N, 3, 3).
 
     Residuals (3 N,), their derivatives (3 N, P), those of points by the joints (n, 3, N).
     """
+    if kernel is not None:
+        flat = by_x.T.reshape(-1, COORDINATES, len(stated_mm2)), by_joints
+        every = (residual.reshape(1, COORDINATES, -1), *flat)
+        misfit, *columns = (kernel.unwhitened(whitening, covariance_mm2, each).T for each in every)
+        return variance_components.LinearizedShots(
+            misfit[:, :, 0], columns[0], stated_mm2, columns[1]
+        )
     back = covariance_mm2 @ whitening.T  # W C Wᵀ = 1
     of_x = (each.reshape(COORDINATES, len(back), -1).swapaxes(0, 1) for each in (residual, by_x))
     by_shot = (*of_x, by_joints.transpose(2, 1, 0))
