@@ -15,7 +15,7 @@ from numba import njit
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation import variance_components
-from campaigns.estimation.gauss_newton import LEAST_PIVOT
+from campaigns.estimation.gauss_newton import LEAST_PIVOT, LINEAR, NO_RESIDUAL
 from campaigns.estimation.observability import RANK_TOLERANCE
 from campaigns.mechanisms.closed_chain import MISFIT_OF_STEP
 
@@ -415,28 +415,34 @@ def _scaled_root(rows: Array, scale: Array, root: Array) -> float:
 
 
 @_compiled
-def _step(rows: Array, residual: Array, step: Array) -> tuple[float, bool]:
-    """Gauss-Newton step of a Jacobian's columns (P, M), its length, and whether to trust it."""
-    unknowns = len(rows)
-    scale, root = np.empty(unknowns), np.empty((unknowns, unknowns))
-    regular = _scaled_root(rows, scale, root) > LEAST_PIVOT
-    square = 0.0
-    for a in range(unknowns):
+def _step(
+    rows: Array, residual: Array, norms: Array, root: Array, step: Array, change: Array
+) -> tuple[float, bool]:
+    """Gauss-Newton step of a Jacobian's columns (P, M), its length, and whether to trust it.
+
+    The root of their products, and the change (M,) of residuals if the step is short enough to tell
+    that.
+    """
+    regular = _scaled_root(rows, norms, root) > LEAST_PIVOT
+    square = size = 0.0
+    for n in range(len(residual)):
+        size += residual[n] * residual[n]
+    for a in range(len(rows)):
         total, row = 0.0, rows[a]
         for n in range(len(row)):
             total += row[n] * residual[n]
-        total /= scale[a]
+        total /= norms[a]
         for k in range(a):
             total -= root[a, k] * step[k]
         step[a] = total / root[a, a]
         square += step[a] * step[a]
-    for a in range(unknowns - 1, -1, -1):
-        total = step[a]
-        for k in range(a + 1, unknowns):
-            total -= root[k, a] * step[k]
-        step[a] = total / root[a, a]
-    for a in range(unknowns):
-        step[a] = -step[a] / scale[a]
+    for a in range(len(rows) - 1, -1, -1):
+        step[a] /= root[a, a]
+        for k in range(a):
+            step[k] -= root[a, k] * step[a]
+        step[a] = -step[a] / norms[a]
+    if square <= (2.0 * LINEAR) ** 2 * max(size, NO_RESIDUAL**2 * len(residual)):
+        np.dot(step, rows, change)
     return np.sqrt(square), regular
 
 
@@ -512,24 +518,28 @@ def point_jacobians(closed: Closed, rotation: Array, by_angle: Array, whitening:
 @_compiled
 def point_steps(
     closed: Closed, rotation: Array, by_angle: Array, whitening: Array, residual: Array
-) -> tuple[Array, Array, Mask]:
-    """Steps (R, P) by these derivatives from residuals (R, 3 N), as `gauss_newton_steps`.
+) -> tuple[Array, Array, Mask, Array, Array, Array]:
+    """Steps (R, P) by these derivatives from residuals (R, 3 N), their lengths, which to trust.
 
-    One robot after the other, so that its derivatives stay in the processor's cache.
+    And how short ones change the residuals, (R, 3 N), norms of the derivatives (R, P), and roots
+    (R, P, P) of their products when made unit. One robot after the other, so that its derivatives stay in the processor's cache.
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
     room = _room(shots)
     jacobian = np.empty((free + 2 * by_angle.shape[1], 3, shots))
-    steps, lengths = np.empty((robots, len(jacobian))), np.empty(robots)
+    unknowns, lengths = len(jacobian), np.empty(robots)
+    steps, norms = np.empty((robots, unknowns)), np.empty((robots, unknowns))
+    changes, roots = np.zeros(residual.shape), np.empty((robots, unknowns, unknowns))
     regular = np.empty(robots, dtype=np.bool_)
     for r in range(robots):
         own = upper[r], lower[r], by_upper[r], owner, own_mm[r], by_lower, poses[r]
         frame = rotation[r], by_angle[r], whitening[r]
         _point_jacobian((functions, *own), *frame, room, jacobian)
-        rows = jacobian.reshape(len(jacobian), 3 * shots)
-        lengths[r], regular[r] = _step(rows, residual[r], steps[r])
-    return steps, lengths, regular
+        rows = jacobian.reshape(unknowns, 3 * shots)
+        found = norms[r], roots[r], steps[r], changes[r]
+        lengths[r], regular[r] = _step(rows, residual[r], *found)
+    return steps, lengths, regular, changes, norms, roots
 
 
 @_compiled
@@ -551,10 +561,10 @@ def distance_residuals(
 @_compiled
 def distance_jacobians(
     closed: Closed, first: Index, second: Index, whitening: Array, residual: Array
-) -> tuple[Array, Array, Array, Mask]:
+) -> tuple[Array, Array, Array, Mask, Array]:
     """Whitened derivatives (R, F, M) of distances between shots `first` and `second`.
 
-    And steps (R, F) from residuals (R, M), if there are any, their lengths, and which to trust.
+    And what `point_steps` gives from residuals (R, M), if there are any.
     Each shot is an end of one distance at most.
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
@@ -563,8 +573,9 @@ def distance_jacobians(
     by_turn, determinant = np.empty((4, shots)), np.empty(shots)
     through, of_shots = np.zeros((1, 4, shots)), np.empty((free, 1, shots))
     jacobians, of_turns = np.empty((robots, free, len(first))), np.empty((2, shots))
-    steps, lengths = np.empty((robots, free)), np.empty(robots)
-    along, regular = np.zeros((3, shots)), np.zeros(robots, dtype=np.bool_)
+    steps, lengths, changes = np.empty((robots, free)), np.empty(robots), np.zeros(residual.shape)
+    norms, root, along = np.empty(free), np.empty((free, free)), np.zeros((3, shots))
+    regular = np.zeros(robots, dtype=np.bool_)
     for r in range(robots):
         pose = poses[r]
         _forearms(functions, upper[r], lower[r], pose, of_turns, forearms, by_turn)
@@ -588,8 +599,9 @@ def distance_jacobians(
                 both = of_shots[place, 0, second[m]] + of_shots[place, 0, first[m]]
                 jacobians[r, place, m] = both
         if len(residual):
-            lengths[r], regular[r] = _step(jacobians[r], residual[r], steps[r])
-    return jacobians, steps, lengths, regular
+            found = norms, root, steps[r], changes[r]
+            lengths[r], regular[r] = _step(jacobians[r], residual[r], *found)
+    return jacobians, steps, lengths, regular, changes
 
 
 @_compiled
@@ -616,14 +628,13 @@ def _inverted_root(root: Array, norms: Array, inverse: Array) -> bool:
 
 
 @_compiled
-def _orthonormal(rows: Array, inverse: Array) -> bool:
+def _orthonormal(rows: Array, norms: Array, root: Array, inverse: Array) -> bool:
     """Triangle (P, P) that makes rows (P, M) orthonormal; whether their rank is beyond doubt.
 
-    By Cholesky, twice where rows are nearly alike, which is as exact as reflections where it is
-    regular.
+    By Cholesky's root of their products, made unit by norms, and by another one where rows are
+    nearly alike, which is as exact as reflections where it is regular. Norms and root are changed.
     """
-    norms, root = np.empty(len(rows)), np.empty(inverse.shape)
-    least = _scaled_root(rows, norms, root)
+    least = np.diag(root).min()
     regular = _inverted_root(root, norms, inverse)
     if least >= GOOD_PIVOT:
         return regular
@@ -639,10 +650,12 @@ def _orthonormal(rows: Array, inverse: Array) -> bool:
 def covariances(jacobians: Array) -> tuple[Array, Mask]:
     """Covariances (R, P, P) by Jacobians' columns (R, P, M), and whose rank is beyond doubt."""
     robots, unknowns, _ = jacobians.shape
-    found, inverse = np.empty((robots, unknowns, unknowns)), np.empty((unknowns, unknowns))
+    found, norms = np.empty((robots, unknowns, unknowns)), np.empty(unknowns)
+    root, inverse = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
     regular = np.empty(robots, dtype=np.bool_)
     for r in range(robots):
-        regular[r] = _orthonormal(jacobians[r], inverse)
+        _scaled_root(jacobians[r], norms, root)
+        regular[r] = _orthonormal(jacobians[r], norms, root, inverse)
         found[r] = inverse.T @ inverse
     return found, regular
 
@@ -680,11 +693,19 @@ def _add_products(vectors: Array, products: Array) -> None:
 
 @_compiled
 def point_scores(
-    closed: Closed, rotation: Array, by_angle: Array, whitening: Array, slopes: Array, left: Array
+    closed: Closed,
+    rotation: Array,
+    by_angle: Array,
+    whitening: Array,
+    slopes: Array,
+    left: Array,
+    norms: Array,
+    roots: Array,
 ) -> tuple[Array, Mask, Array]:
     """Covariances as `covariances`, by the derivatives of points, and scores of components (2, R).
 
-    `slopes` of the functions of the joints, (2, n, N); whitened residuals (R, 3 N).
+    `slopes` of the functions of the joints, (2, n, N); whitened residuals (R, 3 N). Norms (R, P)
+    and roots (R, P, P) are those of the last step, which moved them by less than their rounding.
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free, arms = poses.shape, len(owner), functions.shape[1]
@@ -701,7 +722,7 @@ def point_scores(
         frame = rotation[r], by_angle[r], whitening[r]
         _point_jacobian((functions, *own), *frame, room, jacobian)
         rows = jacobian.reshape(unknowns, 3 * shots)
-        regular[r] = _orthonormal(rows, inverse)
+        regular[r] = _orthonormal(rows, norms[r].copy(), roots[r].copy(), inverse)
         found[r] = inverse.T @ inverse
         np.dot(inverse, rows, basis)
         leverage[:] = 0.0
@@ -739,9 +760,10 @@ def unwhitened(whitening: Array, covariance_mm2: Array, vectors: Array) -> Array
     back, out = np.empty(whitening.shape), np.empty(vectors.shape)
     for i in range(3):
         for j in range(3):
-            for n in range(len(covariance_mm2)):
-                c, (x, y, z) = covariance_mm2[n, i], whitening[j, :, n]
-                back[i, j, n] = c[0] * x + c[1] * y + c[2] * z
+            x, y, z = whitening[j]
+            for n in range(len(x)):
+                along = covariance_mm2[n, i, 0] * x[n] + covariance_mm2[n, i, 1] * y[n]
+                back[i, j, n] = along + covariance_mm2[n, i, 2] * z[n]
     for place in range(len(vectors)):
         x, y, z = vectors[place]
         for i in range(3):

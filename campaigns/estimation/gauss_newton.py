@@ -40,8 +40,8 @@ class ProblemStack(Protocol):
         """Steps (R, P) from residuals (R, M) where they were last asked for, as `normal_step`."""
         ...
 
-    def change(self, step: Array, rows: Index) -> Array | None:
-        """Change (R, M) of residuals by the last steps (R, P), which Jacobians tell; None: unkept.
+    def change(self, step: Array, rows: Index) -> Array:
+        """Change (R, M) of residuals by the last steps (R, P), which Jacobians tell.
 
         `rows` are some of those that the steps were asked of.
         """
@@ -71,22 +71,22 @@ def gauss_newton(
     x, asked = start.copy(), np.arange(len(start)) if rows is None else rows
     first, found = problem.residual(rows_of(x, asked), asked)
     (count, unknowns), measured = x.shape, first.shape[1]
-    residual = np.zeros((count, measured))
-    residual[asked] = first
+    residual = with_rows(np.zeros((count, measured)), asked, first)
+    sizes = lengths_of(residual)
     converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
     active, evaluations = asked[found & (measured >= unknowns)], 1
     while evaluations <= STEPS and active.size:
-        begun = rows_of(residual, active)
-        step, length, regular = problem.step(rows_of(x, active), begun, active)
+        step, length, regular = problem.step(rows_of(x, active), rows_of(residual, active), active)
         before, least = last[active], NO_RESIDUAL * np.sqrt(measured)
         rate = np.where(np.isinf(before), 1.0, length / before)
-        unit = np.maximum(np.linalg.norm(begun, axis=1), least)
+        unit = np.maximum(sizes[active], least)
         ends = regular & (length <= CONTRACTION * before) & (length <= LINEAR * unit)
         ends &= length * rate <= settled_at * unit
-        if ends.any() and (change := problem.change(step[ends], active[ends])) is not None:
+        if ends.any():
             ended = active[ends]
             x[ended] += step[ends]
-            residual[ended] += change
+            left = rows_of(residual, ended) + problem.change(step[ends], ended)
+            residual = with_rows(residual, ended, left)
             converged[ended] = True
             active, step, length, regular, rate, before = (
                 each[~ends] for each in (active, step, length, regular, rate, before)
@@ -96,18 +96,28 @@ def gauss_newton(
         further = rows_of(x, active) + step
         left, found = problem.residual(further, active)
         evaluations += 1
-        size = np.linalg.norm(left, axis=1)
+        size = lengths_of(left)
         unit = np.maximum(size, least)
         at_end = length <= ROUNDING * unit
-        shrunk = size <= (1.0 + SAME_SIZE) * np.linalg.norm(rows_of(residual, active), axis=1)
+        shrunk = size <= (1.0 + SAME_SIZE) * sizes[active]
         nearer = shrunk & (length <= CONTRACTION * before)
         settled = (length * rate <= settled_at * unit) | (at_end & ~nearer)
         good = found & regular & (nearer | at_end)
-        kept = active[good]
-        x[kept], residual[kept], last[kept] = further[good], left[good], length[good]
+        if not good.any():
+            break
+        kept, those = active[good], np.flatnonzero(good)
+        x, residual, sizes, last = (
+            with_rows(old, kept, rows_of(new, those))
+            for old, new in ((x, further), (residual, left), (sizes, size), (last, length))
+        )
         converged[active[good & settled]] = True
         active = active[good & ~settled]
     return StackSolution(x, residual, converged, evaluations)
+
+
+def lengths_of(vectors: Array) -> Array:
+    """Lengths (R,) of vectors (R, M)."""
+    return np.asarray(np.sqrt(np.einsum("rm,rm->r", vectors, vectors)))
 
 
 def rows_of(stack: Array, rows: Index) -> Array:

@@ -275,9 +275,14 @@ class PointStack:
         none = np.empty((0, 3, 3))
         self._last: tuple[Index, Array, tuple[Array, Array]] = np.empty(0, int), none, (none, none)
         """Rows and angles (R, 3) that were last turned by, and what `_turned` gave."""
+        count, free = robots.start.shape
         if robots.kernel is None:
-            count, free = robots.start.shape
             self._jacobians = _columns(count, 3 * points_mm.shape[2], free + FRAME_COLUMNS)
+        else:
+            unknowns = free + FRAME_COLUMNS
+            shapes = (3 * points_mm.shape[2],), (unknowns,), (unknowns, unknowns)
+            self._of_steps = tuple(np.zeros((count, *shape)) for shape in shapes)
+            """Changes by last steps, norms of derivatives, and roots of their products."""
 
     def start(self) -> Array:
         """Unknowns (C, F + 6) where a step leads from one robot and guessed frames.
@@ -316,17 +321,21 @@ class PointStack:
     def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
         """Step of Gauss-Newton from residuals (R, 3 N), as `normal_step`."""
         if self.robots.kernel is not None:
-            step, length, regular = self.robots.kernel.point_steps(
+            step, length, regular, *anew = self.robots.kernel.point_steps(
                 *self._closed_at(x, rows), residual
             )
+            both = zip(self._of_steps, anew, strict=True)
+            self._of_steps = tuple(with_rows(old, rows, new) for old, new in both)
             return step, length, regular
         jacobian = self.jacobian(x, rows)
         self._jacobians = with_rows(self._jacobians, rows, jacobian)
         return normal_step(jacobian, residual)
 
-    def change(self, step: Array, rows: Index) -> Array | None:
-        """Change (R, 3 N) of residuals by last steps (R, F + 6); None of compiled loops."""
-        return None if self.robots.kernel else product(rows_of(self._jacobians, rows), step)
+    def change(self, step: Array, rows: Index) -> Array:
+        """Change (R, 3 N) of residuals by last steps (R, F + 6)."""
+        if self.robots.kernel is not None:
+            return rows_of(self._of_steps[0], rows)
+        return product(rows_of(self._jacobians, rows), step)
 
     def last_jacobians(self, x: Array, rows: Index) -> Array:
         """Jacobians (R, 3 N, F + 6) where steps were last taken, or as near to there."""
@@ -337,11 +346,13 @@ class PointStack:
     def scored(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Mask, Array] | None:
         """Covariances (R, P, P) at residuals (R, 3 N), and whose rank is beyond doubt.
 
-        And scores (2, R) of the robot's own scatter; None without a kernel.
+        And scores (2, R) of the robot's own scatter; behind a step. None without a kernel.
         """
         if (kernel := self.robots.kernel) is None:
             return None
-        found = kernel.point_scores(*self._closed_at(x, rows), self.robots.joint_slopes(), residual)
+        closed, slopes = self._closed_at(x, rows), self.robots.joint_slopes()
+        roots = (rows_of(each, rows) for each in self._of_steps[1:])
+        found = kernel.point_scores(*closed, slopes, residual, *roots)
         return found[0], found[1], found[2]
 
     def _closed_at(self, x: Array, rows: Index) -> tuple[object, ...]:
@@ -418,6 +429,7 @@ class DistanceStack:
         self._measured_mm, self._whitening = measured_mm, whitening
         count, free = robots.start.shape
         self._jacobians = _columns(count, len(first), free)
+        self._changes = np.zeros(measured_mm.shape)
 
     def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
         """(R, M); which have an answer."""
@@ -437,12 +449,15 @@ class DistanceStack:
             jacobian = self.jacobian(x, rows)
             step, length, regular = normal_step(jacobian, residual)
         else:
-            jacobian, step, length, regular = self._compiled(x, residual, rows)
+            jacobian, step, length, regular, changes = self._compiled(x, residual, rows)
+            self._changes = with_rows(self._changes, rows, changes)
         self._jacobians = with_rows(self._jacobians, rows, jacobian)
         return step, length, regular
 
     def change(self, step: Array, rows: Index) -> Array:
         """Change (R, M) of residuals by last steps (R, F)."""
+        if self.robots.kernel is not None:
+            return rows_of(self._changes, rows)
         return product(rows_of(self._jacobians, rows), step)
 
     def last_jacobians(self, x: Array, rows: Index) -> Array:  # noqa: ARG002 - as of points
@@ -460,13 +475,16 @@ class DistanceStack:
         columns = sum(a * b for a, b in zip(along, self._between(by_x), strict=True))
         return np.ascontiguousarray(np.swapaxes(columns, 0, 1)).swapaxes(1, 2)
 
-    def _compiled(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Array, Mask]:
-        """Jacobians (R, M, F) and, from residuals (R, M) if there are any, what `step` gives."""
+    def _compiled(
+        self, x: Array, residual: Array, rows: Index
+    ) -> tuple[Array, Array, Array, Mask, Array]:
+        """Jacobians (R, M, F) and, from residuals (R, M) if there are any, `step` and `change`."""
         assert self.robots.kernel is not None, "asked for where there is one"
         pairs = self._first, self._second, rows_of(self._whitening, rows), residual
         closed = self.robots.closed_at(x, rows)
-        jacobians, step, length, regular = self.robots.kernel.distance_jacobians(closed, *pairs)
-        return jacobians.swapaxes(1, 2), step, length, regular
+        jacobians, *of_step = self.robots.kernel.distance_jacobians(closed, *pairs)
+        step, length, regular, changes = of_step
+        return jacobians.swapaxes(1, 2), step, length, regular, changes
 
     def _between(self, each: Array) -> Array:
         """From first to second shots, (…, M) of (…, N)."""

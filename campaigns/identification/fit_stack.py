@@ -58,6 +58,8 @@ class FitStack:
     """(C, F, F)"""
     plain: Mask
     """Rows that were not given up, (C,)."""
+    robots: RobotStack | None = None
+    """Robots at their fitted shots, whose closures are known."""
 
 
 def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None) -> FitStack:
@@ -78,7 +80,8 @@ def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None
         each = [fit_stack(inputs, points_mm[row, None], kernel) for row in range(count)]
         parts = ((one.x, one.covariance, one.plain) for one in each)
         return FitStack(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-    return FitStack(found.x[:, :free], found.covariance[:, :free, :free], found.plain)
+    covariance = found.covariance[:, :free, :free]
+    return FitStack(found.x[:, :free], covariance, found.plain, points[0])
 
 
 def _given_up(count: int, free: int) -> FitStack:

@@ -200,7 +200,8 @@ def estimates(
     rows = setup.shots.whole_pairs(ShotSet.VALIDATION).rows.T.ravel()
     near = np.array([robot.poses[rows].T for robot in robots])
     mechanism, p = setup.nominal.mechanism, np.tile(setup.nominal.p, (len(robots), 1))
-    unseen = RobotStack(mechanism, p, places, setup.shots.joints[rows], near, CONVERGED_MM, kernel)
+    joints, about = setup.shots.joints[rows], stack.robots
+    unseen = RobotStack(mechanism, p, places, joints, near, CONVERGED_MM, kernel, about)
     x = np.where(stack.plain[:, None], stack.x[:, :free], unseen.start)
     unseen_mm, seen = unseen.positions_mm(x, np.arange(len(robots)))
     plain = np.flatnonzero(stack.plain & seen)

@@ -109,6 +109,7 @@ def test_compiled_scores_of_a_robots_own_scatter_are_those_by_numpy(member):
     problem, rows = _points(robots, points_mm, covariance_mm2, frames), np.arange(CAMPAIGNS)
     x = problem.start()
     residual, _ = problem.residual(x, rows)
+    problem.step(x, residual, rows)
     covariance, regular, scores = problem.scored(x, residual, rows)
     left, jacobian = residual.reshape(CAMPAIGNS, 3, -1), problem.jacobian(x, rows)
     by_x, known = jacobian.reshape(*left.shape, -1), information.covariance(jacobian)
