@@ -347,15 +347,15 @@ def point_residuals(
 
 @_compiled
 def _normal(rows: Array, normal: Array) -> None:
-    """Products (P, P) of rows (P, M) with each other, by three and three: each is read less."""
+    """Products of rows (P, M) with each other, a lower triangle (P, P), by four and three."""
     last = len(rows) - 1
-    for a in range(0, len(rows), 3):
-        a1, a2 = min(a + 1, last), min(a + 2, last)
-        p, q, r = rows[a], rows[a1], rows[a2]
-        for b in range(0, a + 1, 3):
+    for a in range(0, len(rows), 4):
+        a1, a2, a3 = min(a + 1, last), min(a + 2, last), min(a + 3, last)
+        p, q, r, s = rows[a], rows[a1], rows[a2], rows[a3]
+        for b in range(0, a3 + 1, 3):
             b1, b2 = min(b + 1, last), min(b + 2, last)
             x, y, z = rows[b], rows[b1], rows[b2]
-            px = py = pz = qx = qy = qz = rx = ry = rz = 0.0
+            px = py = pz = qx = qy = qz = rx = ry = rz = sx = sy = sz = 0.0
             for n in range(len(p)):
                 px += p[n] * x[n]
                 py += p[n] * y[n]
@@ -366,20 +366,18 @@ def _normal(rows: Array, normal: Array) -> None:
                 rx += r[n] * x[n]
                 ry += r[n] * y[n]
                 rz += r[n] * z[n]
-            normal[a, b] = normal[b, a] = px
-            normal[a, b1] = normal[b1, a] = py
-            normal[a, b2] = normal[b2, a] = pz
-            normal[a1, b] = normal[b, a1] = qx
-            normal[a1, b1] = normal[b1, a1] = qy
-            normal[a1, b2] = normal[b2, a1] = qz
-            normal[a2, b] = normal[b, a2] = rx
-            normal[a2, b1] = normal[b1, a2] = ry
-            normal[a2, b2] = normal[b2, a2] = rz
+                sx += s[n] * x[n]
+                sy += s[n] * y[n]
+                sz += s[n] * z[n]
+            normal[a, b], normal[a, b1], normal[a, b2] = px, py, pz
+            normal[a1, b], normal[a1, b1], normal[a1, b2] = qx, qy, qz
+            normal[a2, b], normal[a2, b1], normal[a2, b2] = rx, ry, rz
+            normal[a3, b], normal[a3, b1], normal[a3, b2] = sx, sy, sz
 
 
 @_compiled
 def _factored(normal: Array, root: Array) -> float:
-    """Cholesky's lower root (P, P) of a matrix; its least pivot, 0 where there is none."""
+    """Cholesky's root (P, P) of a lower triangle; its least pivot, 0 where there is none."""
     least, parts = np.inf, np.empty(len(normal))
     root[:] = 0.0
     for a in range(len(normal)):
@@ -409,7 +407,7 @@ def _scaled_root(rows: Array, scale: Array, root: Array) -> float:
         scale[a] = np.sqrt(normal[a, a]) if normal[a, a] > 0.0 else np.inf
         parts[a] = 1.0 / scale[a]
     for a in range(len(rows)):
-        for b in range(len(rows)):
+        for b in range(a + 1):
             normal[a, b] *= parts[a] * parts[b]
     return _factored(normal, root)
 
@@ -522,7 +520,8 @@ def point_steps(
     """Steps (R, P) by these derivatives from residuals (R, 3 N), their lengths, which to trust.
 
     And how short ones change the residuals, (R, 3 N), norms of the derivatives (R, P), and roots
-    (R, P, P) of their products when made unit. One robot after the other, so that its derivatives stay in the processor's cache.
+    (R, P, P) of their products when made unit. One robot after the other, so that its derivatives
+    stay in the processor's cache.
     """
     functions, upper, lower, by_upper, owner, own_mm, by_lower, poses = closed
     (robots, _, shots), free = poses.shape, len(owner)
