@@ -17,6 +17,7 @@ from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation import variance_components
 from campaigns.estimation.gauss_newton import LEAST_PIVOT, LINEAR, NO_RESIDUAL
 from campaigns.estimation.observability import RANK_TOLERANCE
+from campaigns.estimation.rigid_transforms import rotation_entries
 from campaigns.mechanisms.closed_chain import MISFIT_OF_STEP
 
 Closed: TypeAlias = tuple[Array, Array, Array, Array, Index, Array, Array, Array]
@@ -285,6 +286,29 @@ def _whitened(whitening: Array, vectors: Array, out: Array) -> None:
         out[1, n] = w[1, 0, n] * x[n] + w[1, 1, n] * y[n]
     for n in range(len(x)):
         out[2, n] = w[2, 0, n] * x[n] + w[2, 1, n] * y[n] + w[2, 2, n] * z[n]
+
+
+_rotation_entries = _compiled(rotation_entries)
+
+
+@_compiled
+def turned(guesses: Array, angles_rad: Array) -> tuple[Array, Array]:
+    """Rotations (R, 3, 3) turned by three small angles (R, 3), and derivatives (R, 3, 3, 3)."""
+    rotations, by_angle = np.empty(guesses.shape), np.empty((len(guesses), 3, 3, 3))
+    for r in range(len(guesses)):
+        (z, y, x), guess = angles_rad[r], guesses[r]
+        cos, sin = (np.cos(z), np.cos(y), np.cos(x)), (np.sin(z), np.sin(y), np.sin(x))
+        entries = _rotation_entries(*cos, *sin)
+        for i in range(3):
+            a, b, c = guess[i]
+            for j in range(3):
+                rotations[r, i, j] = (
+                    a * entries[0][0][j] + b * entries[0][1][j] + c * entries[0][2][j]
+                )
+                for k in range(3):
+                    by = entries[k + 1]
+                    by_angle[r, k, i, j] = a * by[0][j] + b * by[1][j] + c * by[2][j]
+    return rotations, by_angle
 
 
 @_compiled

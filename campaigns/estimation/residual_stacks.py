@@ -367,8 +367,11 @@ class PointStack:
         last_rows, last_angles, turned = self._last
         if np.array_equal(last_rows, rows) and np.array_equal(last_angles, angles):
             return turned
-        turn, by_angle = small_rotation(angles)
-        turned = guesses @ turn, np.ascontiguousarray(guesses[:, None] @ by_angle)
+        if self.robots.kernel is not None:
+            turned = self.robots.kernel.turned(guesses, angles)
+        else:
+            turn, by_angle = small_rotation(angles)
+            turned = guesses @ turn, guesses[:, None] @ by_angle
         self._last = rows, angles, turned
         return turned
 

@@ -1,11 +1,13 @@
 """Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from campaigns.arrays import Array
 
+Number = TypeVar("Number", float, Array)
 LINE_TOLERANCE = 1e-9
 """Points whose second spread is below this part of the first lie on a line."""
 
@@ -104,20 +106,31 @@ def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
     Angles are (…, 3), derivatives (…, 3, 3, 3).
     """
     is_one = angles_rad.ndim == 1  # whose plain numbers take a third of the time
-    (cz, cy, cx), (sz, sy, sx) = (
+    cos, sin = (
         of(angles_rad).tolist() if is_one else np.moveaxis(of(angles_rad), -1, 0)
         for of in (np.cos, np.sin)
     )
-    none = 0.0 if is_one else np.zeros_like(cz)
-    turn = [
-        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
-        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
-        [-sy, cy * sx, cy * cx],
-    ]
-    by_z = [[-each for each in turn[1]], turn[0], [none] * 3]
-    by_y = [[each * cz for each in (-sy, cy * sx, cy * cx)]]
-    by_y += [[each * sz for each in (-sy, cy * sx, cy * cx)], [-cy, -sy * sx, -sy * cx]]
-    by_x = [[none, row[2], -row[1]] for row in turn]
-    every = np.array([turn, by_z, by_y, by_x])
+    every = np.array(rotation_entries(*cos, *sin))
     turns = every if is_one else np.moveaxis(every, (0, 1, 2), (-3, -2, -1))
     return turns[..., 0, :, :], turns[..., 1:, :, :]
+
+
+def rotation_entries(
+    cz: Number, cy: Number, cx: Number, sz: Number, sy: Number, sx: Number
+) -> tuple[tuple[tuple[Number, ...], ...], ...]:
+    """Rows of `small_rotation` and of its three derivatives, of the angles' cosines and sines.
+
+    Compiled loops are made of the same lines.
+    """
+    none = cz - cz
+    first = (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx)
+    second = (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx)
+    third = (-sy, cy * sx, cy * cx)
+    by_z = ((-second[0], -second[1], -second[2]), first, (none, none, none))
+    by_y = (
+        (-sy * cz, cy * sx * cz, cy * cx * cz),
+        (-sy * sz, cy * sx * sz, cy * cx * sz),
+        (-cy, -sy * sx, -sy * cx),
+    )
+    by_x = ((none, first[2], -first[1]), (none, second[2], -second[1]), (none, third[2], -third[1]))
+    return (first, second, third), by_z, by_y, by_x

@@ -78,8 +78,9 @@ def fit_stack(inputs: Inputs, points_mm: Array, kernel: ModuleType | None = None
         if count == 1:
             return _given_up(count, free)
         each = [fit_stack(inputs, points_mm[row, None], kernel) for row in range(count)]
-        parts = ((one.x, one.covariance, one.plain) for one in each)
-        return FitStack(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        parts = zip(*((one.x, one.covariance, one.plain) for one in each), strict=True)
+        x, covariance, plain = (np.concatenate(part) for part in parts)
+        return FitStack(x, covariance, plain)
     covariance = found.covariance[:, :free, :free]
     return FitStack(found.x[:, :free], covariance, found.plain, points[0])
 
