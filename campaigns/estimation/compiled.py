@@ -464,7 +464,11 @@ def _step(
             step[k] -= root[a, k] * step[a]
         step[a] = -step[a] / norms[a]
     if square <= (2.0 * LINEAR) ** 2 * max(size, NO_RESIDUAL**2 * len(residual)):
-        np.dot(step, rows, change)
+        change[:] = 0.0
+        for a in range(len(rows)):
+            row, part = rows[a], step[a]
+            for n in range(len(row)):
+                change[n] += part * row[n]
     return np.sqrt(square), regular
 
 

@@ -85,7 +85,8 @@ def closures(mechanism: ClosedChain, p: Array, places: Index, by_platform: Array
     along = np.eye(COORDINATES)[:, :, None, None]
     along = np.broadcast_to(along, (COORDINATES, *at_samples.elbows_mm.shape))
     owner, field = owners(mechanism, places)
-    by_fields = at_samples.by_fields(along)[:, owner, field]
+    has_azimuths = bool(np.isin(places, mechanism.azimuths).any())
+    by_fields = at_samples.by_fields(along, azimuths=has_azimuths)[:, owner, field]
     shape = (COORDINATES, len(places), robots, len(joints))
     columns = by_fields.reshape(shape) @ (-0.5 * inverse)
     is_length = (owner >= 0) & (field == FOREARM)
