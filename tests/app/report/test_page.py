@@ -18,7 +18,7 @@ from app.report.page import Page, page_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evaluation.diagnostics import Doubt, nests_told
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import Evaluation, MeasuredSeries, evaluate, gather
 from campaigns.files.table import texts
 from campaigns.identification.nests import Nest
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
@@ -382,14 +382,14 @@ def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) ->
         stated_covariance_mm2=np.full_like(run.stated_covariance_mm2, np.nan),
         temperature_degC=np.full_like(run.temperature_degC, np.nan),
     )
-    measured = replace(evidence.run, shots=silent)
+    measured = MeasuredSeries(evidence.run.series, lambda: silent)
     shown = page_of(Evaluation(replace(evidence, run=measured)), MADE_UTC)
     assert "run not stated – – – 0." in words_on(shown)
 
 
 def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampaign) -> None:
     message = "plan.csv:1: '<b>&amp;</b>' is no \"number\""
-    evidence = replace(gather(whole.campaign), unreadable=(message,))
+    evidence = replace(gather(whole.campaign), spoilt=(message,))
     shown = page_of(Evaluation(evidence), MADE_UTC)
     assert missing(shown) == f"Cannot be read: {message}."
     text = shown.html
