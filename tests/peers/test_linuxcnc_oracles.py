@@ -1,5 +1,6 @@
 """Robots in the real LinuxCNC: its own Deltas, and our kinematics of types without an example."""
 
+import time
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -52,9 +53,19 @@ def away(linuxcnc, robot, full_speed_per_s, poses):
         for pose in poses:
             bench.robot.move_pose(pose_of(pose), 1.0)
             assert bench.arrived().fault == ""
-            stood = robot.kinematics.forward(joints.read()[None], near=pose[None]).values_or_raise()
+            read = at_rest(joints)
+            stood = robot.kinematics.forward(read[None], near=pose[None]).values_or_raise()
             found.append(stood[0] - pose)
     return np.array(found) * [axis.to_file(1.0) for axis in robot.mechanism.task]
+
+
+def at_rest(joints):
+    """Joints once two readings are the same: on a busy machine they come from a moment before."""
+    last, now = None, joints.read()
+    while last is None or (now != last).any():
+        time.sleep(0.01)
+        last, now = now, joints.read()
+    return now
 
 
 @dataclass(frozen=True)
