@@ -46,6 +46,8 @@ STANDING_MM = 1.0
 MOST_REROUTES = 40
 WAYS_AHEAD = 100
 """Ways of a plan worked out at once."""
+WAYS_TOLD = 2000
+"""Ways of a plan after which it is told how many are checked: fewer at once take longer."""
 MOVES_AT_ONCE = 500
 """Joint moves looked at together: bounds the memory that many take."""
 POINTS_AT_ONCE = 20_000
@@ -337,9 +339,9 @@ def check_paths(
     faults: list[str] = []
     joints = np.array([each for _, each in stops])
     ways: list[list[Array] | None] = []
-    for first in range(0, len(stops) - 1, MOVES_AT_ONCE):
+    for first in range(0, len(stops) - 1, WAYS_TOLD):
         tell(f"checking the ways between shots: {first} of {len(stops) - 1}")
-        ways += robot.safe_paths(joints[first : first + MOVES_AT_ONCE + 1])
+        ways += robot.safe_paths(joints[first : first + WAYS_TOLD + 1])
     for (here, there), way in zip(pairwise(stops), ways, strict=True):
         if way is None:
             faults.append(_fault(robot, here, there))

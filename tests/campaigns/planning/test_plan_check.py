@@ -149,7 +149,7 @@ def test_ways_are_checked_some_at_once_which_tells_how_far_it_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     at_once, told = check(FOUR_PAIRS), list[str]()
-    monkeypatch.setattr(paths, "MOVES_AT_ONCE", 3)
+    monkeypatch.setattr(paths, "WAYS_TOLD", 3)
     robot = RobotModel(NOMINAL, LIMITS, CENTRE)
     assert check_plan(FOUR_PAIRS, robot, VIEW, PACE, tell=told.append) == at_once
     ways = len(FOUR_PAIRS) - 1
