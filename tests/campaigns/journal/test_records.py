@@ -2,6 +2,8 @@
 
 import json
 import math
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -87,9 +89,10 @@ def test_what_could_not_be_read_is_not_written(unreadable: records.Record) -> No
         records.as_stored(unreadable)
 
 
-def test_plain_data_only_is_written() -> None:
+@pytest.mark.parametrize("odd", [object(), {1, 2}, b"raw", Path("set.yaml")])
+def test_plain_data_only_is_written(odd: Any) -> None:
     with pytest.raises(TypeError):
-        records.as_stored(records.Finding("load", {"path": object()}))  # type: ignore[dict-item]  # on purpose
+        records.as_stored(records.Finding("load", {"path": odd}))
 
 
 def test_records_of_older_and_newer_programs_are_read() -> None:
