@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import SHOTS_AT_ONCE, Array, Index, Mask
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, column_effect
 
@@ -40,7 +40,6 @@ AS_WELL = 9.2
 FITTED = 1e-6
 """Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
-SHOTS_AT_ONCE = 256
 WELL_TOLD = 1e-9
 """Part of the best known direction from which no other is lost to rounding."""
 UNTOLD = 1e-10

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import SHOTS_AT_ONCE, Array, Index
 from campaigns.estimation import error_columns
 from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
@@ -51,7 +51,6 @@ FEWEST_PERIODS = 2.0
 """Over the travel: fewer may as well be an eccentric encoder, a ratio or the geometry."""
 STEPS_A_TURN = 2.0
 """Frequencies looked at, from one that makes a turn more over the travel to the next."""
-SHOTS_AT_ONCE = 256
 NEAR = 9
 """Frequencies about the best one, a quarter of a step apart."""
 

@@ -117,18 +117,6 @@ def roots(covariance_mm2: Array) -> Array:
     return found
 
 
-def inverses(triangles: Array) -> Array:
-    """Inverses of lower triangular matrices (…, 3, 3), likewise."""
-    found = np.zeros(triangles.shape)
-    (xx, _, _), (yx, yy, _), (zx, zy, zz) = np.moveaxis(triangles, (-2, -1), (0, 1))
-    first, second, third = 1.0 / xx, 1.0 / yy, 1.0 / zz
-    across = -yx * first * second
-    found[..., 0, 0], found[..., 1, 1], found[..., 2, 2] = first, second, third
-    found[..., 1, 0], found[..., 2, 1] = across, -zy * second * third
-    found[..., 2, 0] = -(zx * first + zy * across) * third
-    return found
-
-
 def _cholesky(covariance_mm2: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Entries of L, (…) each: 1 / xx, yx, zx, 1 / yy, zy, 1 / zz."""
     (xx, _, _), (yx, yy, _), (zx, zy, zz) = np.moveaxis(covariance_mm2, (-2, -1), (0, 1))

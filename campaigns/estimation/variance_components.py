@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import SHOTS_AT_ONCE, Array, Index, Mask
 from campaigns.estimation.gauss_newton import LEAST_PIVOT
 from campaigns.estimation.observability import column_norms, triangle_of
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -38,7 +38,6 @@ CLEAR = 1.0
 """In 2 log L: by so much no further search would choose other components."""
 UNMOVED = 0.01
 """Relative change of a component that tells nothing new, half of what a fit is made again for."""
-SHOTS_AT_ONCE = 256
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 LEAST_STEP = math.sqrt(2.2e-16)
 """Part of a place, beside a tolerance, that two trials of a search are at least apart."""

@@ -17,7 +17,7 @@ from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimate import Estimate, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.lack_of_fit import undetected
-from campaigns.estimation.tracker_noise import TrackerUncertainty, common_shifts_mm, inverses
+from campaigns.estimation.tracker_noise import TrackerUncertainty, common_shifts_mm
 from campaigns.identification.observations import (
     Inputs,
     Observations,
@@ -237,7 +237,7 @@ def linearized(fitted: Observations, x: Array) -> variance_components.Linearized
     whitened = points.jacobian(x).reshape(count, 3, -1)
     return variance_components.LinearizedShots(
         fitted.misfits_mm(x),
-        inverses(points.whitening) @ whitened,
+        np.linalg.inv(points.whitening) @ whitened,
         fitted.stated_mm2,
         points.rotations(x) @ points.model.by_joints(points.parameters(x)),
     )
