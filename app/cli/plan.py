@@ -44,8 +44,8 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     has_more = programs.program is not None or where_tracker
-    draws_plan = plot is not None and not where_tracker
-    if has_more and campaign.plan_path.exists() and options == PlanOptions() and not draws_plan:
+    picture = None if where_tracker else plot  # of the plan; otherwise stands are drawn
+    if has_more and campaign.plan_path.exists() and options == PlanOptions() and not picture:
         compared = _compare(terminal, campaign, options, plot) if where_tracker else {}
         written = _write(terminal, campaign, programs) if programs.program else {}
         terminal.document(compared | written | tell_next(terminal, campaign))
@@ -54,12 +54,12 @@ def command(
         planned = plan(campaign, options, now_at)
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
-    if plot is not None and draws_plan:
+    if picture is not None:
         from app.report.plots import plot_plan  # matplotlib takes longer than a plan
 
         own = planned.forecast
-        plot_plan(plot, planned.checked.shots, own, planned.curve, campaign.space)
-        terminal.say(f"drawn: {plot}")
+        plot_plan(picture, planned.checked.shots, own, planned.curve, campaign.space)
+        terminal.say(f"drawn: {picture}")
     if planned.note:
         terminal.note(planned.note, WARNING)
     written = _write(terminal, campaign, programs) if programs.program else {}

@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import JsonValue, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
@@ -90,12 +90,12 @@ def form_options(name: str, written: Mapping[str, str]) -> tuple[str, ...]:
 
 def written_sets(journal: "JournalReader") -> Iterator[WrittenSet]:
     """Sets that were written, latest first; passes over those of another form."""
-    from campaigns.journal.records import Finding
+    from campaigns.journal.records import Finding, adapter_of
 
     for entry in reversed(journal.records_of(Finding)):
         if entry.record.kind == "export":
             with suppress(ValidationError):
-                yield TypeAdapter(WrittenSet).validate_python(entry.record.body)
+                yield adapter_of(WrittenSet).validate_python(entry.record.body)
 
 
 def latest_identification(journal: "JournalReader") -> "RecordedIdentification":

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 
-from pydantic import JsonValue, TypeAdapter
+from pydantic import JsonValue
 
 from campaigns.controllers.load import differing
 from campaigns.errors import FindingUnreadable
@@ -152,7 +152,7 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
 
 def read_load(body: Mapping[str, JsonValue]) -> Load:
     """Load as the journal has it; raises `FindingUnreadable`."""
-    return read_body(body, TypeAdapter(Load), "load", AGAIN)
+    return read_body(body, Load, "load", AGAIN)
 
 
 def already_back(journal: Journal, load: Load, digest: str) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from pydantic import JsonValue, TypeAdapter
+from pydantic import JsonValue
 
 from campaigns.estimation.change_detection import Cause, CauseKind
 from campaigns.estimation.f_test import FittedShots
@@ -127,7 +127,7 @@ class RecordedCheck(CalibrationCheck):
 def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
     """Check of a journal's finding; raises `FindingUnreadable`."""
     remedy = "check again: another version of the software wrote it"
-    return read_body(body, TypeAdapter(RecordedCheck), "check", remedy)
+    return read_body(body, RecordedCheck, "check", remedy)
 
 
 def judge_check(

@@ -6,12 +6,11 @@ Its fields are the keys of the document `pkmcal/identification/1`; parameters ar
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cache
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import JsonValue, TypeAdapter
+from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.estimation.estimators import Estimator, Outliers
@@ -28,7 +27,7 @@ from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.files.table import Column, html_table
 from campaigns.identification.known_lengths import KnownLengths
 from campaigns.identification.nests import Nest
-from campaigns.journal.records import read_body
+from campaigns.journal.records import adapter_of, read_body
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -40,8 +39,6 @@ SCHEMA = "pkmcal/identification/1"
 STRONG = 0.9
 """Correlations from here on are worth being told."""
 STRONGEST = 20
-_adapter_of = cache(TypeAdapter[Any])
-"""Made once for a class: that takes as long as half a fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -395,8 +392,7 @@ class IdentificationResult:
     def document(self) -> dict[str, JsonValue]:
         """Document `pkmcal/identification/1`."""
         # Any: what a dataclass holds, type by type, pydantic knows and mypy cannot
-        adapter = _adapter_of(type(self))  # type: ignore[arg-type]  # mypy thinks no class hashable
-        values: dict[str, Any] = adapter.dump_python(self, mode="json")
+        values: dict[str, Any] = adapter_of(type(self)).dump_python(self, mode="json")
         values["parameters"] = {
             name: values["parameters"][name] | {"delta": found.delta}
             for name, found in self.parameters.items()
@@ -472,8 +468,8 @@ class RecordedIdentification(IdentificationResult):
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     remedy = "identify again: another version of the software wrote it"
-    adapter = _adapter_of(RecordedIdentification)
-    return _completed(read_body(_renamed(body), adapter, "identification", remedy))
+    found = read_body(_renamed(body), RecordedIdentification, "identification", remedy)
+    return _completed(found)
 
 
 def _renamed(body: Mapping[str, JsonValue]) -> Mapping[str, JsonValue]:

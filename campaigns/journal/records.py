@@ -246,18 +246,24 @@ _JSON = json.JSONEncoder(allow_nan=False, ensure_ascii=False)
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
 
-# Any: an adapter's type parameter cannot be carried through a table of ten different records.
-@cache
+def adapter_of(kind: type[FoundT]) -> TypeAdapter[FoundT]:
+    """Reader and writer of a class's values, made once: that takes as long as half a fit."""
+    return _made(kind)  # type: ignore[arg-type]  # mypy thinks no class hashable
+
+
+_made = cache(TypeAdapter[Any])
+
+
 def _adapter(kind: str) -> TypeAdapter[Any]:
-    return TypeAdapter(TYPE_OF_KIND[kind])
+    return adapter_of(TYPE_OF_KIND[kind])
 
 
 def read_body(
-    body: Mapping[str, JsonValue], kind: TypeAdapter[FoundT], name: FindingKind, remedy: str
+    body: Mapping[str, JsonValue], kind: type[FoundT], name: FindingKind, remedy: str
 ) -> FoundT:
     """What a finding's body holds; raises `FindingUnreadable` for a body in another form."""
     try:
-        return kind.validate_python(body)
+        return adapter_of(kind).validate_python(body)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

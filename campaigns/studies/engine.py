@@ -8,7 +8,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import chain, islice, zip_longest
 from operator import attrgetter
 from pathlib import Path
@@ -20,6 +19,7 @@ from pydantic_core import from_json
 from campaigns.errors import OutputExists, WriteFailed
 from campaigns.estimation.residual_stacks import closure_kernel
 from campaigns.files.text_file import replace_text
+from campaigns.journal.records import adapter_of
 from campaigns.studies.estimates import estimated
 from campaigns.studies.study import CampaignRow, StudyTask
 from campaigns.studies.verdicts import judged
@@ -29,8 +29,6 @@ MOST_LINE_BYTES = MEGABYTE
 """Of a table's line, some hundred times what a campaign needs; a table is as long as its study."""
 LINE_END = b"\n"
 key_of = attrgetter("key")
-adapter_of = cache(TypeAdapter[Any])
-"""Made once for a class: that takes as long as a campaign."""
 ANOTHER = "name another folder with --to, or move this file away"
 
 
@@ -122,7 +120,7 @@ class ResultTable(Generic[Row]):
     @property
     def _adapter(self) -> TypeAdapter[Row]:
         """What reads and writes rows."""
-        return adapter_of(self.kind)  # type: ignore[arg-type]  # mypy thinks no class hashable
+        return adapter_of(self.kind)
 
     def _lines_of(self, keys: Iterable[Any]) -> Iterator[bytes]:
         """Lines of these rows with their ends."""
