@@ -17,6 +17,8 @@ from typer.exceptions import Abort, TyperException
 from app.exits import Exit, exit_code
 from app.interrupt import unblock_signals
 from app.streams import make_streams_last
+from campaigns.errors import OptionsInvalid
+from campaigns.removed import removed_in_command
 from campaigns.version import VERSION, commit
 from drivers.errors import ExplainedError
 from drivers.texts import printable, shortened
@@ -211,13 +213,17 @@ def run_command(arguments: list[str]) -> int:
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
         if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
             traceback.print_exception(error)
-        return _explained(error)
+        return _explained(error, arguments)
     if code == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
         return _told("interrupted → start the command again when ready", Exit.INTERRUPTED)
     return code if isinstance(code, int) else Exit.DONE
 
 
-def _explained(error: Exception) -> Exit:
+def _explained(error: Exception, arguments: list[str]) -> Exit:
+    is_usage = isinstance(error, TyperException | OptionsInvalid)
+    if is_usage and (removed := removed_in_command(arguments)):
+        name, remedy = removed
+        return _told(f"'{name}' was removed → {remedy}", Exit.BAD_INPUT)
     if isinstance(error, TyperException):
         return _told(_usage_line(error), Exit.BAD_INPUT)
     if isinstance(error, ExplainedError):

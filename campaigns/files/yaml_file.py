@@ -21,6 +21,7 @@ from ruamel.yaml.scanner import Scanner
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown, suggestion
+from campaigns.removed import drop_former_defaults, removed_in_file
 from drivers.bounded_files import FileRefused, bounded, loaded_yaml
 
 Location = Sequence[int | str]
@@ -94,6 +95,8 @@ def _problem(found: ErrorDetails) -> str:
 
 def _remedy(found: ErrorDetails, model: type[BaseModel]) -> str:
     *parent, last = found["loc"] or ("",)
+    if instead := removed_in_file(key_path(found["loc"]), found["input"]):
+        return instead
     if found["type"] == "extra_forbidden":
         return _instead_of(str(last), tuple(_fields(_annotation_at(model, parent))))
     description = _description(model, found["loc"])
@@ -265,9 +268,11 @@ def _yaml() -> YAML:
 
 def _plain_json(document: YamlDocument) -> str:
     """Return the tree without the schema, as JSON: there a list is a list and a number a number."""
-    contents = {key: value for key, value in document.tree.items() if key != "schema"}
     try:
-        return json.dumps(contents, default=str)
+        contents = json.loads(json.dumps(document.tree, default=str))
+        contents.pop("schema", None)
+        drop_former_defaults(contents)
+        return json.dumps(contents)
     except (TypeError, ValueError, RecursionError) as error:
         raise ConfigInvalid(
             f"{document.name}: holds more than plain keys, lists and values ({error})",

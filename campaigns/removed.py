@@ -1,0 +1,46 @@
+"""Names that earlier versions knew and this one refuses, each with what to use instead.
+
+CHANGELOG lists them under Removed. These tables are the only place of the software that mentions
+them.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+INSTEAD: Mapping[str, str] = {}
+"""Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
+`--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
+
+KEYS: Mapping[str, tuple[object, str]] = {}
+"""Removed keys of files by dotted path, such as `tracker.two_faces`, each with its former default
+and a remedy. Older versions wrote the default into each new file: it is read without effect."""
+
+
+def removed_in_command(arguments: Sequence[str]) -> tuple[str, str] | None:
+    """Find the first removed name in a command line; return it with its remedy."""
+    words = [word for argument in arguments for word in argument.split("=", 1)]
+    command = next((word for word in words if not word.startswith("-")), "")
+    candidates = [command, *(f"{command} {word}" for word in words)]
+    candidates += [word for word in words if word.startswith("-")]
+    candidates += [f"{option} {value}" for option, value in pairwise(words)]
+    name = next((name for name in candidates if name in INSTEAD), None)
+    return None if name is None else (name, INSTEAD[name])
+
+
+def removed_in_file(path: str, value: object) -> str | None:
+    """Return the remedy for a removed key (dotted path from the file's top) or a removed value."""
+    if path in KEYS:
+        return KEYS[path][1]
+    return INSTEAD.get(f"{path.rpartition('.')[2]}: {value}")
+
+
+def drop_former_defaults(contents: dict[str, Any]) -> None:
+    """Delete the removed keys that still have their former default from a file's plain contents."""
+    for path, (default, _) in KEYS.items():
+        *parents, key = path.split(".")
+        section: Any = contents
+        for parent in parents:
+            section = section.get(parent) if isinstance(section, dict) else None
+        if isinstance(section, dict) and key in section and section[key] == default:
+            del section[key]
