@@ -53,7 +53,6 @@ COMMANDS = {
     "validate": ("validate", "Measure how accurate the robot is as its user commands it."),
     "export": ("export", "Write the identified parameters as a robot file."),
     "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
-    "advise": ("advise", "List what a mechanic may adjust, from the latest identification."),
     "load": ("load", "Put the compensated parameters into the controller."),
     "status": ("status", "Show where the campaign is, and the next command."),
     "watch": ("watch", "Serve a live page of the campaign, for a tablet or a wall screen."),

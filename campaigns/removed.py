@@ -8,11 +8,15 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-INSTEAD: Mapping[str, str] = {}
+INSTEAD: Mapping[str, str] = {
+    "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
+}
 """Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
 
-KEYS: Mapping[str, tuple[object, str]] = {}
+KEYS: Mapping[str, tuple[object, str]] = {
+    "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
+}
 """Removed keys of files by dotted path, such as `tracker.two_faces`, each with its former default
 and a remedy. Older versions wrote the default into each new file: it is read without effect."""
 

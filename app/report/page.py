@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.report import (
-    advice_sections,
     captions,
     certificate_sections,
     groups,
@@ -17,13 +16,10 @@ from app.report.rendering import Outline, no_word, rendered
 from campaigns.campaign_state import state_of
 from campaigns.evaluation import iso_figures
 from campaigns.evaluation.campaign_verdict import RULE
-from campaigns.evaluation.mechanical_advice import LEFT_AND_RIGHT
 from campaigns.evidence import Evaluation
 from campaigns.next_step import next_step
-from campaigns.workflow.advising import advice_by
 
 MAKERS = {
-    "mechanics": advice_sections,
     "results": results_sections,
     "iso": iso_figures,
     "model": model_sections,
@@ -53,11 +49,8 @@ def page_of(
 ) -> Page:
     """Write the page and draw its figures, of which `tell` hears (`rendered`)."""
     key_figures = results_sections.key_figure_rows(evaluation)
-    evidence, found = evaluation.evidence, evaluation.evidence.identification
-    advice = found and advice_by(evidence.campaign, found)
-    own = {"evaluation": evaluation, "key_figures": key_figures, "advice": advice}
+    own = {"evaluation": evaluation, "key_figures": key_figures}
     state = state_of(evaluation, reported=True)
     following = {"next": next_step(state), "ways": state.ways}
     values = {**MAKERS, **own, **following, "made_utc": made_utc, "rule": RULE}
-    values["left_and_right"] = LEFT_AND_RIGHT
     return Page(evaluation, *rendered("page.html.jinja", values, tell=tell))

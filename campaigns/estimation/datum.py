@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation.information import WorkspaceSample
 from campaigns.estimation.rigid_transforms import fit_transform, frame_jacobian
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Role
@@ -25,9 +24,6 @@ SETTLED = 1e-10
 """Last step, rad or mm: the next one is some thousandth of it."""
 SAME_MM = 1e-9
 """Points nearer than that are the same."""
-
-NOTHING = 1e-6
-"""Share of the largest effect below which only rounding is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,24 +90,3 @@ def _moved(
         p[free] += step[: len(free)]
         robot = Kinematics(robot.mechanism, p)
     return robot, float(np.abs(error).max())
-
-
-def datum_influence(robot: Kinematics, poses: Array) -> dict[str, dict[str, float]]:
-    """What a mm or deg of each datum parameter adds to others, as a fit at its nominal finds them.
-
-    By name of these, mm and deg, where it is anything; poses (N, t) are of the workspace.
-    """
-    space = robot.mechanism.parameters
-    held = [name for name in space.datum if name in space.geometry]
-    told = [name for name in space.geometry if name not in held]
-    columns = WorkspaceSample.of(robot, (*told, *held), poses).jacobian.reshape(
-        -1, len(held + told)
-    )
-    own, fixed = columns[:, : len(told)], columns[:, len(told) :]
-    size = np.linalg.norm(own, axis=0)
-    added = np.linalg.lstsq(own / size, fixed, rcond=NOTHING)[0] / size[:, None]
-    shown = np.abs(added) * size[:, None] > NOTHING * size.max()
-    return {
-        name: {held[at]: float(added[row, at]) for at in np.flatnonzero(shown[row])}
-        for row, name in enumerate(told)
-    }

@@ -505,29 +505,6 @@ class Uncertainty:
 
     std_in_file_units = property(std)
 
-    def of_sum(self, weights: Mapping[str, float]) -> float:
-        """Standard uncertainty of a weighted sum of parameters, with what all have in common."""
-        by_name = np.array([weights.get(name, 0.0) for name in self.names])
-        variance = by_name @ self.array @ by_name
-        variance += sum((by_name @ np.array(changes)) ** 2 for changes in self.common.values())
-        return float(np.sqrt(variance))
-
-    def of_gains(
-        self, sample: WorkspaceSample, errors_mm: Array, rng: np.random.Generator
-    ) -> Array:
-        """Standard uncertainties (K - 1,) of how much each of errors (K, N, 3) is less than before.
-
-        On average over the positions of a sample, by draws of the parameters.
-        """
-        root = np.linalg.cholesky(self.array)
-        drawn = rng.standard_normal((DRAWS, len(root))) @ root.T
-        for changes in self.common.values():
-            drawn += rng.standard_normal((DRAWS, 1)) * np.array(changes)
-        jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
-        moved_mm = self.hold_out_ratio * np.einsum("nif,df->dni", jacobian, drawn)
-        means = [np.linalg.norm(each + moved_mm, axis=2).mean(axis=1) for each in errors_mm]
-        return np.asarray(np.std(np.diff(means, axis=0), axis=1))
-
     def interval(self) -> dict[str, float]:
         """Half-width of the 95 % interval by name, mm and deg."""
         factor = coverage_factor(self.dof)

@@ -101,16 +101,6 @@ class Doubt:
         """Whether it would affect the verdict, were acceptance limits of distances not met."""
         return self.name in {LACK, HOLD_OUT} and self.decision is None
 
-    @property
-    def of_model(self) -> bool:
-        """Whether parameters may not be dimensions: the robot changed, or is more than its model.
-
-        What is wrong with tracker, points or files, or was taken out, is none of it.
-        """
-        if self.name == NESTS:
-            return self.numbers.get("kind") == "robot"
-        return self.name not in {CAREFUL, LARGE_CHANGE, REFLECTOR, SWAPPED, RATE, UNMEASURED}
-
 
 def parameter_doubts(
     nominal: Parameters,

@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.mechanism import ArmWords, Limits
-from campaigns.mechanisms.parameters import FOREARM, ROD, ParameterField, Repair
+from campaigns.mechanisms.parameters import FOREARM, ParameterField
 from campaigns.mechanisms.transmission import OF_CRANKS
 
 
@@ -92,43 +92,17 @@ class Arms(ABC):
         """Half size (3,) of a box about a place that holds all that the forearms' ends reach."""
 
 
-TWO_ENDS = "it may be the upper end's place or the joint's on the platform: measure before you move"
-LEFT, RIGHT = "its left end up", "its right end up"
-"""Seen from the robot's middle, left is the side of (-sin azimuth, cos azimuth, 0)."""
-LEVEL_LEFT, LEVEL_RIGHT = "shim it: left end {by} lower", "shim it: right end {by} lower"
-TURNED = Repair(
-    ("motor {arm} is turned {size} anticlockwise from above", "turn it clockwise by {by}"),
-    ("motor {arm} is turned {size} clockwise from above", "turn it anticlockwise by {by}"),
-    "mrad",
-)
-LOWERED = Repair(
-    ("arm {arm}'s home is {size} low", "reset it: readings {by} higher"),
-    ("arm {arm}'s home is {size} high", "reset it: readings {by} lower"),
-    "°",
-)
-LEANING = Repair(
-    (f"motor {{arm}}'s axis leans {{size}}, {LEFT}", LEVEL_LEFT),
-    (f"motor {{arm}}'s axis leans {{size}}, {RIGHT}", LEVEL_RIGHT),
-    "mrad",
-)
 CRANK_FIELDS = (
-    ParameterField("x_mm", "the motor centre's x in the base frame, mm", "place", TWO_ENDS),
-    ParameterField("y_mm", "the motor centre's y in the base frame, mm", "place", TWO_ENDS),
-    ParameterField("z_mm", "the motor centre's z in the base frame, mm", "place", TWO_ENDS),
-    ParameterField(
-        "azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle", TURNED
-    ),
-    ParameterField(
-        "joint_offset_deg", "the joint angle minus the encoder's reading, deg", "angle", LOWERED
-    ),
+    ParameterField("x_mm", "the motor centre's x in the base frame, mm", "place"),
+    ParameterField("y_mm", "the motor centre's y in the base frame, mm", "place"),
+    ParameterField("z_mm", "the motor centre's z in the base frame, mm", "place"),
+    ParameterField("azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle"),
+    ParameterField("joint_offset_deg", "the joint angle minus the encoder's reading, deg", "angle"),
     ParameterField("arm_mm", "the arm's length, mm", "length"),
-    ParameterField(FOREARM, "the forearm's length, mm", "length", ROD),
+    ParameterField(FOREARM, "the forearm's length, mm", "length"),
 )
 AXIS_TILT = ParameterField(
-    "axis_tilt_deg",
-    "the motor's axis out of the horizontal, deg; may be left out",
-    "small angle",
-    LEANING,
+    "axis_tilt_deg", "the motor's axis out of the horizontal, deg; may be left out", "small angle"
 )
 
 

@@ -10,67 +10,31 @@ import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import (
-    LEFT,
-    LEVEL_LEFT,
-    LEVEL_RIGHT,
-    RIGHT,
-    TWO_ENDS,
-    Arms,
-    in_frames,
-    of_rows,
-)
+from campaigns.mechanisms.arms import Arms, in_frames, of_rows
 from campaigns.mechanisms.mechanism import MM_PER_RAD, Limits
-from campaigns.mechanisms.parameters import FOREARM, ROD, ParameterField, Repair
+from campaigns.mechanisms.parameters import FOREARM, ParameterField
 from campaigns.mechanisms.transmission import OF_CARRIAGES
 
 UPRIGHT = 1e-12
 """A rail that goes less aside than that is upright: no azimuth moves it."""
 
 
-FURTHER = Repair(
-    ("carriage {arm}'s home is {size} too far along its rail", "reset it: readings {by} higher"),
-    ("carriage {arm}'s home is {size} short along its rail", "reset it: readings {by} lower"),
-)
-STEEPER = Repair(
-    ("rail {arm} leans {size} away from its azimuth", "shim it towards its azimuth by {by}"),
-    ("rail {arm} leans {size} towards its azimuth", "shim it away from its azimuth by {by}"),
-    "mrad",
-)
-ASIDE = Repair(
-    ("rail {arm} leans {size} to the left of its azimuth", "shim it to the right by {by}"),
-    ("rail {arm} leans {size} to the right of its azimuth", "shim it to the left by {by}"),
-    "mrad",
-)
-BAR = Repair(
-    (f"carriage {{arm}}'s bar leans {{size}}, {LEFT}", LEVEL_LEFT),
-    (f"carriage {{arm}}'s bar leans {{size}}, {RIGHT}", LEVEL_RIGHT),
-    "mrad",
-)
 RAIL_FIELDS = (
-    ParameterField("x_mm", "x of the rail's zero in the base frame, mm", "place", TWO_ENDS),
-    ParameterField("y_mm", "y of the rail's zero in the base frame, mm", "place", TWO_ENDS),
-    ParameterField("z_mm", "z of the rail's zero in the base frame, mm", "place", TWO_ENDS),
+    ParameterField("x_mm", "x of the rail's zero in the base frame, mm", "place"),
+    ParameterField("y_mm", "y of the rail's zero in the base frame, mm", "place"),
+    ParameterField("z_mm", "z of the rail's zero in the base frame, mm", "place"),
     ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle"),
-    ParameterField(
-        "elevation_deg", "the rail's direction above the horizontal, deg", "angle", STEEPER
-    ),
-    ParameterField(
-        "joint_offset_mm", "the carriage's place minus the reading, mm", "place", FURTHER
-    ),
-    ParameterField(FOREARM, "the forearm's length, mm", "length", ROD),
+    ParameterField("elevation_deg", "the rail's direction above the horizontal, deg", "angle"),
+    ParameterField("joint_offset_mm", "the carriage's place minus the reading, mm", "place"),
+    ParameterField(FOREARM, "the forearm's length, mm", "length"),
 )
 RAIL_TILT = ParameterField(
     "rail_tilt_deg",
     "the rail out of the vertical plane of its azimuth, deg; may be left out",
     "small angle",
-    ASIDE,
 )
 BAR_TILT = ParameterField(
-    "axis_tilt_deg",
-    "the carriage's bar out of the horizontal, deg; may be left out",
-    "small angle",
-    BAR,
+    "axis_tilt_deg", "the carriage's bar out of the horizontal, deg; may be left out", "small angle"
 )
 
 

@@ -33,29 +33,12 @@ JOINT_OFFSETS = ("joint_offset_deg", "joint_offset_mm")
 
 
 @dataclass(frozen=True, slots=True)
-class Repair:
-    """Repair of what a parameter says is off, in a mechanic's words: what is found, what to do.
-
-    With {arm}, {part} and {size}, and in what to do {by}.
-    """
-
-    above: tuple[str, str]
-    """Of a value above nominal."""
-    below: tuple[str, str] | str
-    """Or why nothing is done about one below it."""
-    unit: Literal["mm", "°", "mrad", "′", "″"] = "mm"
-    """In which sizes are said."""
-
-
-@dataclass(frozen=True, slots=True)
 class ParameterField:
     """Kind of parameter: its key in files, what it is, and the range that a file may give it."""
 
     name: str
     description: str
     quantity: Literal["place", "length", "angle", "small angle", "ratio", "count"]
-    repair: Repair | str = "no part has an adjustment for it: leave it to the parameters"
-    """What a mechanic does about it, or why nothing."""
 
     @property
     def unit(self) -> Unit:
@@ -74,16 +57,10 @@ class ParameterField:
 
 
 FOREARM = "forearm_mm"
-ROD = Repair(
-    ("{part} {size} too long", "shorten it by {by}"),
-    ("{part} {size} too short", "lengthen it by {by}"),
-)
-"""Each of a forearm's two, by its length and their difference."""
 PARALLELOGRAM_SKEW = ParameterField(
     "parallelogram_skew_deg",
     "the difference of the forearm's two rods over their distance, deg; may be left out",
     "small angle",
-    ROD,
 )
 """The rod on the side of (-sin azimuth, cos azimuth, 0) less the other one."""
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.parameters import ParameterField, Repair
+from campaigns.mechanisms.parameters import ParameterField
 
 LEFT_BEHIND = -0.5
 """What part of the backlash an arm is from its encoder, in the direction of approach."""
@@ -31,30 +31,12 @@ SETTLED = 1e-14
 
 
 GAIN = ParameterField(
-    "encoder_gain_ppm",
-    "the joint's motion beyond its reading's, ppm; may be left out",
-    "ratio",
-    "no part is off: correct the ratio in the controller",
+    "encoder_gain_ppm", "the joint's motion beyond its reading's, ppm; may be left out", "ratio"
 )
-PLAY = ("gear {arm} has {size} of play", "replace it, or take up its play")
-NO_PLAY = "no gear has less than no play: look at how its shots were approached"
-OFF_CENTRE = ("encoder {arm} sits eccentric by {size}", "re-centre it, then reset its home")
-ECCENTRIC = Repair(OFF_CENTRE, OFF_CENTRE, "″")
-REPAIRS: Mapping[str, Repair | str] = {
-    "eccentricity_sin": ECCENTRIC,
-    "eccentricity_cos": ECCENTRIC,
-    "backlash": Repair(PLAY, NO_PLAY, "′"),
-}
-RIPPLES = "of the gear or drive itself: leave it to the parameters, or replace it"
 OF_CRANKS = (
     GAIN,
     *(
-        ParameterField(
-            f"{name}_deg",
-            f"{words}, deg; may be left out",
-            "small angle",
-            REPAIRS.get(name, RIPPLES),
-        )
+        ParameterField(f"{name}_deg", f"{words}, deg; may be left out", "small angle")
         for name, words in (
             ("eccentricity_sin", "the encoder's eccentricity by the reading's sine"),
             ("eccentricity_cos", "the encoder's eccentricity by the reading's cosine"),
@@ -64,13 +46,10 @@ OF_CRANKS = (
         )
     ),
 )
-DRIVE_REPAIRS = {"backlash": Repair(PLAY, NO_PLAY)}
 OF_CARRIAGES = (
     GAIN,
     *(
-        ParameterField(
-            f"{name}_mm", f"{words}, mm; may be left out", "place", DRIVE_REPAIRS.get(name, RIPPLES)
-        )
+        ParameterField(f"{name}_mm", f"{words}, mm; may be left out", "place")
         for name, words in (
             ("ripple_sin", "the drive's ripple by the sine of its phase"),
             ("ripple_cos", "the drive's ripple by the cosine of its phase"),

@@ -25,7 +25,7 @@ from campaigns.mechanisms.parasitic_rotation import PlateGeometry
 from campaigns.mechanisms.transmission import STEEPEST
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
-from campaigns.robots.schema import SCHEMA, Mechanics, RobotContents, Tolerance, contents_model
+from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
 from drivers.texts import nearest_word
 from drivers.values import Pose, Vector3
@@ -58,7 +58,6 @@ class RobotFile:
     """By the names of `parameters.thermal`, ppm/°C, where the file says."""
     reference_degC: float | None = None
     """Temperature of parts for which parameters are stated, where the file says."""
-    mechanics: Mechanics = field(default_factory=Mechanics)
 
     def __repr__(self) -> str:
         kind = "identified" if self.provenance else "nominal"
@@ -288,7 +287,6 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
         contents.tolerance,
         {f"{n}{EXPANSION}": v for n, v in (contents.expansion_ppm_per_degC or {}).items()},
         contents.reference_temperature_degC,
-        contents.mechanics,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(

@@ -65,20 +65,6 @@ class Tolerance(FileModel):
         return limits[parameter.unit]
 
 
-def _size(description: str) -> Any:
-    return Field(
-        default=None, gt=0.0, le=10000.0, description=f"{description}, mm; may be left out"
-    )
-
-
-class Mechanics(FileModel):
-    """Sizes by which a mechanic turns, shims and centres."""
-
-    rod_distance_mm: float | None = _size("the distance of a forearm's two rods")
-    rod_thread_pitch_mm: float | None = _size("the pitch of the thread that adjusts a rod")
-    bolt_distance_mm: float | None = _size("the distance of the bolts that hold a motor or a rail")
-
-
 class RobotContents(FileModel):
     """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
 
@@ -131,9 +117,6 @@ class RobotContents(FileModel):
     tolerance: Tolerance = Field(
         default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",
-    )
-    mechanics: Mechanics = Field(
-        default=Mechanics(), description="sizes for a mechanic's list; may be left out"
     )
     uncertainty: Deviations | None = Field(
         default=None,

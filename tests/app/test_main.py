@@ -18,7 +18,7 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "advise", "load", "status", "watch", "check", "history", "report", "reproduce"),
+    *("correct", "load", "status", "watch", "check", "history", "report", "reproduce"),
     *("study", "check-journal", "sim", "dry-run"),
 )
 HEAVY = {

@@ -13,7 +13,6 @@ from paper_campaign import CONTROLLER, LOAD_BEGUN, NOMINAL, PaperCampaign, new_c
 
 from app.cli.report import report
 from app.report import model_sections, record_sections
-from app.report.advice_sections import BROUGHT
 from app.report.page import Page, page_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
@@ -28,12 +27,11 @@ from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shots.import_export import ImportedFile, append_import
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
-from campaigns.workflow.advising import advise
 from drivers.values import Identity, Pose
 
 FIGURES = {
     *("shot-errors", "pair-errors", "histogram", "arrows", "against-position", "straightness"),
-    *("rotation", "repeatability", "correlations", "over-time", "robot-from-above"),
+    *("rotation", "repeatability", "correlations", "over-time"),
 }
 EVIL = "<script>alert('θ & \"more\"')</script>"
 MEGABYTE = 1_000_000
@@ -112,7 +110,7 @@ def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole: PaperCampaig
 
 
 def test_shots_have_a_figure_only_where_positions_were_fitted(by_distances: PaperCampaign) -> None:
-    assert figures(page(by_distances)) == FIGURES - {"shot-errors", "robot-from-above"}
+    assert figures(page(by_distances)) == FIGURES - {"shot-errors"}
 
 
 def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> None:
@@ -136,16 +134,6 @@ def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> 
     assert '<p class="decision">No limit asked for</p>' in box
     assert "Measured before and after: distances, mean error" in box
     assert 'class="no-limit-asked-for"' in box
-
-
-def test_the_mechanics_list_is_the_commands(whole: PaperCampaign, by_distances) -> None:
-    found, told = advise(whole.campaign), page(whole)
-    (only,), words = found.instructions, words_on(told, "mechanics")
-    assert f"{only.says}: {only.act}" in words
-    assert rows_in(told, "mechanics") == [[*texts(BROUGHT, found.numbered)[0]]]
-    for why, parts in found.left.items():
-        assert f"{', '.join(parts)}: {why}" in words
-    assert advise(by_distances.campaign).refused in words_on(page(by_distances), "mechanics")
 
 
 def test_the_page_asks_nothing_of_a_network(whole_html: str) -> None:

@@ -110,7 +110,6 @@ def test_gears_that_yield_are_corrected_by_eccentricity_and_dimensions_beside_it
     assert next(each.name for each in found.models if each.kept).startswith("standard+yielding")
     (doubt,) = found.doubts
     assert (doubt.name, doubt.decision) == ("yielding", "not decided")
-    assert doubt.of_model
     limits = IdentificationOptions(limits_mm={"mean": 0.1}, yielding=True)
     met = identify(member.nominal, data, models["standard"], limits)
     assert [each.decision for each in met.doubts if each.name == "yielding"] == [None]
