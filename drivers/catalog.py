@@ -11,7 +11,6 @@ from drivers.errors import AddressInvalid
 
 TRACKERS: Mapping[str, str] = {
     "emscon": "drivers.emscon.tracker",
-    "geocom": "drivers.geocom.tracker",
     "pointline": "drivers.pointline.tracker",
     "by-hand": "drivers.by_hand.tracker",
     "watch-file": "drivers.watch_file.tracker",

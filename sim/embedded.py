@@ -20,7 +20,7 @@ which a place was approached.
 """
 
 
-PROTOCOLS = ("emscon", "geocom", "pointline")
+PROTOCOLS = ("emscon", "pointline")
 """In which a simulated tracker may be spoken to."""
 
 
@@ -39,12 +39,6 @@ def tracker_sessions(cell: Cell, protocol: str) -> SessionFactory:
             return lambda send, already_open: EmsconSession(
                 tracker, send, instrument=instrument, is_second=already_open > 0, faults=cell.faults
             )
-        case "geocom":
-            from sim.servers.geocom_server import GeocomSession
-            from sim.servers.geocom_station import GeocomStation
-
-            station = GeocomStation(tracker)
-            return lambda send, _: GeocomSession(station, send)
         case "pointline":
             from sim.servers.pointline_server import PointlineSession
 

@@ -24,7 +24,7 @@ Serial = Annotated[
 ]
 
 Speaks = Annotated[
-    str, typer.Option(metavar="NAME", help="The tracker's protocol: emscon, geocom or pointline.")
+    str, typer.Option(metavar="NAME", help="The tracker's protocol: emscon or pointline.")
 ]
 Robot = Annotated[
     str | None,

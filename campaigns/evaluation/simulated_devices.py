@@ -10,7 +10,7 @@ SCHEME = "sim://"
 VENDOR = "pkmcal"
 """By which a simulated cell names itself, also where it is served to others."""
 MODELS = frozenset({"SIM-LT", "SIM-TS"})
-"""Names of the simulated trackers, whose wires have no word for a vendor."""
+"""Names of simulated trackers, whose wires have no word for a vendor; SIM-TS in old journals."""
 NO_REAL_ROBOT = "Simulated cell: no real robot was measured."
 DEVICES = ("controller", "tracker")
 

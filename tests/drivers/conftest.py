@@ -2,7 +2,6 @@
 
 import pytest
 import scripted_controller
-import scripted_geocom
 import scripted_linuxcnc
 
 
@@ -16,9 +15,3 @@ def controller():
 def linuxcnc():
     """A LinuxCNC that takes joints, connected and ready to move."""
     return scripted_linuxcnc.ready()
-
-
-@pytest.fixture
-def bench():
-    """A total station, prepared."""
-    return scripted_geocom.Bench().prepared()

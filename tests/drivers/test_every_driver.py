@@ -3,13 +3,11 @@
 import pytest
 from scripted_controller import ANSWERS, ScriptedController
 from scripted_emscon import Station, system_status
-from scripted_geocom import Bench
 from scripted_linuxcnc import NEVER, ScriptedLinuxcnc
 from scripted_pointline import ScriptedInstrument
 
 from drivers.errors import Cancelled, LinkDown, WrongDevice
 from drivers.wire.emscon_constants import Command
-from drivers.wire.geocom_constants import Rpc
 
 
 class Robotline:
@@ -48,21 +46,6 @@ class Emscon:
         self.end.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(serial=4711)
 
 
-class Geocom:
-    def __init__(self, **options):
-        self.end = Bench(**options)
-        self.device = self.end.tracker
-
-    def is_silent(self, silent=True):
-        says = self.end.instrument.says
-        says |= {Rpc.MOT_READ_LOCK_STATUS: []}
-        if not silent:
-            del says[Rpc.MOT_READ_LOCK_STATUS]
-
-    def is_another(self):
-        self.end.instrument.answers[Rpc.CSV_GET_INSTRUMENT_NO] = (0, ("4711",))
-
-
 class Pointline:
     def __init__(self, **options):
         self.end = ScriptedInstrument(**options)
@@ -75,7 +58,7 @@ class Pointline:
         self.end.answers["HELLO"] = "OK 1 Example%20Metrology T-1000 815-4711 2.1"
 
 
-pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Geocom, Pointline])
+pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Pointline])
 
 
 def connected(far, **options):

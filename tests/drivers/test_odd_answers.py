@@ -7,7 +7,6 @@ from random import Random
 import pytest
 from scripted_controller import ScriptedController
 from scripted_emscon import Instrument, Station
-from scripted_geocom import Bench
 from scripted_linuxcnc import ScriptedLinuxcnc
 
 from drivers.errors import DriverError
@@ -15,12 +14,10 @@ from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 from drivers.wire.emscon import ANSWERS, Answer
 from drivers.wire.emscon_messages import SingleResult2, codes_of
-from drivers.wire.geocom import GeocomReply, encode_reply
 
 WHOLES = (0, 1, -1, 2, 3, 5, 39, 70, 2048, 10011, 2**31 - 1, -(2**31))
 FLOATS = (0.0, 1.0, -1.0, 20.0, 1013.0, 0.01, 1e-300, 1e300, math.nan, math.inf, -math.inf)
 TEXTS = ("", "CCR-1.5in", "\x1b[31m", "x" * 31, "\u202e")
-GEOCOM_WORDS = ("0", "1", "-1", "350", "0.0", "1e99", "-1e99", "nan", '"x"', '"\\x1B"', "", "x")
 ROBOTLINE_NUMBERS = ("0.0", "90.0", "361.0", "1.0e7", "1.0e300", "-1.0e300", "nan", "1", "x")
 LINUXCNC_WORDS = ("joint_pos", "abs_cmd_pos", "program_status", "machine", "mode", "joint_type")
 LINUXCNC_VALUES = ("", "ON", "IDLE", "MDI", "1e300 0 0 0 0 0", "nan 0 0 0", "400 0 0 0 0 0", "\x1c")
@@ -59,22 +56,6 @@ def emscon_calls(draw):
     if draw.random() < 0.5:
         instrument.result = odd(SingleResult2, draw)
     return tracker_calls(Station(instrument).tracker)
-
-
-def geocom_calls(draw):
-    bench = Bench()
-    instrument = bench.instrument
-
-    def odd_reply(request):
-        count = len(instrument.answers[request.rpc][1]) if draw.random() < 0.8 else 3
-        words = tuple(draw.choice(GEOCOM_WORDS) for _ in range(count))
-        code = draw.choice((0, 0, 0, 1283, 1285, 9999))
-        return [(0.01, encode_reply(GeocomReply(0, request.transaction, code, words)))]
-
-    for rpc in instrument.answers:
-        if draw.random() < 0.1:
-            instrument.says[rpc] = odd_reply
-    return tracker_calls(bench.tracker)
 
 
 def tracker_calls(tracker):
@@ -130,8 +111,7 @@ def linuxcnc_calls(draw):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("calls_of", "seeds"),
-    [(emscon_calls, 15), (geocom_calls, 15), (robotline_calls, 15), (linuxcnc_calls, 4)],
+    ("calls_of", "seeds"), [(emscon_calls, 15), (robotline_calls, 15), (linuxcnc_calls, 4)]
 )
 def test_odd_answer_ends_in_an_error_of_the_drivers_or_in_none(calls_of, seeds):
     ends = Counter()

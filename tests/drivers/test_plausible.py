@@ -4,14 +4,11 @@ from dataclasses import replace
 
 import pytest
 from scripted_emscon import RESULT
-from scripted_geocom import Bench
 from scripted_linuxcnc import ScriptedLinuxcnc
 
 from drivers.errors import ImplausibleAnswer
 from drivers.plausible import require_joints, require_point, require_weather
 from drivers.values import DISTANCE, JOINT_ANGLE, TEMPERATURE, Coordinate, Weather
-from drivers.wire.geocom import words_of
-from drivers.wire.geocom_constants import Rpc
 
 
 @pytest.mark.parametrize(
@@ -41,31 +38,6 @@ def test_joint_of_a_linuxcnc(word):
         with pytest.raises(ImplausibleAnswer, match="joint 2 at"):
             call()
     linuxcnc.robot.stop()
-
-
-@pytest.mark.parametrize(
-    ("air", "said"),
-    [
-        ((1013.0, -243.12, 10.0), "air temperature -243.12 °C"),
-        ((1013.0, 20.0, -243.12), "wet air temperature -243.12 °C"),
-        ((1e99, 20.0, 14.0), r"air pressure 1e\+99 hPa"),
-    ],
-)
-def test_air_set_in_a_total_station(bench, air, said):
-    bench.instrument.answers[Rpc.TMC_GET_ATM_CORR] = (0, (*words_of(6.58e-7), *map(str, air)))
-    for call in (bench.tracker.weather, bench.tracker.measure):
-        with pytest.raises(ImplausibleAnswer, match=said):
-            call()
-
-
-def test_number_of_decimals_of_a_total_station():
-    bench = Bench()
-    bench.instrument.says[Rpc.COM_SET_DOUBLE_PRECISION] = lambda request: [
-        (0.0, bench.instrument.reply(request))
-    ]
-    bench.instrument.answers[Rpc.COM_GET_DOUBLE_PRECISION] = (0, ("999999999",))
-    with pytest.raises(ImplausibleAnswer, match="number of decimals 1e\\+09"):
-        bench.tracker.connect()
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -40.1, 70.1])

@@ -13,7 +13,7 @@ from timed_pipe import HandClock, TimedPipe
 from drivers.byte_log import ByteLog, LoggedTransport, bytes_as_lines, logged, no_reading
 from drivers.catalog import CONTROLLERS, TRACKERS, controller_driver, tracker_driver
 from drivers.errors import LinkDown
-from drivers.wire import geocom, robotline
+from drivers.wire import robotline
 from drivers.wire.emscon import Answer, EmsconRequest, encode, refusal
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import StatusChange, Units
@@ -184,27 +184,8 @@ class TestLineReadings:
         (said,) = reading.received(answer)
         assert said.startswith("answer 8 to STATE: ControllerStatus(moving=False")
 
-    def test_geocom_reply_names_its_question_and_its_code(self):
-        reading = READINGS["geocom"]()
-        question = geocom.encode_request(geocom.GeocomRequest(2082, 7, ("5000", "1")))
-        assert reading.sent(question) == ["TMC_GET_COORDINATE(5000, 1), question 7"]
-        assert reading.received(b"%R1P,0,7:1285\r\n") == [
-            "answer 7 to TMC_GET_COORDINATE: GeoCOM 1285 (angles only)"
-        ]
-        assert reading.received(b"%R1P,0,7:0,1.0\r\n") == [
-            "answer 7 to nothing that was asked: (1.0)"
-        ]
-        assert reading.sent(b"c\r\n") == ["abort the motion"]
-        assert reading.received(b"?\r\n") == ["the motion is aborted"]
-
-    def test_questions_without_answers_do_not_pile_up(self):
-        spoken = geocom.Conversation()
-        for number in range(1000):
-            spoken.describe_request(geocom.encode_request(geocom.GeocomRequest(0, number))[:-2])
-        assert len(spoken._procedures) == 100
-
-    @pytest.mark.parametrize("reading", [READINGS["robotline"](), READINGS["geocom"]()])
-    def test_line_that_cannot_be_read_says_why_and_the_next_one_is_read(self, reading):
+    def test_line_that_cannot_be_read_says_why_and_the_next_one_is_read(self):
+        reading = READINGS["robotline"]()
         said = reading.received(b"garbage\r\n\r\nmore\n")
         assert len(said) == 2
         assert all(line.startswith("cannot be read: ") for line in said)
@@ -223,14 +204,3 @@ class TestAnyReading:
     def test_protocol_without_a_grammar_is_bytes_alone(self):
         reading = READINGS["linuxcnc"]()
         assert (reading.sent(b"hello\n"), reading.received(b"ACK\n")) == ((), ())
-
-    def test_meanings_stand_behind_the_bytes(self):
-        desk = Desk((0.1, b"%R1P,0,3:0\r\n"), reading=READINGS["geocom"])
-        desk.transport.send(b"%R1Q,0,3:\r\n", 1.0)
-        desk.transport.receive(1.0)
-        assert [line.strip() for line in desk.entries() if line.startswith("    ")] == [
-            r"%R1Q,0,3:\r\n",
-            "= COM_NULL_PROC(), question 3",
-            r"%R1P,0,3:0\r\n",
-            "= answer 3 to COM_NULL_PROC: ()",
-        ]

@@ -146,19 +146,19 @@ def test_check_journal_says_what_is_there_and_changes_nothing(measured, pkmcal):
 
 
 @pytest.fixture(scope="session")
-def measured_by_geocom(planned_once, tmp_path_factory):
-    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "geocom")
-    change(folder / "campaign.yaml", {"tracker.driver": "geocom"})
+def measured_by_pointline(planned_once, tmp_path_factory):
+    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "pointline")
+    change(folder / "campaign.yaml", {"tracker.driver": "pointline"})
     assert run_command(["run", str(folder), "--yes"]) == 0
     return folder
 
 
 @pytest.fixture
-def measured_by(measured_once, measured_by_geocom, tmp_path):
+def measured_by(measured_once, measured_by_pointline, tmp_path):
     """A copy of a measured campaign, its journal as older software would have left it."""
 
     def measured(driver):
-        once = {"emscon": measured_once, "geocom": measured_by_geocom}[driver]
+        once = {"emscon": measured_once, "pointline": measured_by_pointline}[driver]
         folder = shutil.copytree(once, tmp_path / driver)
         make_version_1(folder / "campaign.db")
         return folder
@@ -167,11 +167,11 @@ def measured_by(measured_once, measured_by_geocom, tmp_path):
 
 
 CHANGES = [
-    *((driver, part, 8) for driver in ("emscon", "geocom") for part in ("joints_rad", POINT)),
+    *((driver, part, 8) for driver in ("emscon", "pointline") for part in ("joints_rad", POINT)),
     ("emscon", "covariance_mm2", 8),
     ("emscon", "raw_robot", 30),
     ("emscon", "raw_tracker", 70),
-    ("geocom", "raw_tracker", 30),
+    ("pointline", "raw_tracker", 30),
 ]
 """Tracker, value, and after how many signs behind its key the digits begin that say it."""
 

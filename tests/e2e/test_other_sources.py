@@ -68,15 +68,15 @@ def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tm
     assert pkmcal("identify", other, "--model", "standard", "--json").document["verdict"] == "pass"
 
 
-def test_a_total_station_answers_too_and_every_byte_is_written_down(pkmcal, planned, tmp_path):
-    change(planned / "campaign.yaml", {"tracker.driver": "geocom"})
+def test_another_tracker_answers_too_and_every_byte_is_written_down(pkmcal, planned, tmp_path):
+    change(planned / "campaign.yaml", {"tracker.driver": "pointline"})
     log = tmp_path / "bytes.txt"
     ended = pkmcal("devices", planned, "--spy", log, "--json")
     assert ended.code == 0, ended.err
-    assert "GeoCOM" in ended.document["tracker"]["identity"]
+    assert "pointline" in ended.document["tracker"]["identity"]
     text = log.read_text(encoding="utf-8")
-    assert "%R1Q" in text
-    assert "HELLO" in text
+    assert "REFLECTOR" in text
+    assert "GEOM" not in text
     again = pkmcal("devices", planned, "--spy", log)
     assert again.code == 2
     assert "already exists" in again.error_line

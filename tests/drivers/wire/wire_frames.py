@@ -5,16 +5,7 @@ from itertools import pairwise
 from random import Random
 from typing import NamedTuple
 
-from drivers.errors import WireError
-from drivers.wire import (
-    emscon,
-    emscon_messages,
-    geocom,
-    linuxcncrsh,
-    numbered_lines,
-    pointline,
-    robotline,
-)
+from drivers.wire import emscon, emscon_messages, linuxcncrsh, numbered_lines, pointline, robotline
 from drivers.wire.emscon_constants import Command
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
 from sim.geometry import PAR4
@@ -58,27 +49,6 @@ FROM_INSTRUMENT = (
 FROM_CLIENT = tuple(
     emscon.encode(emscon.EmsconRequest(c, example(emscon.REQUESTS.get(c, emscon_messages.Nothing))))
     for c in Command
-)
-GEOCOM_REPLIES = tuple(
-    geocom.encode_reply(geocom.GeocomReply(0, 7, result, words, checked))
-    for checked in (False, True)
-    for result, words in (
-        (0, ()),
-        (0, geocom.words_of(2.5, -1.25, 0.75, 1000, 2.5, -1.25, 0.75, 1001)),
-        (0, geocom.words_of(0, "Leica Circ Prism")),
-        (0, (geocom.string_word('a "name", \\ and ü'),)),
-        (1285, geocom.words_of(0.0, 0.0, 0.0, 0)),
-    )
-)
-GEOCOM_REQUESTS = tuple(
-    geocom.encode_request(geocom.GeocomRequest(rpc, 7, words, checked))
-    for checked in (False, True)
-    for rpc, words in (
-        (0, ()),
-        (2082, geocom.words_of(5000, 1)),
-        (9027, geocom.words_of(0.5, 1.5, 0, 1, 0)),
-        (17033, geocom.words_of("CCR-1.5in")),
-    )
 )
 LAYOUT = layout_of(PAR4)
 PAR4_LINES = robotline.grammar(LAYOUT)
@@ -139,33 +109,6 @@ LINUXCNC = (
 )
 
 
-def _geocom_reply():
-    read_replies = geocom.replies()
-    readers = (geocom.parse_number, geocom.parse_whole, geocom.parse_string)
-
-    def feed(data):
-        replies = read_replies(data)
-        for reply in replies:
-            for read in readers:
-                for word in reply.parameters:
-                    _read(read, word)
-        return replies
-
-    return feed
-
-
-def _read(read: Callable[[str], object], word: str) -> None:
-    try:
-        read(word)
-    except WireError:
-        return
-
-
-def _geocom_request():
-    lines = geocom.line_framer()
-    return lambda data: [geocom.decode_request(line) for line in lines.feed(data)]
-
-
 def _robotline_request():
     lines = PAR4_LINES.line_framer()
 
@@ -209,23 +152,11 @@ def resealed_line(line: bytes) -> bytes:
     return b"%s *%04X\n" % (text, numbered_lines.checksum(text))
 
 
-def resealed_geocom(line: bytes) -> bytes:
-    """The line with the checksum that fits, if it has a place for one."""
-    head, colon, tail = line.rstrip(b"\r\n").partition(b":")
-    *front, _old = head.split(b",")
-    if len(front) != 3:
-        return line
-    plain = b",".join(front)
-    return b"%s,%d:%s\r\n" % (plain, geocom.crc16(plain + colon + tail), tail)
-
-
 WIRES: tuple[Wire, ...] = (
     Wire("packets", lambda: PacketFramer().feed, FROM_INSTRUMENT),
     Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_REPLIES),
     Wire("emScon, instrument", emscon.from_server, FROM_INSTRUMENT),
     Wire("emScon, client", emscon.from_client, FROM_CLIENT),
-    Wire("GeoCOM, instrument", _geocom_reply, GEOCOM_REPLIES, resealed_geocom),
-    Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
     Wire("robotline, controller", PAR4_LINES.replies, ROBOTLINE_REPLIES, resealed_line),
     Wire("robotline, client", _robotline_request, ROBOTLINE_REQUESTS, resealed_line),
     Wire("pointline, instrument", pointline.GRAMMAR.replies, POINTLINE_REPLIES, resealed_line),

@@ -8,25 +8,20 @@ import pytest
 from robotline_layouts import PAR4_LINES
 
 from drivers.errors import WireError
-from drivers.wire import geocom
 from drivers.wire import robotline as messages
 from drivers.wire.emscon import REQUESTS as BODIES
 from drivers.wire.emscon import EmsconRequest, encode
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import Nothing, codes_of
-from drivers.wire.geocom_constants import Rpc
 from sim.cell import Cell
 from sim.geometry import PAR4
 from sim.scenarios.scenario import load_scenario
 from sim.servers.emscon_server import EmsconSession
-from sim.servers.geocom_server import GeocomSession
-from sim.servers.geocom_station import GeocomStation
 from sim.servers.robotline_server import RobotlineSession, layout_of
 
 WHOLES = (0, 1, -1, 2, 5, 500, 2**31 - 1, -(2**31))
 FINITE = (0.0, 1.0, -1.0, 1.0002, 2500.0, 1e9, 1e-300, -1e155, 1e300)
 FLOATS = (*FINITE, math.nan, math.inf)
-WORDS = ("0", "1", "-1", "9" * 18, "1e99", "-1e99", "0.5", "5000", '"CCR-1.5in"', '""', "x")
 REQUESTS = 60
 PART = "ARM 0"
 
@@ -40,11 +35,6 @@ def emscon_request(draw, _number):
         "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
     }
     return encode(EmsconRequest(command, kind(*(one[code]() for code in codes_of(kind)))))
-
-
-def geocom_request(draw, number):
-    words = tuple(draw.choice(WORDS) for _ in range(draw.randrange(6)))
-    return geocom.encode_request(geocom.GeocomRequest(int(draw.choice(list(Rpc))), number, words))
 
 
 def robotline_request(draw, number):
@@ -71,7 +61,6 @@ def test_odd_request_is_answered_refused_or_hung_up_on(seed):
     cell = Cell(load_scenario("realistic"))
     sessions = (
         (EmsconSession(cell.tracker, said.append), emscon_request),
-        (GeocomSession(GeocomStation(cell.tracker), said.append), geocom_request),
         (RobotlineSession(cell.controller, said.append), robotline_request),
     )
     for number in range(1, REQUESTS + 1):

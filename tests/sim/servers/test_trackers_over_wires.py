@@ -10,8 +10,6 @@ import pytest
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, DriverError
-from drivers.geocom.client import GeocomDeadlines
-from drivers.geocom.tracker import GeocomTracker
 from drivers.pointline.tracker import PointlineDeadlines, PointlineTracker
 from drivers.ports import SystemClock
 from drivers.transport import open_transport
@@ -25,12 +23,11 @@ from sim.servers.server import CellServer
 CCR = "CCR-1.5in"
 IMPATIENT = {
     "emscon": EmsconDeadlines(answer_s=0.25, measuring_margin_s=0.0),
-    "geocom": GeocomDeadlines(answer_s=0.4, greeting_s=0.4, distance_s=2),
     "pointline": PointlineDeadlines(answer_s=0.4, greeting_s=0.4, measuring_margin_s=0.0),
 }
-FAULTS_AT = {"emscon": (50, 51, 103, 104, 156, 157), "geocom": (70, 140), "pointline": (5, 9)}
+FAULTS_AT = {"emscon": (50, 51, 103, 104, 156, 157), "pointline": (5, 9)}
 """Two of an emScon in a row: one of them alone may be an event, which nobody waits for."""
-both = pytest.mark.parametrize("speaks", ["emscon", "geocom", "pointline"])
+both = pytest.mark.parametrize("speaks", ["emscon", "pointline"])
 
 
 @contextmanager
@@ -45,7 +42,6 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     url = serve(tracker_sessions(cell, speaks), "tracker")
     make = {
         "emscon": partial(EmsconTracker, clock=SystemClock(), instrument_clock=clock),
-        "geocom": partial(GeocomTracker, clock=SystemClock(), first_transaction=20_000),
         "pointline": partial(PointlineTracker, clock=SystemClock(), first_sequence=20_000),
     }
 
@@ -64,16 +60,9 @@ def place_mm(cell):
 
 
 @pytest.mark.parametrize(
-    ("speaks", "wire", "least_std_mm"),
-    [
-        ("emscon", "tcp", pytest.approx(0.010 / 3**0.5, rel=0.1)),
-        ("geocom", "tcp", pytest.approx(0.5, abs=0.2)),
-        ("pointline", "tcp", pytest.approx(0.010 / 3**0.5, rel=0.1)),
-        ("pointline", "pty", pytest.approx(0.010 / 3**0.5, rel=0.1)),
-        ("geocom", "pty", pytest.approx(0.5, abs=0.2)),
-    ],
+    ("speaks", "wire"), [("emscon", "tcp"), ("pointline", "tcp"), ("pointline", "pty")]
 )
-def test_tracker_is_brought_up_aimed_and_measures(speaks, wire, least_std_mm):
+def test_tracker_is_brought_up_aimed_and_measures(speaks, wire):
     states = {"initialised": False, "beam_locked": False}
     with served(speaks, wire, **states) as (cell, connected):
         tracker, place = connected(), place_mm(cell)
@@ -82,7 +71,8 @@ def test_tracker_is_brought_up_aimed_and_measures(speaks, wire, least_std_mm):
         tracker.go_to(tuple(place + 5.0))
         measurement = tracker.measure()
         assert measurement.point_in_tracker_mm == pytest.approx(place, abs=0.1)
-        assert np.linalg.eigvalsh(measurement.covariance_mm2)[0] ** 0.5 == least_std_mm
+        least_std_mm = np.linalg.eigvalsh(measurement.covariance_mm2)[0] ** 0.5
+        assert least_std_mm == pytest.approx(0.010 / 3**0.5, rel=0.1)
         assert measurement.weather.humidity_percent == pytest.approx(45.0, abs=5.0)
         assert tracker.direction() == pytest.approx(tuple(place / np.linalg.norm(place)), abs=1e-4)
         assert tracker.state().beam_locked
@@ -172,10 +162,10 @@ def test_cold_tracker_is_refused_without_moving():
 
 KINDS = ("late", "silent", "torn", "garbage", "close")
 BRIEF = {
-    *(("emscon", "late"), ("emscon", "torn"), ("geocom", "silent")),
-    *(("geocom", "garbage"), ("pointline", "close"), ("pointline", "torn")),
+    *(("emscon", "late"), ("emscon", "torn"), ("emscon", "silent")),
+    *(("pointline", "garbage"), ("pointline", "close"), ("pointline", "torn")),
 }
-"""Every kind, and two of every protocol."""
+"""Every kind, and three of each protocol."""
 FAULTY_WIRES = [
     pytest.param(
         *(speaks, wire, kind),
@@ -183,7 +173,7 @@ FAULTY_WIRES = [
     )
     for speaks, wire, kind in (
         *product(IMPATIENT, ["tcp"], KINDS),
-        *product(["geocom"], ["pty"], ("late", "torn")),
+        *product(["pointline"], ["pty"], ("late", "torn")),
     )
 ]
 
@@ -191,9 +181,7 @@ FAULTY_WIRES = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("speaks", "wire", "kind"), FAULTY_WIRES)
 def test_whatever_the_wire_does_no_wrong_point_is_believed(speaks, wire, kind):
-    lasts_s = 300.0 if kind == "late" and speaks == "geocom" else None
-    places = FAULTS_AT[speaks]
-    faults = [Fault(Counted.TRACKER_ANSWER, at, kind, lasts_s) for at in places]
+    faults = [Fault(Counted.TRACKER_ANSWER, at, kind, None) for at in FAULTS_AT[speaks]]
     measured, broken = 0, 0
     with served(speaks, wire, faults) as (cell, connected):
         tracker = connected(deadlines=IMPATIENT[speaks])

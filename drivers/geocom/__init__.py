@@ -1,1 +1,0 @@
-"""Total stations that speak GeoCOM."""
