@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+_POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
 INSTEAD: Mapping[str, str] = {
+    "--tracker-driver geocom": _POINTLINE,
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
+    "driver: geocom": _POINTLINE,
 }
-_GEOCOM = "use driver pointline and a server for it (docs/pointline.md), or import its points"
-INSTEAD: Mapping[str, str] = {"driver: geocom": _GEOCOM, "--tracker-driver geocom": _GEOCOM}
 """Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
 
