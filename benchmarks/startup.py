@@ -3,15 +3,14 @@
 python -m benchmarks.startup [--runs N] [--json]
 
 `pkmcal --help` and `pkmcal identify` on a measured campaign (60 pairs, from shots of the paper's
-Table I) by the wall's clock; `--help`, `report`, `devices` and `status`, asked a second time, of
-the same by processor time, `devices` of a new campaign, of which nothing is remembered, too, and
-`identify` by that of a bare import of numpy and scipy.optimize. `benchmarks.identification` judges
-the solution itself. Median and least of several runs; the least, disturbed the least by others on
-the machine, has to keep the limit. A table has the dearest imports of each command.
+Table I) by the wall's clock; `--help`, `report`, `devices` and `status` of the same by processor
+time, and `identify` by that of a bare import of numpy and scipy.optimize.
+`benchmarks.identification` judges the solution itself. Median and least of several runs; the least,
+disturbed the least by others on the machine, has to keep the limit. A table has the dearest imports
+of each command.
 """
 
 import math
-import os
 import re
 import statistics
 import subprocess
@@ -24,9 +23,8 @@ from benchmarks.shared.measured_robot import SHOTS
 from benchmarks.shared.programs import cost_of, pkmcal
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 
-FIRST = "devices the first time"
 LIMITS_S = {"--help": 0.3, "identify": 1.0}
-PROCESSOR_LIMITS_S = {"--help": 0.1, "status": 0.3, "devices": 0.4, FIRST: 0.4, "report": 1.5}
+PROCESSOR_LIMITS_S = {"--help": 0.1, "status": 1.0, "devices": 1.0, "report": 1.5}
 OVER_BARE = {"standard": 1.5, "auto": 1.9}  # by model, over a bare import's
 DEAREST, IMPORT_RUNS = 8, 3
 IMPORTED = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s*(\S+)")
@@ -35,18 +33,15 @@ BARE = (sys.executable, "-c", "import numpy, scipy.optimize")
 
 def measure(runs: int) -> Report:
     with tempfile.TemporaryDirectory() as folder:
-        campaign, new = (str(Path(folder) / name) for name in ("campaign", "new"))
-        for each in (campaign, new):
-            pkmcal("new", each)
+        campaign = str(Path(folder) / "campaign")
+        pkmcal("new", campaign)
         pkmcal("import", campaign, str(SHOTS))
         identify = partial(pkmcal, "identify", campaign, "--json", expected=(0, 1))  # or undecided
         found = {"--help": [pkmcal("--help")[0] for _ in range(runs)]}
         found["identify"] = [identify()[0] for _ in range(runs)]
-        pkmcal("status", campaign)
         for name in PROCESSOR_LIMITS_S:
             command = partial(pkmcal, *_words(name, campaign))
-            ask = partial(_ask_first, new) if name == FIRST else command
-            found[f"{name}, processor"] = [cost_of(ask).seconds for _ in range(runs)]
+            found[f"{name}, processor"] = [cost_of(command).seconds for _ in range(runs)]
         bare = partial(subprocess.run, BARE, check=True)
         for model in OVER_BARE:
             run = partial(identify, "--model", model)
@@ -64,12 +59,6 @@ def measure(runs: int) -> Report:
         figures.append(Figure(f"{told}, median", statistics.median(found[name]), unit))
         figures.append(Figure(f"{told}, least", min(found[name]), unit, highest=limit))
     return Report(figures, [Table("dearest imports", ("command", "module", "own s"), imports)])
-
-
-def _ask_first(campaign: str) -> None:
-    """Ask for the devices of a new campaign where nothing is remembered."""
-    os.environ["PKMCAL_CACHE"] = tempfile.mkdtemp(dir=Path(campaign).parent)
-    pkmcal("devices", campaign)
 
 
 def _words(name: str, campaign: str) -> tuple[str, ...]:

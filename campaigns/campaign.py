@@ -1,8 +1,8 @@
 """Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -13,7 +13,6 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.files.lock import campaign_lock
-from campaigns.files.memory import recall, remember, software
 from campaigns.journal.own_file import rescued_copies, take_rescued
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
@@ -25,7 +24,7 @@ if TYPE_CHECKING:  # with the journal, planning and identification: not every co
     from campaigns.design.restricted_space import RestrictedSpace
     from campaigns.estimation.tracker_noise import TrackerUncertainty
     from campaigns.identification.result import RecordedIdentification
-    from campaigns.journal.digest_chain import ChainEnd, Row
+    from campaigns.journal.digest_chain import ChainEnd
     from campaigns.journal.journal import Journal, JournalReader
     from campaigns.journal.views import AcceptedShot, Series
     from campaigns.planning.plan_check import CheckedPlan, Pace, PlanLimits
@@ -36,8 +35,6 @@ JournalT = TypeVar("JournalT", bound="JournalReader")
 
 PLAN = "plan.csv"
 JOURNAL = "campaign.db"
-MANY_RECORDS = 2000
-"""Of a journal, from which verifying them takes longer than asking whether that was done."""
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 """Speed of a fast parallel robot's joints at 100 %, only for estimates of time."""
 
@@ -54,8 +51,6 @@ class Campaign:
     folder: Path
     config: CampaignConfig
     nominal: RobotDocument
-    _opened: "list[JournalReader]" = field(default_factory=list, repr=False, compare=False)
-    """Journal as it was opened last, of which the next reader need not read the same again."""
 
     @property
     def robot(self) -> RobotFile:
@@ -250,7 +245,6 @@ class Campaign:
             path,
             now_utc=now_utc,
             create=not path.exists(),
-            verified=self._verified,
             waits_for_disk=not self.is_simulated,  # a power cut moves no robot there
         )
         return self._own(opened)
@@ -263,67 +257,15 @@ class Campaign:
         from campaigns.journal.journal import read_journal
 
         self.require_journal()
-        return self._own(read_journal(self.journal_path, self._verified))
-
-    def _verified(self, rows: "Sequence[Row]") -> "Sequence[Row]":
-        """Records of the journal that were verified: when it was opened last, or by a command."""
-        if self._opened:
-            return self._opened[-1].verified
-        count, content, *_ = self._recalled(rows)
-        if count:
-            from campaigns.journal.digest_chain import content_digest
-
-            if content_digest(rows[:count]) == content:
-                return rows[:count]
-        return ()
+        return self._own(read_journal(self.journal_path))
 
     def _own(self, journal: JournalT) -> JournalT:
         try:
-            for before in self._opened:
-                journal.take_over(before.read_so_far())
-            self._opened[:] = [journal]
-            self._remember_verified(journal)
             self.require_own(journal.series())
         except BaseException:
             journal.close()
             raise
         return journal
-
-    def _recalled(self, rows: "Sequence[Row]") -> tuple[int, str, str, str]:
-        """Number of records that a command verified, of these at most, and three digests of them.
-
-        Of their content, of the chain, and of the journal. 0 of a short journal.
-        """
-        if len(rows) >= MANY_RECORDS:
-            match recall("journal", self.folder, {"software": software()}):
-                case {
-                    "records": int(count),
-                    "content": str(content),
-                    "chain": str(chain),
-                    "digest": str(digest),
-                } if 0 < count <= len(rows):
-                    return count, content, chain, digest
-        return 0, "", "", ""
-
-    def _remember_verified(self, journal: "JournalReader") -> None:
-        """Have many records, once verified, not verified again by a later command."""
-        rows = journal.verified
-        count, _, chain, digest = self._recalled(rows)
-        if count and rows[count - 1][-1] == chain:
-            journal.know_digest(count, digest)
-        else:
-            count = 0
-        if len(rows) - count < MANY_RECORDS:
-            return
-        from campaigns.journal.digest_chain import content_digest
-
-        found = {
-            "records": len(rows),
-            "content": content_digest(rows),
-            "chain": rows[-1][-1],
-            "digest": journal.digest(through=len(rows)),
-        }
-        remember("journal", self.folder, {"software": software()}, found)
 
     def require_own(self, all_series: "Iterable[Series]") -> None:
         """Raise `JournalFailed` when series of a journal are another campaign's.

@@ -392,10 +392,6 @@ def gather(campaign: Campaign) -> Evidence:
         loaded = _latest(entries, "load", read_load, unreadable)
         if loaded is not None and (ended := _latest_finding(entries, "load")) is not None:
             loaded = replace(loaded, at_utc=ended.at_utc)
-        if journal.last_number() > journal.end().number:
-            # of what came meanwhile, which is asked for once it is closed
-            journal.digest(through=identification.journal_records if identification else None)
-            journal.digest()
         facts = JournalFacts(
             all_series,
             tuple(

@@ -14,8 +14,6 @@ from hypothesis import HealthCheck, settings
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy: as `app.main` does for the program
 
-os.environ["PKMCAL_CACHE"] = os.devnull  # nothing is remembered from test to test
-
 # What is started in the background ignores Ctrl-C, and so would every program that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -9,7 +9,6 @@ from app.next import tell_next, tell_who_works
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
-from app.remembered import checked_plan
 from app.run_text import knowledge, preview_document, preview_line, run_document, show_run
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.measuring.session import RunResult
@@ -51,7 +50,7 @@ def command(
     campaign = open_campaign(folder)
     campaign.require_devices()
     with terminal.telling("reading the plan") as now_at:
-        checked = checked_plan(campaign, now_at)
+        checked = campaign.checked_plan(tell=now_at)
     terminal.note(plan_line(checked))
     held = state_by_journal(campaign)
     if held is not None:

@@ -2,20 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import fields
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
-from pydantic_core import to_jsonable_python
 
 from app.console import DECISIONS, WARNING, terminal_of
+from app.next import next_document
 from app.options import Folder, Json
-from app.remembered import Answer, Line, answer_to
+from campaigns.campaign import open_campaign
 from campaigns.files.lock import lock_holder
-
-if TYPE_CHECKING:
-    from campaigns.workflow.status import CampaignStatus
+from campaigns.workflow.status import CampaignStatus, campaign_status
 
 LATEST = 5
 """Series that are listed; `--json` has all."""
@@ -28,28 +23,16 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
     terminal, held_by = terminal_of(context, as_json=json), lock_holder(folder)
-    lines, document = answer_to("status", folder, partial(_found, folder))
-    for number, (text, style) in enumerate(lines):
+    found = campaign_status(open_campaign(folder))
+    for number, (text, style) in enumerate(_lines(found)):
         terminal.say(text, style)
         if number == 0 and held_by is not None:
             terminal.say(f"now: {held_by.says}", WARNING)
-    terminal.document(document | {"measuring": held_by})
+    document: dict[str, object] = {each.name: getattr(found, each.name) for each in fields(found)}
+    terminal.document(document | next_document(found.next, found.ways) | {"measuring": held_by})
 
 
-def _found(folder: Path) -> Answer:
-    """What there is to say, by the campaign's files; raises `CampaignError`."""
-    # all that judges, which a remembered answer spares
-    from app.next import next_document
-    from campaigns.campaign import open_campaign
-    from campaigns.workflow.status import campaign_status
-
-    found = campaign_status(open_campaign(folder))
-    document = {each.name: getattr(found, each.name) for each in fields(found)}
-    document |= next_document(found.next, found.ways)
-    return [*_lines(found)], to_jsonable_python(document)
-
-
-def _lines(found: "CampaignStatus") -> Iterator[Line]:
+def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
     """Lines of the answer, and how each looks."""
     yield f"{found.name} ({found.robot}): {found.phase}", "bold"
     yield from ((f"  series {s.series}, {s.says}", "") for s in found.series[-LATEST:])

@@ -14,9 +14,7 @@ from campaigns.journal.digest_chain import (
     ChainEnd,
     JournalDamaged,
     Row,
-    Verified,
     chain_end,
-    none_verified,
 )
 from campaigns.journal.own_file import close_refused
 
@@ -239,17 +237,12 @@ def _names(connection: sqlite3.Connection) -> set[str]:
 
 def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]:
     """All records as stored, in their order, and the last one that has a digest, of one moment."""
-    chained = version(connection) >= CHAINED
-    digest = "digest" if chained else "NULL"
-    query = (
-        f"SELECT id, at_utc, kind, series, shot, attempt, body, {digest} FROM record ORDER BY id"  # noqa: S608 - one of two words
-    )
     connection.execute("BEGIN")
     try:
-        rows: list[Row] = _fetched(connection, query)
+        rows = records_after(connection, 0)
         stated = (
             connection.execute("SELECT record, digest FROM chain_end").fetchone()
-            if chained
+            if version(connection) >= CHAINED
             else None
         )
     finally:
@@ -258,8 +251,16 @@ def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]
     return rows, EMPTY if stated is None else ChainEnd(*stated)
 
 
-def _fetched(connection: sqlite3.Connection, query: str) -> list[Row]:
-    """Rows of a query; what is no UTF-8 in them becomes surrogates, which no digest takes."""
+def records_after(connection: sqlite3.Connection, number: int) -> list[Row]:
+    """Records after that number as stored, in their order.
+
+    What is no UTF-8 in them becomes surrogates, which no digest takes.
+    """
+    digest = "digest" if version(connection) >= CHAINED else "NULL"
+    query = (
+        f"SELECT id, at_utc, kind, series, shot, attempt, body, {digest} FROM record"  # noqa: S608 - one of two words
+        f" WHERE id > {number:d} ORDER BY id"
+    )
     try:
         return connection.execute(query).fetchall()
     except sqlite3.OperationalError as error:
@@ -269,19 +270,8 @@ def _fetched(connection: sqlite3.Connection, query: str) -> list[Row]:
     return connection.execute(query).fetchall()
 
 
-def stored_digest(connection: sqlite3.Connection, number: int) -> str | None:
-    """Digest that a record has in the file; None without one."""
-    if version(connection) < CHAINED:
-        return None
-    query = "SELECT digest FROM record WHERE id = ?"
-    found: tuple[str | None] | None = connection.execute(query, (number,)).fetchone()
-    return found and found[0]
-
-
-def verified_records(
-    connection: sqlite3.Connection, path: Path, verified: Verified = none_verified
-) -> tuple[list[Row], ChainEnd]:
-    """All records, and the end of their chain; those `verified` before need not be hashed again.
+def verified_records(connection: sqlite3.Connection, path: Path) -> tuple[list[Row], ChainEnd]:
+    """All records, and the end of their chain.
 
     Raises `JournalDamaged` where a record is not what was written, and `JournalFailed` for what
     SQLite cannot read.
@@ -289,7 +279,7 @@ def verified_records(
     with sqlite_errors_explained(path, "the journal cannot be read"):
         rows, stated = stored_records(connection)
     try:
-        return rows, chain_end(rows, stated, verified(rows))
+        return rows, chain_end(rows, stated)
     except JournalDamaged as broken:
         raise JournalDamaged(f"{path}: {broken.problem}", number=broken.number) from broken
 

@@ -2,8 +2,7 @@
 
 import hashlib
 import json
-import marshal
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from campaigns.errors import JournalFailed
@@ -14,8 +13,6 @@ Content = tuple[int, str, str, int | None, int | None, int | None, str]
 """A record as stored: number, at_utc, kind, series, shot, attempt, body."""
 Row = tuple[int, str, str, int | None, int | None, int | None, str, str | None]
 """The same with its digest; None of a record from before there were any."""
-Verified = Callable[[Sequence[Row]], Sequence[Row]]
-"""Of records as they are stored, the first ones as somebody verified them before; () of none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,31 +51,14 @@ def digest_after(before: str, content: Content) -> str:
     return hashlib.sha256(as_json([before, *content])).hexdigest()
 
 
-def content_digest(rows: Sequence[Row]) -> str:
-    """BLAKE2b (hex) of records with all their values at once: in a tenth of the chain's time."""
-    return hashlib.blake2b(marshal.dumps(tuple(rows), 0)).hexdigest()  # 0: alike for equal values
-
-
-def none_verified(rows: Sequence[Row]) -> Sequence[Row]:  # noqa: ARG001
-    """No records: all have to be verified."""
-    return ()
-
-
-def chain_end(
-    rows: Sequence[Row], stated: ChainEnd = EMPTY, verified: Sequence[Row] = ()
-) -> ChainEnd:
+def chain_end(rows: Sequence[Row], stated: ChainEnd = EMPTY) -> ChainEnd:
     """End of the chain over all records, in the order of their numbers.
 
     Records without a digest may only come first: the first digest after them covers them too.
-    `stated` is the last record that has a digest, as the file itself says. Records that begin as
-    `verified` ones do, every value the same, are hashed from there on. Raises `JournalDamaged`.
+    `stated` is the last record that has a digest, as the file itself says. Raises `JournalDamaged`.
     """
-    known = len(verified)
-    end = ChainEnd(known, (verified and verified[-1][-1]) or "")
-    if not end.digest or rows[:known] != verified:
-        known, end = 0, EMPTY
-    sealed = end
-    for row in rows[known:]:
+    end = sealed = EMPTY
+    for row in rows:
         end = _next_end(end, row, sealed)
         sealed = end if row[-1] is not None else sealed
     if sealed.number < stated.number:

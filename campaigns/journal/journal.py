@@ -6,44 +6,25 @@ from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
 from types import TracebackType
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal import records as kinds
-from campaigns.journal.digest_chain import (
-    EMPTY,
-    ChainEnd,
-    JournalDamaged,
-    Row,
-    Verified,
-    as_json,
-    digest_after,
-    none_verified,
-)
+from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, Row, as_json, digest_after
 from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
-if TYPE_CHECKING:
-    from hashlib import _Hash
-
 RecordT = TypeVar("RecordT", bound=kinds.Record)
-_Hashed = tuple[int, "_Hash"]
-"""Number of records that went into a digest, and the digest."""
-_Read = tuple[ChainEnd, list[Entry[kinds.Record]], tuple[int, views.Parts], _Hashed, dict[int, str]]
-"""End of the chain that was read to, the records, what series of so many are made of, and their
-digests."""
 
 
-def read_journal(path: Path, verified: Verified = none_verified) -> "JournalReader":
+def read_journal(path: Path) -> "JournalReader":
     """Open the journal in that file for reading; needs no right to write the folder.
-
-    `verified` says which records were verified before: these are compared and not hashed again.
 
     Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
     was written.
     """
-    return JournalReader(database.connect_to_read(path), path, verified)
+    return JournalReader(database.connect_to_read(path), path)
 
 
 class JournalReader:
@@ -52,25 +33,13 @@ class JournalReader:
     Everything raises `JournalFailed`.
     """
 
-    def __init__(
-        self, connection: Connection, path: Path, verified: Verified = none_verified
-    ) -> None:
+    def __init__(self, connection: Connection, path: Path) -> None:
         self._connection = connection
         self._path = path
-        self._known: list[Entry[kinds.Record]] = []
-        self._series: tuple[Series, ...] = ()
-        self._series_of = 0
-        """Number of records that they are of."""
-        self._parts: tuple[int, views.Parts] = 0, {}
-        """Number of records taken up, and what series are made of."""
-        self._read_to = EMPTY
-        """End of the chain over what is known."""
-        self._hashed: _Hashed = 0, hashlib.sha256()
-        self._digests: dict[int, str] = {}
-        """Digests by the number of records that they are of."""
-        self.verified: list[Row] = []
-        """Records as stored when they were verified."""
-        self._end = self._verify(verified)
+        self._entries: list[Entry[kinds.Record]] = []
+        self._rows: list[Row] = []
+        """Records as stored, all that were read or written so far."""
+        self._end = self._verify()
 
     def __enter__(self) -> Self:
         return self
@@ -88,36 +57,13 @@ class JournalReader:
         with database.sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
 
-    def read_so_far(self) -> _Read:
-        """Return what is known up to a place of the chain, for another reader to take over."""
-        if len(self._known) == self._end.number:
-            self._read_to = self._end
-        known = self._known[: self._read_to.number]
-        return self._read_to, known, self._parts, self._hashed, self._digests
-
-    def take_over(self, read: _Read) -> None:
-        """Take over what another one has read, where the chain proves that this file holds it."""
-        end, known, (of, parts), hashed, digests = read
-        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            stored = database.stored_digest(self._connection, end.number)
-        if stored != end.digest or end.number > self._end.number:
-            return
-        self._read_to, self._known = end, known
-        if of <= end.number:
-            self._parts = of, views.copied(parts)
-        if hashed[0] <= end.number:
-            self._hashed = hashed
-        self._digests |= {number: each for number, each in digests.items() if number <= end.number}
-
     def records(self, series: int | None = None) -> tuple[Entry[kinds.Record], ...]:
         """Return all records, or those of one series, in their order."""
-        for row in self._rows(after=len(self._known)):
-            self._known.append(self._entry(row))
-        if len(self._known) == self._end.number:
-            self._read_to = self._end
+        self._read_further()
+        self._entries += [self._entry(row) for row in self._rows[len(self._entries) :]]
         if series is None:
-            return tuple(self._known)
-        return tuple(each for each in self._known if each.series == series)
+            return tuple(self._entries)
+        return tuple(entry for entry in self._entries if entry.series == series)
 
     def records_of(
         self, kind: type[RecordT], series: int | None = None
@@ -131,13 +77,8 @@ class JournalReader:
 
     def series(self, stage: kinds.Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
-        entries = self.records()
-        if self._series_of != len(entries):
-            done, parts = self._parts
-            views.take_up(parts, entries[done:])
-            self._parts = len(entries), parts
-            self._series, self._series_of = views.series_of(parts), len(entries)
-        return tuple(each for each in self._series if stage in (None, each.started.stage))
+        every = views.all_series(self.records())
+        return tuple(each for each in every if stage in (None, each.started.stage))
 
     def latest_series(self, stage: kinds.Stage) -> Series | None:
         """Return the series of that stage that began last, if any did."""
@@ -157,55 +98,33 @@ class JournalReader:
 
     def holds(self, end: ChainEnd) -> bool:
         """Whether a record of this number and digest is in it: then all before that are, too."""
-        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            rows, _ = database.stored_records(self._connection)
-        return any(row[0] == end.number and row[-1] == end.digest for row in rows)
+        self._read_further()
+        return any(row[0] == end.number and row[-1] == end.digest for row in self._rows)
 
     def digest(self, *, through: int | None = None) -> str:
         """Return the SHA-256 (hex) over the records as stored, all or up to place `through`.
 
-        Of records that were verified also once it is closed.
+        Of records that were read before also once it is closed.
         """
-        through = self.last_number() if through is None else through
-        if through not in self._digests:
-            self._digests[through] = self._digest(through)
-        return self._digests[through]
-
-    def know_digest(self, through: int, digest: str) -> None:
-        """Take over a digest of so many records, where these are known to be the same."""
-        self._digests[through] = digest
-
-    def _digest(self, through: int) -> str:
-        done, before = self._hashed
-        if through < done:
-            done, before = 0, hashlib.sha256()
-        digest = before.copy()
-        for number, at_utc, kind, series, _, _, body, _ in self._rows(after=done, through=through):
+        if through is None or through > len(self._rows):
+            self._read_further()
+        digest = hashlib.sha256()
+        for number, at_utc, kind, series, _, _, body, _ in self._rows[:through]:
             digest.update(as_json((number, at_utc, kind, series, body)) + b"\n")
-            done = number
-        self._hashed = done, digest
         return digest.hexdigest()
 
-    def _verify(self, verified: Verified = none_verified) -> ChainEnd:
+    def _verify(self) -> ChainEnd:
         try:
-            self.verified, end = database.verified_records(self._connection, self._path, verified)
+            self._rows, end = database.verified_records(self._connection, self._path)
         except BaseException:
             close_refused(self._connection, self._path)
             raise
         return end
 
-    def _rows(self, after: int, through: int | None = None) -> list[Row]:
-        """Records after a place and up to another: as verified, and what was written since."""
-        found = self.verified[after:through]
-        if through is not None and through <= len(self.verified):
-            return found
-        query = (
-            "SELECT id, at_utc, kind, series, shot, attempt, body, NULL FROM record"
-            " WHERE id > ?1 AND id <= ifnull(?2, id) ORDER BY id"
-        )
-        after = max(after, len(self.verified))
+    def _read_further(self) -> None:
+        """Read the records that another process has written since."""
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            return found + self._connection.execute(query, (after, through)).fetchall()
+            self._rows += database.records_after(self._connection, len(self._rows))
 
     def _entry(self, row: Row) -> Entry[kinds.Record]:
         number, at_utc, kind, series, _, _, body, _ = row
@@ -217,22 +136,16 @@ class JournalReader:
 
 
 def open_journal(
-    path: Path,
-    *,
-    now_utc: Callable[[], str],
-    create: bool = False,
-    verified: Verified = none_verified,
-    waits_for_disk: bool = True,
+    path: Path, *, now_utc: Callable[[], str], create: bool = False, waits_for_disk: bool = True
 ) -> "Journal":
     """Open the journal in that file; `create` makes one where there is none.
 
     `now_utc` stamps the records. The caller holds the campaign's lock. Raises `JournalFailed` when
     the file is missing, not ours, newer than this program, not what was written, or cannot be
-    opened. `verified` as of `read_journal`. A record of which nobody `waits_for_disk` outlives the
-    process, and not a power cut.
+    opened. A record of which nobody `waits_for_disk` outlives the process, and not a power cut.
     """
     connection = database.connect_to_write(path, create=create, waits_for_disk=waits_for_disk)
-    return Journal(connection, path, now_utc, verified, waits_for_disk=waits_for_disk)
+    return Journal(connection, path, now_utc, waits_for_disk=waits_for_disk)
 
 
 class Journal(JournalReader):
@@ -243,11 +156,10 @@ class Journal(JournalReader):
         connection: Connection,
         path: Path,
         now_utc: Callable[[], str],
-        verified: Verified = none_verified,
         *,
         waits_for_disk: bool = True,
     ) -> None:
-        super().__init__(connection, path, verified)
+        super().__init__(connection, path)
         self._now_utc = now_utc
         self._waits_for_disk = waits_for_disk
         self._failed = self._is_open = False
@@ -271,7 +183,7 @@ class Journal(JournalReader):
             )
         try:
             if self._is_open:
-                self._insert(series, *self._as_stored(record))
+                self._insert(series, self._as_stored(record), record)
             else:
                 self._append(record, series)
         except JournalFailed:
@@ -293,7 +205,7 @@ class Journal(JournalReader):
                 yield
         except BaseException as error:
             self._end, self._file = before, OwnFile(self._path)  # pages may be in the log already
-            self._forget(before.number)
+            del self._rows[before.number :], self._entries[before.number :]
             self._failed |= isinstance(error, JournalFailed)
             raise
         finally:
@@ -311,8 +223,7 @@ class Journal(JournalReader):
         self._connection = database.connect_to_write(
             self._path, create=False, waits_for_disk=self._waits_for_disk
         )
-        self._forget(0)
-        self._end = self._verify()
+        self._entries, self._end = [], self._verify()
         if self._end != written:
             raise JournalDamaged(
                 f"{self._path}: ends with record {self._end.number}, and {written.number} were "
@@ -320,16 +231,10 @@ class Journal(JournalReader):
             )
         self._file, self._failed = OwnFile(self._path), False
 
-    def _forget(self, after: int) -> None:
-        """Forget what was read after so many records."""
-        self._known, self._series, self._series_of = self._known[:after], (), 0
-        self._parts = 0, {}
-        self._read_to, self._hashed, self._digests = EMPTY, (0, hashlib.sha256()), {}
-
     def _append(self, record: kinds.Record, series: int | None) -> None:
         stored = self._as_stored(record)
         self._check_file()
-        self._insert(series, *stored)
+        self._insert(series, stored, record)
         self._settle()
 
     def _settle(self) -> None:
@@ -354,7 +259,7 @@ class Journal(JournalReader):
             raise self._given_up(changed) from changed
 
     def _insert(self, series: int | None, text: str, record: kinds.Record) -> None:
-        """Write the text of a record, and know the record as it will be read."""
+        """Write a record with this text."""
         number, at_utc = self._end.number + 1, self._now_utc()
         kind, (shot, attempt) = kinds.KIND_OF_TYPE[type(record)], _numbers(record)
         content = (number, at_utc, kind, series, shot, attempt, text)
@@ -368,8 +273,7 @@ class Journal(JournalReader):
             self._path, f"the record {_label(record)} cannot be written"
         ):
             self._connection.execute(command, (*content, digest))
-        if len(self._known) == self._end.number:
-            self._known.append(Entry(number, at_utc, series, record))
+        self._rows.append((*content, digest))
         self._end = ChainEnd(number, digest)
 
     def _given_up(self, changed: JournalFailed) -> JournalFailed:
@@ -391,7 +295,7 @@ class Journal(JournalReader):
         except JournalFailed:
             return False
 
-    def _as_stored(self, record: kinds.Record) -> tuple[str, kinds.Record]:
+    def _as_stored(self, record: kinds.Record) -> str:
         try:
             return kinds.as_stored(record)
         except (TypeError, ValueError, AttributeError) as error:

@@ -272,8 +272,8 @@ def read_body(
         ) from error
 
 
-def as_stored(record: Record) -> tuple[str, Record]:
-    """Text of a record as JSON, and the record that is read back from it.
+def as_stored(record: Record) -> str:
+    """Text of a record as JSON, which can be read back.
 
     Raises `ValueError`, `TypeError` or `AttributeError` when a value is not finite, not plain data,
     not Unicode or of another type.
@@ -285,7 +285,8 @@ def as_stored(record: Record) -> tuple[str, Record]:
         # without its warnings: what does not fit is refused by name, in reading it back
         values = _adapter(kind).dump_python(record, by_alias=True, warnings="none")
     text = _JSON.encode(values)
-    return text, from_text(kind, text)
+    from_text(kind, text)
+    return text
 
 
 def from_text(kind: str, text: str) -> Record:

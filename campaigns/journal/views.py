@@ -1,4 +1,4 @@
-"""Series of a journal with their shots, as its records are taken up, each once. Pure."""
+"""Series of a journal with their shots. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -63,7 +63,7 @@ class Series:
         return of_run and bool(self.shots) and not self.of_known_lengths
 
 
-Parts = dict[
+_Parts = dict[
     int | None,
     tuple[
         Entry[records.Record],
@@ -77,14 +77,11 @@ accepted shots."""
 
 
 def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
-    """Return all series, in the order of their beginning."""
-    parts: Parts = {}
-    take_up(parts, entries)
-    return series_of(parts)
+    """Return all series, in the order of their beginning.
 
-
-def take_up(parts: Parts, entries: Iterable[Entry[records.Record]]) -> None:
-    """Take up further records; an outcome without its intent, of a damaged journal, counts not."""
+    An outcome without its intent, in a damaged journal, does not count.
+    """
+    parts: _Parts = {}
     for entry in entries:
         if entry.series not in parts:
             parts[entry.series] = entry, Counter(), {}, {}
@@ -104,18 +101,6 @@ def take_up(parts: Parts, entries: Iterable[Entry[records.Record]]) -> None:
             case records.PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)
-
-
-def copied(parts: Parts) -> Parts:
-    """The same, for another to take up further records into."""
-    return {
-        series: (first, kinds.copy(), intents.copy(), accepted.copy())
-        for series, (first, kinds, intents, accepted) in parts.items()
-    }
-
-
-def series_of(parts: Parts) -> tuple[Series, ...]:
-    """Series as they stand, in the order of their beginning."""
     return tuple(
         Series(
             number,

@@ -14,7 +14,7 @@ from journal_story import ticking
 from tampering import change_text, tamper
 
 from campaigns.errors import JournalFailed
-from campaigns.journal import database, digest_chain
+from campaigns.journal import digest_chain
 from campaigns.journal.journal import open_journal, read_journal
 from campaigns.journal.records import Event
 
@@ -38,32 +38,7 @@ def damage(path: Path) -> digest_chain.JournalDamaged:
     assert str(path) in caught.value.problem
     with pytest.raises(digest_chain.JournalDamaged):
         open_journal(path, now_utc=ticking())
-    with pytest.raises(digest_chain.JournalDamaged) as anew:
-        read_journal(path, verified=lambda _: stories_rows())
-    assert (anew.value.problem, anew.value.number) == (caught.value.problem, caught.value.number)
     return caught.value
-
-
-def stories_rows() -> list[digest_chain.Row]:
-    """Records as they were, which somebody verified before they were changed."""
-    with closing(sqlite3.connect(f"{TODAY.as_uri()}?immutable=1", uri=True)) as connection:
-        return database.stored_records(connection)[0]
-
-
-def test_records_that_were_verified_before_are_not_hashed_again(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hashed = []
-    digest_after = digest_chain.digest_after
-
-    def counted(before: str, content: digest_chain.Content) -> str:
-        hashed.append(content[0])
-        return digest_after(before, content)
-
-    monkeypatch.setattr(digest_chain, "digest_after", counted)
-    with read_journal(path, verified=lambda _: stories_rows()[:-2]) as reader:
-        assert hashed == [STORY - 1, STORY]
-        assert reader.last_number() == STORY
 
 
 @pytest.mark.parametrize("number", [1, 11, STORY])

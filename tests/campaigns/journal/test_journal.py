@@ -228,36 +228,6 @@ def test_the_digest_depends_on_every_record_and_can_be_taken_back_in_time(
     assert journal.digest(through=place) == digest
 
 
-def test_what_was_read_is_taken_over_by_a_later_reader_of_the_same_journal(
-    journal: Journal, run: int, path: Path
-) -> None:
-    appended(journal, run, intent(1), outcome(1))
-    with read_journal(path) as before, read_journal(path) as alone:
-        told = before.records()
-        before.digest()
-        appended(journal, run, intent(2), outcome(2))
-        with read_journal(path) as reader:
-            reader.take_over(before.read_so_far())
-            assert all(now is then for now, then in zip(reader.records(), told, strict=False))
-            assert reader.records() == alone.records()
-            assert reader.series() == alone.series()
-            assert reader.digest() == alone.digest()
-            assert reader.digest(through=2) == alone.digest(through=2)
-
-
-def test_what_was_written_is_known_as_it_is_read_and_need_not_be_read_again(
-    journal: Journal, run: int, path: Path
-) -> None:
-    finding = Finding("validation", {"pairs": [1, 2], "mean_mm": 1e-5, "says": "NaN is no number"})
-    appended(journal, run, intent(1), outcome(1), finding)
-    written = journal.read_so_far()
-    with read_journal(path) as reader, read_journal(path) as alone:
-        reader.take_over(written)
-        assert reader.records() == alone.records()
-        assert all(now is then for now, then in zip(reader.records(), written[1], strict=True))
-        assert reader.series() == alone.series()
-
-
 def test_series_of_a_journal_that_grows_are_those_of_all_its_records(
     journal: Journal, run: int
 ) -> None:
@@ -271,24 +241,6 @@ def test_series_of_a_journal_that_grows_are_those_of_all_its_records(
         raise RuntimeError
     appended(journal, run, intent(4), outcome(4))
     assert [shot.intent.shot for shot in journal.shots(run)] == [2, 4]
-
-
-def test_nothing_is_taken_over_from_a_journal_that_went_another_way(
-    journal: Journal, run: int, tmp_path: Path
-) -> None:
-    appended(journal, run, intent(1), outcome(1))
-    other = tmp_path / "other.db"
-    with open_journal(other, now_utc=ticking(), create=True) as another:
-        appended(another, another.start_series(beginning()), intent(1), outcome(1, x_mm=1000.5))
-        told, digest = another.records(), another.digest()
-        journal.records(), journal.digest()
-        another.take_over(journal.read_so_far())
-        assert another.records() == told
-        assert another.digest() == digest
-        with read_journal(other) as reader:
-            reader.take_over(journal.read_so_far())
-            assert reader.records() == told
-            assert reader.digest() == digest
 
 
 @pytest.mark.parametrize(
