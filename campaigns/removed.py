@@ -17,8 +17,11 @@ INSTEAD: Mapping[str, str] = {
 """Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
 
+_TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
 KEYS: Mapping[str, tuple[object, str]] = {
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
+    "tracker.faces": (2, _TWO_FACES),
+    "tracker.two_face_arcsec": ([0.0, 0.0], _TWO_FACES),
 }
 """Removed keys of files by dotted path, such as `tracker.two_faces`, each with its former default
 and a remedy. Older versions wrote the default into each new file: it is read without effect."""

@@ -130,13 +130,6 @@ class LaserTracker(Protocol):
         """Search around the present direction at about that distance."""
         return
 
-    def use_face(self, face: int) -> bool:  # noqa: ARG002 - of one that has no other
-        """Be in face 1 or 2, locked; False where it cannot turn over: it is then in face 1.
-
-        Raises `BeamBroken` where the reflector is not found after turning over.
-        """
-        return False
-
     def reconnect(self) -> None:
         """Open anew after a fault of the wire and set the instrument's state as it was prepared."""
 

@@ -166,8 +166,6 @@ class Outcome:
     """Sides from which joints came, +1, -1 or 0, where a file says so; else by `came_from`."""
     part_temperature_degC: float | None = None
     """Of the robot's parts; None: nobody told."""
-    other_face_mm: Vector3 | None = None
-    """The same point in the tracker's frame, measured in its other face; None: it was not."""
 
 
 @dataclass(frozen=True, slots=True)

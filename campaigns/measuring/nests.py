@@ -83,21 +83,6 @@ class NestPointer:
         except BeamBroken:
             self._tracker.find_reflector(hypot(*place_mm))
 
-    def in_other_face(self) -> Vector3 | None:
-        """Its reflector measured in the other face, and back; None: the tracker can't turn over.
-
-        Raises like a measurement.
-        """
-        try:
-            if not self._tracker.use_face(2):
-                return None
-            point_mm = self._tracker.measure().point_in_tracker_mm
-        except BeamBroken:
-            self._tracker.use_face(1)
-            raise  # whatever else goes wrong ends the run: preparing it anew turns it back
-        self._tracker.use_face(1)
-        return point_mm
-
     def _use(self, reflector: str) -> None:
         if reflector != self._reflector:
             self._tracker.prepare(reflector, self._session.work.measuring_time_s)

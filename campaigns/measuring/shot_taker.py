@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import dist
 from typing import NoReturn, TypeVar
 
 from campaigns.errors import GateRefused, TargetOutOfReach
@@ -147,9 +146,6 @@ class ShotTaker:
         log.write(outcome)
         self._end(outcome)
         text = f"nest {nest} is {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"
-        if outcome.other_face_mm is not None:
-            apart_mm = dist(outcome.point_in_tracker_mm, outcome.other_face_mm)
-            text = f"{text}; its points in two faces are {apart_mm:.3f} mm apart"
         event = Event("drift check", f"shot {outcome.shot}: {text}")
         (log.announce if moved_mm > limit_mm else log.write)(event)
 
@@ -173,7 +169,6 @@ class ShotTaker:
                 self.nests.point_at(nest)
             started_s = clock.now_s()
             measurement = session.cell.tracker.measure()
-            other_face_mm = self.nests.in_other_face() if nest else None
         except NotAMeasurement as error:
             raise ShotFailed(self._reject(intent, f"{IMPOSSIBLE}: {error.problem}")) from error
         except BeamBroken as error:
@@ -194,7 +189,6 @@ class ShotTaker:
             measurement.raw,
             Durations(arrival.move_s, arrival.settle_s, measure_s),
             came_from=arrival.came_from,
-            other_face_mm=other_face_mm,
         )
         if not nest:
             self._reacquisition.remember(outcome)

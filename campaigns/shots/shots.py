@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from campaigns.arrays import AXES, Array, Index, batch
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
-from campaigns.estimation.two_faces import two_face_error_rad, without_two_face_error
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.mechanisms.closed_chain import ClosedChain
@@ -251,9 +250,9 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
 
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
-    """Shots of the accepted ones of a series, without the two-face error where nests tell it."""
+    """Shots of the accepted ones of a series."""
     asked = [shot.intent for shot in shots]
-    found = shots_of_outcomes(
+    return shots_of_outcomes(
         [shot.outcome for shot in shots],
         mechanism,
         purposes=[ShotSet(intent.purpose) for intent in asked],
@@ -264,12 +263,6 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> S
         nests=[intent.nest for intent in asked],
         sessions=[shot.session for shot in shots],
     )
-    each = [(shot.outcome.point_in_tracker_mm, shot.outcome.other_face_mm) for shot in shots]
-    if not (both := [(first, second) for first, second in each if second is not None]):
-        return found
-    error = two_face_error_rad(*np.array(both).transpose(1, 0, 2))
-    points = without_two_face_error(found.points_in_tracker_mm, *error)
-    return replace(found, points_in_tracker_mm=points)
 
 
 def shots_of_outcomes(

@@ -16,7 +16,6 @@ from drivers.emscon.client import (
     Result,
     beam_not_locked,
     failed_with_beam,
-    refused,
 )
 from drivers.emscon.own_result import OwnResult
 from drivers.link import never
@@ -27,8 +26,6 @@ from drivers.transport import Transport
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
-    FACE_1,
-    FACE_2,
     SENSOR_NAMES,
     STATIONARY,
     Command,
@@ -233,21 +230,6 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         self._move(Command.FIND_REFLECTOR, bodies.ApproximateDistance(distance_mm))
 
     @override
-    def use_face(self, face: int) -> bool:
-        present = _face(self._session.connection)
-        if present in {None, face}:
-            return present is not None  # else nobody could tell whether it is back again
-        try:
-            self._move(Command.CHANGE_FACE)
-        except (errors.BeamBroken, errors.DeviceNotReady):
-            raise
-        except errors.DeviceRefused:  # it has one face, or cannot turn over by itself
-            if face == FACE_1:
-                raise  # nothing is measured on in the other face
-            return False
-        return True
-
-    @override
     def _opened(self) -> EmsconClient:
         client = EmsconClient(
             self._open_transport(),
@@ -278,13 +260,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
 
     @override
     def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.Settings:
-        settings = setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
-        if _face(client) == FACE_2:  # as somebody, or a cut-off run, left it
-            within_s = self._deadlines.motion_s + wanted.search_timeout_s
-            status = client.attempt(Command.CHANGE_FACE, within_s=within_s)
-            if _face(client) == FACE_2:  # the reflector need not be found yet
-                raise refused(client.name, f"{Command.CHANGE_FACE.title} into face 1", status)
-        return settings
+        return setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
 
     def _is_connected_again(self, give_up_s: float) -> bool:
         """Whether the tracker is open again, or still holds our old connection."""
@@ -315,7 +291,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         """Tell whether the tracker's seconds are known: a simulated one's may be shorter."""
         return self._instrument_clock is not None or self._session.identity.model != SIMULATED
 
-    def _move(self, command: Command, body: bodies.Body = wire.NOTHING) -> None:
+    def _move(self, command: Command, body: bodies.Body) -> None:
         client, wanted, agreed = self._prepared()
         setup.require_unchanged(client, agreed)
         within_s = self._deadlines.motion_s + wanted.search_timeout_s
@@ -352,11 +328,6 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
             return ""
         names = {entry.identifier: entry.name for entry in self.reflectors()}
         return names.get(choice.value, "")
-
-
-def _face(client: EmsconClient) -> int | None:
-    found = client.ask_or_none(Command.GET_FACE, bodies.Code)
-    return None if found is None or found.value not in {FACE_1, FACE_2} else found.value
 
 
 def _model(client: EmsconClient) -> str:

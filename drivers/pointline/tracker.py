@@ -1,6 +1,6 @@
 """An instrument that speaks pointline (docs/pointline.md): units and meaning."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import hypot
@@ -157,27 +157,15 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
     def find_reflector(self, distance_mm: float) -> None:
         self._aim(wire.Find(distance_mm))
 
-    @override
-    def use_face(self, face: int) -> bool:
-        self._prepared()
-        within_s, lacking = self._deadlines.motion_s, {NONE, UNKNOWN_VERB}
-        return self._if_it_has(wire.UseFace(face), CommandDone, within_s, lacking) is not None
-
     def _aim(self, command: wire.GoTo | wire.Find) -> None:
         self._prepared()
         self._ask(command, CommandDone, self._deadlines.motion_s)
 
-    def _if_it_has(
-        self,
-        command: wire.Command,
-        kind: type[AnswerKind],
-        within_s: float | None = None,
-        lacking: Collection[str] = (NONE,),
-    ) -> AnswerKind | None:
+    def _if_it_has(self, command: wire.Command, kind: type[AnswerKind]) -> AnswerKind | None:
         try:
-            return self._ask(command, kind, within_s)
+            return self._ask(command, kind)
         except errors.DeviceRefused as refused:
-            if refused.code not in lacking:
+            if refused.code != NONE:
                 raise
             return None
 

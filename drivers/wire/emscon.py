@@ -56,7 +56,6 @@ ANSWERS: Mapping[Command, type[bodies.Body]] = {
     Command.GET_DIRECTION: bodies.Direction,
     Command.GET_STATISTIC_MODE: bodies.StatisticMode,
     Command.GET_MEASUREMENT_STATUS_INFO: bodies.MeasurementStatusInfo,
-    Command.GET_FACE: bodies.Code,
     Command.GET_TRACKER_INFO: bodies.TrackerInfo,
     Command.GET_SYSTEM_SOFTWARE_VERSION: bodies.SoftwareVersion,
 }

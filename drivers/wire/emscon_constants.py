@@ -51,13 +51,11 @@ class Command(IntEnum):
     GET_SYSTEM_SETTINGS = 48
     START_MEASUREMENT = 49
     STOP_MEASUREMENT = 52
-    CHANGE_FACE = 53
     GO_POSITION = 55
     FIND_REFLECTOR = 63
     GET_DIRECTION = 66
     SET_STATISTIC_MODE = 80
     GET_STATISTIC_MODE = 81
-    GET_FACE = 98
     GET_MEASUREMENT_STATUS_INFO = 122
     GET_TRACKER_INFO = 132
     GO_AND_MEASURE = 135
@@ -175,10 +173,6 @@ class TrackerLight(IntEnum):
     BUSY = 1
     READY = 2
     SIX_D_INVALID = 3
-
-
-FACE_1, FACE_2 = 1, 2
-"""Face in which the head looks, of two."""
 
 
 class ProcessorStatus(IntEnum):

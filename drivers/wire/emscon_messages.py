@@ -90,7 +90,7 @@ class Nothing(Body):
 
 @dataclass(frozen=True, slots=True)
 class Code(Body):
-    """One number: a reflector, `TrackerLight`, mode, kind of coordinate system, or face."""
+    """One number: a reflector, `TrackerLight`, mode, or kind of coordinate system."""
 
     value: int
 

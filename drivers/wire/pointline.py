@@ -76,14 +76,6 @@ class Find(LineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class UseFace(LineMessage):
-    """Turns into face 1 or 2, unless it is there, and locks again; not every server knows it."""
-
-    FIELDS = "w"
-    face: int
-
-
-@dataclass(frozen=True, slots=True)
 class InstrumentGreeting(LineMessage):
     """Identity of the instrument in its greeting."""
 
@@ -146,7 +138,7 @@ class BeamDirection(LineMessage):
     direction: Vector3
 
 
-Command = Hello | ReadReflector | Prepare | GoTo | Find | UseFace | Order
+Command = Hello | ReadReflector | Prepare | GoTo | Find | Order
 Answer = (
     InstrumentGreeting
     | InstrumentStatus
@@ -166,7 +158,6 @@ MESSAGES: Mapping[str, tuple[type[LineMessage] | Order, type[Answer]]] = {
     "DIRECTION": (Order.DIRECTION, BeamDirection),
     "GOTO": (GoTo, CommandDone),
     "FIND": (Find, CommandDone),
-    "FACE": (UseFace, CommandDone),
 }
 """Command and answer of each verb."""
 PointlineRequest = LineRequest[Command]

@@ -91,7 +91,6 @@ class EmsconInstrument:
             Command.GET_DIRECTION: lambda now_s: said.Direction(*tracker.direction(now_s)),
             Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
             Command.GET_TRACKER_INFO: self._tracker_info,
-            Command.GET_FACE: lambda _: said.Code(tracker.face),
             Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: said.SoftwareVersion(tracker.firmware),
         }
 
@@ -185,7 +184,7 @@ class EmsconInstrument:
         )
 
     def _status_info(self, now_s: float) -> said.MeasurementStatusInfo:
-        bits = FOUND | (StatusBit.IN_FACE_1 if self._tracker.face == 1 else 0)
+        bits = FOUND | StatusBit.IN_FACE_1
         if self._tracker.beam_locked(now_s):
             bits |= StatusBit.REFLECTOR_FOUND
         if self._tracker.initialised(now_s):
@@ -206,7 +205,7 @@ class EmsconInstrument:
             longest_distance=0.0,
             shortest_distance=0.0,
             highest_data_rate=0,
-            faces=self._tracker.faces,
+            faces=1,
             horizontal_range=0.0,
             vertical_range=0.0,
             accuracy_model=0,

@@ -145,7 +145,6 @@ class EmsconSession(ServedSession):
                 self._answer(request.command, begun)
             case (
                 Command.INITIALIZE
-                | Command.CHANGE_FACE
                 | Command.GO_POSITION
                 | Command.FIND_REFLECTOR
                 | Command.GO_AND_MEASURE
@@ -198,8 +197,6 @@ class EmsconSession(ServedSession):
     def _motion_s(self, request: emscon.EmsconRequest, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
         body = request.body
-        if request.command == Command.CHANGE_FACE:
-            return self._tracker.change_face(now_s)
         if isinstance(body, said.BeamTarget | said.ReflectorPlace) and _is_in_sight(*body.point):
             return self._tracker.go_to(body.point, now_s)
         if isinstance(body, said.ApproximateDistance) and _is_in_sight(body.distance):

@@ -60,8 +60,6 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
                 return self._seen_after(tracker.go_to(point_mm, now_s), now_s)
             case wire.Find(distance_mm):
                 return self._seen_after(tracker.find(distance_mm, now_s), now_s)
-            case wire.UseFace(face):
-                return self._use_face(face, now_s)
 
     def _told(self, what: wire.Order, now_s: float) -> wire.Answer:
         tracker = self._tracker
@@ -98,22 +96,8 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
             return Refused("COLD", "the laser is heating up")
         tracker.select_reflector(found.id)
         self._measuring_time_s = seconds
-        takes_s = 0.0
-        if not tracker.initialised(now_s):
-            takes_s = tracker.initialise(now_s)
-        elif tracker.face != 1:  # as somebody, or a run that was cut off, left it
-            takes_s = tracker.change_face(now_s) or 0.0
+        takes_s = 0.0 if tracker.initialised(now_s) else tracker.initialise(now_s)
         return Later(now_s + takes_s, lambda _: CommandDone())
-
-    def _use_face(self, face: int, now_s: float) -> Outcome | Later[Outcome]:
-        if face not in {1, 2}:
-            return Refused("ARGUMENT", f"face {face}, there are 1 and 2")
-        if face == self._tracker.face:
-            return CommandDone() if self._tracker.beam_locked(now_s) else UNSEEN
-        turn_s = self._tracker.change_face(now_s)
-        if turn_s is None:
-            return Refused("NONE", "it has one face")
-        return self._seen_after(turn_s, now_s)
 
     def _measure(self, now_s: float) -> Refused | Later[Outcome]:
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)

@@ -17,7 +17,6 @@ from sim.tracker.section import S_PER_H, TrackerSection
 
 SLEW_RAD_PER_S = math.radians(90.0)
 FOREVER_S = 1e9
-TURN_OVER_S = 4.0
 EVENTS_KEPT = 100
 """Of a tracker whose protocol tells nothing unasked."""
 PPM = 1e-6
@@ -67,7 +66,6 @@ class SimulatedTracker:
         self.serial = section.serial
         self.reflectors = section.reflectors
         self.selected = selected
-        self.face, self.faces = 1, section.faces
         self.search_radius_mm = 50.0
         self.search_timeout_s = 10.0
         self.beam = beam
@@ -155,7 +153,7 @@ class SimulatedTracker:
         self.is_initialised = False
 
         def finish(end_s: float) -> None:
-            self.is_initialised, self.face = True, 1
+            self.is_initialised = True
             self._events.append("initialised")
             self._lock(aim, end_s)
 
@@ -174,15 +172,6 @@ class SimulatedTracker:
         """Start searching around the present direction and say how long it takes, s."""
         self.advance(now_s)
         return self._search(self._aim_here(now_s), now_s)
-
-    def change_face(self, now_s: float) -> float | None:
-        """Start turning over and say how long it takes, s; nothing where it has one face."""
-        self.advance(now_s)
-
-        def finish(_end_s: float) -> None:
-            self.face = 3 - self.face
-
-        return None if self.faces == 1 else self._begin(TURN_OVER_S, finish, now_s)
 
     def begin_measurement(self, measuring_time_s: float, now_s: float) -> float | None:
         """Start measuring and say when it ends; nothing when the beam is on no reflector."""
@@ -249,28 +238,13 @@ class SimulatedTracker:
         spread_mm = self._section.noise.spread_mm(true_mm)
         key = self._scene.robot_target()
         draw = generator(self._seed, Purpose.SHOT, *key, self.attempts.next(key))
-        measured_mm = self._as_seen(true_mm) + spread_mm @ draw.standard_normal(3)
+        measured_mm = true_mm + spread_mm @ draw.standard_normal(3)
         rows = [vector(row) for row in spread_mm @ spread_mm.T]
         weather = Weather(*self.weather(now_s))
         assert self.beam.locked_on is not None, "without a lock there is no shot"
         told, true, worked_s = vector(measured_mm), vector(true_mm), self._worked.seconds
         self.taken.append(TakenShot(told, self.beam.locked_on, key, true, worked_s))
         return Measurement(vector(measured_mm), (rows[0], rows[1], rows[2]), weather)
-
-    def _as_seen(self, true_mm: Array) -> Array:
-        """Point (3,) by angles with the errors of the face."""
-        if not any(self._section.two_face_arcsec):
-            return true_mm
-        side = 1.0 if self.face == 1 else -1.0
-        across, upward = (
-            side * math.radians(each / 3600.0) for each in self._section.two_face_arcsec
-        )
-        x, y, z = true_mm.tolist()
-        level = math.hypot(x, y)
-        hz, zenith, range_mm = math.atan2(y, x), math.atan2(level, z), math.hypot(level, z)
-        hz, zenith = hz + across / math.sin(zenith), zenith + upward
-        level = range_mm * math.sin(zenith)
-        return np.array([level * math.cos(hz), level * math.sin(hz), range_mm * math.cos(zenith)])
 
 
 def _turn_rad(first_mm: Array, second_mm: Array) -> float:

@@ -1,6 +1,6 @@
 """The tracker's part of a scenario."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -82,10 +82,6 @@ class TrackerSection(Section):
     nests: tuple[NestSection, ...] = ()
     scale_ppm: float = 0.0
     """Of its distance meter, whose frequency is off by as much."""
-    faces: Literal[1, 2] = 2
-    """Whether it can turn over into a second one."""
-    two_face_arcsec: tuple[float, float] = (0.0, 0.0)
-    """Collimation error and vertical index error in face 1; in face 2 they have the other sign."""
 
     @model_validator(mode="after")
     def _reflectors_are_told_apart(self) -> Self:

@@ -170,9 +170,6 @@ class FakeTracker:
         raw = f"measurement {self.measured}"
         return values.Measurement(self.seen_mm(), COVARIANCE_MM2, self.air, raw)
 
-    def use_face(self, face: int) -> bool:
-        return False
-
     def seen_mm(self) -> values.Vector3:
         if self.on_wrong_target:
             return (1000.0, 2000.0, 300.0)

@@ -23,7 +23,6 @@ class FakeTracker:
         self.action_s = action_s
         self.reflectors = REFLECTORS
         self.selected = 3
-        self.face, self.faces = 1, 2
         self.search_radius_mm = 50.0
         self.search_timeout_s = 10.0
         self.point_mm = (1000.0, -2000.0, 254.0)
@@ -74,9 +73,6 @@ class FakeTracker:
     def initialise(self, now_s):
         return self._begin(now_s, self._be_initialised)
 
-    def change_face(self, now_s):
-        return self._begin(now_s, self._turn_over)
-
     def go_to(self, point_mm, now_s):
         self.went_to_mm = point_mm
         return self._begin(now_s, self._look)
@@ -115,9 +111,6 @@ class FakeTracker:
     def _be_initialised(self):
         self.is_initialised = True
         self._happened.append("initialised")
-
-    def _turn_over(self):
-        self.face = 3 - self.face
 
     def _look(self):
         self.is_locked = self.finds

@@ -53,7 +53,6 @@ class Instrument:
             Command.GET_TRACKER_STATUS: emscon_messages.Code(2),
             Command.GET_UNITS: emscon_messages.Units(0, 0, 0, 0, 0),
             Command.GET_COORDINATE_SYSTEM_TYPE: emscon_messages.Code(7),
-            Command.GET_FACE: emscon_messages.Code(1),
             Command.GET_MEASUREMENT_MODE: emscon_messages.Code(21),
             Command.GET_STATIONARY_MODE_PARAMS: emscon_messages.StationaryMode(100, 0),
             Command.GET_REFLECTOR: emscon_messages.Code(3),
@@ -95,9 +94,6 @@ class Instrument:
             return [(0.0, refusal(command, status))]
         if command in SETS:
             self.state[SETS[command]] = request.body
-        if command == Command.CHANGE_FACE:
-            face = self.state[Command.GET_FACE].value
-            self.state[Command.GET_FACE] = emscon_messages.Code(3 - face)
         if command == Command.GET_REFLECTORS:
             return [
                 (

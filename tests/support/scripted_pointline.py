@@ -18,7 +18,6 @@ ANSWERS = {
     "DIRECTION": "OK 2.0 0.0 0.0",
     "GOTO": "OK",
     "FIND": "OK",
-    "FACE": "OK",
 }
 
 

@@ -18,7 +18,6 @@ from campaigns.planning.plans import with_nests
 from campaigns.settings.sections import KnownLengthConfig, NestConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers import values
-from drivers.errors import BeamBroken, Cancelled, LinkDown
 
 PLACES = {"A": (900.0, 300.0, -200.0), "B": (1900.0, 300.0, -200.0), "C": (900.0, -700.0, 400.0)}
 NESTS = tuple(NestConfig(name=name, place_mm=mm, occupied=True) for name, mm in PLACES.items())
@@ -171,97 +170,3 @@ def test_nest_teaches_the_gate_nothing(tmp_path: Path) -> None:
     nests = [shot for shot in told.shots() if shot.intent.purpose == ShotSet.NEST.value]
     assert nests
     assert all(shot.outcome.predicted_in_tracker_mm is None for shot in nests)
-
-
-class TrackerOfTwoFaces(TrackerOfNests):
-    """Turns over; in its other face it sees everything a little higher."""
-
-    is_over = False
-
-    def use_face(self, face: int) -> bool:
-        self.is_over = face == 2
-        return True
-
-    def seen_mm(self) -> values.Vector3:
-        x, y, z = super().seen_mm()
-        return x, y, z + 0.1 * self.is_over
-
-
-def test_nests_are_measured_in_both_faces_and_the_robot_in_the_first(tmp_path: Path) -> None:
-    cell = cell_of_nests()
-    cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
-    told = cell.run(tmp_path, work_at())
-    for shot in told.shots():
-        other_mm, point_mm = shot.outcome.other_face_mm, shot.outcome.point_in_tracker_mm
-        assert (other_mm is not None) is bool(shot.intent.nest)
-        if other_mm is not None:
-            assert np.subtract(other_mm, point_mm) == pytest.approx([0.0, 0.0, 0.1])
-    assert not cell.tracker.is_over
-    events = [each.record for each in told.records() if isinstance(each.record, Event)]
-    assert sum("in two faces are 0.100 mm apart" in event.text for event in events) == 6
-
-
-def test_beam_that_is_lost_in_the_other_face_leaves_the_tracker_in_the_first(
-    tmp_path: Path,
-) -> None:
-    cell = cell_of_nests()
-    cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
-    broken = []
-
-    def seen_mm(tracker=cell.tracker, seen=cell.tracker.seen_mm) -> values.Vector3:
-        if tracker.is_over and not broken:
-            broken.append(tracker.on)
-            raise BeamBroken("the beam is broken", remedy="find the reflector")
-        return seen()
-
-    cell.tracker.seen_mm = seen_mm
-    told = cell.run(tmp_path, work_at())
-    assert broken
-    assert len([shot for shot in told.shots() if shot.intent.nest]) == 6
-    assert not cell.tracker.is_over
-
-
-def test_reflector_that_is_lost_by_turning_over_leaves_the_tracker_in_the_first_face(
-    tmp_path: Path,
-) -> None:
-    cell = cell_of_nests()
-    cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
-    broken = []
-
-    def use_face(face: int, use_face=cell.tracker.use_face) -> bool:
-        use_face(face)
-        if face == 2 and not broken:
-            broken.append(cell.tracker.on)
-            raise BeamBroken("the beam is broken", remedy="find the reflector")
-        return True
-
-    cell.tracker.use_face = use_face
-    told = cell.run(tmp_path, work_at())
-    assert broken
-    for shot in told.shots():
-        if shot.outcome.other_face_mm is not None:
-            off_mm = np.subtract(shot.outcome.other_face_mm, shot.outcome.point_in_tracker_mm)
-            assert off_mm == pytest.approx([0.0, 0.0, 0.1])
-    assert len([shot for shot in told.shots() if shot.intent.nest]) == 6
-
-
-def test_wish_to_stop_in_the_other_face_is_not_taken_for_a_broken_wire(tmp_path: Path) -> None:
-    cell = cell_of_nests()
-    tracker = cell.tracker = TrackerOfTwoFaces(cell.clock, cell.calls, cell.robot, cell.truth)
-    use_face, seen_mm = tracker.use_face, tracker.seen_mm
-    closed = []
-
-    def seen_until_stopped() -> values.Vector3:
-        if tracker.is_over:
-            closed.append("by the wish")
-            raise Cancelled("the measurement was abandoned", remedy="start again when ready")
-        return seen_mm()
-
-    def use_face_unless_closed(face: int) -> bool:
-        if closed:
-            raise LinkDown("the tracker is not connected", remedy="connect again")
-        return use_face(face)
-
-    tracker.seen_mm, tracker.use_face = seen_until_stopped, use_face_unless_closed
-    with pytest.raises(Cancelled):
-        cell.run(tmp_path, work_at())

@@ -193,40 +193,6 @@ class TestMotion:
             station.tracker.go_to((1.0, 2.0, 3.0))
         assert not isinstance(caught.value, errors.BeamBroken)
 
-    def test_other_face_is_taken_where_there_is_one(self, station):
-        assert station.tracker.use_face(1)
-        assert Command.CHANGE_FACE not in station.instrument.commands()
-        assert station.tracker.use_face(2)
-        assert Command.CHANGE_FACE in station.instrument.commands()
-        assert station.tracker.use_face(1)
-        station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
-        assert not station.tracker.use_face(2)
-        station.instrument.refuses[Command.GET_FACE] = ResultStatus.NOT_IMPLEMENTED
-        assert not station.tracker.use_face(1)
-
-    def test_tracker_that_refuses_to_turn_back_measures_nothing_in_the_wrong_face(self, station):
-        station.instrument.state[Command.GET_FACE] = bodies.Code(2)
-        station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
-        with pytest.raises(errors.DeviceRefused, match="ChangeFace"):
-            station.tracker.use_face(1)
-
-    def test_reflector_that_is_lost_by_turning_over_is_a_broken_beam(self, station):
-        station.instrument.lose_the_beam()
-        with pytest.raises(errors.BeamBroken, match="ChangeFace found no reflector"):
-            station.tracker.use_face(2)
-
-    def test_tracker_that_was_left_in_its_other_face_is_turned_back(self):
-        for face in (1, 2):
-            station = Station().connected()
-            station.instrument.state[Command.GET_FACE] = bodies.Code(face)
-            station.tracker.prepare("CCR-1.5in", 2.0)
-            assert (Command.CHANGE_FACE in station.instrument.commands()) is (face == 2)
-            assert station.instrument.state[Command.GET_FACE] == bodies.Code(1)
-        station.instrument.state[Command.GET_FACE] = bodies.Code(2)
-        station.instrument.refuses[Command.CHANGE_FACE] = ResultStatus.NOT_IMPLEMENTED
-        with pytest.raises(errors.DeviceRefused, match="ChangeFace into face 1 was refused"):
-            station.tracker.prepare("CCR-1.5in", 2.0)
-
 
 class TestUncertainty:
     def measured(self, **changes):

@@ -145,17 +145,6 @@ def test_aims_are_sent_in_millimetres_and_a_direction_has_length_1(instrument):
     assert instrument.tracker.direction() == (1.0, 0.0, 0.0)
 
 
-def test_other_face_is_taken_where_the_instrument_has_one_and_its_program_knows_of_it(instrument):
-    assert instrument.tracker.use_face(2)
-    assert instrument.questions[-1].endswith("FACE 2")
-    for refusal in ("NO NONE it has one face", "? NO VERB"):
-        instrument.answers["FACE"] = refusal
-        assert not instrument.tracker.use_face(2)
-    instrument.answers["FACE"] = "NO BEAM no reflector was found"
-    with pytest.raises(errors.BeamBroken):
-        instrument.tracker.use_face(2)
-
-
 def test_long_measurement_is_waited_for_as_long_as_it_takes_and_no_longer(instrument):
     instrument.delays_s["MEASURE"] = 16.0
     assert instrument.tracker.measure()

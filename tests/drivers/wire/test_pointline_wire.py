@@ -24,7 +24,6 @@ QUESTIONS = {
     "207 DIRECTION": wire.Order.DIRECTION,
     "208 GOTO": wire.GoTo((2510.0, -35.5, -75.0)),
     "209 FIND": wire.Find(2500.0),
-    "212 FACE": wire.UseFace(2),
     "999999999 GOTO": wire.GoTo((1e-07, -0.0, 1e16)),
 }
 ANSWERS = {
@@ -41,8 +40,6 @@ ANSWERS = {
     "207 DIRECTION": wire.BeamDirection((0.9995, -0.0141, -0.0299)),
     "208 GOTO": wire.CommandDone(),
     "209 FIND OK": wire.CommandDone(),
-    "212 FACE OK": wire.CommandDone(),
-    "212 FACE NO": lines.Refused("NONE", "it has one face"),
     "203 AIR NO": lines.Refused("NONE", "there is no weather station"),
     "205 PREPARE NO": lines.Refused("REFLECTOR", "there is no reflector CCR-2in"),
     "206 MEASURE NO": lines.Refused("NOBEAM", "the beam is on no reflector"),
@@ -61,7 +58,6 @@ any_command = st.one_of(
     st.builds(wire.Prepare, names, numbers),
     st.builds(wire.GoTo, places),
     st.builds(wire.Find, numbers),
-    st.builds(wire.UseFace, wholes),
     st.sampled_from(wire.Order),
 )
 any_outcome = st.one_of(
@@ -74,7 +70,7 @@ any_outcome = st.one_of(
         st.builds(wire.PointMeasured, wholes, names, places, st.tuples(*[numbers] * 6)),
     ),
     st.tuples(st.just("DIRECTION"), st.builds(wire.BeamDirection, places)),
-    st.tuples(st.sampled_from(["PREPARE", "GOTO", "FIND", "FACE"]), st.just(wire.CommandDone())),
+    st.tuples(st.sampled_from(["PREPARE", "GOTO", "FIND"]), st.just(wire.CommandDone())),
 )
 
 

@@ -122,8 +122,7 @@ def test_settings_outlive_a_connection_and_are_those_of_power_on_in_another_inst
     assert other.ask(Command.GET_UNITS).body == Units(0, 0, 0, 0, 0)
 
 
-def test_face_and_software_are_told():
-    assert Client().ask(Command.GET_FACE).body == Code(1)
+def test_software_is_told():
     assert Client().ask(Command.GET_SYSTEM_SOFTWARE_VERSION).body == SoftwareVersion("1.2")
 
 

@@ -101,34 +101,10 @@ def test_nothing_is_measured_or_moved_before_it_is_prepared(speaks):
             tracker.measure,
             lambda: tracker.go_to(tuple(place_mm(cell))),
             lambda: tracker.find_reflector(2000.0),
-            lambda: tracker.use_face(2),
         ):
             with pytest.raises(DeviceNotReady, match="not prepared"):
                 call()
         assert not cell.tracker.taken
-
-
-@both
-def test_both_faces_see_the_reflector_to_both_sides_and_it_is_prepared_in_the_first(speaks):
-    with served(speaks, two_face_arcsec=(60.0, 0.0)) as (cell, connected):
-        tracker = connected()
-        tracker.prepare(CCR, 0.5)
-        first = np.array(tracker.measure().point_in_tracker_mm)
-        assert tracker.use_face(2)
-        second = np.array(tracker.measure().point_in_tracker_mm)
-        place = place_mm(cell)
-        off_mm = np.radians(60.0 / 3600.0) * np.linalg.norm(place)
-        for seen in (first, second):
-            assert np.linalg.norm(seen - place) == pytest.approx(off_mm, rel=0.1)
-        assert 0.5 * (first + second) == pytest.approx(place, abs=0.1)
-        tracker.reconnect()
-        assert cell.tracker.face == 1
-        assert tracker.measure().point_in_tracker_mm == pytest.approx(tuple(first), abs=0.2)
-    with served(speaks, faces=1) as (_, connected):
-        tracker = connected()
-        tracker.prepare(CCR, 0.5)
-        assert not tracker.use_face(2)
-        assert tracker.measure()
 
 
 @both

@@ -28,22 +28,6 @@ def test_a_shot_is_the_reflector_in_the_trackers_own_frame():
     assert back_mm == pytest.approx(stage.point_mm, abs=1e-9)
 
 
-def test_two_faces_are_off_to_both_sides_of_the_truth():
-    stage = Stage()
-    instrument = tracker(stage, two_face_arcsec=(20.0, -10.0))
-    first = np.array(measured(instrument).point_in_tracker_mm)
-    turned_s = instrument.change_face(10.0)
-    assert turned_s > 0.0
-    second = np.array(measured(instrument, 10.0 + turned_s).point_in_tracker_mm)
-    true = np.array(seen_mm(stage.point_mm))
-    off_mm = math.hypot(math.radians(20.0 / 3600.0), math.radians(10.0 / 3600.0))
-    off_mm *= float(np.linalg.norm(true))
-    for seen in (first, second):
-        assert np.linalg.norm(seen - true) == pytest.approx(off_mm, rel=1e-3)
-    assert 0.5 * (first + second) == pytest.approx(true, abs=1e-3)
-    assert tracker(stage, faces=1).change_face(0.0) is None
-
-
 @pytest.mark.slow
 def test_shots_scatter_as_the_covariance_says():
     stage, worked = Stage(), WorkedTime(0.0)
