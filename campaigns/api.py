@@ -137,7 +137,7 @@ def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile)
     poses = batch(poses, [axis.name for axis in nominal.mechanism.task], "poses")
     models = identified.kinematics.controlled, nominal.kinematics.controlled
     correction = TargetCorrection(*models, nominal.limits)
-    correction.require_possible(poses, lambda row: f"row {row}", "pose")
+    correction.require_possible(poses, lambda row: f"row {row}")
     return correction.commanded(poses, correction.approach(poses)).values_or_raise()
 
 

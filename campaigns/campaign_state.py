@@ -41,32 +41,32 @@ def present_state(
         from campaigns.evidence import evaluate
 
         return state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
-    plan, program = None, ""
+    plan, program = None, False
     if campaign.plan_path.exists():
         with suppress(CampaignError):
             plan = campaign.read_plan()
     if campaign.is_offline:
-        from campaigns.controllers.programs import program_of_plan
+        from campaigns.controllers.programs import is_plan_program_there
 
-        program = program_of_plan(campaign.folder, plan, campaign.robot.mechanism)
-    return _unmeasured(campaign, plan, program, answered=answered, reported=reported)
+        program = is_plan_program_there(campaign.folder, plan, campaign.robot.mechanism)
+    return _unmeasured(campaign, plan, program=program, answered=answered, reported=reported)
 
 
 def _unmeasured(
     campaign: Campaign,
     plan: "Sequence[PlannedShot] | None",
-    program: str,
     *,
+    program: bool,
     answered: bool,
     reported: bool,
 ) -> CampaignState:
-    """State of a campaign without a journal. `program`: language of the program of plan.csv."""
+    """State of a campaign without a journal. `program`: whether there is one of plan.csv."""
     return CampaignState(
         folder=str(campaign.folder),
         words=plan[0].asked if plan else (),
         answered=answered or campaign.is_simulated,
         offline=campaign.is_offline,
-        program=program if campaign.is_offline else "",
+        program=program and campaign.is_offline,
         planned=plan is not None,
         reported=reported,
     )
@@ -90,10 +90,10 @@ def state_of(
     runs = [each for each in every if each.to_identify]
     # where a run or import leads on nothing asks for the plan, which takes long to read
     plan = () if runs else evidence.plan
-    program = evidence.program if campaign.is_offline else ""
+    program = campaign.is_offline and evidence.has_program
     state = replace(
-        _unmeasured(campaign, plan, program, answered=answered, reported=reported),
-        program_after=bool(evidence.program_after),
+        _unmeasured(campaign, plan, program=program, answered=answered, reported=reported),
+        program_after=evidence.program_after,
         before=bool(evidence.before),
     )
     if not runs:

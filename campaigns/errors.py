@@ -32,7 +32,7 @@ class ShotsMissing(CampaignError):
 
 
 class TargetsInvalid(CampaignError):
-    """A pose or a line of G-code cannot be corrected as written: change the line that is named."""
+    """A pose cannot be corrected as written: change the line that is named."""
 
     page = "docs/files.md#targets"
 

@@ -19,7 +19,7 @@ from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import FORMS, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
-from campaigns.controllers.programs import current_program, program_of_plan
+from campaigns.controllers.programs import is_plan_program_there, is_program_there
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.calibration_check import RecordedCheck, read_check
@@ -153,8 +153,8 @@ class Evidence:
     """What `export` or `correct` wrote last."""
     forms: tuple[WrittenSet, ...] = ()
     """Forms of identified sets that are robot files in the campaign's folder, latest first."""
-    program_after: str = ""
-    """Language of the program of what was written last."""
+    program_after: bool = False
+    """Whether there is a program of what was written last."""
     spoilt: tuple[str, ...] = ()
     """What is there beside the plan and cannot be read, and why."""
 
@@ -174,10 +174,10 @@ class Evidence:
         return *self._plan[1], *self.spoilt
 
     @property
-    def program(self) -> str:
-        """Language of the program of plan.csv."""
+    def has_program(self) -> bool:
+        """Whether there is a program of plan.csv."""
         campaign = self.campaign
-        return program_of_plan(campaign.folder, self.plan, campaign.robot.mechanism)
+        return is_plan_program_there(campaign.folder, self.plan, campaign.robot.mechanism)
 
     def has_plan(self, digest: str) -> bool:
         """Whether plan.csv is the plan of this digest."""
@@ -407,9 +407,9 @@ def gather(campaign: Campaign) -> Evidence:
         run = _measured(campaign, _identified_series(all_series, identification))
         every_written = tuple(written_sets(journal))
         written = next(iter(every_written), None)
-        program_after = ""
+        program_after = False
         if written is not None:
-            program_after = current_program(campaign.folder, "after", lambda: written.digest)
+            program_after = is_program_there(campaign.folder, "after", lambda: written.digest)
         return files(
             journal=facts,
             before=_measured(campaign, _chosen(all_series, STAGES["before"])),

@@ -63,8 +63,8 @@ class CampaignState:
     """Whether the devices were asked who they are; a simulated cell need not be."""
     offline: bool = False
     """Whether nothing is connected: what a command would measure is imported."""
-    program: str = ""
-    """Language of the program of plan.csv; of an offline campaign."""
+    program: bool = False
+    """Whether there is a program of plan.csv; of an offline campaign."""
     program_after: bool = False
     """Whether there is one for what was exported last."""
     planned: bool = False
@@ -123,7 +123,7 @@ def _to_measure(state: CampaignState) -> NextStep:
     if not state.planned:
         return NextStep(("plan", here), look if state.offline else "")
     if state.offline and not state.program:
-        return NextStep(("plan", here, "--program", "LANGUAGE"))
+        return NextStep(("plan", here, "--program", "csv"))
     if state.offline and not state.before:
         first = "run program-before on the controller, and measure at each of its stops"
         return NextStep(("import", here, "FILE", "--stage", "before"), first)
@@ -168,7 +168,7 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
     if state.after or state.holds:
         return None if state.after else NextStep(after)
     if state.program and not state.program_after:
-        return NextStep(("plan", here, "--program", state.program, "--stage", "after"))
+        return NextStep(("plan", here, "--program", "csv", "--stage", "after"))
     if imported:
         put = "put the exported file into the controller, or correct the targets, and measure pairs"
         return NextStep(("import", here, "FILE", "--stage", "after"), put)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from campaigns.controllers.export import CalibrationRoute
-from campaigns.controllers.programs import LANGUAGES, Targets
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
@@ -21,7 +20,6 @@ from campaigns.shots.shot_sets import ShotSet
 ValidationStage = Literal["before", "after"]
 ProgramStage = Literal["run", "before", "after"]
 ValidationTest = StrEnum("ValidationTest", {name: name for name in SET_OF})  # type: ignore[misc] # words of the tests
-ProgramLanguage = StrEnum("ProgramLanguage", {name: name for name in LANGUAGES})  # type: ignore[misc] # words of another room
 Skip = Annotated[
     tuple[int, ...],
     Option("Leave this shot out, and the other one of its pair; repeatable.", metavar="SHOT"),
@@ -146,35 +144,21 @@ class ProgramOptions:
     """Options of programs for a controller that is not connected."""
 
     program: Annotated[
-        ProgramLanguage | None,
+        Literal["csv"] | None,
         Option(
-            "Write plan and tests as programs in the controller's language, and the joints of "
-            "each shot; a plan.csv that is there is kept, unless options of a plan are given."
+            "Write plan and tests as tables of poses and joints, and the joints of each shot; a "
+            "plan.csv that is there is kept, unless options of a plan are given."
         ),
     ] = None
     stage: Annotated[
         ProgramStage | None, Option("With --program: this stage alone.", default="run and before")
-    ] = None
-    targets: Annotated[Targets, Option("With --program, stage run: command poses or joints.")] = (
-        "poses"
-    )
-    dwell_s: Annotated[
-        float | None,
-        Option(
-            "With --program: dwell time at each shot.",
-            metavar="S",
-            least=0.1,
-            most=600.0,
-            name="--dwell",
-            default="settle.time_s and tracker.measuring_time_s",
-        ),
     ] = None
 
     def __post_init__(self) -> None:
         if self.program is None and (words := typed_words(self)):
             raise OptionsInvalid(
                 f"{words[0]} is for programs, but none is asked for",
-                remedy=f"add --program LANGUAGE, or leave {words[0]} out",
+                remedy=f"add --program csv, or leave {words[0]} out",
             )
 
 

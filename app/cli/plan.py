@@ -39,7 +39,8 @@ def command(
     chosen, when more of them no longer help. Defaults: `plan` in campaign.yaml. plan.csv may be
     edited and is checked again; an older one is kept.
 
-    --program writes it as the controller's own program, with safe paths and a dwell at each shot.
+    --program csv writes it as a table of poses and joints, by safe paths, for a controller that is
+    not connected.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)

@@ -12,7 +12,6 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import TargetsInvalid
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
@@ -28,24 +27,17 @@ class TargetCorrection:
     nominal: Kinematics
     limits: Limits
     space: RestrictedSpace = UNRESTRICTED
-    workspace: CalibratedWorkspace | None = None
-    """None: it is not looked at."""
     uncertainty: Uncertainty | None = None
     """Of the identified parameters; None: nobody knows it."""
     measured: Array | None = None
     """Poses (M, t) of the shots, whose best fit is the frame."""
 
-    def approach(self, wanted: Array, before: tuple[Array, Array] | None = None) -> Array:
+    def approach(self, wanted: Array) -> Array:
         """Sign of each joint's last motion at poses (N, t) reached one after another, (N, n).
 
-        `before` has the pose that they come from and the signs there; without, 0 until a joint
-        moves. Joints turn round at poses only.
+        0 until a joint moves. Joints turn round at poses only.
         """
-        if before is None:
-            return approach_along(self.identified.inverse(wanted).values)
-        pose, signs = before
-        poses = np.vstack([pose, wanted])
-        return approach_along(self.identified.inverse(poses).values, signs)[1:]
+        return approach_along(self.identified.inverse(wanted).values)
 
     def commanded(self, wanted: Array, approach: Array | None = None) -> KinematicSolution:
         """Poses (N, t) to command for wanted ones, which joints reach by `approach` (N, n)."""
@@ -65,31 +57,24 @@ class TargetCorrection:
         judged = self.identified.feasibility(self.limits, wanted)
         fine = judged.feasible & self.commanded(wanted).found
         fine &= (self.space.clearance_mm(wanted[:, :3]) >= -ROUNDING_MM).all(axis=1)
-        if self.workspace is not None:
-            fine &= self.workspace.holds(wanted)
         if fine.all():
             return None
         row = int(np.argmin(fine))
         return row, self._reason(judged.describe(row), wanted[row])
 
-    def require_possible(self, wanted: Array, place: Callable[[int], str], what: str) -> None:
+    def require_possible(self, wanted: Array, place: Callable[[int], str]) -> None:
         """Raise `TargetsInvalid` for the first of the poses (N, t) that cannot be taken.
 
-        `place` says where a row stands, `what` its user can change.
+        `place` says where a row stands.
         """
         if fault := self.first_fault(wanted):
             row, reason = fault
-            widened = ""
-            if self.workspace is not None:
-                widened = ", or widen the calibrated workspace with --margin and --turn-margin"
-            raise TargetsInvalid(f"{place(row)}: {reason}", remedy=f"change the {what}{widened}")
+            raise TargetsInvalid(f"{place(row)}: {reason}", remedy="change the pose")
 
     def _reason(self, violations: list[str], pose: Array) -> str:
         if violations:
             return violations[0]
         if fault := self.space.fault(pose[:3]):
-            return fault
-        if self.workspace is not None and (fault := self.workspace.fault(pose)):
             return fault
         return "the controller's own kinematics cannot be assembled there"
 
@@ -108,20 +93,17 @@ class CorrectedFile:
 
     text: str
     targets: int
-    """Of a program its moves, where it has such."""
-    pieces: int
-    """Straight moves that were written for them."""
     correction_mm: tuple[float, float]
-    """Mean and largest correction of a position, over the ends of all pieces."""
+    """Mean and largest correction of a position."""
     std_mm: float | None
     """Largest 1 σ of a position among them; None: it is not known."""
 
     @classmethod
-    def of(cls, text: str, targets: int, size_mm: Array, std_mm: Array) -> Self:
-        """From sizes (K,) of corrections, and σ at some of them, NaN or none where not known."""
+    def of(cls, text: str, size_mm: Array, std_mm: Array) -> Self:
+        """From sizes (N,) of corrections, and σ at their poses, NaN where not known."""
         sizes = float(size_mm.mean()), float(size_mm.max())
-        known = std_mm.size > 0 and not np.isnan(std_mm).any()
-        return cls(text, targets, len(size_mm), sizes, float(std_mm.max()) if known else None)
+        known = not np.isnan(std_mm).any()
+        return cls(text, len(size_mm), sizes, float(std_mm.max()) if known else None)
 
 
 def correction_mm(wanted: Array, commanded: Array) -> Array:

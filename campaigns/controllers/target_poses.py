@@ -46,12 +46,12 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
     def place(row: int) -> str:
         return f"{places[row]}: {names[row]}" if names[row] else places[row]
 
-    correction.require_possible(wanted, place, "pose")
+    correction.require_possible(wanted, place)
     commanded = correction.commanded(wanted, correction.approach(wanted)).values_or_raise()
     size_mm, std_mm = correction_mm(wanted, commanded), correction.std_mm(wanted)
     sizes = size_mm, std_mm
     text = corrected_text(mechanism.task, names, wanted, commanded, sizes)
-    return CorrectedFile.of(text, len(wanted), *sizes)
+    return CorrectedFile.of(text, *sizes)
 
 
 def corrected_columns(task: tuple[Axis, ...]) -> tuple[str, ...]:

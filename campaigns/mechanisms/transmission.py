@@ -158,14 +158,12 @@ class Transmission:
         return float((np.array(own) @ np.abs(values)).max())
 
 
-def approach_along(joints: Array, before: Array | None = None) -> Array:
+def approach_along(joints: Array) -> Array:
     """Sign of each joint's last motion at joints (N, n) that are reached one after another, (N, n).
 
-    A joint that stands keeps it. `before` (n,) is that at the first row; None: nobody knows.
+    A joint that stands keeps it, and has 0 until it moves.
     """
     ways = np.diff(joints, axis=0, prepend=joints[:1])
     ways = np.where(np.abs(ways) > STANDS, np.sign(ways), 0.0)
-    if before is not None and len(ways):
-        ways[0] = before
     moved = np.where(ways != 0.0, np.arange(len(ways))[:, None], 0)
     return np.take_along_axis(ways, np.maximum.accumulate(moved, axis=0), axis=0)

@@ -27,9 +27,6 @@ PathFault = tuple[str, float]
 PATH_STEP_RAD = np.radians(5.0)
 SLACK_RAD = np.radians(3.0)
 """A passing pose may exceed limits of turn and swing by this; one that is measured may not."""
-JOINT_SLACK_RAD = np.radians(0.5)
-"""Likewise joints on straight lines; controllers' own limits are to be wider than robot files'."""
-LINE_LOOKS = 9
 PASSING_SINGULARITY_MARGIN = 0.1
 SPACE_STEP_RAD = np.radians(1.0)
 PARTS = (1, 2, 4, 8, 16)
@@ -166,29 +163,6 @@ class RobotModel:
         move = np.repeat(np.arange(len(steps)), steps)
         part = np.concatenate([np.linspace(0.0, 1.0, each) for each in steps])
         return move, part, starts[move] + part[:, None] * (ends - starts)[move]
-
-    def straight_path(self, start: Array, end: Array) -> list[Array] | None:
-        """Joint targets of a joint move in parts, between which a controller may go straight.
-
-        The last is `end`; None where no part of it is short enough.
-        """
-        for parts in PARTS:
-            way = start + np.linspace(0.0, 1.0, parts + 1)[:, None] * (end - start)
-            poses = self.kinematics.forward(way).values_or_raise()
-            if all(self._line_fault(here, there) is None for here, there in pairwise(poses)):
-                return list(way[1:])
-        return None
-
-    def _line_fault(self, here: Array, there: Array) -> tuple[str, float] | None:
-        """First fault by mechanism and limits on the straight line between poses (t,)."""
-        part = np.linspace(0.0, 1.0, LINE_LOOKS)
-        poses = here + part[:, None] * (there - here)
-        joints, scale = self.kinematics.inverse(poses), self.kinematics.mechanism.joints[0].scale
-        limits = self.limits.drawn_in(joint=-JOINT_SLACK_RAD * scale)
-        lost = ~joints.found | outside(joints.values, limits.joint).any(axis=1)
-        if lost.any():
-            return "a joint leaves its limits", float(part[np.argmax(lost)])
-        return self._passing_fault(joints.values, poses, part)
 
     def _passing_fault(self, joints: Array, poses: Array, part: Array) -> tuple[str, float] | None:
         """First fault by limits at poses (N, t) that are passed, not measured."""

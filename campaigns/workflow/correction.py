@@ -5,18 +5,9 @@ from pathlib import Path
 from typing import Annotated
 
 from campaigns.campaign import Campaign
-from campaigns.controllers.calibrated_workspace import (
-    MARGIN_MM,
-    TURN_MARGIN_DEG,
-    CalibratedWorkspace,
-)
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection
 from campaigns.controllers.export import FILE_NAME, warm_uncertainty
-from campaigns.controllers.gcode import read_program
-from campaigns.controllers.gcode_correction import TOLERANCE_MM, correct_gcode
-from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.controllers.load_checks import file_objections, read_parameter_file
-from campaigns.controllers.program_targets import correct_program
 from campaigns.controllers.target_poses import correct_poses
 from campaigns.errors import ConfigInvalid, TargetsInvalid
 from campaigns.estimation.information import Uncertainty
@@ -31,9 +22,6 @@ from campaigns.workflow.files import recorded
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import CSV_BYTES
 
-POSES = "poses"
-"""In place of a program's language: a CSV file of wanted poses."""
-
 Warm = Annotated[
     float | None,
     Option(
@@ -47,33 +35,20 @@ Warm = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class CorrectionTerms:
-    """Parameter set that counts as the robot's, and how far beyond its shots it is believed."""
+    """Parameter set that counts as the robot's, and how warm its parts are."""
 
     robot: Annotated[
         Path | None,
         Option("The identified set. Default, in DIR: robot-compensated.yaml.", metavar="FILE"),
     ] = None
-    margin_mm: Annotated[
-        float,
-        Option(
-            "How far outside of the shots it is believed.", metavar="MM", least=0.0, name="--margin"
-        ),
-    ] = MARGIN_MM
-    turn_margin_deg: Annotated[
-        float, Option("The same for the turn.", metavar="DEG", least=0.0, name="--turn-margin")
-    ] = TURN_MARGIN_DEG
     temperature: Warm = None
     """Of its parts, °C; None: the one that the set is stated for."""
 
     def __post_init__(self) -> None:
-        require_finite("--margin", self.margin_mm)
-        require_finite("--turn-margin", self.turn_margin_deg)
         require_finite("--temperature", self.temperature or 0.0)
 
 
-def _target_correction(
-    campaign: Campaign, cold: RobotFile, robot: RobotFile, terms: CorrectionTerms
-) -> TargetCorrection:
+def _target_correction(campaign: Campaign, cold: RobotFile, robot: RobotFile) -> TargetCorrection:
     """Correction from the identified set, as warm as it is, to the nominal one.
 
     σ are known where the set is that of an identification in the journal. Raises `ShotsMissing`
@@ -91,7 +66,6 @@ def _target_correction(
         own,
         campaign.robot.limits,
         campaign.space,
-        CalibratedWorkspace.of(poses, robot.mechanism.task, terms.margin_mm, terms.turn_margin_deg),
         _uncertainty(cold, found, robot.reference_degC),
         poses,
     )
@@ -112,37 +86,18 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
 
 
 def correct_file(
-    campaign: Campaign,
-    source: Path,
-    to: Path,
-    terms: CorrectionTerms,
-    *,
-    language: str = POSES,
-    tolerance_mm: float = TOLERANCE_MM,
-    rotary: str = ROTARY,
-    overwrite: bool,
+    campaign: Campaign, source: Path, to: Path, terms: CorrectionTerms, *, overwrite: bool
 ) -> CorrectedFile:
-    """Write a CSV file of wanted and commanded poses, or a program with corrected targets or moves.
+    """Write a CSV file of wanted and commanded poses.
 
-    `tolerance_mm` and `rotary` are G-code's. Raises `TargetsInvalid`, `OutputExists` or
-    `WriteFailed`.
+    Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
-    text = (
-        read_program(source)
-        if language != POSES
-        else read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
-    )
+    text = read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
     warm = cold = identified_set(campaign, terms.robot)
     if terms.temperature is not None:
         warm = at_temperature(cold, terms.temperature)
     form = form_of(warm.provenance, warm.name)
-    correction, name = _target_correction(campaign, cold, warm, terms), str(source)
-    if language == POSES:
-        found = correct_poses(text, name, correction)
-    elif language == "gcode":
-        found = correct_gcode(text, name, correction, tolerance_mm=tolerance_mm, rotary=rotary)
-    else:
-        found = correct_program(text, name, language, correction)
+    found = correct_poses(text, str(source), _target_correction(campaign, cold, warm))
     with recorded(campaign, to, warm.parameters, "targets", form):
         write_text_unless_there(to, found.text, overwrite=overwrite)
     return found

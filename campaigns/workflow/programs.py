@@ -1,15 +1,20 @@
-"""Programs of a campaign: plan and tests in the language of a controller out of reach."""
+"""Programs of a campaign: plan and tests as tables for a controller out of reach."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
-from campaigns.controllers.programs import LANGUAGES, Program, ProgramStop, joints_text
+from campaigns.controllers.programs import (
+    Program,
+    ProgramStop,
+    joints_text,
+    program_path,
+    program_text,
+)
 from campaigns.errors import PlanInvalid
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.work import Work
@@ -46,18 +51,16 @@ def write_programs(campaign: Campaign, options: ProgramOptions) -> tuple[Written
     """
     both: tuple[ProgramStage, ...] = ("run", "before")
     stages = both if options.stage is None else (options.stage,)
-    return tuple(_written(campaign, stage, options) for stage in stages)
+    return tuple(_written(campaign, stage) for stage in stages)
 
 
-def _written(campaign: Campaign, stage: ProgramStage, options: ProgramOptions) -> WrittenProgram:
-    assert options.program is not None, "asked for"
-    language, targets = LANGUAGES[options.program.value], options.targets
+def _written(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
     mechanism, config, told = campaign.robot.mechanism, campaign.config, list[str]()
     if stage == "run":
         work, notes = run_work(campaign, campaign.checked_plan()), tuple[str, ...]()
         held = campaign.robot.kinematics
     else:
-        written, targets = declared_set(campaign, stage), "poses"  # they are what is validated
+        written = declared_set(campaign, stage)
         own = campaign.robot.parameters if written.by == "targets" else written.wanted
         tests = ValidationOptions(stage=stage, by=written.by)
         work, notes = validation_work(campaign, own, tests)
@@ -73,25 +76,20 @@ def _written(campaign: Campaign, stage: ProgramStage, options: ProgramOptions) -
             *told,
         ),
         mechanism=mechanism,
-        stops=tuple(
-            _stops(work, steps, held.controlled, straight=language.straight and targets == "poses")
-        ),
+        stops=tuple(_stops(work, steps, held.controlled)),
         speed_percent=config.controller.speed_percent,
-        joint_speed_rad_s=campaign.pace.joint_speed_rad_s,
-        dwell_s=options.dwell_s or config.settle.time_s + config.tracker.measuring_time_s,
-        targets=targets,
+        dwell_s=config.settle.time_s + config.tracker.measuring_time_s,
     )
-    path = campaign.path(f"program-{stage}{language.suffix}")
+    path = program_path(campaign.folder, stage)
     joints_path = campaign.path(f"program-{stage}-joints.csv")
     with campaign.held():
-        replace_text(path, "".join(f"{line}\n" for line in language.lines(program)))
+        replace_text(path, program_text(program))
         replace_text(joints_path, joints_text(program))
-    return WrittenProgram(stage, path, joints_path, len(steps), _seconds(program), notes)
+    seconds = _seconds(program, campaign.pace.joint_speed_rad_s)
+    return WrittenProgram(stage, path, joints_path, len(steps), seconds, notes)
 
 
-def _stops(
-    work: Work, steps: Sequence[Step], held: Kinematics, *, straight: bool
-) -> Iterator[ProgramStop]:
+def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[ProgramStop]:
     """All stops, safe ways between them as a run takes them; raises `PlanInvalid`.
 
     `held`: the model that the controller works with, of the point that it controls.
@@ -99,11 +97,10 @@ def _stops(
     here: tuple[float, ...] | None = None
     for step in steps:
         for target in (*step.approach, step.planned.joints):
-            *passed, last = _way(work.robot, here, target, straight=straight)
+            *passed, last = _way(work.robot, here, target)
             if not (passed or last):
                 raise PlanInvalid(
-                    f"no safe way to shot {step.planned.shot} in this language",
-                    remedy="take it out of plan.csv, or give another --program or --targets joints",
+                    f"no safe way to shot {step.planned.shot}", remedy="take it out of plan.csv"
                 )
             yield from (ProgramStop(np.array(q), _pose(held, q)) for q in passed)
             if target is step.planned.joints:
@@ -114,7 +111,7 @@ def _stops(
 
 
 def _way(
-    robot: RobotModel, here: tuple[float, ...] | None, there: tuple[float, ...], *, straight: bool
+    robot: RobotModel, here: tuple[float, ...] | None, there: tuple[float, ...]
 ) -> list[tuple[float, ...]]:
     """Joints to go to, the last being `there`; [()] where there is no safe way."""
     if here is None:
@@ -122,14 +119,7 @@ def _way(
     legs = robot.safe_path(np.array(here), np.array(there))
     if legs is None:
         return [()]
-    if not straight:
-        return [*(tuple(leg.tolist()) for leg in legs[:-1]), there]
-    ends = [np.array(here), *legs]
-    parts = [robot.straight_path(one, other) for one, other in pairwise(ends)]
-    if None in parts:
-        return [()]
-    way = [tuple(leg.tolist()) for part in parts for leg in part or ()]
-    return [*way[:-1], there]
+    return [*(tuple(leg.tolist()) for leg in legs[:-1]), there]
 
 
 def _commanded(held: Kinematics, step: Step) -> Array:
@@ -144,10 +134,10 @@ def _pose(held: Kinematics, joints: Sequence[float], near: Array | None = None) 
     return np.asarray(held.forward(np.array([joints]), given).values_or_raise()[0])
 
 
-def _seconds(program: Program) -> float:
+def _seconds(program: Program, joint_speed_rad_s: float) -> float:
     """Time that it takes, by straight ways."""
     joints = np.array([stop.joints for stop in program.stops])
     scale = np.array([axis.scale for axis in program.mechanism.joints])
     turns = np.abs(np.diff(joints, axis=0) / scale).max(axis=1, initial=0.0)
     shots = sum(stop.shot is not None for stop in program.stops)
-    return float(turns.sum()) / program.joint_speed_rad_s + shots * program.dwell_s
+    return float(turns.sum()) / joint_speed_rad_s + shots * program.dwell_s

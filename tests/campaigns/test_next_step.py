@@ -151,9 +151,9 @@ def changed(words: tuple[str, ...]) -> dict[str, object]:
     match words[0], words[2:]:
         case "plan", ("--shots", _):
             return {"left": "run"}
-        case "plan", ("--program", "LANGUAGE"):
-            return {"program": "krl"}
-        case "plan", ("--program", "krl", *_):
+        case "plan", ("--program", "csv"):
+            return {"program": True}
+        case "plan", ("--program", "csv", "--stage", "after"):
             return {"program_after": True}
         case "run", _:
             return {"measured": "run", "left": "", "verdict": None, "way_on": None}

@@ -1,13 +1,10 @@
 """Corrected targets: commanded to the nominal controller, they bring the robot where it should."""
 
 import numpy as np
-import pytest
 from family_cases import BY_NAME, all_members, some_members
 
-from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
 from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
-from campaigns.errors import ShotsMissing
 from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Kinematics
@@ -42,8 +39,6 @@ def test_targets_one_after_another_follow_the_sides_that_joints_come_from(member
     sides = correction.approach(wanted)
     assert (sides[0] == 0.0).all()
     assert {*np.unique(sides[1:])} == {-1.0, 1.0}
-    split = correction.approach(wanted[20:], (wanted[19], sides[19]))
-    np.testing.assert_array_equal(split, sides[20:])
     reached = {}
     for name, known in (("sides", sides), ("none", None)):
         commanded = correction.commanded(wanted, known).values_or_raise()
@@ -109,41 +104,3 @@ def test_the_uncertainty_is_that_of_the_workspace(member):
     np.testing.assert_allclose(correction.std_mm(poses), expected, rtol=1e-6)
     alone = correction.std_mm(poses[4:5])
     np.testing.assert_allclose(alone, expected[4:5], rtol=1e-6)
-
-
-class TestCalibratedWorkspace:
-    task = MECHANISMS["par4"].task
-    shots = np.array(
-        [
-            [x, y, z, turn]
-            for x in (0.0, 100.0)
-            for y in (0.0, 100.0)
-            for z in (-500.0, -400.0)
-            for turn in (-0.2, 0.3)
-        ]
-    )
-
-    def workspace(self, **margins):
-        return CalibratedWorkspace.of(self.shots, self.task, **margins)
-
-    def test_holds_what_is_within_the_margin_of_its_hull(self):
-        workspace = self.workspace(margin_mm=10.0)
-        poses = np.array([[50.0, 50.0, -450.0, 0.0]] * 3)
-        poses[1, 0], poses[2, 0] = 109.9, 110.1
-        assert workspace.holds(poses).tolist() == [True, True, False]
-        np.testing.assert_allclose(workspace.beyond_mm(poses), [-50.0, 9.9, 10.1])
-
-    def test_says_how_far_outside_and_the_limit_which_can_be_widened(self):
-        workspace = self.workspace(margin_mm=10.0, turn_margin_deg=1.0)
-        place = np.array([50.0, 50.0, -380.0, 0.0])
-        assert "20.0 mm outside of the calibrated workspace (limit 10 mm)" in workspace.fault(place)
-        turned = np.array([50.0, 50.0, -450.0, 0.4])
-        assert "theta 22.918° is 5.73° outside" in workspace.fault(turned)
-        assert "limit 1°" in workspace.fault(turned)
-        assert not workspace.holds(turned[None])[0]
-        wide = self.workspace(margin_mm=30.0, turn_margin_deg=10.0)
-        assert wide.fault(np.array([50.0, 50.0, -380.0, 0.4])) == ""
-
-    def test_needs_shots_that_span_a_volume(self):
-        with pytest.raises(ShotsMissing, match="span no volume"):
-            CalibratedWorkspace.of(self.shots[:4] * [1.0, 1.0, 0.0, 1.0], self.task)

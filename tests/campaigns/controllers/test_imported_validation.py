@@ -90,7 +90,7 @@ def correct(paper: PaperCampaign, to: str = "corrected.csv") -> None:
     """Correct the targets of a program, as its user does."""
     targets = paper.folder / "targets.csv"
     targets.write_text("x_mm,y_mm,z_mm,theta_deg\n0,0,-600,0\n", encoding="utf-8")
-    terms = CorrectionTerms(margin_mm=500.0, turn_margin_deg=90.0)
+    terms = CorrectionTerms()
     correct_file(paper.campaign, targets, paper.folder / to, terms, overwrite=True)
 
 

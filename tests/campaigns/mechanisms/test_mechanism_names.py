@@ -86,7 +86,6 @@ INNOCENT = (
 EXAMPLE = "an example in a text for people"
 LETTER = "the letter of a platform's turn, drawn only where poses have one or a test of it was made"
 POSE = "a pose has a turn where the platform turns, and says None elsewhere"
-QUATERNION = "a quaternion's parts, as RAPID counts them"
 ALLOWED = (
     ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
     ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
@@ -98,8 +97,6 @@ ALLOWED = (
     ("app/report/figures/tests.py", '("θ, °"', LETTER),
     ("app/report/figures/workspace.py", '"θ, °"', LETTER),
     ("app/report/sections.jinja", "while only θ should change", LETTER),
-    ("campaigns/controllers/program_targets.py", 'in ("q1", "q2", "q3", "q4")', QUATERNION),
-    ("campaigns/controllers/program_targets.py", '"z", "q1", "q2", "q3", "q4")', QUATERNION),
     ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
     ("drivers/ports.py", "`plate_mm`", EXAMPLE),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
