@@ -35,6 +35,9 @@ KEYS: Mapping[str, tuple[object, str]] = {
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
     "tracker.faces": (2, _TWO_FACES),
     "tracker.two_face_arcsec": ([0.0, 0.0], _TWO_FACES),
+    "certificate.number": ("", "delete it: number the certificate on the laboratory's own form"),
+    "certificate.measured_by": ("", "write who measured as people.operator"),
+    "certificate.authorised_by": ("", "delete it: sign on the laboratory's own form"),
 }
 """Removed keys of files by dotted path, such as `tracker.two_faces`, each with its former default
 and a remedy. Older versions wrote the default into each new file: it is read without effect."""

@@ -11,7 +11,7 @@ from app.exits import Exit
 from app.next import tell_next, tell_who_works
 from app.options import Folder, Json
 from app.report.page import Page, page_of
-from app.report.pdf import find_printer
+from app.report.pdf import find_browser, print_by_browser
 from app.report.rendering import no_word
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
@@ -32,11 +32,7 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Default: report.html in DIR.")
     ] = None,
     pdf: Annotated[
-        bool,
-        typer.Option(
-            "--pdf",
-            help="Also a PDF beside it, printed by an installed browser, else by pkmcal[pdf].",
-        ),
+        bool, typer.Option("--pdf", help="Also a PDF beside it, printed by an installed browser.")
     ] = False,
     json: Json = False,
 ) -> None:
@@ -50,7 +46,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    printer = find_printer() if pdf else None
+    browser = find_browser() if pdf else None
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign") as now_at:
         page, path = report(
@@ -64,11 +60,10 @@ def command(
     for text in page.outline.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
-    if printer is not None:
-        by, print_pdf = printer
-        with terminal.telling(f"printing by {by}"):
-            print_pdf(path, path.with_suffix(".pdf"))
-        terminal.say(f"written: {path.with_suffix('.pdf')} (by {by})")
+    if browser is not None:
+        with terminal.telling(f"printing by {browser}"):
+            print_by_browser(browser, path, path.with_suffix(".pdf"))
+        terminal.say(f"written: {path.with_suffix('.pdf')}")
     terminal.document(report_document(page, path) | tell_next(terminal, campaign, reported=True))
     if verdict.decision == "fail":
         raise typer.Exit(Exit.NOT_GOOD)

@@ -1,4 +1,4 @@
-"""Certificate: its facts, who signs, the tracker's certificate, the uncertainty budget."""
+"""Facts of the calibration (who, what, when, by which instruments) and the uncertainty budget."""
 
 from collections.abc import Iterator
 from datetime import datetime
@@ -13,11 +13,6 @@ from campaigns.identification.result import RecordedIdentification, RobotScatter
 from campaigns.settings.certificate import CertificateConfig
 from campaigns.shots.shots import Shots
 
-ONLY_THIS_ITEM = (
-    "The results relate only to the item described here, in the state and under the conditions in "
-    "which it was measured. This certificate may not be reproduced other than in full without "
-    "the laboratory's approval."
-)
 BUDGET: tuple[Column[Contribution], ...] = (
     words("source", lambda each: each.source),
     Column("u", lambda each: each.u_mm, "mm", 4),
@@ -26,13 +21,8 @@ BUDGET: tuple[Column[Contribution], ...] = (
 )
 
 
-def is_asked_for(evidence: Evidence) -> bool:
-    """Whether campaign.yaml names a certificate."""
-    return bool(evidence.campaign.config.certificate.number)
-
-
 def facts(evaluation: Evaluation) -> Iterator[Row]:
-    """Facts that ISO/IEC 17025 asks for: name and text; a dash where nobody said."""
+    """Yield name and text of each fact; the text is empty where campaign.yaml does not state it."""
     evidence = evaluation.evidence
     config, certificate = evidence.campaign.config, evidence.campaign.config.certificate
     series = evidence.journal.series if evidence.journal else ()
@@ -42,7 +32,6 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     )
     found = evidence.identification
     yield from (
-        ("certificate", certificate.number),
         ("customer", certificate.customer),
         ("laboratory", certificate.laboratory),
         ("item", " ".join(filter(None, (certificate.robot_type, evidence.campaign.robot.name)))),
@@ -70,33 +59,15 @@ def _method(found: RecordedIdentification) -> str:
     )
 
 
-def traceability(evidence: Evidence) -> str:
-    """Sentence on how lengths are traceable; what it lacks is said."""
-    tracker = evidence.campaign.config.certificate.tracker
-    if not tracker.number or not tracker.laboratory:
-        return "It is not stated how lengths are traceable: the tracker's certificate is not named."
-    return (
-        "Lengths are traceable to the SI metre by the laser tracker, calibrated by "
-        f"{tracker.laboratory}, certificate {tracker.number}"
-        + (f" of {tracker.issued.isoformat()}." if tracker.issued else ".")
-    )
-
-
 def expiry_warning(evidence: Evidence) -> str:
-    """Sentence where the tracker's certificate had expired when it was measured; else empty."""
+    """Return a sentence if the tracker's certificate expired before the last shot, else ""."""
     certificate, times = evidence.campaign.config.certificate, [*_moments(evidence)]
     if not times or not certificate.expired_on(times[-1].date()):
         return ""
     return (
-        f"The tracker's certificate had expired on {certificate.tracker.expires}, before the last "
-        "series was measured."
+        f"The tracker's certificate expired on {certificate.tracker.expires}, before the last shot "
+        "was measured."
     )
-
-
-def signatures(evidence: Evidence) -> tuple[Row, ...]:
-    """Who signs as what."""
-    certificate = evidence.campaign.config.certificate
-    return ("measured by", certificate.measured_by), ("authorised by", certificate.authorised_by)
 
 
 def budget_rows(evaluation: Evaluation) -> tuple[Contribution, ...]:

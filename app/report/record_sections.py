@@ -2,9 +2,6 @@
 
 from collections.abc import Iterator
 
-import segno
-from markupsafe import Markup
-
 from app.report.rendering import moment
 from campaigns.evaluation.base_motion import FEWEST
 from campaigns.evaluation.campaign_verdict import Check
@@ -168,14 +165,6 @@ def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
         yield "compensated robot's geometry", evidence.parameter_file.digest()
     if evidence.loaded is not None:
         yield f"geometry loaded last ({evidence.loaded.source})", evidence.loaded.digest
-
-
-def qr_code(journal: JournalFacts) -> Markup:
-    """QR code of the journal's digest, as an SVG element."""
-    code = segno.make(f"pkmcal journal {journal.records} {journal.digest}", error="m")
-    svg = code.svg_inline(border=2, omitsize=True)
-    label = '<svg role="img" aria-label="the journal\'s digest as a QR code"'
-    return Markup(svg.replace("<svg", label, 1))  # noqa: S704 - drawn of digits alone
 
 
 def _stage(started: SeriesStarted) -> str:

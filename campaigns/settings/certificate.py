@@ -1,4 +1,4 @@
-"""Certificate section of campaign.yaml: what ISO/IEC 17025 (7.8) asks of a certificate's head."""
+"""Certificate section of campaign.yaml: customer, item and the tracker's own certificate."""
 
 from datetime import date
 
@@ -17,13 +17,10 @@ class TrackerCertificateConfig(FileModel):
 
 
 class CertificateConfig(FileModel):
-    """Head of the certificate; the report has one where a number is given."""
+    """Facts of the calibration that no device and no other section states."""
 
-    number: str = Field(default="", description="the certificate's number, in quotes")
     customer: str = Field(default="", description="name and address of the customer")
     laboratory: str = Field(default="", description="name and address of the laboratory")
-    measured_by: str = Field(default="", description="who measured")
-    authorised_by: str = Field(default="", description="who authorises the certificate")
     robot_type: str = Field(default="", description="the robot's maker and type")
     tool: str = Field(default="", description="the tool or reflector holder on the plate")
     payload_kg: float | None = Field(default=None, ge=0.0, description="the payload, kg")
@@ -33,13 +30,6 @@ class CertificateConfig(FileModel):
     tracker: TrackerCertificateConfig = Field(
         default=TrackerCertificateConfig(), description="the tracker's own certificate"
     )
-
-    @property
-    def empty(self) -> tuple[str, ...]:
-        """Names of the keys without a value, as in campaign.yaml."""
-        own = {f"certificate.{name}": value for name, value in self if name != "tracker"}
-        of_tracker = {f"certificate.tracker.{name}": value for name, value in self.tracker}
-        return tuple(name for name, value in {**own, **of_tracker}.items() if value in ("", None))
 
     def expired_on(self, day: date) -> bool:
         """Whether the tracker's certificate was no longer valid on that day."""

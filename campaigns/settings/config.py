@@ -93,7 +93,7 @@ class CampaignConfig(yaml_file.FileModel):
     )
     certificate: CertificateConfig = Field(
         default=CertificateConfig(),
-        description="the head of the certificate; with a number the report is one",
+        description="customer, item and the tracker's own certificate, for the record",
     )
 
     @field_validator("known_lengths")

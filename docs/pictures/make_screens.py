@@ -1,8 +1,8 @@
-"""Makes the pictures of screens anew: a run's screen, the live page, a certificate, the 3-D view.
+"""Makes the pictures of screens anew: a run's screen, the live page, the 3-D view.
 
 python docs/pictures/make_screens.py
 
-Needs chromium and pdftoppm. About a minute.
+Needs chromium. About a minute.
 """
 
 import io
@@ -27,17 +27,6 @@ HERE = Path(__file__).parent
 PKMCAL = [sys.executable, "-m", "app.main"]
 BROWSER = shutil.which("chromium") or "chromium"
 QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--timeout=4000")
-CERTIFICATE = {
-    "number": "2026-117",
-    "customer": "Acme Ltd, 1 Main Street, Anytown",
-    "laboratory": "Calibration Laboratory, 2 Side Street, Anytown",
-    "measured_by": "A. Bee",
-    "authorised_by": "C. Dee",
-    "robot_type": "Acme Par4",
-    "tool": "flange with a 1.5 inch reflector",
-    "payload_kg": 0.0,
-    "conditions": "doors shut, warm for an hour",
-}
 RUN = Progress(
     34,
     163,
@@ -67,20 +56,11 @@ def main() -> None:
         change(folder / "cell.yaml", lambda tree: tree.update(speed_up=12))
         pkmcal("plan", folder, "--model", "standard")
         live_pages(folder)
-        change(folder / "campaign.yaml", certified)
         pkmcal("identify", folder, "--model", "auto")
-        pkmcal("report", folder, "--pdf")
-        pdf, page = folder / "report.pdf", folder / "report.html"
-        words = ["pdftoppm", "-png", "-singlefile", "-f", "2", "-r", "70", pdf]
-        subprocess.run([*words, HERE / "certificate"], check=True)  # noqa: S603 - our own file
+        pkmcal("report", folder)
+        page = folder / "report.html"
         only_view(page, Path(scratch) / "view.html")
         screenshot((Path(scratch) / "view.html").as_uri(), "view-in-space", 900, 560)
-
-
-def certified(tree: Any) -> None:
-    """Settings with the head of a certificate."""
-    tree["certificate"].update(CERTIFICATE)
-    tree["certificate"]["tracker"].update({"number": "T-9", "laboratory": "NMI"})
 
 
 def live_pages(folder: Path) -> None:

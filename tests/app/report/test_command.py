@@ -1,7 +1,11 @@
 """`pkmcal report` as a command."""
 
+import json
+import os
+import sys
 from pathlib import Path
 
+import pytest
 from paper_campaign import PaperCampaign, new_campaign
 
 from campaigns.settings.sections import AcceptanceConfig
@@ -21,7 +25,7 @@ def test_json_is_one_document_on_stdout(pkmcal, whole: PaperCampaign, tmp_path: 
     said = pkmcal("report", whole.folder, "--to", path, "--json")
     assert said.code == 0
     document = said.document
-    assert len(document.pop("figures")) == 11
+    assert len(document.pop("figures")) == 10
     assert document.pop("reasons")
     assert "under acceptance" in document.pop("before_next")
     assert document.pop("next") == f"pkmcal report {whole.folder}"
@@ -36,3 +40,50 @@ def test_a_verdict_of_fail_is_exit_code_1_and_the_report_is_written(tmp_path: Pa
     assert ended.code == 1
     assert "verdict: fail" in ended.out
     assert (paper.folder / "report.html").exists()
+
+
+@pytest.fixture
+def browser_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """File into which the only browser on the path writes the words it was started with."""
+    words, browser = tmp_path / "words.json", tmp_path / "bin" / "chromium"
+    browser.parent.mkdir()
+    browser.write_text(
+        f"#!{sys.executable}\n"
+        "import json, pathlib, sys\n"
+        f"pathlib.Path({str(words)!r}).write_text(json.dumps(sys.argv[1:]))\n"
+        "to = next(word for word in sys.argv if word.startswith('--print-to-pdf='))\n"
+        "pathlib.Path(to.partition('=')[2]).write_bytes(b'%PDF-1.4')\n"
+    )
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", str(browser.parent))
+    return words
+
+
+@pytest.mark.parametrize(("user", "is_without_sandbox"), [(0, True), (1000, False)])
+def test_a_browser_prints_and_keeps_its_sandbox_unless_root(
+    pkmcal,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    browser_words: Path,
+    user: int,
+    is_without_sandbox: bool,
+) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    folder = new_campaign(tmp_path / "paper").folder
+    assert pkmcal("report", folder, "--pdf").code == 0
+    assert (folder / "report.pdf").read_bytes() == b"%PDF-1.4"
+    words = json.loads(browser_words.read_text())
+    assert ("--no-sandbox" in words) == is_without_sandbox
+    assert words[-1] == (folder / "report.html").as_uri()
+
+
+def test_without_a_browser_it_says_what_to_install_and_writes_nothing(
+    pkmcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    folder = new_campaign(tmp_path / "none").folder
+    ended = pkmcal("report", folder, "--pdf")
+    assert ended.code == 2
+    assert "no browser is installed" in ended.err
+    assert "install chromium" in ended.err
+    assert not (folder / "report.html").exists()
