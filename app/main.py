@@ -232,13 +232,18 @@ def _explained(error: Exception, arguments: list[str]) -> Exit:
 
 
 def _usage_line(error: TyperException) -> str:
-    """What is wrong with the options, with the value, which Typer leaves out."""
-    problem = error.format_message().rstrip(".")
-    cause = error.__cause__
+    """Return what is wrong with the options, with the value and what to give instead."""
+    problem, context = error.format_message().rstrip("."), getattr(error, "ctx", None)
+    remedy = f"see `{context.command_path if context else 'pkmcal'} --help`"
+    cause: Any = error.__cause__
     if type(cause).__name__ == "ValidationError":  # pydantic's, which is not imported for this
-        problem += f", but is '{cause.errors()[0]['input']}'"  # type: ignore[union-attr]
-    context = getattr(error, "ctx", None)
-    return f"{problem} → see `{context.command_path if context else 'pkmcal'} --help`"
+        from campaigns.settings.option import remedy_for
+
+        parameter: Any = getattr(error, "param", None)
+        name = parameter.opts[-1] if parameter.opts[-1].startswith("-") else parameter.name.upper()
+        details = cause.errors()[0]
+        return f"{name} is '{details['input']}' → {remedy_for(details)}; {remedy}"
+    return f"{problem} → {remedy}"
 
 
 def _told(line: str, code: Exit) -> Exit:

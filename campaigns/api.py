@@ -1,10 +1,10 @@
 """Python API: robots, shots, identification, plans and studies without a campaign's folder."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,12 +13,12 @@ from campaigns.arrays import AXES, Array, batch
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design import pose_sampling
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import MAY_HAVE_GEARS, Estimator, Model
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification import model_selection
+from campaigns.identification.model_selection import asked_shots, identify_model, select_geometry
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import IdentificationResult
 from campaigns.planning import predicted_uncertainty
@@ -27,6 +27,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import Placement, PlanRequest, View, make_plan
 from campaigns.robots import robot as robots
 from campaigns.robots.robot import RobotFile, pose_of
+from campaigns.settings.option import checked, options_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.engine import run_task
@@ -66,28 +67,29 @@ def identify(
     shots: Shots,
     robot: RobotFile,
     *,
-    free: Sequence[str] = (),
-    fix: Sequence[str] = (),
-    priors: Sequence[str] | Mapping[str, float] = (),
-    model: Model | str = Model.STANDARD,
+    free: Sequence[str] | str = (),
+    fix: Sequence[str] | str = (),
+    priors: Sequence[str] | str | Mapping[str, float] = (),
+    model: Model | str | None = None,
     options: IdentificationOptions | Mapping[str, object] | None = None,
 ) -> IdentificationResult:
-    """Identification of a nominal robot's parameters from shots, as `pkmcal identify` does it.
+    """Identify a nominal robot's parameters from shots, as `pkmcal identify` does by itself.
 
-    Patterns and priors are as on the command line; priors may also be σ by pattern, mm and deg.
-    Raises `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    `options` are those of `pkmcal identify` by name, with `_` for `-`, in its words or as values;
+    `free`, `fix`, `priors` and `model` take precedence over them. Priors may also be σ by pattern,
+    mm and deg. Raises `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
     """
-    space, wanted = robot.mechanism.parameters, _word(Model, model, "model")
     if isinstance(priors, Mapping):
         priors = [f"{pattern}={std}" for pattern, std in priors.items()]
-    models = model_selection.candidate_models(space, wanted, free, fix, priors)
-    terms = model_selection.terms_to_add(space, wanted, free, fix, priors)
-    if not isinstance(options, IdentificationOptions):
-        options = IdentificationOptions(**dict(options or {}))  # type: ignore[arg-type]
-    how = replace(options, free=tuple(free))
-    return model_selection.select_model(
-        robot.kinematics, shots, models, how, asked=model_selection.asked_of(wanted), terms=terms
-    )
+    if isinstance(options, IdentificationOptions):
+        words = {each.name: getattr(options, each.name) for each in fields(options)}
+    else:
+        reach = robot.kinematics, robot.limits, robot.workspace_centre
+        sample = pose_sampling.sample_workspace(*reach)
+        words = {"tolerance": robot.tolerance, "workspace": sample} | dict(options or {})
+    given = {"free": free, "fix": fix, "prior": priors, "model": model}
+    wanted = options_of(IdentificationOptions, words | {k: v for k, v in given.items() if v})
+    return identify_model(robot.kinematics, asked_shots(shots, wanted), wanted)
 
 
 def point_residuals(
@@ -95,8 +97,8 @@ def point_residuals(
     robot: RobotFile,
     *,
     model: Model | str = Model.STANDARD,
-    free: Sequence[str] = (),
-    fix: Sequence[str] = (),
+    free: Sequence[str] | str = (),
+    fix: Sequence[str] | str = (),
     uncertainty: TrackerUncertainty | None = None,
 ) -> PointResiduals:
     """Whitened residuals of points with their analytic Jacobian, for an estimator of one's own.
@@ -107,7 +109,7 @@ def point_residuals(
     `ValueError` for points that fix no frame.
     """
     space = robot.mechanism.parameters
-    names = model_selection.select_geometry(space, _word(Model, model, "model"), free, fix)
+    names = select_geometry(space, checked(Model, model, "model"), free, fix)
     nominal, places = robot.kinematics, space.places(names)
     near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
     return PointResiduals.from_points(
@@ -115,18 +117,6 @@ def point_residuals(
         shots.points_in_tracker_mm,
         shots.covariance_mm2(uncertainty or TrackerUncertainty()),
     )
-
-
-Word = TypeVar("Word", Model, Estimator, Placement)
-
-
-def _word(kind: type[Word], word: Word | str, what: str) -> Word:
-    """Member of a list by its word; raises `OptionsInvalid`."""
-    try:
-        return kind(word)
-    except ValueError as error:
-        known = ", ".join(each.value for each in kind)
-        raise OptionsInvalid(f"{what} '{word}' is not known", remedy=f"take {known}") from error
 
 
 def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:
@@ -177,8 +167,8 @@ def plan(
     placement: Placement | str = Placement.BOUNDARY,
     estimator: Estimator | str = Estimator.POINTS,
     model: Model | str = Model.STANDARD,
-    free: Sequence[str] = (),
-    fix: Sequence[str] = (),
+    free: Sequence[str] | str = (),
+    fix: Sequence[str] | str = (),
     acceptance_deg: float = 25.0,
     uncertainty: TrackerUncertainty | None = None,
     seed: int = 1,
@@ -191,13 +181,11 @@ def plan(
     `OptionsInvalid`.
     """
     place = vector(batch(tracker_mm, AXES, "tracker_mm")[0])
-    placement, estimator = (
-        _word(Placement, placement, "placement"),
-        _word(Estimator, estimator, "estimator"),
-    )
-    model = _word(Model, model, "model")
+    placement = checked(Placement, placement, "placement")
+    estimator = checked(Estimator, estimator, "estimator")
+    model = checked(Model, model, "model")
     space, centre = robot.mechanism.parameters, robot.workspace_centre
-    known = model_selection.select_geometry(space, model, free, fix)
+    known = select_geometry(space, model, free, fix)
     x_mm, y_mm, z_mm = (np.array(place) - centre[:3]).tolist()
     view = View(place, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
     evenly = model in MAY_HAVE_GEARS
@@ -215,6 +203,13 @@ def plan(
     forecast = predicted_uncertainty.plan_forecast(
         made, robot.kinematics, np.array(place), setup, sample
     )
+    if shots % 2 or not forecast.predicted.full_rank:
+        least = predicted_uncertainty.fewest_shots(robot, view, wanted, setup)
+        raise PlanInvalid(
+            f"shots is {shots}, must be even and {least} or more to determine {len(known)} "
+            f"parameters by {estimator}",
+            remedy="ask for more shots, or hold parameters with fix",
+        )
     return Plan(made, forecast)
 
 
@@ -226,8 +221,8 @@ def study(
     campaigns: int = 100,
     estimator: Estimator | str = Estimator.POINTS,
     model: Model | str = Model.STANDARD,
-    free: Sequence[str] = (),
-    fix: Sequence[str] = (),
+    free: Sequence[str] | str = (),
+    fix: Sequence[str] | str = (),
     uncertainty: TrackerUncertainty | None = None,
     noise: Noise | None = None,
     spread: tuple[float, float] = (1.0, 0.1),
@@ -241,13 +236,13 @@ def study(
     campaigns can be identified.
     """
     space = robot.mechanism.parameters
-    known = studied_parameters(space, _word(Model, model, "model"), free, fix)
+    known = studied_parameters(space, checked(Model, model, "model"), free, fix)
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots(shots),
         free=known,
         options=IdentificationOptions(
-            estimator=_word(Estimator, estimator, "estimator"),
+            estimator=checked(Estimator, estimator, "estimator"),
             instrument=uncertainty or TrackerUncertainty(),
         ),
         tracker_from_base=Transform(np.eye(3), -batch(tracker_mm, AXES, "tracker_mm")[0]),

@@ -14,7 +14,7 @@ from app.next import tell_next
 from app.options import Folder, Json, folder_and_file
 from app.report.validation_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.errors import ShotsInvalid
+from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.controller_frame import check_frame, parse_displayed
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import read_text
@@ -124,12 +124,21 @@ def command(
         _check_frame(terminal, campaign, file)
         return
     if stage is None and with_ is not None:
-        raise typer.BadParameter("--with goes with --stage")
+        raise OptionsInvalid(
+            "--with is for a validation, but no --stage is given",
+            remedy="give --stage before or after, or leave --with out",
+        )
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
     if form is Form.SHOTS and (joints or columns):
-        raise typer.BadParameter("--joints and --columns go with --format ascii")
+        raise OptionsInvalid(
+            "--joints and --columns are for point files of other software",
+            remedy="add --format ascii, or leave them out",
+        )
     if form is Form.ASCII and joints is None:
-        raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
+        raise OptionsInvalid(
+            "--format ascii without --joints: points alone do not say where the joints were",
+            remedy="give --joints FILE, a file with each point's joints",
+        )
     words = columns.split(",") if columns else None
     with terminal.telling(f"reading {file}") as now_at:
         rows, notes = _read(campaign, file, joints, join, unit, words, default)

@@ -6,6 +6,8 @@ By hold-out pairs and BIC, as `candidates` says.
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from campaigns.estimation.estimators import Model
 from campaigns.identification.candidates import Candidate, narrowed, objection_to, price_of
 from campaigns.identification.identify import fitted, identify
@@ -15,8 +17,10 @@ from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.identification.term_selection import with_more_parts, with_terms
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
-from campaigns.shots.shots import Shots
+from campaigns.shots.shots import Shots, between, held_out
 
+HOLD_OUT_SEED = 1
+"""The same pairs are held out for every identification of the same shots."""
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 
 
@@ -105,6 +109,26 @@ def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]
             return {RODS: rods, FULL: full, **wider}
         case Model.EXTENDED:
             return {"axes": axes, "backlash": gears, "axes+backlash": (*axes, *gears)}
+
+
+def asked_shots(shots: Shots, options: IdentificationOptions) -> Shots:
+    """Return the shots in the range of the options, the share to hold out being for validation."""
+    inside = between(shots, *options.shots)
+    return held_out(inside, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
+
+
+def identify_model(
+    nominal: Kinematics, shots: Shots, options: IdentificationOptions
+) -> IdentificationResult:
+    """Identify by the model of the options, or `auto`, and by their patterns and priors.
+
+    Raises `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    """
+    space, model = nominal.mechanism.parameters, options.model or Model.AUTO
+    chosen = options.free, options.fix, options.prior
+    models = candidate_models(space, model, *chosen)
+    terms = terms_to_add(space, model, *chosen)
+    return select_model(nominal, shots, models, options, asked=asked_of(model), terms=terms)
 
 
 def select_model(

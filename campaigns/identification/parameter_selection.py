@@ -92,6 +92,7 @@ def _freed(
 def _ranked(patterns: Sequence[str], names: tuple[str, ...]) -> dict[str, int]:
     """Every name meant, with 1 where it is written out and 0 where a pattern means it."""
     ranks: dict[str, int] = {}
+    patterns = [patterns] if isinstance(patterns, str) else patterns
     for pattern in (each for each in patterns if each != REFLECTOR_CONSTANT):
         for name in matching(pattern, names):
             ranks[name] = max(ranks.get(name, 0), int(name == pattern))

@@ -24,11 +24,12 @@ from campaigns.estimation.information import (
 )
 from campaigns.estimation.lack_of_fit import undetected_by_points
 from campaigns.estimation.observability import Observability
+from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.transmission import GAIN, approach_along
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import joints_of, pairs_of, poses_of
+from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 
@@ -116,6 +117,21 @@ def predicted_uncertainty(
         found, seen = predict_distances(kinematics, free, joints, poses, pairs, alike)
     units, count = kinematics.mechanism.parameters.units(free), len(free)
     return Uncertainty.of(free, units, found[:count, :count], source="predicted"), seen
+
+
+def fewest_shots(robot: RobotFile, view: View, request: PlanRequest, setup: EstimationSetup) -> int:
+    """Return the least even number of boundary shots that determine all free parameters."""
+    most = 2 * (len(setup.free) + FRAME_COLUMNS)
+    many = replace(request, identification_shots=most, validation_pairs=0)
+    made = make_plan(robot, view, many, np.random.default_rng(1))
+    tracker_mm = np.array(view.tracker_mm)
+    pairs = sorted({shot.pair for shot in made if shot.pair is not None})
+    for count in range(1, len(pairs)):
+        some = [shot for shot in made if shot.pair in pairs[:count]]
+        known, _ = predicted_uncertainty(some, robot.kinematics, tracker_mm, setup)
+        if known.full_rank:
+            return 2 * count
+    return most
 
 
 def with_common_errors(

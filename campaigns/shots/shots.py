@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from campaigns.arrays import AXES, Array, Index, batch
+from campaigns.errors import ShotsInvalid
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
@@ -19,10 +20,10 @@ from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.import_export import noted
-from campaigns.shots.pairs import PairRows, pair_rows
+from campaigns.shots.pairs import SHOTS_OF_A_PAIR, PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s
-from drivers.values import Matrix3, Pose, vector
+from drivers.values import Matrix3, Pose, is_positive_definite, vector
 
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
 """A joint that went this far, or what compares, has taken up its gear's lost motion."""
@@ -104,22 +105,29 @@ class Shots:
         """Shots of a robot from arrays: joints (N, n), rad or mm, and points (N, 3).
 
         `covariance_mm2` is of the points, (N, 3, 3), or (3, 3) of each; without it the instrument's
-        is taken. `sets` are words of shots.csv, one or one a shot; pairs count from 0. Raises
-        `ValueError` with the shape of what does not fit.
+        is taken, and for each that is NaN. `sets` are words of shots.csv, one or one a shot; pairs
+        count from 0. Raises `ValueError` with the shape of what does not fit, and `ShotsInvalid`
+        with the row of what no shot can be.
         """
         names = [axis.name for axis in robot.mechanism.joints]
         rows = batch(joints, names, "joints")
         points, count = batch(points_in_tracker_mm, AXES, "points"), len(rows)
-        stated = np.nan if covariance_mm2 is None else np.asarray(covariance_mm2)
+        _require_finite(rows, names)
+        _require_finite(points, AXES)
+        stated = _stated_of_arrays(covariance_mm2, count)
         sides = np.zeros(rows.shape) if approach is None else batch(approach, names, "approach")
         words = [sets] * count if isinstance(sets, str) else sets
+        purposes = tuple(map(ShotSet, words))
+        own = [None] * count if pairs is None else pairs
+        numbers = tuple(None if pair is None else int(pair) for pair in own)
+        _require_pairs(purposes, numbers)
         return cls(
             numbers=tuple(range(count)),
-            purposes=tuple(map(ShotSet, words)),
-            pairs=tuple(pairs or [None] * count),
+            purposes=purposes,
+            pairs=numbers,
             joints=rows,
             points_in_tracker_mm=points,
-            stated_covariance_mm2=np.broadcast_to(stated, (count, 3, 3)),
+            stated_covariance_mm2=stated,
             approach=sides,
             commanded=robot.kinematics.forward(rows).values,
             measured_utc=tuple(times or [""] * count),
@@ -212,6 +220,53 @@ class Shots:
 
 
 COLUMNS = tuple(each.name for each in fields(Shots))
+
+
+def _require_finite(values: Array, columns: Sequence[str]) -> None:
+    """Raise `ShotsInvalid` for the first of the values (N, k) that is not finite."""
+    for row, column in np.argwhere(~np.isfinite(values)).tolist():
+        raise ShotsInvalid(
+            f"row {row}: {columns[column]} is {values[row, column]}, must be finite",
+            remedy="leave that shot out, or correct it",
+        )
+
+
+def _stated_of_arrays(covariance_mm2: ArrayLike | None, count: int) -> Array:
+    """Return covariances (N, 3, 3) of those or of the one given, NaN where none is stated.
+
+    Raises `ValueError` for another shape, and `ShotsInvalid` for the first that no point can have.
+    """
+    if covariance_mm2 is None:
+        return np.full((count, 3, 3), np.nan)
+    stated = np.asarray(covariance_mm2, dtype=np.float64)
+    if stated.shape not in {(3, 3), (count, 3, 3)}:
+        raise ValueError(
+            f"covariance_mm2 has shape {stated.shape}, must have ({count}, 3, 3) or (3, 3)"
+        )
+    stated = np.broadcast_to(stated, (count, 3, 3))
+    for row, matrix in enumerate(stated):
+        if not np.isnan(matrix).all() and not is_positive_definite(matrix.tolist()):
+            raise ShotsInvalid(
+                f"row {row}: its covariance is not finite and positive definite",
+                remedy="give variances and covariances in mm², or NaN where none is known",
+            )
+    return stated
+
+
+def _require_pairs(purposes: Sequence[ShotSet], pairs: Sequence[int | None]) -> None:
+    """Raise `ShotsInvalid` for a pair of more than two shots of a set."""
+    rows: dict[tuple[ShotSet, int], list[int]] = {}
+    for row, (purpose, pair) in enumerate(zip(purposes, pairs, strict=False)):
+        if pair is not None:
+            rows.setdefault((purpose, pair), []).append(row)
+    for (_, pair), of_pair in rows.items():
+        if len(of_pair) > SHOTS_OF_A_PAIR:
+            *first, last = map(str, of_pair)
+            raise ShotsInvalid(
+                f"pair {pair} has {len(of_pair)} shots, rows {', '.join(first)} and {last}, must "
+                "be two",
+                remedy="number each pair anew",
+            )
 
 
 def between(shots: Shots, first: int | None, last: int | None) -> Shots:

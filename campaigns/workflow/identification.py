@@ -3,26 +3,16 @@
 import time
 from dataclasses import replace
 
-import numpy as np
-
 from campaigns.campaign import Campaign, now_utc
 from campaigns.estimation.estimators import Model
-from campaigns.identification.model_selection import (
-    asked_of,
-    candidate_models,
-    select_model,
-    terms_to_add,
-)
+from campaigns.identification.model_selection import asked_shots, candidate_models, identify_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import between, held_out, shots_of_journal
+from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.warmth import with_readings
-
-HOLD_OUT_SEED = 1
-"""The same pairs are held out for every identification of the same shots."""
 
 
 def identify(
@@ -34,27 +24,21 @@ def identify(
     """
     options = options or IdentificationOptions()
     robot = campaign.robot
-    space = robot.mechanism.parameters
-    chosen = options.free, options.fix, options.prior
+    space, chosen = robot.mechanism.parameters, (options.free, options.fix, options.prior)
     candidate_models(space, options.model or Model.AUTO, *chosen)  # refused before anything is read
     how = identification_options(campaign, options)
     campaign.require_journal()
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
         model = options.model or model_to_find(series.started.model)
-        models = candidate_models(space, model, *chosen)
-        terms = terms_to_add(space, model, *chosen)
         measured = journal.shots(series.number)
         if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
             measured = (*measured, *campaign.known_length_shots(journal))
         shots = shots_of_journal(measured, robot.mechanism)
         shots = with_readings(shots, campaign.config.part_temperatures)
-        shots = between(shots, *options.shots)
-        shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
+        shots = asked_shots(shots, options)
         started_s = time.perf_counter()
-        found = select_model(
-            robot.kinematics, shots, models, how, asked=asked_of(model), terms=terms
-        )
+        found = identify_model(robot.kinematics, shots, replace(how, model=model))
         recorded = RecordedIdentification.of(
             replace(found, seconds=time.perf_counter() - started_s),
             series=series.number,

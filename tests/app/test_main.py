@@ -121,6 +121,23 @@ def test_a_command_that_makes_no_sense(pkmcal, arguments, words, json):
         assert word in err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["validate", "--stage", "befor"], "--stage is 'befor' → use before or after; see"),
+        (["import", "--unit", "km"], "--unit is 'km' → use mm, m, inch, ft, cm or um; see"),
+        (["plan", "--shots", "abc"], "--shots is 'abc' → give a whole number; see"),
+        (["plan", "--shots", "1"], "--shots is '1' → give 2 or more; see"),
+        (["watch", "--port", "70000"], "--port is '70000' → give 65535 or less; see"),
+        (["plan", "--scatter", "x"], "--scatter is 'x' → give a number; see"),
+    ],
+)
+def test_a_value_that_an_option_cannot_take_is_one_plain_line(pkmcal, arguments, line):
+    code, _, err = pkmcal(*arguments)
+    assert code == 2
+    assert err == f"pkmcal: {line} `pkmcal {arguments[0]} --help`\n"
+
+
 @pytest.fixture
 def failing(monkeypatch, tmp_path):
     """Makes `pkmcal devices` end in an error; gives its words."""

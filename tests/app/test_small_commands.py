@@ -156,6 +156,23 @@ def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):
     assert "plate_mm: 101.25" in latest.read_text()
 
 
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--with", "held.yaml"], "no --stage is given → give --stage before or after, or leave"),
+        (["--columns", "name,x,y,z"], "point files of other software → add --format ascii, or"),
+        (["--format", "ascii"], "where the joints were → give --joints FILE, a file with each"),
+    ],
+)
+def test_options_of_import_that_do_not_go_together_are_refused_with_what_to_do(
+    pkmcal, tmp_path, words, line
+):
+    pkmcal("new", tmp_path, "--scenario", "paper-simulation")
+    code, _, err = pkmcal("import", tmp_path, "shots.csv", *words)
+    assert code == 2
+    assert line in err
+
+
 def test_frame_check_reads_a_controllers_display_and_takes_nothing_in(pkmcal, tmp_path):
     folder, path = tmp_path / "cell", tmp_path / "three.csv"
     new_campaign.create_for_devices(folder, "delta", "offline", "offline")

@@ -1,11 +1,23 @@
 """The Python API: names that a prompt completes, words for enums, single poses for batches."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import campaigns
-from campaigns import Shots, find_robot, identify, plan, sample_workspace
-from campaigns.errors import ConfigInvalid, OptionsInvalid
+from campaigns import (
+    Shots,
+    find_robot,
+    identify,
+    plan,
+    point_residuals,
+    read_shots,
+    sample_workspace,
+)
+from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid
+from campaigns.estimation.estimators import Model
+from campaigns.identification.options import IdentificationOptions
 from campaigns.robots.robot import RobotFile
 
 PACKAGE = """
@@ -57,12 +69,86 @@ def test_words_and_mappings_stand_for_members_and_options():
     robot = find_robot("delta")
     joints = np.radians([[10.0, 20.0, 30.0], [30.0, 10.0, 20.0]])
     shots = Shots.of(joints, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], robot, pairs=[0, 0])
-    with pytest.raises(OptionsInvalid, match="model 'complete' is not known → take paper, stand"):
+    with pytest.raises(OptionsInvalid, match="model is 'complete' → use paper, standard"):
         identify(shots, robot, model="complete")
-    with pytest.raises(OptionsInvalid, match="placement 'edge' is not known"):
+    with pytest.raises(OptionsInvalid, match="placement is 'edge' → use boundary or optimal"):
         plan(robot, (2400.0, -300.0, -600.0), placement="edge")
     with pytest.raises(ValueError, match=r"tracker_mm have shape \(2,\)"):
         plan(robot, (2400.0, -300.0))
+
+
+@pytest.fixture(scope="module")
+def measured():
+    robot = find_robot("delta")
+    return read_shots(Path(__file__).parents[1] / "data/family/delta-noise.csv", robot), robot
+
+
+def test_options_are_the_words_of_the_command_line(measured):
+    shots, robot = measured
+    everything = identify(shots, robot, model="standard")
+    plain = identify(shots, robot, model="standard", options={"estimator": "points"})
+    assert plain.estimator is everything.estimator
+    assert plain.flat() == everything.flat()
+    by_distances = identify(shots, robot, options={"model": "paper", "estimator": "distances"})
+    assert by_distances.estimator.value == "distances"
+    assert by_distances.dof < plain.dof
+    words = {"shots": "0-39", "hold_out": "20%", "fix": "arm1.*", "prior": ["arm2.arm_mm=0.001"]}
+    fewer = identify(shots, robot, model="standard", options=words)
+    values = {"shots": (0, 39), "hold_out": 0.2, "prior": ("arm2.arm_mm=0.001",)}
+    assert identify(shots, robot, fix="arm1.*", model="standard", options=values) == fewer
+    assert not [name for name in fewer.free if name.startswith("arm1.")]
+    assert fewer.priors == {"arm2.arm_mm": 0.001}
+    assert max(fewer.fitted.numbers) <= 39
+    assert fewer.hold_out.pairs == 4
+    assert everything.hold_out is None
+
+
+def test_without_options_it_does_what_the_command_does(measured):
+    shots, robot = measured
+    by_itself = identify(shots, robot)
+    assert len(by_itself.models) > 1
+    assert by_itself.position_std_mm is not None
+    assert by_itself == identify(shots, robot, options={"model": "auto"})
+    plain = identify(shots, robot, options=IdentificationOptions(model=Model.AUTO))
+    assert plain.flat() == by_itself.flat()
+    assert plain.position_std_mm is None
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"estimater": "points"}, "'estimater' is not an option → did you mean estimator?"),
+        ({"estimator": "nonsense"}, "estimator is 'nonsense' → use points or distances"),
+        ({"model": "complete"}, "model is 'complete' → use paper, standard, rods, full, auto"),
+        ({"hold_out": "much"}, "--hold-out is 'much' → give a share"),
+        ({"sessions": "perhaps"}, "sessions is 'perhaps' → use True or False"),
+        ({"free": 3}, "free is 3 → give a name or a list of names"),
+    ],
+)
+def test_unknown_options_and_values_are_refused_with_the_known_ones(measured, options, said):
+    with pytest.raises(OptionsInvalid) as caught:
+        identify(*measured, options=options)
+    assert str(caught.value).startswith(said)
+
+
+def test_a_name_alone_is_a_list_of_one(measured):
+    shots, robot = measured
+    found = identify(shots, robot, free="arm1.azimuth_deg", model="standard")
+    assert "arm1.azimuth_deg" in found.free
+    start = point_residuals(shots, robot, free="arm1.azimuth_deg").start()
+    assert len(start) == len(found.free) + 6
+    with pytest.raises(OptionsInvalid, match=r"arm9\.\* matches no parameter"):
+        identify(shots, robot, free="arm9.*")
+
+
+@pytest.mark.parametrize("shots", [3, 12])
+def test_a_plan_of_too_few_shots_is_refused_with_the_least_number(shots):
+    robot, tracker_mm = find_robot("par4-prototype"), (2400.0, -300.0, -450.0)
+    with pytest.raises(PlanInvalid) as caught:
+        plan(robot, tracker_mm, shots=shots)
+    words = f"shots is {shots}, must be even and 14 or more to determine 22 parameters by points"
+    assert str(caught.value).startswith(words)
+    assert plan(robot, tracker_mm, shots=14).precision.position_std_mm.max() < 1.0
 
 
 def test_shots_are_a_table_of_pandas_with_the_columns_of_files():

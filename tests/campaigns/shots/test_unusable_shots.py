@@ -1,0 +1,76 @@
+"""What no shot can be is refused when shots are made, by name and row."""
+
+import numpy as np
+import pytest
+
+from campaigns import Shots, find_robot, read_shots
+from campaigns.errors import ShotsInvalid
+
+ROBOT = find_robot("delta")
+JOINTS = np.radians(np.linspace(10.0, 40.0, 15).reshape(5, 3))
+POINTS = np.arange(15.0).reshape(5, 3)
+COVARIANCES = np.tile(1e-4 * np.eye(3), (5, 1, 1))
+HEADER = "pair,q0_deg,q1_deg,q2_deg,x_mm,y_mm,z_mm"
+
+
+def changed(values, at, value):
+    values = values.copy()
+    values[at] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"joints": changed(JOINTS, (2, 1), np.nan)}, "row 2: q1 is nan, must be finite → "),
+        ({"points": changed(POINTS, (4, 2), -np.inf)}, "row 4: z is -inf, must be finite → "),
+        (
+            {"covariance_mm2": changed(COVARIANCES, (1, 0, 0), np.inf)},
+            "row 1: its covariance is not finite and positive definite → ",
+        ),
+        (
+            {"covariance_mm2": changed(COVARIANCES, (1, 0, 0), np.nan)},
+            "row 1: its covariance is not finite and positive definite → ",
+        ),
+        (
+            {"covariance_mm2": -np.eye(3)},
+            "row 0: its covariance is not finite and positive definite → ",
+        ),
+        ({"pairs": [0, 0, 1, 0, 1]}, "pair 0 has 3 shots, rows 0, 1 and 3, must be two → "),
+    ],
+)
+def test_arrays_that_hold_no_shots_are_refused(given, said):
+    values = {"joints": JOINTS, "points": POINTS} | given
+    with pytest.raises(ShotsInvalid) as caught:
+        Shots.of(values.pop("joints"), values.pop("points"), ROBOT, **values)
+    assert str(caught.value).startswith(said)
+
+
+def test_a_covariance_of_another_shape_is_refused():
+    with pytest.raises(
+        ValueError, match=r"covariance_mm2 has shape \(2, 2\), must have \(5, 3, 3\)"
+    ):
+        Shots.of(JOINTS, POINTS, ROBOT, covariance_mm2=np.eye(2))
+
+
+def test_covariances_that_are_not_stated_are_nan():
+    stated = changed(COVARIANCES, 3, np.nan)
+    shots = Shots.of(JOINTS, POINTS, ROBOT, covariance_mm2=stated, pairs=np.array([0, 0, 1, 1, 2]))
+    assert np.isnan(shots.stated_covariance_mm2[3]).all()
+    assert shots.pairs == (0, 0, 1, 1, 2)
+
+
+def test_a_pair_may_have_two_shots_of_each_set():
+    sets = ["identification"] * 2 + ["validation"] * 2 + ["drift"]
+    assert len(Shots.of(JOINTS, POINTS, ROBOT, sets=sets, pairs=[0, 0, 0, 0, None])) == 5
+
+
+def test_three_shots_of_a_pair_in_a_file_are_refused(tmp_path):
+    file = tmp_path / "shots.csv"
+    rows = [f"7,{10 + row},20,30,{row},0,0" for row in range(3)]
+    file.write_text("\n".join([HEADER, *rows]))
+    with pytest.raises(ShotsInvalid, match="pair 7 has 3 shots"):
+        read_shots(file, ROBOT)
+    file.write_text(f"{HEADER}\n1,10,20,30,nan,0,0\n")
+    with pytest.raises(ShotsInvalid, match="x_mm is 'nan'"):
+        read_shots(file, ROBOT)
