@@ -16,14 +16,14 @@ from campaigns.files.text_file import replace_text
 from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
-from drivers.byte_log import ByteLog, WireReading, logged
+from drivers.byte_log import logged
 from drivers.catalog import controller_driver, tracker_driver
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
-from drivers.transport import Opener, open_transport
+from drivers.transport import open_transport
 from drivers.values import Coordinate, Identity, RobotState
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
@@ -99,7 +99,6 @@ class DeviceConnections:
     campaign: Campaign
     stop_requested: StopRequested
     alarm: Alarm
-    log: ByteLog | None
     controller_url: str
     """Where the controller answers."""
     tracker_url: str
@@ -116,17 +115,15 @@ class DeviceConnections:
     def robot(self) -> Iterator[RobotController]:
         """The controller."""
         driver = controller_driver(self.campaign.config.controller.driver)
-        layout = _layout(self.campaign)
-        opener = self._opener(self.controller_url, "controller", partial(driver.reading, layout))
         robot = driver.made(
             RobotSurroundings(
-                open_transport=opener,
+                open_transport=logged(partial(open_transport, self.controller_url), "controller"),
                 clock=SystemClock(),
                 cancelled=self.stop_requested,
                 draws=random.SystemRandom(),
                 own=partial(_own_settings, "controller", self.campaign),
                 prompt=self.prompt,
-                layout=layout,
+                layout=_layout(self.campaign),
                 alarm=self.alarm,
             )
         )
@@ -146,10 +143,9 @@ class DeviceConnections:
         """The tracker."""
         config = self.campaign.config.tracker
         driver = tracker_driver(config.driver)
-        opener = self._opener(self.tracker_url, "tracker", driver.reading)
         clock = self.awake(SystemClock())
         given = Surroundings(
-            open_transport=opener,
+            open_transport=logged(partial(open_transport, self.tracker_url), "tracker"),
             clock=clock,
             cancelled=self.stop_requested,
             draws=random.SystemRandom(),
@@ -170,11 +166,6 @@ class DeviceConnections:
         """A clock whose sleep ends once a stop is requested."""
         return WakefulClock(clock, self.stop_requested)
 
-    def _opener(self, url: str, device: str, reading: Callable[[], WireReading]) -> Opener:
-        """Opens the wire; every byte goes into the log, read out by its driver's grammar."""
-        opener = partial(open_transport, url)
-        return opener if self.log is None else logged(opener, self.log, device, reading)
-
 
 def _own_settings(device: Literal["controller", "tracker"], campaign: Campaign) -> object:
     """What a campaign says to one driver alone."""
@@ -190,15 +181,11 @@ def connections(
     campaign: Campaign,
     stop_requested: StopRequested = never,
     alarm: Alarm = unheard,
-    log: ByteLog | None = None,
     prompt: Prompt | None = None,
 ) -> Iterator[DeviceConnections]:
-    """Ways to each device; a simulated cell is served for the time of the block.
-
-    `log` gets every byte.
-    """
+    """Ways to each device; a simulated cell is served for the time of the block."""
     require_devices(campaign)
-    made = partial(DeviceConnections, campaign, stop_requested, alarm, log)
+    made = partial(DeviceConnections, campaign, stop_requested, alarm)
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
     if not simulated:

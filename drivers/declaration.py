@@ -1,10 +1,9 @@
-"""Declaration of a driver: how it is made, and how bytes and records of it are read without it."""
+"""Declaration of a driver: how it is made, and how records of it are read without it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
-from drivers.byte_log import WireReading
 from drivers.ports import Clock, LaserTracker, Prompt, RobotController
 from drivers.stopping import Alarm
 from drivers.transport import Opener
@@ -35,8 +34,6 @@ class TrackerDriver:
 
     made: Callable[[Surroundings, Clock | None], LaserTracker]
     """Not connected yet. The clock is a simulated tracker's time, None for one not served here."""
-    reading: Callable[[], WireReading]
-    """Reading of a connection's bytes."""
     measured: Callable[[str], tuple[Vector3, Matrix3 | None]]
     """Point, mm, of a measurement's raw answer, and its covariance, mm², where it states one.
 
@@ -61,7 +58,5 @@ class ControllerDriver:
 
     made: Callable[[RobotSurroundings], RobotController]
     """Not connected yet."""
-    reading: Callable[[RobotLayout], WireReading]
-    """Reading of a connection's bytes."""
     joints: Callable[[str, RobotLayout], tuple[float, ...]]
     """Joint values of a state's raw answer, rad or mm; raises `WireError`."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from drivers import errors
-from drivers.byte_log import WireReading, meanings
 from drivers.link import Link, LinkClient
 from drivers.transport import Transport
 from drivers.wire import numbered_lines as lines
@@ -140,15 +139,6 @@ def open_client(
         transport.close()
         raise
     return LineClient(transport, dialect, numbers, clock_s=clock_s, cancelled=cancelled)
-
-
-def line_reading(grammar: lines.LineGrammar[Any, Any]) -> WireReading:
-    """Reading of a connection's bytes, for the byte log."""
-    asked, told = grammar.line_framer(), grammar.line_framer()
-    return WireReading(
-        meanings(asked.feed, lambda line: grammar.decode_request(line).describe()),
-        meanings(told.feed, lambda line: grammar.decode_reply(line).describe()),
-    )
 
 
 def answer_said(

@@ -1,21 +1,25 @@
 """pkmcal devices: who answers, and in what state."""
 
+import logging
+import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
+from typing_extensions import override
 
-from app.console import WARNING, Terminal, terminal_of
+from app.console import terminal_of
 from app.next import tell_next
 from app.options import Folder, Json
 from app.wiring import connections
-from campaigns.campaign import Campaign, now_utc, open_campaign
+from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import WriteFailed
 from campaigns.files.text_file import refuse_existing
-from drivers.byte_log import ByteLog
+from drivers.byte_log import LOGGER
 from drivers.errors import DriverError
 from drivers.ports import LaserTracker, RobotController
 
@@ -28,7 +32,8 @@ def command(
     folder: Folder,
     *,
     spy: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write every byte, decoded, to a new file.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Log every byte, as text or hexadecimal, to a new file."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -41,7 +46,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    with campaign.held(), _byte_log(spy, terminal) as log, connections(campaign, log=log) as to:
+    with campaign.held(), _byte_log(spy), connections(campaign) as to:
         asked = {
             "controller": _asked(to.robot, partial(of_controller, campaign)),
             "tracker": _asked(to.tracker, of_tracker),
@@ -56,29 +61,45 @@ def command(
     terminal.document(asked | tell_next(terminal, campaign, answered=True))
 
 
-@contextmanager
-def _byte_log(path: Path | None, terminal: Terminal) -> Iterator[ByteLog | None]:
-    """A log in a new file for the time of the block, or none.
+class _LogFile(logging.FileHandler):
+    """A new file of log records with their time in UTC."""
 
-    Raises `OutputExists` or `WriteFailed`; a log that cannot go on is said, and the work goes on.
+    @override
+    def handleError(self, record: logging.LogRecord) -> None:
+        """End the command: nothing moves by it."""
+        raise _unwritable(self.baseFilename, sys.exception())
+
+
+@contextmanager
+def _byte_log(path: Path | None) -> Iterator[None]:
+    """Log every byte into a new file for the time of the block, if one is named.
+
+    Raises `OutputExists` or `WriteFailed`.
     """
     if path is None:
-        yield None
+        yield
         return
     refuse_existing(path)
     try:
-        file = path.open("x", encoding="utf-8")
+        file = _LogFile(path, mode="x", encoding="utf-8")
     except OSError as error:
-        raise WriteFailed(
-            f"{path}: cannot be written ({error.strerror})", remedy="name another file"
-        ) from error
-    with file:
-        log = ByteLog(file, now_utc=now_utc)
-        try:
-            yield log
-        finally:
-            if log.problem:
-                terminal.note(f"the byte log is not complete: {log.problem}", WARNING)
+        raise _unwritable(path, error) from error
+    form = logging.Formatter("{asctime}.{msecs:03.0f}Z {message}", "%Y-%m-%dT%H:%M:%S", style="{")
+    form.converter = time.gmtime
+    file.setFormatter(form)
+    LOGGER.addHandler(file)
+    LOGGER.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        LOGGER.setLevel(logging.NOTSET)
+        LOGGER.removeHandler(file)
+        with suppress(OSError):  # the same as that of the last record
+            file.close()
+
+
+def _unwritable(path: object, error: BaseException | None) -> WriteFailed:
+    return WriteFailed(f"{path}: cannot be written ({error})", remedy="name another file")
 
 
 def _asked(

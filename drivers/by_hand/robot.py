@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing_extensions import override
 
 from drivers.by_hand.asking import answered, identity, require_somebody
-from drivers.byte_log import no_reading
 from drivers.declaration import ControllerDriver, RobotSurroundings
 from drivers.errors import DeviceRefused, WireError
 from drivers.plausible import require_joints
@@ -153,4 +152,4 @@ def _made(given: RobotSurroundings) -> RobotByHand:
     return RobotByHand(given.layout, given.prompt, settings)
 
 
-DRIVER = ControllerDriver(_made, lambda _layout: no_reading(), joints_said)
+DRIVER = ControllerDriver(_made, joints_said)

@@ -4,7 +4,6 @@ from typing_extensions import override
 
 from drivers import values
 from drivers.by_hand.asking import answered, identity, require_somebody
-from drivers.byte_log import no_reading
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.errors import NotAMeasurement, WireError
 from drivers.plausible import require_point
@@ -71,4 +70,4 @@ def _made(given: Surroundings, _instrument_clock: Clock | None) -> TrackerByHand
     return TrackerByHand(given.prompt, str(given.own()))
 
 
-DRIVER = TrackerDriver(_made, no_reading, lambda raw: (point_said(raw), None))
+DRIVER = TrackerDriver(_made, lambda raw: (point_said(raw), None))

@@ -6,7 +6,6 @@ from math import cos, isfinite, radians, sin
 from typing_extensions import override
 
 from drivers import errors, values
-from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.emscon import setup
 from drivers.emscon.client import (
@@ -33,7 +32,6 @@ from drivers.wire.emscon_constants import (
     StatusBit,
     TrackerLight,
 )
-from drivers.wire.framing import PacketFramer
 
 SIMULATED = "SIM-LT"
 """Name by which our simulated tracker says what it is; no instrument is called so."""
@@ -346,11 +344,4 @@ def _made(given: Surroundings, instrument_clock: Clock | None) -> EmsconTracker:
     )
 
 
-def _reading() -> WireReading:
-    return WireReading(
-        meanings(PacketFramer().feed, lambda packet: wire.parse_from_client(packet).describe()),
-        meanings(PacketFramer().feed, lambda packet: wire.parse_from_server(packet).describe()),
-    )
-
-
-DRIVER = TrackerDriver(_made, _reading, measurement_said)
+DRIVER = TrackerDriver(_made, measurement_said)

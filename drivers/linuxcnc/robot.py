@@ -7,7 +7,6 @@ from math import degrees, inf
 from typing_extensions import override
 
 from drivers import errors, stopping
-from drivers.byte_log import no_reading
 from drivers.declaration import ControllerDriver, RobotSurroundings
 from drivers.link import never
 from drivers.linuxcnc.client import LinuxcncClient
@@ -439,4 +438,4 @@ def _made(given: RobotSurroundings) -> LinuxcncRobot:
     )
 
 
-DRIVER = ControllerDriver(_made, lambda _layout: no_reading(), joints_said)
+DRIVER = ControllerDriver(_made, joints_said)

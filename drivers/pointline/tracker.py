@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from math import hypot
 from typing import TypeVar
 
@@ -10,14 +9,7 @@ from typing_extensions import override
 
 from drivers import errors, values
 from drivers.declaration import Surroundings, TrackerDriver
-from drivers.line_client import (
-    Dialect,
-    LineClient,
-    Refusals,
-    answer_said,
-    line_reading,
-    open_client,
-)
+from drivers.line_client import Dialect, LineClient, Refusals, answer_said, open_client
 from drivers.link import never
 from drivers.plausible import RESTART, require, require_point, require_weather
 from drivers.ports import Clock
@@ -239,4 +231,4 @@ def _made(given: Surroundings, _instrument_clock: Clock | None) -> PointlineTrac
     )
 
 
-DRIVER = TrackerDriver(_made, partial(line_reading, wire.GRAMMAR), measurement_said)
+DRIVER = TrackerDriver(_made, measurement_said)

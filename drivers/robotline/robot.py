@@ -17,14 +17,7 @@ from drivers.errors import (
     WireError,
     WrongDevice,
 )
-from drivers.line_client import (
-    Dialect,
-    LineClient,
-    Refusals,
-    answer_said,
-    line_reading,
-    open_client,
-)
+from drivers.line_client import Dialect, LineClient, Refusals, answer_said, open_client
 from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock, RobotController
@@ -300,4 +293,4 @@ def _made(given: RobotSurroundings) -> LineRobot:
     )
 
 
-DRIVER = ControllerDriver(_made, lambda layout: line_reading(wire.grammar(layout)), joints_said)
+DRIVER = ControllerDriver(_made, joints_said)

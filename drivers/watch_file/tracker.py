@@ -8,7 +8,6 @@ from pathlib import Path
 from typing_extensions import override
 
 from drivers import bounded_files, values
-from drivers.byte_log import no_reading
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.errors import Cancelled, LinkDown, NotAMeasurement
 from drivers.plausible import require_point
@@ -164,4 +163,4 @@ def _made(given: Surroundings, _instrument_clock: Clock | None) -> WatchedTracke
     return WatchedTracker(settings, clock=given.clock, cancelled=given.cancelled)
 
 
-DRIVER = TrackerDriver(_made, no_reading, lambda raw: (point_said(raw), None))
+DRIVER = TrackerDriver(_made, lambda raw: (point_said(raw), None))

@@ -6,13 +6,7 @@ from dataclasses import dataclass, field
 
 from drivers.errors import WireError
 from drivers.wire import emscon_messages as bodies
-from drivers.wire.emscon_constants import (
-    OTHER_TAILS_BYTES,
-    Command,
-    DataType,
-    ResultStatus,
-    status_text,
-)
+from drivers.wire.emscon_constants import OTHER_TAILS_BYTES, Command, DataType, ResultStatus
 from drivers.wire.framing import Packet, PacketFramer, encode_packet, messages
 
 NOTHING = bodies.Nothing()
@@ -69,20 +63,12 @@ class EmsconRequest:
     command: Command
     body: bodies.Body = field(default=NOTHING)
 
-    def describe(self) -> str:
-        """Say it to people."""
-        return f"{self.command.title} {self.body}"
-
 
 @dataclass(frozen=True, slots=True)
 class UnknownRequest:
     """A well-formed command that this grammar has no parameters for."""
 
     command: int
-
-    def describe(self) -> str:
-        """Say it to people."""
-        return f"command {self.command}, which is not known here"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +78,6 @@ class Answer:
     command: Command
     status: int = ResultStatus.ALL_OK
     body: bodies.Body = field(default=NOTHING)
-
-    def describe(self) -> str:
-        """Say it to people."""
-        said = self.body if self.status == ResultStatus.ALL_OK else status_text(self.status)
-        return f"answer to {self.command.title}: {said}"
 
 
 Told = (

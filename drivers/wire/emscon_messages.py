@@ -25,10 +25,6 @@ class Body:
 
     __slots__ = ()
 
-    def describe(self) -> str:
-        """Say to people what came by itself."""
-        return f"unasked: {self}"
-
 
 BodyType = TypeVar("BodyType", bound=Body)
 

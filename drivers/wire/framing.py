@@ -76,10 +76,6 @@ class Packet:
     kind: int
     body: bytes
 
-    def describe(self) -> str:
-        """Say to people one whose contents nobody has a use for."""
-        return f"packet of type {self.kind} with {len(self.body)} bytes"
-
 
 def encode_packet(packet: Packet) -> bytes:
     """Write a packet; its size field counts the header too."""

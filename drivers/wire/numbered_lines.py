@@ -190,10 +190,6 @@ class LineRequest(Generic[CommandT]):
     sequence: int
     command: CommandT
 
-    def describe(self) -> str:
-        """Say it to people."""
-        return f"question {self.sequence}: {self.command}"
-
 
 @dataclass(frozen=True, slots=True)
 class Refused:
@@ -211,10 +207,6 @@ class LineReply(Generic[AnswerT]):
     verb: str
     outcome: AnswerT | Refused
     line: str = field(default="", compare=False)
-
-    def describe(self) -> str:
-        """Say it to people."""
-        return f"answer {self.sequence} to {self.verb}: {self.outcome}"
 
 
 class BadRequest(WireError):

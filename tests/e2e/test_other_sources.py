@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import re
 
 import pytest
 from command_line import change
@@ -74,12 +75,15 @@ def test_another_tracker_answers_too_and_every_byte_is_written_down(pkmcal, plan
     ended = pkmcal("devices", planned, "--spy", log, "--json")
     assert ended.code == 0, ended.err
     assert "pointline" in ended.document["tracker"]["identity"]
-    text = log.read_text(encoding="utf-8")
-    assert "REFLECTOR" in text
-    assert "GEOM" not in text
+    lines = log.read_text(encoding="utf-8").splitlines()
+    assert re.fullmatch(r"[-T:.\d]{23}Z controller > .* HELLO .*", lines[1])
+    assert any(re.search(r" tracker < .* REFLECTOR OK ", line) for line in lines)
     again = pkmcal("devices", planned, "--spy", log)
     assert again.code == 2
     assert "already exists" in again.error_line
+    full = pkmcal("devices", planned, "--spy", "/dev/full/x")
+    assert full.code == 4
+    assert "/dev/full/x: cannot be written" in full.error_line
 
 
 def test_a_bar_measured_beside_the_robot_tells_the_trackers_scale(pkmcal, shots, tmp_path):
