@@ -37,15 +37,15 @@ class Retries:
         self._allowed = allowed
         self._clock = clock
         self._tried = 0
-        self._most_shots = self._progress()
+        self._most_progress = self._progress()
 
     def again_after(self, error: errors.ExplainedError) -> float | None:
         """Pause before the next try, in seconds; None: there is none. The journal names it."""
         if not isinstance(error, RETRIED) or isinstance(error, errors.EmergencyStop):
             return None
         progress = self._progress()
-        if progress > self._most_shots:
-            self._tried, self._most_shots = 0, progress
+        if progress > self._most_progress:
+            self._tried, self._most_progress = 0, progress
         if self._tried >= self._allowed:
             return None
         self._tried += 1
@@ -69,7 +69,7 @@ class Retries:
             self._clock.sleep_s(min(left_s, LOOK_S))
 
     def _progress(self) -> tuple[int, int, int]:
-        """Latest series of the stage, shots of it that count, and checks passed since the last."""
+        """Latest series of the stage, outcomes in it, voided ones too, and checks passed since."""
         if not self._campaign.journal_path.exists():
             return 0, 0, 0
         with self._campaign.journal_reader() as journal:
@@ -77,6 +77,7 @@ class Retries:
             if latest is None:
                 return 0, 0, 0
             records = [entry.record for entry in journal.records(latest.number)]
+        outcomes = sum(isinstance(record, Outcome) for record in records)
         since = takewhile(lambda record: not isinstance(record, Outcome), reversed(records))
         passed = sum(isinstance(each, Event) and AFTER_RESTART in each.text for each in since)
-        return latest.number, len(latest.shots), min(passed, self._allowed)
+        return latest.number, outcomes, min(passed, self._allowed)

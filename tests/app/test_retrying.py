@@ -9,7 +9,7 @@ from virtual_time import StopWish, VirtualClock
 
 from app.retrying import LONGEST_PAUSE_S, RETRIED, Retries
 from campaigns.errors import GateRefused, Interrupted, NotSettled
-from campaigns.journal.records import Event
+from campaigns.journal.records import Event, PairVoided, Rejected
 from drivers.errors import EmergencyStop, LinkDown, RobotStateUnknown, WrongDevice
 
 LOST = LinkDown("no answer", remedy="check the cable")
@@ -69,6 +69,14 @@ def test_a_shot_that_counts_and_a_check_that_was_passed_begin_the_row_anew(begun
     happens(begun, intent(1), outcome(1))
     pauses_s += [row.again_after(LOST), row.again_after(LOST), row.again_after(LOST)]
     assert pauses_s == [1.0, 2.0, 1.0, 2.0, 1.0, 2.0, None]
+
+
+def test_a_check_that_was_passed_counts_after_half_a_pair_was_voided_too(begun, clock):
+    happens(begun, intent(1), outcome(1), intent(2))
+    row = Retries(begun, "run", 1, clock)
+    assert row.again_after(LOST) == 1.0
+    happens(begun, Rejected(2, 1, "link lost"), PairVoided(1, (1, 2), "link lost"), CHECKED)
+    assert row.again_after(LOST) == 1.0
 
 
 def test_a_fault_that_comes_after_each_check_ends_the_run_all_the_same(begun, clock):
