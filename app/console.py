@@ -5,9 +5,10 @@ import json
 import os
 import select
 import sys
+import termios
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
@@ -16,8 +17,8 @@ import typer
 from pydantic_core import to_jsonable_python
 
 from app.exits import NotConfirmed
+from app.keys import LOOK_S, TYPED_BYTES, Keyboard, keys_heard, typed_line
 from campaigns.files.table import Column, texts
-from drivers.errors import Cancelled, LinkDown
 from drivers.ports import Prompt
 from drivers.texts import printable
 
@@ -31,9 +32,6 @@ T = TypeVar("T")
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
 DECISIONS: Mapping[str, str] = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 """How each decision looks."""
-LOOK_S = 0.1
-"""How often a question looks at the wish to stop."""
-TYPED_BYTES = 4096
 TALK, WARNING = "dim", "yellow"
 LIKE_A_TERMINAL = {"FORCE_COLOR", "TTY_COMPATIBLE"}
 """Variables by which users want styles where there is no terminal."""
@@ -50,33 +48,26 @@ def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
 
 def forget_what_was_typed() -> None:
     """Drop what waits to be read from the terminal: it answers no question that comes later."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        while msvcrt.kbhit():
-            msvcrt.getwch()
-        return
-    import termios  # there is none on Windows
-
     with suppress(termios.error, io.UnsupportedOperation):  # no terminal, or none any more
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
-def _typed_line(stop_requested: Callable[[], bool]) -> str:
-    """First line that is typed; a signal alone ends no reading, so the wish is looked at."""
-    typed = b""
-    while b"\n" not in typed:
-        if stop_requested():
-            raise Cancelled("the question was abandoned", remedy="start again when ready")
-        if sys.platform != "win32":
-            ready, _, _ = select.select([sys.stdin], [], [], LOOK_S)
-            if not ready:
-                continue
-        piece = os.read(sys.stdin.fileno(), TYPED_BYTES)
-        typed += piece
-        if not piece or len(typed) > TYPED_BYTES:
-            raise LinkDown("no answer: the terminal was closed", remedy="run it again")
-    return typed.partition(b"\n")[0].decode("utf-8", errors="replace").strip()
+def is_yes(typed: str) -> bool:
+    """Whether an answer means yes; nothing typed means no."""
+    return typed.strip().lower() in {"y", "yes"}
+
+
+def _typed_piece() -> bytes | None:
+    """Read what is typed into a terminal of which no keys are heard; None while nothing is."""
+    ready, _, _ = select.select([sys.stdin], [], [], LOOK_S)
+    return os.read(sys.stdin.fileno(), TYPED_BYTES) if ready else None
+
+
+@contextmanager
+def _lines() -> Iterator[Callable[[Callable[[], bool]], str]]:
+    """Give the function that waits for a line, as `typed_line` does, where no keys are heard."""
+    forget_what_was_typed()
+    yield partial(typed_line, _typed_piece)
 
 
 def _not_confirmed() -> NotConfirmed:
@@ -92,6 +83,8 @@ class Terminal:
     def __init__(self, *, as_json: bool, verbose: bool = False) -> None:
         self._as_json = as_json
         self._verbose = verbose
+        self._keyboard: Keyboard | None = None
+        """Reader of the keys while they are heard: it answers the questions then."""
 
     @cached_property
     def _talk(self) -> "Console":
@@ -186,7 +179,7 @@ class Terminal:
         asked = f"{printable(question)} [y/N] "
         self._talk.print(asked, style="bold", end="", markup=False, soft_wrap=True)
         try:
-            return sys.stdin.readline().strip().lower() in {"y", "yes"}
+            return is_yes(sys.stdin.readline())
         except KeyboardInterrupt:
             self._talk.print()  # what is said next begins a line
             raise
@@ -216,12 +209,21 @@ class Terminal:
 
         What was typed before the question answers nothing. `LinkDown` when the terminal closes.
         """
-        forget_what_was_typed()
-        for line in question.split("\n")[:-1]:
-            self.note(line, OPEN)
-        last = printable(question.rpartition("\n")[2])
-        self._talk.print(last, style="bold", end="", markup=False, soft_wrap=True)
-        return _typed_line(stop_requested)
+        with _lines() if self._keyboard is None else self._keyboard.lines() as answer:
+            for line in question.split("\n")[:-1]:
+                self.note(line, OPEN)
+            last = printable(question.rpartition("\n")[2])
+            self._talk.print(last, style="bold", end="", markup=False, soft_wrap=True)
+            return answer(stop_requested)
+
+    @contextmanager
+    def hearing(self, pressed: Callable[[str], None]) -> Iterator[None]:
+        """Hand each key to a function while the block runs; questions are answered all the same."""
+        with keys_heard(pressed) as self._keyboard:
+            try:
+                yield
+            finally:
+                self._keyboard = None
 
     def require_somebody(self) -> None:
         """Raise `NotConfirmed` where there is nobody who could be asked."""

@@ -8,19 +8,14 @@ from queue import SimpleQueue
 from types import FrameType
 
 
-def _known(*names: str) -> tuple[signal.Signals, ...]:
-    """Those signals that this system has."""
-    return tuple(signal.Signals[name] for name in names if hasattr(signal, name))
-
-
-ENDING = _known("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")
-"""Ctrl-C, a polite kill, the loss of the terminal, Ctrl-\\; on Windows Ctrl-Break."""
-SUSPENDING = _known("SIGTSTP")
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Ctrl-C, a polite kill, the loss of the terminal, Ctrl-\\."""
+SUSPENDING = (signal.SIGTSTP,)
 """Ctrl-Z."""
 WATCHED = (*ENDING, *SUSPENDING)
-ANSWERED = _known("SIGINT", *(number.name for number in SUSPENDING))
+ANSWERED = (signal.SIGINT, *SUSPENDING)
 """Those that come from somebody at the terminal, who can be asked whether to go on."""
-LEFT_ALONE = _known("SIGHUP", *(number.name for number in SUSPENDING))
+LEFT_ALONE = (signal.SIGHUP, *SUSPENDING)
 """Those that stay ignored where whoever started us ignores them: nohup outlives its terminal, and
 what nobody could wake again is not suspended."""
 
@@ -61,8 +56,7 @@ class StopRequest:
 
 def unblock_signals() -> None:
     """Unblock the signals that the parent process may have blocked; ignored ones stay ignored."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, WATCHED)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, WATCHED)
 
 
 @contextmanager

@@ -8,9 +8,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
-from app.console import WARNING, Terminal
+from app.console import WARNING, Terminal, is_yes
 from app.interrupt import StopRequest, stop_on_signals, suspend
-from app.keys import keys_heard
 from app.progress import RunDisplay
 from app.retrying import Retries
 from app.run_screen import STOP_KEY
@@ -68,19 +67,16 @@ def measure(
 
         def measure_once(wish: StopRequest, *, anew: bool) -> Result:
             wishes = Wishes()
-
-            def ask(what: str) -> bool:
-                with display.paused():
-                    return terminal.asks(what)
-
             with (
                 terminal.watching(title, plain=plain or campaign.is_by_hand) as display,
-                _keys(display, wish, wishes),
+                _keys(terminal, display, wish, wishes),
                 _ready_cell(
-                    campaign, wish, terminal, clearance, terminal.prompt(display, wish)
+                    campaign, wish, terminal, clearance, prompt := terminal.prompt(display, wish)
                 ) as cell,
             ):
-                work, cell = make_work(cell), replace(cell, ask=ask)
+                work = make_work(cell)
+                if prompt is not None:
+                    cell = replace(cell, ask=partial(_says_yes, prompt))
                 with campaign.opened_journal() as journal:
                     series = measure_series(
                         cell, journal, work, display, wish, anew=anew, wishes=wishes
@@ -107,11 +103,18 @@ def measure(
                     ) from stopped
 
 
+def _says_yes(prompt: Prompt, question: str) -> bool:
+    """Ask the operator while the run is shown; raises `Cancelled` once a stop is requested."""
+    return is_yes(prompt(f"{question} [y/N] "))
+
+
 WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
 
 
 @contextmanager
-def _keys(display: RunDisplay, stop: StopRequest, wishes: Wishes) -> Iterator[None]:
+def _keys(
+    terminal: Terminal, display: RunDisplay, stop: StopRequest, wishes: Wishes
+) -> Iterator[None]:
     """Keys as wishes of the operator while the screen names them; q stops at once, as Ctrl-C."""
 
     def pressed(key: str) -> None:
@@ -124,7 +127,7 @@ def _keys(display: RunDisplay, stop: StopRequest, wishes: Wishes) -> Iterator[No
     if not display.has_screen:
         yield
         return
-    with keys_heard(pressed):
+    with terminal.hearing(pressed):
         yield
 
 

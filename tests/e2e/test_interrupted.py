@@ -22,6 +22,12 @@ SLOW = {"speed_up": 60}
 FAST = {"speed_up": 1000}
 WATCHED = {"speed_up": 15}
 """So slow that a picture drawn four times a second, late on a busy machine, shows every state."""
+FEW_SHOTS = {
+    "settle.timeout_s": 300,
+    "plan.shots": 8,
+    "plan.validation_pairs": 0,
+    "plan.drift_shots": 2,
+}
 AT_WORK_SHOTS = 4
 DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 RESUMED = re.compile(rf"series 1 has (\d+) of 59 shots, (\d+) are left, about .*, {DEVICES}")
@@ -264,6 +270,31 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         "shots",
         "parked",
     ]
+
+
+def test_a_question_while_the_screen_is_on_is_answered_and_keys_are_heard_again(
+    pkmcal, tiny, tmp_path
+):
+    nest = {"name": "A", "place_mm": [900.0, 800.0, -900.0]}
+    change(tiny / "cell.yaml", SLOW | {"tracker.nests": [nest]})
+    folder = tmp_path / "with a nest"
+    assert pkmcal("new", folder, "--scenario", tiny / "cell.yaml").code == 0
+    change(folder / "campaign.yaml", FEW_SHOTS | {"nests.0.occupied": False})
+    assert pkmcal("plan", folder).code == 0
+    with on_a_screen("run", folder, "--yes", in_foreground=True) as (screen, process):
+        for what in ("put the reflector into nest A", "put the reflector back onto the robot"):
+            screen.read_until(f"{what} and stand clear. Done? [y/N]")
+            screen.type("y\n")
+        screen.read_until("residual")
+        screen.type("q")
+        screen.read_until("Go on where it was? [y/N]")
+        screen.type("y\n")
+        screen.read_until("put the reflector into nest A and stand clear. Done? [y/N]")
+        process.send_signal(signal.SIGINT)
+        screen.read_until("Go on where it was? [y/N]")
+        screen.type("n\n")
+        screen.read_until("resumes it")
+        assert process.wait(PATIENCE_S) == 130
 
 
 @pytest.mark.long
