@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from types import FrameType
 
-
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Ctrl-C, a polite kill, the loss of the terminal, Ctrl-\\."""
 SUSPENDING = (signal.SIGTSTP,)
