@@ -9,7 +9,6 @@ from app import plan_text
 from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Plot, WhereTracker
-from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
@@ -124,9 +123,7 @@ def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, obj
 
 
 def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> None:
-    """Plan for people: picture, what it will tell, what it takes."""
-    for line in plan_picture(planned.checked.shots):
-        terminal.say(line)
+    """Show the plan: refusals, predicted uncertainty, duration."""
     if planned.refusals is not None:
         for line in plan_text.refusals_lines(campaign.space, planned.refusals):
             terminal.say(line)

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 from app.console import DECISIONS, WARNING, Terminal
 from app.report import model_sections
-from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.files.table import Column, words
@@ -38,9 +37,6 @@ def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace)
         lengths = found.known_lengths.lengths
         terminal.rows("Known lengths", model_sections.KNOWN_LENGTHS, lengths)
     terminal.say(_remaining(found), "bold")
-    if found.fitted is not None:
-        for line in histogram_lines(found.fitted.after.ravel().tolist()):
-            terminal.say(f"  {line}")
     terminal.say("")
     for line in _uncertainty_lines(found):
         terminal.say(line)

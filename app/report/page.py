@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.report import (
-    captions,
     certificate_sections,
     groups,
     model_sections,
@@ -26,7 +25,6 @@ MAKERS = {
     "record": record_sections,
     "certificate": certificate_sections,
     "groups": groups,
-    "captions": captions,
     "distances": distances,
     "workspace": workspace,
     "tests": tests,

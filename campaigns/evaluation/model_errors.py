@@ -70,8 +70,6 @@ class PositionErrors:
     """Shots that were identified from; the others were never fitted."""
     plate_tilt_rad: Array
     """Rotation vectors of the plate by the model after, (N, 3); 0 where it stays level."""
-    numbers: tuple[int, ...] = ()
-    """Of the shots, (N,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +125,6 @@ def position_errors(modelled: ModelledShots) -> PositionErrors | None:
         None if modelled.after is None else after[rows],
         np.isin(rows, shots.rows_of(ShotSet.IDENTIFICATION)),
         modelled.plate_tilt_rad[rows],
-        tuple(shots.numbers[row] for row in rows),
     )
 
 

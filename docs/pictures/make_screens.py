@@ -1,4 +1,4 @@
-"""Makes the pictures of screens anew: a run's screen, the live page, the 3-D view.
+"""Makes the pictures of screens anew: a run's screen and the live page.
 
 python docs/pictures/make_screens.py
 
@@ -56,11 +56,6 @@ def main() -> None:
         change(folder / "cell.yaml", lambda tree: tree.update(speed_up=12))
         pkmcal("plan", folder, "--model", "standard")
         live_pages(folder)
-        pkmcal("identify", folder, "--model", "auto")
-        pkmcal("report", folder)
-        page = folder / "report.html"
-        only_view(page, Path(scratch) / "view.html")
-        screenshot((Path(scratch) / "view.html").as_uri(), "view-in-space", 900, 560)
 
 
 def live_pages(folder: Path) -> None:
@@ -80,15 +75,6 @@ def live_pages(folder: Path) -> None:
         run.kill()
         watch.terminate()
         watch.wait(20.0)
-
-
-def only_view(page: Path, to: Path) -> None:
-    """Page with nothing but the view that a finger turns."""
-    text = page.read_text(encoding="utf-8")
-    head = text[: text.index("<body>")]
-    start = text.index('<div class="turning"')
-    end = text.index("</script>", text.index("</script>", start) + 1) + len("</script>")
-    to.write_text(f"{head}<body>{text[start:end]}</body></html>", encoding="utf-8")
 
 
 def screenshot(url: str, name: str, width: int, height: int) -> None:

@@ -126,7 +126,7 @@ def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(pkmca
         assert "next: put the exported file into the controller" in written
 
 
-def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):
+def test_people_are_told_the_noise_and_the_verdict(pkmcal, clean):
     code, out, _ = pkmcal("identify", clean.folder)
     assert code == 0
     lines = out.splitlines()
@@ -137,7 +137,6 @@ def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):
         "verdict: pass",
     ):
         assert any(line.startswith(words) for line in lines), words
-    assert sum("█" in line for line in lines) >= 5
     assert max(map(len, lines)) < 200
 
 

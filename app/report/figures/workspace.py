@@ -1,10 +1,8 @@
 """Pictures in the workspace: by how much the model misses, and where."""
 
-import json
 from itertools import chain
 
 import numpy as np
-from markupsafe import Markup
 
 from app.report.figures.picture import (
     AFTER,
@@ -19,7 +17,6 @@ from app.report.figures.picture import (
     span,
 )
 from campaigns.arrays import Array, Mask
-from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.evaluation.summary import binned_medians
 
 ARROW_MM = 130.0
@@ -105,17 +102,3 @@ def magnification(errors_mm: Array) -> float:
     wanted = ARROW_MM / longest
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(max(f * power for f in ROUND_FACTORS if f * power <= wanted))
-
-
-def turning_data(positions: PositionErrors) -> Markup:
-    """Places and errors, both stages at one scale, as JSON that is safe inside a page."""
-    before, after = positions.before_mm, positions.after_mm
-    told = {
-        "shots": positions.numbers,
-        "places": positions.poses[:, :3].round(2).tolist(),
-        "before": before.round(5).tolist(),
-        "after": None if after is None else after.round(5).tolist(),
-        "fitted": positions.fitted.tolist(),
-        "magnified": magnification(before),
-    }
-    return Markup(json.dumps(told).replace("<", "\\u003c"))  # noqa: S704 - numbers alone

@@ -191,25 +191,3 @@ def test_the_live_page_fits_a_phone_and_shows_injected_names_as_text(
     images, title, circles = browser.measure(live, 390, shown)
     assert (images, circles) == (0, 40)
     assert title == f"1234/10000 {evil}"
-
-
-def test_the_view_in_space_turns_and_names_the_shot_under_the_finger(
-    browser: Browser, page: Path
-) -> None:
-    turned = """(() => {
-        const canvas = document.getElementById('turning-canvas');
-        const picture = () => canvas.toDataURL();
-        const first = picture();
-        canvas.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft'}));
-        const second = picture();
-        document.querySelector('#turning-view input[value=after]').click();
-        const box = canvas.getBoundingClientRect();
-        for (let x = 0; x < box.width; x += 8) for (let y = 0; y < box.height; y += 8)
-            canvas.dispatchEvent(new PointerEvent('pointermove',
-                {clientX: box.left + x, clientY: box.top + y}));
-        const told = document.getElementById('turning-told').textContent;
-        return [first !== second, second !== picture(), told];
-    })()"""
-    is_turned, is_other, told = browser.measure(page, 500, turned)
-    assert (is_turned, is_other) == (True, True)
-    assert re.fullmatch(r"shot \d+: \d+\.\d{3} mm before, \d+\.\d{3} mm after", told)

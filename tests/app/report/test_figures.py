@@ -21,7 +21,6 @@ from app.report.page_tree import Node, lines_of, page_tree, shapes
 from app.report.plots import plot_plan, plot_residuals
 from app.report.rendering import moment
 from app.report.results_sections import percent_gained
-from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import Uncertainty
@@ -189,28 +188,6 @@ def test_what_was_fitted_and_what_was_not_is_drawn(
     assert ">hold-out pairs, error of distance</text>" in text
 
 
-def test_the_histogram_in_letters_counts_every_error() -> None:
-    errors = np.random.default_rng(1).normal(0.05, 0.1, 60)
-    lines = histogram_lines(errors.tolist())
-    assert sum(int(line.rsplit(" ", 1)[1]) for line in lines) == 60
-    assert max(line.count("█") for line in lines) == 40
-    assert len({line.index("mm") for line in lines}) == 1
-
-
-@pytest.mark.parametrize("errors", [[0.0], [0.0, 0.0], [1e-300]])
-def test_the_histogram_of_next_to_nothing_is_short(errors: list[float]) -> None:
-    assert all(len(line) < 100 for line in histogram_lines(errors))
-
-
-def test_no_errors_give_no_histogram() -> None:
-    assert histogram_lines([]) == []
-
-
-@pytest.mark.parametrize(("part", "shown"), [(0.0, "    "), (1.0, "████"), (0.53, "██▏ ")])
-def test_a_bar_counts_eighths(part: float, shown: str) -> None:
-    assert bar(part, 4) == shown
-
-
 def test_numbers_are_written_with_a_true_minus_and_no_negative_nothing() -> None:
     assert number(-1.5, 1) == "−1.5"
     assert number(-0.0001, 3) == "0.000"
@@ -258,7 +235,7 @@ def test_ticks_are_round_and_lie_inside() -> None:
 def test_every_figure_stays_inside_its_picture(whole: PaperCampaign) -> None:
     html = page_of(evaluate(whole.campaign), "2026-03-02T09:30:00+00:00").html
     figures = [*page_tree(html).find("figure")]
-    assert len(figures) == 11
+    assert len(figures) == 10
     assert [figure.attributes["id"] for figure in figures if not inside(figure)] == []
 
 

@@ -140,9 +140,7 @@ def test_the_page_asks_nothing_of_a_network(whole_html: str) -> None:
     outline = Outline(whole_html)
     assert {link[:1] for link in outline.links} <= {"#", "d"}  # within the page, or `data:,`
     assert not {"img", "iframe", "object"} & set(outline.tags)
-    scripts = "".join(re.findall(r"<script.*?</script>", whole_html, re.DOTALL))
-    assert scripts.count("<script") == 2, "the view that can be turned, and its numbers"
-    assert not {"src=", "fetch", "XMLHttp", "import", "http"} & set(re.findall(r"\w+=?", scripts))
+    assert "script" not in outline.tags
     style = whole_html[whole_html.index("<style>") : whole_html.index("</style>")]
     assert "@import" not in style
     assert "url(" not in style
