@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from drivers.declaration import ControllerDriver, TrackerDriver
 from drivers.errors import AddressInvalid
 
 TRACKERS: Mapping[str, str] = {
@@ -23,27 +24,21 @@ CONTROLLERS: Mapping[str, str] = {
 """Modules whose `DRIVER` declares it."""
 
 if TYPE_CHECKING:
-    from drivers.declaration import ControllerDriver, TrackerDriver
-
     TrackerName: TypeAlias = str
     ControllerName: TypeAlias = str
 else:  # a choice that settings offer and check
     TrackerName, ControllerName = Literal[tuple(TRACKERS)], Literal[tuple(CONTROLLERS)]
 
 
-def tracker_driver(name: str) -> "TrackerDriver":
+def tracker_driver(name: str) -> TrackerDriver:
     """Return a tracker's driver; raises `AddressInvalid` for one that there is not."""
-    from drivers.declaration import TrackerDriver  # with wires, of which settings ask nothing
-
     found = _declared("tracker", TRACKERS, name)
     assert isinstance(found, TrackerDriver), "listed as a tracker's"
     return found
 
 
-def controller_driver(name: str) -> "ControllerDriver":
+def controller_driver(name: str) -> ControllerDriver:
     """Return a controller's driver; raises `AddressInvalid` for one that there is not."""
-    from drivers.declaration import ControllerDriver
-
     found = _declared("controller", CONTROLLERS, name)
     assert isinstance(found, ControllerDriver), "listed as a controller's"
     return found

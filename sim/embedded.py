@@ -8,7 +8,10 @@ from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.robot.controller import SimulatedController
 from sim.robot.follower import FollowingController
+from sim.servers.emscon_instrument import EmsconInstrument
+from sim.servers.emscon_server import EmsconSession
 from sim.servers.peers import SessionFactory
+from sim.servers.pointline_server import PointlineSession
 from sim.servers.robotline_server import RobotlineSession
 from sim.servers.server import CellServer
 
@@ -25,23 +28,18 @@ PROTOCOLS = ("emscon", "pointline")
 
 
 def tracker_sessions(cell: Cell, protocol: str) -> SessionFactory:
-    """Sessions of its tracker in a protocol, whose grammar alone is imported.
+    """Sessions of its tracker in a protocol.
 
     Raises `SimError` for another.
     """
     tracker = cell.tracker
     match protocol:
         case "emscon":
-            from sim.servers.emscon_instrument import EmsconInstrument
-            from sim.servers.emscon_server import EmsconSession
-
             instrument = EmsconInstrument(tracker)
             return lambda send, already_open: EmsconSession(
                 tracker, send, instrument=instrument, is_second=already_open > 0, faults=cell.faults
             )
         case "pointline":
-            from sim.servers.pointline_server import PointlineSession
-
             return lambda send, _: PointlineSession(tracker, send)
     raise SimError(
         f"no simulated tracker speaks '{protocol}'", remedy=f"use {' or '.join(PROTOCOLS)}"

@@ -28,6 +28,7 @@ from typing_extensions import override
 
 from drivers.errors import WireError
 from drivers.wire.command_prefix import command_prefix
+from drivers.wire.linuxcncrsh import Value, answers, encode, read_numbers
 from sim.errors import SimError
 from sim.geometry import PAR4, Array, Kind
 from sim.robot.section import HAL
@@ -179,8 +180,6 @@ class RshJoints(JointSource):
             self._socket = None
 
     def _numbers(self) -> Sequence[float | str]:
-        from drivers.wire.linuxcncrsh import Value, encode, read_numbers
-
         deadline_s = time.monotonic() + WITHIN_S
         connected = self._connected()
         connected.sendall(encode(f"get {QUESTION}"))
@@ -196,8 +195,6 @@ class RshJoints(JointSource):
 
     def _connected(self) -> socket.socket:
         if self._socket is None:
-            from drivers.wire.linuxcncrsh import answers
-
             self._read_answers = answers()
             self._socket = socket.create_connection(self._address, timeout=WITHIN_S)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -5,6 +5,7 @@ import os
 import selectors
 import socket
 import threading
+import tty
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -75,8 +76,6 @@ class CellServer:
 
     def serve_pty(self, factory: SessionFactory, device_name: DeviceName) -> str:
         """Open a pseudo-terminal and say where its client's end is: serial:///dev/…."""
-        import tty  # there is none on Windows, where sockets still work
-
         device_end, client_end = os.openpty()
         tty.setraw(client_end)
         path = os.ttyname(client_end)

@@ -219,7 +219,6 @@ def test_address_told_to_new_is_checked_like_one_in_the_file():
         "tcp://localhost:5010",
         "tcp://[::1]:5010",
         "serial:///dev/ttyUSB0?baud=115200",
-        "serial:///COM3",
         "sim://paper-simulation",
     ],
 )
