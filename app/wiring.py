@@ -23,7 +23,7 @@ from drivers.link import never
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
-from drivers.transport import open_transport
+from drivers.transport import opener_of
 from drivers.values import Coordinate, Identity, RobotState
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
@@ -117,7 +117,7 @@ class DeviceConnections:
         driver = controller_driver(self.campaign.config.controller.driver)
         robot = driver.made(
             RobotSurroundings(
-                open_transport=logged(partial(open_transport, self.controller_url), "controller"),
+                open_transport=logged(opener_of(self.controller_url), "controller"),
                 clock=SystemClock(),
                 cancelled=self.stop_requested,
                 draws=random.SystemRandom(),
@@ -145,7 +145,7 @@ class DeviceConnections:
         driver = tracker_driver(config.driver)
         clock = self.awake(SystemClock())
         given = Surroundings(
-            open_transport=logged(partial(open_transport, self.tracker_url), "tracker"),
+            open_transport=logged(opener_of(self.tracker_url), "tracker"),
             clock=clock,
             cancelled=self.stop_requested,
             draws=random.SystemRandom(),

@@ -2,13 +2,12 @@
 
 import re
 import socket
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Any, Literal, Protocol
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
-from drivers.errors import AddressInvalid, LinkDown
+import serial
 
-if TYPE_CHECKING:
-    import serial
+from drivers.errors import AddressInvalid, LinkDown
 
 DEFAULT_BAUD = 115200
 CHUNK_BYTES, SERIAL_CHUNK_BYTES = 65536, 4096
@@ -23,6 +22,8 @@ _BAUD = re.compile(r"[1-9][0-9]{0,7}")
 
 Address = tuple[Literal["tcp", "serial"], str, int]
 """Of a socket its host and port, of a serial line its device and baud rate."""
+Peer = tuple[int, Any]
+"""Family of a socket, and the address in it that has answered."""
 
 
 def parse_address(url: str) -> Address:
@@ -59,12 +60,7 @@ def _serial_address(parts: SplitResult) -> Address:
     baud = options.get("baud", [str(DEFAULT_BAUD)])[-1]
     if not _BAUD.fullmatch(baud):
         raise ValueError(f"baud is '{baud}', not a number like 115200")
-    return "serial", _serial_device(parts.path), int(baud)
-
-
-def _serial_device(path: str) -> str:
-    """`/dev/ttyUSB0` as it is; `/COM3` is a Windows port without its slash."""
-    return path if path.count("/") > 1 else path.removeprefix("/")
+    return "serial", parts.path, int(baud)
 
 
 class Transport(Protocol):
@@ -91,27 +87,49 @@ class Opener(Protocol):
         """Connect."""
 
 
-def open_transport(url: str, *, timeout_s: float = CONNECT_S) -> Transport:
-    """Connect to a device; raises `AddressInvalid` or `LinkDown`."""
-    kind, place, number = parse_address(url)
-    if kind == "tcp":
-        return TcpTransport.connect(place, number, timeout_s=timeout_s)
-    return SerialTransport.open(place, number)
+def opener_of(url: str) -> Opener:
+    """Return an opener of connections to a device, which raises `AddressInvalid` or `LinkDown`.
+
+    It resolves a host's name for its first connection only: no deadline bounds a resolver, and a
+    stop of the robot may need a new connection.
+    """
+    peer: Peer | None = None
+
+    def open_transport(*, timeout_s: float = CONNECT_S) -> Transport:
+        nonlocal peer
+        kind, place, number = parse_address(url)
+        if kind == "serial":
+            return SerialTransport.open(place, number)
+        transport = TcpTransport.connect(place, number, timeout_s=timeout_s, peer=peer)
+        peer = transport.peer
+        return transport
+
+    return open_transport
 
 
 class TcpTransport:
     """A TCP connection."""
 
-    def __init__(self, connected: socket.socket, name: str) -> None:
+    def __init__(self, connected: socket.socket, name: str, peer: Peer | None = None) -> None:
         self._socket = connected
         self.name = name
+        self.peer = peer
 
     @classmethod
-    def connect(cls, host: str, port: int, *, timeout_s: float) -> "TcpTransport":
-        """Connect, or raise `LinkDown` within the time limit."""
+    def connect(
+        cls, host: str, port: int, *, timeout_s: float, peer: Peer | None = None
+    ) -> "TcpTransport":
+        """Connect to a peer that is known, else to the host; raises `LinkDown`.
+
+        Within the time limit, where the peer is known.
+        """
         name = f"tcp://{host}:{port}"
         try:
-            connected = socket.create_connection((host, port), timeout=timeout_s)
+            if peer is None:
+                connected = socket.create_connection((host, port), timeout=timeout_s)
+            else:
+                connected = _connected(peer, timeout_s)
+            peer = connected.family, connected.getpeername()
         except OSError as error:
             raise LinkDown(
                 f"{name}: nobody answers ({_reason(error)})",
@@ -119,7 +137,7 @@ class TcpTransport:
             ) from error
         # A question is one small packet: it must not wait for a second one to fill it up.
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return cls(connected, name)
+        return cls(connected, name, peer)
 
     def send(self, data: bytes, timeout_s: float) -> None:
         """Send all of it."""
@@ -156,18 +174,28 @@ class TcpTransport:
         )
 
 
+def _connected(peer: Peer, timeout_s: float) -> socket.socket:
+    family, address = peer
+    connected = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        connected.settimeout(timeout_s)
+        connected.connect(address)
+    except BaseException:
+        connected.close()
+        raise
+    return connected
+
+
 class SerialTransport:
     """A serial line, 8N1, held by this process alone."""
 
-    def __init__(self, port: "serial.Serial", name: str) -> None:
+    def __init__(self, port: serial.Serial, name: str) -> None:
         self._port = port
         self.name = name
 
     @classmethod
     def open(cls, device: str, baud: int) -> "SerialTransport":
         """Open and empty it, or raise `LinkDown`."""
-        import serial  # loaded where it is used
-
         name = f"serial://{device}"
         try:
             port = serial.Serial(device, baud, exclusive=True)

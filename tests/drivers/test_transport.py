@@ -8,7 +8,7 @@ import time
 import pytest
 
 from drivers.errors import LinkDown
-from drivers.transport import CHUNK_BYTES, TcpTransport, open_transport
+from drivers.transport import CHUNK_BYTES, TcpTransport, opener_of
 
 
 class Line:
@@ -72,7 +72,7 @@ of_line = pytest.mark.parametrize("device", [Line], indirect=True)
 
 
 def opened(device):
-    pipe = open_transport(device.url, timeout_s=1.0)
+    pipe = opener_of(device.url)(timeout_s=1.0)
     device.accept()
     return pipe
 
@@ -157,7 +157,7 @@ def test_a_host_that_is_not_there_or_too_slow_is_said(device, monkeypatch):
     with pytest.raises(
         LinkDown, match=f"{device.url}: nobody answers .*refused.*check that the device"
     ):
-        open_transport(device.url, timeout_s=1.0)
+        opener_of(device.url)(timeout_s=1.0)
     limits_s = []
 
     def too_slow(address, timeout):
@@ -166,8 +166,29 @@ def test_a_host_that_is_not_there_or_too_slow_is_said(device, monkeypatch):
 
     monkeypatch.setattr(socket, "create_connection", too_slow)
     with pytest.raises(LinkDown, match="timed out"):
-        open_transport("tcp://robot:5020", timeout_s=0.7)
+        opener_of("tcp://robot:5020")(timeout_s=0.7)
     assert limits_s == [0.7]
+
+
+@of_host
+def test_only_the_first_connection_waits_for_the_resolver_of_names(device, monkeypatch):
+    opened = opener_of(f"tcp://localhost:{device.address[1]}")
+    opened(timeout_s=1.0).close()
+
+    def hang(*_, **__):
+        raise AssertionError("the resolver is asked again")
+
+    monkeypatch.setattr(socket, "getaddrinfo", hang)
+    device.accept()
+    device.socket.close()
+    ours = opened(timeout_s=1.0)
+    device.accept()
+    ours.send(b"STOP", 1.0)
+    assert device.hears() == b"STOP"
+    ours.close()
+    device.goes()
+    with pytest.raises(LinkDown, match=r"tcp://localhost:.*: nobody answers .*refused"):
+        opened(timeout_s=1.0)
 
 
 @of_line
@@ -204,4 +225,4 @@ def test_unplugged_line_breaks_the_pipe(device, ours):
 def test_what_is_no_serial_line_is_said_with_its_name(path):
     shown = re.escape(path.replace("\0", "?"))
     with pytest.raises(LinkDown, match=f"serial://{shown}: cannot be opened"):
-        open_transport(f"serial://{path}", timeout_s=1.0)
+        opener_of(f"serial://{path}")(timeout_s=1.0)

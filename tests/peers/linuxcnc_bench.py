@@ -28,7 +28,7 @@ from drivers.linuxcnc.hal_parameters import HalParameters, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
 from drivers.linuxcnc.settings import Coordinates, LinuxcncDeadlines, LinuxcncSettings
 from drivers.ports import SystemClock
-from drivers.transport import CONNECT_S, open_transport
+from drivers.transport import CONNECT_S, opener_of
 
 LACKING = why_not()
 NEEDS_LINUXCNC = [
@@ -118,7 +118,7 @@ class Bench:
         self.robot = LinuxcncRobot(self.open, clock=SystemClock(), settings=settings)
 
     def open(self, *, timeout_s=CONNECT_S):
-        self.transports.append(open_transport(self.linuxcnc.url, timeout_s=timeout_s))
+        self.transports.append(opener_of(self.linuxcnc.url)(timeout_s=timeout_s))
         return self.transports[-1]
 
     def move(self, joints, speed_fraction=1.0):

@@ -11,7 +11,7 @@ from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import DriverError
 from drivers.ports import SystemClock
 from drivers.robotline.robot import LineRobot
-from drivers.transport import open_transport
+from drivers.transport import opener_of
 from drivers.values import Pose
 from sim.cell import Cell
 from sim.clock import ScaledClock
@@ -29,13 +29,13 @@ class Work:
     def __init__(self, served):
         clock = SystemClock()
         self.robot = LineRobot(
-            partial(open_transport, served.controller_url, timeout_s=1.0),
+            partial(opener_of(served.controller_url), timeout_s=1.0),
             layout=PAR4_LAYOUT,
             clock=clock,
             first_sequence=1,
         )
         self.tracker = EmsconTracker(
-            lambda: open_transport(served.tracker_url, timeout_s=1.0), clock=clock
+            lambda: opener_of(served.tracker_url)(timeout_s=1.0), clock=clock
         )
 
     def __enter__(self):

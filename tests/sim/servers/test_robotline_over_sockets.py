@@ -9,7 +9,7 @@ from robotline_layouts import PAR4_LAYOUT
 from drivers.errors import LimitViolation, LinkDown, WireError
 from drivers.ports import SystemClock
 from drivers.robotline.robot import LineRobot
-from drivers.transport import open_transport
+from drivers.transport import opener_of
 from sim.clock import ScaledClock
 from sim.faults import Counted, Fault, FaultScript
 from sim.robot.controller import Refusal
@@ -28,7 +28,7 @@ class Served:
         serve = self.server.serve_tcp if wire == "tcp" else self.server.serve_pty
         url = serve(self._session, "controller")
         self.robot = LineRobot(
-            partial(open_transport, url, timeout_s=1.0),
+            partial(opener_of(url), timeout_s=1.0),
             layout=PAR4_LAYOUT,
             clock=SystemClock(),
             first_sequence=1,

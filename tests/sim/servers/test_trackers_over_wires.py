@@ -12,7 +12,7 @@ from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, DriverError
 from drivers.pointline.tracker import PointlineDeadlines, PointlineTracker
 from drivers.ports import SystemClock
-from drivers.transport import open_transport
+from drivers.transport import opener_of
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import tracker_sessions
@@ -46,7 +46,7 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     }
 
     def connected(**options):
-        driver = make[speaks](partial(open_transport, url, timeout_s=1.0), **options)
+        driver = make[speaks](partial(opener_of(url), timeout_s=1.0), **options)
         drivers.enter_context(closing(driver))
         driver.connect()
         return driver
