@@ -1,6 +1,5 @@
 """Measuring on the cell: a series with its progress shown, and asked about again after Ctrl-C."""
 
-import shlex
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,7 +23,6 @@ from campaigns.measuring.wishes import Wish, Wishes
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions, ValidationOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.settings.option import typed_words
 from campaigns.workflow import validation
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
@@ -44,7 +42,6 @@ def measure(
     *,
     title: str,
     stage: Stage,
-    again: Sequence[str],
     retry: int | None,
     told: Briefing,
     yes: bool,
@@ -53,9 +50,9 @@ def measure(
 ) -> Result:
     """Connect, make the work, measure it, and finish with the journal still held.
 
-    `again`: words of the command that goes on later, the folder aside. `retry`: so often it
-    connects anew after a lost link; None: as campaign.yaml says. `told`: what the operator is told
-    before he is asked, unless it is a `yes`. `plain` shows it by lines, and hears no keys.
+    `retry`: so often it connects anew after a lost link; None: as campaign.yaml says. `told`: what
+    the operator is told before he is asked, unless it is a `yes`. `plain` shows it by lines, and
+    hears no keys.
     Raises `Interrupted` when the operator stopped and does not want to go on now.
     """
     allowed = campaign.config.run.retry if retry is None else retry
@@ -96,10 +93,9 @@ def measure(
                         _wait_for_next_try(error, retries, terminal, wish)
             except (Interrupted, Cancelled) as stopped:
                 if not (wish.may_go_on and _wants_to_go_on(wish, terminal)):
-                    resumes = shlex.join(["pkmcal", again[0], str(campaign.folder), *again[1:]])
                     raise Interrupted(
                         f"{title}: stopped by the operator; everything measured is kept",
-                        remedy=f"`{resumes}` resumes it",
+                        remedy="type the same command again to resume it",
                     ) from stopped
 
 
@@ -265,7 +261,6 @@ def measure_plan(
         terminal,
         title="run",
         stage="run",
-        again=("run", *options.run_words()),
         retry=options.retry,
         told=partial(briefing, campaign, work, preview),
         yes=yes,
@@ -315,7 +310,6 @@ def measure_validation(
         terminal,
         title=f"validate {options.stage}",
         stage=options.stage,
-        again=("validate", *typed_words(options)),
         retry=options.retry,
         told=told,
         yes=yes,

@@ -1,7 +1,6 @@
 """Next command, named at the end of every command, and who else works on a campaign meanwhile."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from app.console import TALK, WARNING, Terminal
 from campaigns.campaign import Campaign
@@ -24,7 +23,6 @@ def tell_next(
     terminal: Terminal,
     campaign: Campaign,
     *,
-    words: Sequence[str] = (),
     answered: bool = False,
     reported: bool = False,
     held: ControllerState | None = None,
@@ -32,9 +30,8 @@ def tell_next(
 ) -> dict[str, object]:
     """Say which command is next; gives it as a part of what `--json` prints.
 
-    `words`: options that a next run or identification gets, not those recorded. `answered`: the
-    devices answered. `held`: what was read from the controller. `evaluation`: the campaign's, where
-    it is there.
+    `answered`: the devices answered. `held`: what was read from the controller. `evaluation`: the
+    campaign's, where it is there.
     Where evidence cannot be read, nothing is said: the command's own result stands.
     """
     known = {"answered": answered, "reported": reported}
@@ -43,7 +40,7 @@ def tell_next(
             state = present_state(campaign, held=held, **known)
         else:
             state = state_of(evaluation, held=held, **known)
-        step = next_step(replace(state, words=tuple(words) or state.words))
+        step = next_step(state)
     except CampaignError:
         return {"next": None, "before_next": None}
     ways = state.ways if state.verdict == "not decided" else ()

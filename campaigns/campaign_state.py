@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from campaigns.journal.views import Series
     from campaigns.planning.plan_file import PlannedShot
 
-SELECTION = {"--estimator", "--model", "--free", "--fix"}
-"""Options that say what is to be found, which stay for further shots."""
-
 
 def present_state(
     campaign: Campaign,
@@ -63,7 +60,6 @@ def _unmeasured(
     """State of a campaign without a journal. `program`: whether there is one of plan.csv."""
     return CampaignState(
         folder=str(campaign.folder),
-        words=plan[0].asked if plan else (),
         answered=answered or campaign.is_simulated,
         offline=campaign.is_offline,
         program=program and campaign.is_offline,
@@ -97,7 +93,7 @@ def state_of(
         before=bool(evidence.before),
     )
     if not runs:
-        return replace(state, words=_words(evidence))
+        return state
     latest, imported = runs[-1], campaign.is_offline or runs[-1].started.stage == "import"
     left = "" if imported else _left(evidence, latest)
     state = replace(state, measured="import" if imported else "run", left=left)
@@ -106,9 +102,7 @@ def state_of(
         latest.number,
         campaign.robot.digest(),
     ):
-        return replace(state, words=_words(evidence))
-    if left or last > found.journal_records or campaign.outdated(found):
-        state = replace(state, words=_words(evidence))
+        return state
     if last > found.journal_records or campaign.outdated(found):
         return state
     if found.verdict == "pass":
@@ -144,17 +138,6 @@ def _to_answer(evidence: "Evidence", found: "RecordedIdentification") -> Answer:
     if check.decision == "not decided":
         return "firm"
     return "repair" if stored.can_repair(check) else "anew"
-
-
-def _words(evidence: "Evidence") -> tuple[str, ...]:
-    """Options, as typed, that say what is to be found: of the last identification or a new plan."""
-    found, plan, run = evidence.identification, evidence.plan, evidence.run
-    is_import = run is not None and run.series.started.imported  # by no plan
-    if plan and (found is None or is_import or not evidence.has_plan(found.plan_digest)):
-        return plan[0].asked
-    asked = found.asked if found else ()
-    pairs = zip(asked, ("", *asked), strict=False)
-    return tuple(word for word, before in pairs if {word, before} & SELECTION)
 
 
 def _shot_seconds(series: "Series") -> float | None:

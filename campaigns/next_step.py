@@ -57,8 +57,6 @@ class CampaignState:
     """State of a campaign, as far as the next step depends on it."""
 
     folder: str = "DIR"
-    words: tuple[str, ...] = ()
-    """Options for run and identify."""
     answered: bool = True
     """Whether the devices were asked who they are; a simulated cell need not be."""
     offline: bool = False
@@ -110,9 +108,9 @@ def next_step(state: CampaignState) -> NextStep | None:
         return _to_measure(state)
     if state.left:
         anew = ["--anew"] if state.left == "anew" else []
-        return NextStep(("run", here, *anew, *state.words))
+        return NextStep(("run", here, *anew))
     if state.verdict is None:
-        return NextStep(("identify", here, *state.words))
+        return NextStep(("identify", here))
     return state.way_on or _to_answer_a_check(state) or _to_calibrate(state) or _to_show(state)
 
 
@@ -132,7 +130,7 @@ def _to_measure(state: CampaignState) -> NextStep:
         return NextStep(("import", here, "FILE"), first)
     if not state.before:
         return NextStep(("validate", here, "--stage", "before"))
-    return NextStep(("run", here, *state.words))
+    return NextStep(("run", here))
 
 
 def _to_answer_a_check(state: CampaignState) -> NextStep | None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
@@ -188,10 +188,6 @@ class RunOptions(Selection):
             "Continue although poses have moved since the last session; the journal records it."
         ),
     ] = False
-
-    def run_words(self) -> list[str]:
-        """The options again, as they are typed; not `--anyway`, which is said each time."""
-        return typed_words(self, {each.name for each in fields(self)} - {"anyway"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -62,7 +62,7 @@ class Unusable:
         """Ways on with what each would cost: a larger model, limits, more shots."""
         found, unseen = self.found, self.found.unseen_mm
         if found.model not in {Model.AUTO, Model.EXTENDED}:
-            larger = self._identify("--model", Model.AUTO.value, without="--model")
+            larger = self._identify("--model", Model.AUTO.value)
             yield WayOn("model", larger, "no new shot, some seconds")
         if unseen is not None and found.verdict == "not decided":
             yield WayOn("limits", self._by_limits(unseen.after), "no new shot, if these will do")
@@ -80,7 +80,7 @@ class Unusable:
         numbers = next((each.numbers for each in affecting if each.name == name), {})
         freed = FREED.get(str(numbers.get("cause")), "")
         if name == identification.PRIOR or not name:
-            return self._identify(without="--prior" if name else "")
+            return self._identify()
         if name in TAKEN:
             return self._identify(diagnostics.ACCEPT[name], first=TAKEN[name])
         if name in AGAIN:
@@ -91,17 +91,18 @@ class Unusable:
             at = float(numbers.get("before_shot", 0.0))
             return self._after_change(str(numbers.get("kind")), at)
         if numbers.get("cause") == "backlash" and Estimator.DISTANCES.value in found.asked:
-            return self._identify(without="--estimator")  # all coordinates tell what gears lose
-        if freed and freed not in found.asked:
+            return self._identify()  # all coordinates tell what gears lose
+        if freed and not found.asked:
             return self._identify("--free", freed)
         return self._past_a_lack()
 
-    def _identify(self, *more: str, without: str = "", first: str = "") -> NextStep:
-        """Identification with the options of this one, but one, and more."""
-        words = self.found.asked
-        gone = {place for place, word in enumerate(words) if word == without}
-        kept = [word for place, word in enumerate(words) if not {place, place - 1} & gone]
-        return NextStep(("identify", self.folder, *kept, *more), first)
+    def _identify(self, *option: str, first: str = "") -> NextStep:
+        """Identification with one option at most.
+
+        Options of two remedies would have to be typed together. So an identification that had any
+        is followed by a measurement, not by another option: two remedies never alternate.
+        """
+        return NextStep(("identify", self.folder, *option), first)
 
     def _measure(self, first: str) -> NextStep:
         if self.imported:
@@ -111,8 +112,8 @@ class Unusable:
     def _with_few_shots(self, name: str) -> NextStep:
         """Way on where the shots do not tell enough."""
         if "--weights" in self.found.asked:  # equal ones tell no σ of few
-            return self._identify(without="--weights")
-        unseen = name == identification.NOTHING_UNSEEN and "--hold-out" not in self.found.asked
+            return self._identify()
+        unseen = name == identification.NOTHING_UNSEEN and not self.found.asked
         if unseen and self.shots >= FEWEST_SHOTS:
             return self._identify("--hold-out", "20%")
         if self.shots < ENOUGH_SHOTS and self.imported:
@@ -124,18 +125,20 @@ class Unusable:
         if name == diagnostics.EXTRAPOLATION:
             space = "leave out what was not measured, under space in campaign.yaml"
             return self._identify(first=space)
-        lost = self.found.unobservable
+        lost = () if self.found.asked else self.found.unobservable
         return self._identify("--fix", lost[0][0]) if lost else self._measure(MEND)
 
     def _after_change(self, kind: str, at: float) -> NextStep:
         """Way on after a change: frames of their own, or the larger part of the shots alone."""
-        asked, sessions = self.found.asked, self.sessions
+        sessions = self.sessions
         early = [number for number in sessions if number < at]
         late = [number for number in sessions if number >= at]
         apart = not {sessions[number] for number in early} & {sessions[number] for number in late}
-        if kind == "frame" and "--sessions" not in asked and early and late and apart:
+        if self.found.asked or kind == "drift":
+            return self._measure(MEND)
+        if kind == "frame" and early and late and apart:
             return self._identify("--sessions")
-        if kind == "drift" or "--shots" in asked or max(len(early), len(late)) < FEWEST_SHOTS:
+        if max(len(early), len(late)) < FEWEST_SHOTS:
             return self._measure(MEND)
         part = f"-{max(early)}" if len(early) >= len(late) else f"{min(late)}-"
         return self._identify("--shots", part)
@@ -143,8 +146,8 @@ class Unusable:
     def _past_a_lack(self) -> NextStep:
         """Way on where the model lacks something: a larger one, or limits kept without it."""
         found, unseen = self.found, self.found.unseen_mm
-        if found.model not in {Model.AUTO, Model.EXTENDED}:
-            return self._identify("--model", Model.AUTO.value, without="--model")
+        if found.model not in {Model.AUTO, Model.EXTENDED} and not found.asked:
+            return self._identify("--model", Model.AUTO.value)
         if found.verdict == "fail" or unseen is None:
             return self._measure(MEND)
         return self._by_limits(unseen.after)

@@ -17,7 +17,6 @@ from campaigns.files.table import Column, words
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.journal import Journal
 from campaigns.options import CheckOptions
-from campaigns.settings.option import typed_words
 from campaigns.workflow.checking import check_work, record_check, record_repair
 from campaigns.workflow.running import run_preview
 from campaigns.workflow.validation import seconds_of
@@ -78,7 +77,6 @@ def command(
         terminal,
         title=work.stage,
         stage=work.stage,
-        again=("check", *typed_words(options)),
         retry=options.retry,
         told=told,
         yes=yes,

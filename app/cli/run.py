@@ -15,7 +15,6 @@ from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.settings.option import typed_words
 from campaigns.workflow.running import predicted_end, run_preview, run_work, state_by_journal
 
 
@@ -68,7 +67,7 @@ def command(
             campaign, preview, work, terminal, options, yes=yes, anew=anew, plain=plain
         )
     show_run(terminal, ran)
-    terminal.document(run_document(ran) | tell_next(terminal, campaign, words=typed_words(options)))
+    terminal.document(run_document(ran) | tell_next(terminal, campaign))
     if not ran.good:
         raise typer.Exit(Exit.NOT_GOOD)
 

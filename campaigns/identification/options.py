@@ -13,7 +13,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
 from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
 from campaigns.robots.schema import Tolerance
-from campaigns.settings.option import Option, typed_words
+from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
 MOST_HELD_OUT = 0.5
@@ -70,10 +70,6 @@ class Selection:
     model: ModelChoice = None
     free: Freed = ()
     fix: Fixed = ()
-
-    def words(self) -> list[str]:
-        """Words as they are typed, for the next step's command."""
-        return typed_words(self, {"estimator", "model", "free", "fix"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

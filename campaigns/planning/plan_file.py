@@ -1,7 +1,6 @@
 """plan.csv: one row a shot, readable and editable."""
 
 import hashlib
-import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,8 +21,8 @@ from drivers.values import Pose
 KEYS = ("shot", "set", "pair")
 MODEL = "model"
 """Column of the model that a plan was made for; older plans lack it."""
-ASKED = "asked"
-"""Column of the options with which a plan was asked for what it shall tell; others lack it."""
+FORMER = ("asked",)
+"""Columns of older plans, which are read without effect."""
 
 REMEDY = "make one with `pkmcal plan`"
 
@@ -33,9 +32,8 @@ class PlannedShot:
     """Shot to be taken: where the plate shall be, and the joint values that bring it there.
 
     The pose is the controlled point in the base frame. `pair` is None for sets without pairs,
-    `model`, which the plan was made to tell, in plans that don't say. `asked`: options that say it
-    to a run and an identification, as typed. `nest` names the fixed place whose reflector is
-    measured while the robot stands there; empty: the robot's own is.
+    `model`, which the plan was made to tell, in plans that don't say. `nest` names the fixed place
+    whose reflector is measured while the robot stands there; empty: the robot's own is.
     """
 
     shot: int
@@ -44,7 +42,6 @@ class PlannedShot:
     pose: Pose
     joints: tuple[float, ...]
     model: Model | None = None
-    asked: tuple[str, ...] = ()
     nest: str = ""
 
 
@@ -115,7 +112,6 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     told = {
         columns.NEST: [shot.nest for shot in shots],
         MODEL: [shot.model or "" for shot in shots],
-        ASKED: [shlex.join(shot.asked) for shot in shots],
     }
     for name, values in told.items():
         if any(values):
@@ -128,7 +124,9 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
     form = CsvForm(
-        required=plan_columns(mechanism), optional=(columns.NEST, MODEL, ASKED), invalid=PlanInvalid
+        required=plan_columns(mechanism),
+        optional=(columns.NEST, MODEL, *FORMER),
+        invalid=PlanInvalid,
     )
     rows = list(parse_csv(text, name, form))
     if not rows:
@@ -186,20 +184,6 @@ def _model_of(row: CsvRow) -> Model | None:
     return Model(text)
 
 
-def _asked_of(row: CsvRow) -> tuple[str, ...]:
-    try:
-        return _options_of(text) if (text := row.text(ASKED)) else ()
-    except ValueError as error:
-        raise row.wrong(
-            f"{ASKED} is '{shown(row.text(ASKED))}'", remedy="close its quotes"
-        ) from error
-
-
-@lru_cache  # rows of a plan were asked for alike
-def _options_of(text: str) -> tuple[str, ...]:
-    return tuple(shlex.split(text))
-
-
 def _shot_of(
     row: CsvRow, poses: Iterator[tuple[float, ...]], joints: Iterator[tuple[float, ...]]
 ) -> PlannedShot:
@@ -212,6 +196,5 @@ def _shot_of(
         pose=pose_of(next(poses)),
         joints=next(joints),
         model=_model_of(row),
-        asked=_asked_of(row),
         nest=columns.nest_name(row, purpose),
     )

@@ -1,7 +1,7 @@
 """Options of a step of the work: a field each, whose annotation says how a command offers it."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -93,12 +93,12 @@ def remedy_for(error: Mapping[str, Any]) -> str:
     return kinds.get(kind.partition("_")[0], str(error["msg"]).lower())
 
 
-def typed_words(options: "DataclassInstance", names: Collection[str] | None = None) -> list[str]:
-    """Words of options that are not as they are by default, all or the named ones, as typed."""
+def typed_words(options: "DataclassInstance") -> list[str]:
+    """Words of options that are not as they are by default, as typed."""
     hints, found = get_type_hints(type(options), include_extras=True), list[str]()
     for each in fields(options):
         option, value = getattr(hints[each.name], "__metadata__", (None,))[-1], None
-        if isinstance(option, Option) and (names is None or each.name in names):
+        if isinstance(option, Option):
             value = getattr(options, each.name)
         if isinstance(option, Option) and value != each.default and value is not None:
             name = option.name or f"--{each.name.replace('_', '-')}"

@@ -39,7 +39,6 @@ from campaigns.planning.predicted_uncertainty import (
 )
 from campaigns.planning.stands import Stand, compare_stands, places_about
 from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
-from campaigns.settings.option import typed_words
 from campaigns.workflow.work import free_parameters
 
 REFUSALS_SAMPLE = 2000
@@ -157,8 +156,7 @@ def _made(
     else:
         shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
     named = None if model is Model.STANDARD else model  # such a plan is as plans always were
-    asked, config = tuple(typed_words(options)), campaign.config
-    shots = tuple(replace(shot, model=named, asked=asked) for shot in shots)
+    shots, config = tuple(replace(shot, model=named) for shot in shots), campaign.config
     commanded = shots if campaign is nominal else commanded_to(shots, nominal.robot.kinematics)
     measured = with_nests(commanded, config.nests, config.known_lengths)
     checked = nominal.checked_plan(measured, tell)

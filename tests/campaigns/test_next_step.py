@@ -60,7 +60,7 @@ OPTIONS = (
 DEVICES = {"devices", "run", "validate", "load", "check"}
 ANSWERS: tuple[Answer, ...] = ("", "repair", "firm", "anew")
 OFFLINE = ("plan", "program", "before", "import", "identify", "export", "program", "after")
-FIXED_A = "identify DIR --fix a"
+ANEW = "mend what the diagnostics name, then: run DIR --anew"
 
 
 def is_another_campaign(state: CampaignState, step: NextStep) -> bool:
@@ -82,6 +82,8 @@ class Place:
     model: Model = Model.STANDARD
     shots: int = 120
     asked: tuple[str, ...] = ()
+    restricted: bool = False
+    """Whether the workspace is as large as what was measured."""
 
 
 def identified(place: Place, verdict: str, name: str, change: str = "") -> RecordedIdentification:
@@ -183,7 +185,8 @@ def identifications(place: Place, step: NextStep) -> Iterator[Place]:
         limits = "met" if limits else "tight"  # a person may ask for too much at first
     model = Model.AUTO if Model.AUTO.value in words else place.model
     asked = tuple(word for each in typed for word in each)
-    here = replace(place, limits=limits, model=model, asked=asked)
+    restricted = place.restricted or "space" in step.first
+    here = replace(place, limits=limits, model=model, asked=asked, restricted=restricted)
     for form in ("", "needed"):  # the rest of the way is the same whatever it was identified with
         yield Place(replace(place.state, verdict="pass", way_on=None, form=form))
     cases = [("fail", name, "") for name in FAILING]
@@ -196,7 +199,7 @@ def identifications(place: Place, step: NextStep) -> Iterator[Place]:
             (name == identification.PRIOR and "--prior" not in words)
             or (name in diagnostics.ACCEPT and diagnostics.ACCEPT[name] in words)
             or (name == identification.UNTOLD and "--fix" in words)
-            or (name == diagnostics.EXTRAPOLATION and "space" in step.first)
+            or (name == diagnostics.EXTRAPOLATION and restricted)
             or (verdict == "not decided" and name not in FEW and limits == "met")
         )
         if not cannot_be:
@@ -257,8 +260,8 @@ def test_no_advice_leads_back_and_all_end() -> None:
     [
         ({"answered": False}, "look through campaign.yaml (tracker.place_mm!), then: devices DIR"),
         ({"measured": "run", "left": "anew"}, "run DIR --anew"),
-        ({"left": "run", "words": ("--fix", "a*")}, "run DIR --fix 'a*'"),
-        ({"words": ("--estimator", "distances")}, "identify DIR --estimator distances"),
+        ({"left": "run"}, "run DIR"),
+        ({}, "identify DIR"),
         ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
         ({"verdict": "pass", "check": "repair", "after": "pass"}, "check DIR --repair"),
         ({"verdict": "pass", "check": "firm"}, "make the tracker's stand firm, then: check DIR"),
@@ -298,15 +301,16 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: 
     ("name", "change", "asked", "says"),
     [
         (diagnostics.LACK, "reflector", (), "identify DIR --free reflector_constant_mm"),
-        (diagnostics.LACK, "sag", ("--model", "full"), "identify DIR --model auto"),
-        (diagnostics.LACK, "backlash", ("--estimator", "distances", "--fix", "a"), FIXED_A),
+        (diagnostics.LACK, "sag", (), "identify DIR --model auto"),
+        (diagnostics.LACK, "backlash", ("--estimator", "distances"), "identify DIR"),
         (diagnostics.CHANGE, "frame", (), "identify DIR --sessions"),
-        (diagnostics.CHANGE, "joint", ("--fix", "a"), "identify DIR --fix a --shots -59"),
-        (diagnostics.CHANGE, "drift", (), "mend what the diagnostics name, then: run DIR --anew"),
+        (diagnostics.CHANGE, "joint", (), "identify DIR --shots -59"),
+        (diagnostics.CHANGE, "joint", ("--fix", "a"), ANEW),
+        (diagnostics.CHANGE, "drift", (), ANEW),
         (identification.NOTHING_UNSEEN, "", (), "identify DIR --hold-out 20%"),
         (identification.UNTOLD, "", (), "plan DIR --shots 240"),
         (identification.TOO_FEW, "", ("--weights", "equal"), "identify DIR"),
-        (identification.PRIOR, "", ("--prior", "x=1", "--sessions"), "identify DIR --sessions"),
+        (identification.PRIOR, "", ("--prior", "x=1"), "identify DIR"),
         ("", "", (), "identify DIR"),
     ],
 )
@@ -339,7 +343,6 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
     evidence = gather(open_campaign(whole.folder))
     assert evidence.journal is not None
     assert evidence.plan is not None
-    asked = tuple(replace(shot, asked=("--fix", "a")) for shot in evidence.plan)
     runs = tuple(each for each in evidence.journal.series if each.started.stage == "run")
     unfinished = tuple(replace(each, finished=False) for each in runs)
     left: list[tuple[dict[str, object], str]] = [
@@ -347,9 +350,8 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         ({"after": ()}, "validate --stage after"),
         ({"loaded": None}, "load"),
         ({"parameter_file": None}, "export"),
-        ({"read_plan": lambda _: asked}, "export"),
-        ({"identification": None}, "identify --fix a"),
-        ({"journal": replace(evidence.journal, series=unfinished)}, "run --fix a"),
+        ({"identification": None}, "identify"),
+        ({"journal": replace(evidence.journal, series=unfinished)}, "run"),
         ({"journal": None, "before": ()}, "validate --stage before"),
         ({"read_plan": lambda _: None}, "devices"),
     ]
@@ -414,8 +416,7 @@ def test_a_new_campaign_has_the_state_that_its_evidence_says(
     whole: PaperCampaign, tmp_path: Path
 ) -> None:
     paper = new_campaign(tmp_path / "c")
-    words = ("--free", "arm0.x_mm")
-    shots = [replace(shot, asked=words) for shot in paper.plan(1, 1)]
+    shots = paper.plan(1, 1)
 
     def found(campaign: Campaign) -> CampaignState:
         state = present_state(campaign, answered=True, reported=True)
@@ -426,7 +427,7 @@ def test_a_new_campaign_has_the_state_that_its_evidence_says(
     paper.campaign.plan_path.write_text("shot")
     assert not found(paper.campaign).planned
     write_plan(paper.campaign.plan_path, shots, MECHANISM)
-    assert found(paper.campaign).words == words
+    assert found(paper.campaign).planned
     assert found(whole.campaign).measured == "run"
 
 
