@@ -1,0 +1,64 @@
+"""Two records of the yardsticks are compared in words and by tolerance."""
+
+import json
+
+import pytest
+
+from benchmarks.differences import compare, differences, text_differences
+
+PARAMETER = {"value": 350.0, "std": 0.02, "delta": 1.0}
+
+
+def found(old, new, place="case"):
+    return list(differences(old, new, place))
+
+
+def test_equal_documents_do_not_differ():
+    document = {"a": [1, 2.0, "three", None], "b": {"c": True}}
+    assert found(document, json.loads(json.dumps(document))) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ({"a": 1}, {"b": 1}, ["case.a: missing", "case.b: added"]),
+        ({"a": "pass"}, {"a": "fail"}, ["case.a:\n    - pass\n    + fail"]),
+        ({"a": [1, 2]}, {"a": [1]}, ["case.a: 2 → 1 entries"]),
+        ({"a": None}, {"a": 3}, ["case.a: null → 3"]),
+    ],
+)
+def test_what_differs_is_said_in_words(old, new, words):
+    assert found(old, new) == words
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "differ"),
+    [
+        (PARAMETER, PARAMETER | {"value": 350.0009}, False),
+        (PARAMETER, PARAMETER | {"value": 350.0011}, True),
+        (PARAMETER, PARAMETER | {"std": 0.0203}, False),
+        (PARAMETER, PARAMETER | {"std": 0.0205}, True),
+        ({"shots": 120}, {"shots": 121}, True),
+        ({"max_abs": 0.100}, {"max_abs": 0.1015}, False),
+        ({"max_abs": 0.100}, {"max_abs": 0.103}, True),
+    ],
+)
+def test_numbers_differ_beyond_their_tolerance(old, new, differ):
+    assert bool(found(old, new)) == differ
+
+
+def test_printed_numbers_may_differ_by_their_last_digit():
+    assert list(text_differences(["mean 0.021 mm"], ["mean 0.022 mm"], "help/x.txt")) == []
+    assert list(text_differences(["mean 0.021 mm"], ["mean 0.023 mm"], "help/x.txt")) != []
+    assert list(text_differences(["0.021"], ["0.022"], "plans/x.csv")) != []
+
+
+def test_files_that_are_missing_or_added_are_named(tmp_path, capsys):
+    for side, name in (("old", "a.txt"), ("new", "b.txt")):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / name).write_text("text\n", encoding="utf-8")
+    assert compare(tmp_path / "old", tmp_path / "new", most=5) == 1
+    printed = capsys.readouterr().out
+    assert "a.txt: 1 differences\n  missing" in printed
+    assert "b.txt: 1 differences\n  added" in printed
+    assert compare(tmp_path / "old", tmp_path / "old", most=5) == 0
