@@ -157,18 +157,6 @@ def uncertainty_in_words(found: IdentificationResult) -> Iterator[str]:
     yield from filter(None, (warmth_in_words(found),))
     if found.position_std_mm is not None:
         yield from positions_in_words(found.position_std_mm)
-    yield from filter(None, (hidden_in_words(found),))
-
-
-def hidden_in_words(found: IdentificationResult) -> str:
-    """The length and the angle that may be off most by what no test shows; "" if not known."""
-    known, worst = found.covariance, dict[str, tuple[float, str]]()
-    for name, unit in zip(known.names, known.units, strict=False) if known else ():
-        for cause, by_name in found.hidden.items():
-            one = by_name.get(name, 0.0), f"{name} ({cause})"
-            worst[unit] = max(worst.get(unit, one), one)
-    each = ", ".join(f"{most:.2g} {unit} of {what}" for unit, (most, what) in worst.items())
-    return f"undetected in 1 of 5 campaigns, at most: {each}" if each else ""
 
 
 def interval_in_words(interval: float | None) -> str:

@@ -29,7 +29,6 @@ from campaigns.estimation.residuals import (
 )
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import (
-    LIMIT_PER_STD,
     distance_variance_mm2,
     inverse_roots,
     pooled_variance_mm2,
@@ -384,9 +383,6 @@ class Uncertainty:
     common: dict[str, tuple[float, ...]] = field(default_factory=dict)
     """What all shots have in common and none can tell: by name the change of each parameter by one
     standard deviation of it, mm and deg. `matrix` has no part of it."""
-    undetected: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    """What may be wrong with the tracker and yet pass every test of the shots: by name the change
-    of each parameter at that limit (external reliability), mm and deg. Of positions alone."""
 
     @classmethod
     def of(
@@ -400,23 +396,18 @@ class Uncertainty:
         hold_out_ratio: float = 1.0,
         source: Source = "fitted",
         common: Mapping[str, Array] | None = None,
-        undetected: Mapping[str, Array] | None = None,
         beside: Iterable[Array] = (),
     ) -> "Uncertainty":
         """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,).
 
-        Changes (F,): `common` by what all shots have in common, `undetected` by as much of the
-        tracker's errors as passes every test of them, `beside` by one σ of other errors.
+        Changes (F,): `common` by what all shots have in common, `beside` by one σ of other errors.
         """
         matrix = sum((np.outer(each, each) for each in beside), covariance_matrix)
         matrix = matrix / np.outer(units, units)
         rows = tuple(map(tuple, matrix.tolist()))
         words = tuple("mm" if unit == 1.0 else "deg" for unit in units.tolist())
-        shared, hidden = (
-            {name: tuple((each / units).tolist()) for name, each in (changes or {}).items()}
-            for changes in (common, undetected)
-        )
-        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words, shared, hidden)
+        shared = {name: tuple((each / units).tolist()) for name, each in (common or {}).items()}
+        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words, shared)
 
     @property
     def array(self) -> Array:
@@ -444,13 +435,10 @@ class Uncertainty:
         places = [self.names.index(name) for name in kept]
         rows = tuple(map(tuple, self.array[np.ix_(places, places)].tolist()))
         units = tuple(self.units[place] for place in places) if self.units else ()
-        common, undetected = (
-            {name: tuple(changes[place] for place in places) for name, changes in each.items()}
-            for each in (self.common, self.undetected)
-        )
-        return replace(
-            self, names=kept, matrix=rows, units=units, common=common, undetected=undetected
-        )
+        common = {
+            name: tuple(changes[place] for place in places) for name, changes in self.common.items()
+        }
+        return replace(self, names=kept, matrix=rows, units=units, common=common)
 
     def with_exact(self, units: Mapping[str, str]) -> "Uncertainty":
         """The same with further parameters, by name, mm or deg, that are known exactly."""
@@ -460,17 +448,12 @@ class Uncertainty:
             *((*row, *none) for row in self.matrix),
             *[(0.0,) * len(self.names) + none] * len(new),
         )
-        common, undetected = (
-            {name: (*changes, *none) for name, changes in each.items()}
-            for each in (self.common, self.undetected)
-        )
         return replace(
             self,
             names=self.names + new,
             matrix=rows,
             units=self.units and (*self.units, *(units[name] for name in new)),
-            common=common,
-            undetected=undetected,
+            common={name: (*changes, *none) for name, changes in self.common.items()},
         )
 
     def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
@@ -481,16 +464,13 @@ class Uncertainty:
         for column, name in enumerate(self.names):
             whole[:, column] += [by.get(name, {}).get(each, 0.0) for each in self.names]
         rows = tuple(map(tuple, (whole @ self.array @ whole.T).tolist()))
-        common, undetected = (
-            {name: tuple((whole @ changes).tolist()) for name, changes in each.items()}
-            for each in (self.common, self.undetected)
-        )
-        return replace(self, matrix=rows, common=common, undetected=undetected)
+        common = {name: tuple((whole @ changes).tolist()) for name, changes in self.common.items()}
+        return replace(self, matrix=rows, common=common)
 
     @property
     def random(self) -> "Uncertainty":
         """The part of it that differs from shot to shot, by which coverage is judged."""
-        return replace(self, common={}, undetected={})
+        return replace(self, common={})
 
     def std(self) -> dict[str, float]:
         """Standard uncertainty (1 σ) by name, mm and deg, of the random part."""
@@ -526,15 +506,9 @@ class Uncertainty:
         return np.asarray(np.sqrt(variance))
 
     def common_of_positions(self, sample: WorkspaceSample) -> dict[str, Array]:
-        """Shifts of a sample's positions, (N, 3), mm, by what all shots have in common.
-
-        One standard deviation of each; what goes unseen is evenly spread within its limit.
-        """
+        """Shifts of a sample's positions, (N, 3), mm, by one σ of what all shots have in common."""
         jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
-        shifts_mm = {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
-        for name, changes in self.undetected.items():
-            shifts_mm[f"undetected {name}"] = jacobian @ np.array(changes) / LIMIT_PER_STD
-        return shifts_mm
+        return {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
 
     def correlations(self) -> Array:
         """Correlation matrix, (F, F), ones on the diagonal."""

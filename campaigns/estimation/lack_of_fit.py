@@ -8,11 +8,10 @@ told if they are significant after it (forward selection).
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from campaigns.arrays import SHOTS_AT_ONCE, Array, Index
@@ -20,14 +19,8 @@ from campaigns.estimation import error_columns
 from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, SIGNIFICANCE
-from campaigns.estimation.observability import column_norms, triangle_of
-from campaigns.estimation.residuals import PointResiduals, PositionModel
-from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.tracker_noise import inverse_roots
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.estimation.residuals import PointResiduals
 
-OF_THE_TRACKER = ("reflector", "transit axis")
-"""Groups of what is wrong with the instrument, which no robot can take up rightly."""
 GENERAL = "joints"
 """Name of the group of what no other group stands for."""
 LEAST_FREEDOM = 30
@@ -45,8 +38,6 @@ Drives = tuple[Array, Array, float, float]
 """Whitened ∂point/∂joints (N, 3, n), joints (N, n), and the shortest and longest period."""
 POSSIBLE = 0.01
 """Chance below which a cause is worth a trial, which other tests of it then have to support."""
-POWER = 0.8
-"""Share of campaigns that find an effect of the size at which it may hide."""
 FEWEST_PERIODS = 2.0
 """Over the travel: fewer may as well be an eccentric encoder, a ratio or the geometry."""
 STEPS_A_TURN = 2.0
@@ -176,73 +167,6 @@ def lacks_of_fit(
             return
         level = SIGNIFICANCE
         shots = shots.fitted(found.columns)
-
-
-def external_reliability(
-    shots: FittedShots, jacobian: Array, groups: Sequence[Group]
-) -> Iterator[tuple[str, Array]]:
-    """Changes of the fit's unknowns, (P, k), by an effect that may hide, by its cause.
-
-    Baarda 1968: the effect is as large as `POWER` of campaigns find it; of a cause with several
-    columns in k directions apart from one another. `jacobian` (N, 3, P) is the whitened one of the
-    fit. Nothing where too few degrees of freedom are left to test.
-    """
-    if shots.freedom < LEAST_FREEDOM:
-        return
-    flat = jacobian.reshape(shots.left.size, -1)
-    lengths = column_norms(flat)
-    lengths[lengths == 0.0] = np.inf  # what moves no point is moved by none
-    _, spread, directions = np.linalg.svd(triangle_of(flat / lengths))
-    told = spread > math.sqrt(RANK) * spread.max(initial=0.0)
-    directions = directions[: len(spread)][told] / spread[told, None]
-    inverse = directions.T @ directions / np.outer(lengths, lengths)
-    tests = sum(len(_parts(each)) for each in groups)
-    sigma0 = math.sqrt(max(1.0, shots.chi2 / shots.freedom))
-    for group in groups:
-        beside = shots.beside(group.columns)
-        solved = _Solved.of(beside.T @ beside, beside.T @ shots.left)
-        freedom = shots.freedom - solved.rank
-        if solved.rank == 0 or freedom < LEAST_FREEDOM:
-            continue
-        chance = SIGNIFICANCE / (tests * group.searched)
-        threshold = float(scipy.special.fdtri(solved.rank, freedom, 1.0 - chance))
-        size = math.sqrt(scipy.special.ncfdtrinc(solved.rank, freedom, 1.0 - POWER, threshold))
-        moved = inverse @ (flat.T @ group.columns.reshape(len(flat), -1) @ solved.along)
-        yield group.name, sigma0 * size * moved
-
-
-def undetected_by_points(
-    kinematics: Kinematics,
-    free: tuple[str, ...],
-    joints: Array,
-    poses: Array,
-    approach: Array,
-    tracker_mm: Array,
-    covariance_mm2: Array,
-) -> dict[str, Array]:
-    """Changes (F,) of parameters by the tracker's errors that points will hide, mm and rad.
-
-    Points have covariances (N, 3, 3) and scatter by them; the tracker (3,) has the base frame's
-    axes.
-    """
-    model = PositionModel(kinematics, kinematics.mechanism.parameters.places(free), joints, poses)
-    whitening, base = inverse_roots(covariance_mm2), Transform(np.eye(3), -tracker_mm)
-    points = PointResiduals(model, poses[:, :3] - tracker_mm, whitening, base)
-    x = points.start()
-    jacobian = points.jacobian(x).reshape(len(poses), 3, -1)
-    groups = tuple(
-        replace(each, columns=whitening @ each.columns)
-        for each in error_groups(points, x, joints, approach)
-        if each.name != GENERAL
-    )
-    shots = FittedShots.of(np.zeros((len(poses), 3)), jacobian)
-    found = external_reliability(shots, jacobian, groups)
-    return undetected({name: changes[: len(free)] for name, changes in found})
-
-
-def undetected(hidden: Mapping[str, Array]) -> dict[str, Array]:
-    """Changes (F,) by what is wrong with the tracker, of those (F, k) that causes may hide."""
-    return {cause: hidden[cause][:, 0] for cause in OF_THE_TRACKER if cause in hidden}
 
 
 def best_period(shots: FittedShots, drives: Drives) -> Group:

@@ -16,8 +16,6 @@ COMMON_WORDS = {
     "collimation": "tracker: collimation",
     "vertical index": "tracker: vertical index",
     "reflector": "reflector: centre and constant",
-    "undetected reflector": "reflector: as much of a wrong constant as no test of the shots finds",
-    "undetected transit axis": "tracker: as much of a transit axis out of square as none finds",
 }
 
 

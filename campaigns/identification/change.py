@@ -4,7 +4,7 @@ All shots that are not gross take part, those that were left out of the fit and 
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -65,8 +65,6 @@ class Tested:
     swapped: tuple[tuple[int, int], ...] = ()
     off_from: tuple[int, int] | None = None
     """Number of shots that are off, and the first of the last shots that hold them all."""
-    hidden: Mapping[str, Array] = field(default_factory=dict)
-    """By cause: changes of the free parameters, (F, k), mm and rad, that it may hide."""
 
 
 def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
@@ -104,7 +102,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         between = numbers[rows[change.after]], numbers[rows[change.after + 1]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
     grows = not lacks and _shows_growth(steps)
-    return Tested(lacks, possible, change, grows, between, named, off, _hidden(smooth))
+    return Tested(lacks, possible, change, grows, between, named, off)
 
 
 def _shows_growth(steps: "_Rows") -> bool:
@@ -131,29 +129,11 @@ def _shown_by_one(shots: "_AllShots", gross: Mask, apart: Index) -> tuple[Change
     return None
 
 
-def hidden(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Mapping[str, Array]:
-    """What causes may hide in the parameters, as `tested` finds it, without the tests."""
-    try:
-        shots = _all_shots(inputs, points, near)
-    except (NoSolution, np.linalg.LinAlgError):
-        return {}
-    smooth = _Rows(shots, np.flatnonzero(~_gross(shots, tuple(_swapped(shots)))))
-    return _hidden(smooth)
-
-
 def _gross(shots: "_AllShots", swapped: tuple[tuple[int, int], ...]) -> Mask:
     """Shots that show no cause, (N,): gross errors, and neighbours that are swapped."""
     gross = shots.size > GROSS
     gross[[row for pair in swapped for row in pair]] = True
     return np.asarray(gross)
-
-
-def _hidden(smooth: "_Rows") -> dict[str, Array]:
-    """External reliability of the free parameters against each cause that has a name."""
-    named = tuple(each for each in smooth.groups if each.name != lack_of_fit.GENERAL)
-    free = len(smooth.shots.parameters)
-    found = lack_of_fit.external_reliability(smooth.fit, smooth.jacobian, named)
-    return {name: changes[:free] for name, changes in found}
 
 
 def isolated(kept: Mask) -> Mask:

@@ -343,7 +343,7 @@ def repaired_estimate(
     units, count = space.units(names), len(names)
     sigma0 = found.noise.sigma0 or 1.0
     known = Uncertainty.of(names, units, found.covariance[:count, :count], sigma0=sigma0)
-    known = replace(known, common=stored.known.common, undetected=stored.known.undetected)
+    known = replace(known, common=stored.known.common)
     return found, known, fitted.points
 
 

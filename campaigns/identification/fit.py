@@ -5,7 +5,7 @@ them are wrong and how much the robot scatters: three times as many numbers as d
 frame is no concern of theirs.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,7 +16,6 @@ from campaigns.errors import ShotsMissing
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimate import Estimate, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
-from campaigns.estimation.lack_of_fit import undetected
 from campaigns.estimation.tracker_noise import TrackerUncertainty, common_shifts_mm
 from campaigns.identification.observations import (
     Inputs,
@@ -85,14 +84,12 @@ class Fit:
         instrument: TrackerUncertainty | None = None,
         noise_mm: Iterable[Array] = (),
         told_mm: Iterable[Array] = (),
-        hidden: Mapping[str, Array] | None = None,
     ) -> information.Uncertainty | None:
         """Uncertainty of the parameters that were looked for; None where nothing tells it.
 
         With what all shots have in common where the `instrument` is given. `noise_mm`: shifts of
         the shots, (N, 3), by one σ of each error beside their own; `told_mm`: by one σ of what is
-        known before of an error that they tell too. `hidden`: changes of the parameters, (F, k),
-        that causes may hide; of distances no test tells them.
+        known before of an error that they tell too.
         """
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
@@ -108,7 +105,6 @@ class Fit:
             dof=self.variance_dof,
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
             common={name: each[:count] for name, each in zip(shifts, common, strict=True)},
-            undetected={} if self.asked is None else undetected(hidden or {}),
             beside=(each[:count] for each in self._beside(found.covariance, noise_mm, told_mm)),
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
-from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.estimators import Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.estimation.residuals import FRAME_COLUMNS
@@ -153,11 +153,8 @@ def _result(
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
     noise_mm = () if inputs.stand is None else inputs.stand.noise_mm(fitted.shots)
-    _, told = tests
     course_mm = _course_shifts_mm(inputs, fit)
-    uncertainty = fit.uncertainty(
-        free, held_out.tested, instrument, noise_mm, course_mm, told.hidden
-    )
+    uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm, course_mm)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
@@ -233,7 +230,6 @@ def _result(
         region=region,
         known_lengths=lengths,
         robot_scatter=scatter,
-        hidden=_hidden(told, inputs) if options.estimator is Estimator.POINTS else {},
         hold_out=held_out.tested,
         doubts=doubts,
         frame=frames[0] if frames else None,
@@ -358,16 +354,6 @@ def _tested_doubts(
         yield diagnostics.swapped_doubt(*pair)
     for lack in told.lacks:
         yield diagnostics.lack_doubt(lack, space, limits_met=met)
-
-
-def _hidden(told: Tested, inputs: Inputs) -> dict[str, dict[str, float]]:
-    """Largest change of each free parameter by each cause that may hide, mm and deg."""
-    free = inputs.selection.free
-    units = inputs.nominal.mechanism.parameters.units(free)
-    return {
-        cause: dict(zip(free, (np.linalg.norm(by, axis=1) / units).tolist(), strict=True))
-        for cause, by in told.hidden.items()
-    }
 
 
 def _play(inputs: Inputs, judged: PointFit, told: Tested) -> float:

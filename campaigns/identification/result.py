@@ -316,9 +316,6 @@ class IdentificationResult:
     """Of their places, x, y and z of one after the other, the frame's part in it."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
-    hidden: dict[str, dict[str, float]] = field(default_factory=dict)
-    """By what a model may lack, how far each free parameter may be off, mm and deg, by as much of
-    it as four of five campaigns find (external reliability); empty where distances were fitted."""
     hold_out: HoldOut | None = None
     doubts: tuple[Doubt, ...] = ()
     """All that speak against the result, heeded, accepted or only told."""
@@ -468,16 +465,8 @@ class RecordedIdentification(IdentificationResult):
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     remedy = "identify again: another version of the software wrote it"
-    found = read_body(_renamed(body), RecordedIdentification, "identification", remedy)
+    found = read_body(body, RecordedIdentification, "identification", remedy)
     return _completed(found)
-
-
-def _renamed(body: Mapping[str, JsonValue]) -> Mapping[str, JsonValue]:
-    """With today's name of what older software called unseen in its uncertainty."""
-    known = body.get("covariance")
-    if not isinstance(known, dict) or "unseen" not in known:
-        return body
-    return {**body, "covariance": {"undetected": known["unseen"], **known}}
 
 
 def _completed(found: RecordedIdentification) -> RecordedIdentification:

@@ -9,7 +9,6 @@ from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation import information
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.variance_components import LinearizedShots
-from campaigns.identification.change import hidden
 from campaigns.identification.fit import Fit, PointFit, fit_shots
 from campaigns.identification.hold_out import unseen_pairs
 from campaigns.identification.observations import Inputs
@@ -108,8 +107,7 @@ class UncertaintyMonitor:
         ):
             return None
         unseen = unseen_pairs(inputs, fit)
-        causes = {} if fit.points is None else hidden(inputs, fit.points, unseen.identified)
-        known = fit.uncertainty(free, unseen.tested, self.setup.uncertainty, hidden=causes)
+        known = fit.uncertainty(free, unseen.tested, self.setup.uncertainty)
         identified = fit.observations.model.kinematics(found.x[: len(free)])
         sample = information.WorkspaceSample.of_workspace(identified, free, self.workspace.poses)
         if known is None or sample is None:

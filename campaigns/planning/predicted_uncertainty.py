@@ -22,11 +22,10 @@ from campaigns.estimation.information import (
     predict_distances,
     predict_points,
 )
-from campaigns.estimation.lack_of_fit import undetected_by_points
 from campaigns.estimation.observability import Observability
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.mechanisms.transmission import GAIN, approach_along
+from campaigns.mechanisms.transmission import GAIN
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
@@ -151,31 +150,16 @@ def with_common_errors(
     pairs, free = pairs_of(shots, ShotSet.IDENTIFICATION), setup.free
     seen_mm = poses[:, :3] - tracker_mm
     shifts = tracker_noise.common_shifts_mm(seen_mm, setup.uncertainty)
-    undetected = dict[str, Array]()
     if setup.estimator is Estimator.POINTS:
         rows = pairs.ravel()
         noise = tracker_noise.point_covariance_mm2(seen_mm[rows], setup.uncertainty)
         own = {name: each[rows] for name, each in shifts.items()}
         found = common_by_points(kinematics, free, joints[rows], poses[rows], noise, own)
-        unseen = pairs_of(shots, ShotSet.VALIDATION).ravel()
-        tested = np.sort(np.concatenate([rows, unseen]))
-        undetected = undetected_by_points(
-            kinematics,
-            free,
-            joints[tested],
-            poses[tested],
-            approach_along(joints)[tested],
-            tracker_mm,
-            tracker_noise.point_covariance_mm2(seen_mm[tested], setup.uncertainty),
-        )
     else:
         found = common_by_distances(kinematics, free, joints, poses, pairs, shifts)
     units = kinematics.mechanism.parameters.units(free)
-    common, hidden = (
-        {name: tuple((each / units).tolist()) for name, each in changes.items()}
-        for changes in (found, undetected)
-    )
-    return replace(predicted, common=common, undetected=hidden)
+    common = {name: tuple((each / units).tolist()) for name, each in found.items()}
+    return replace(predicted, common=common)
 
 
 def plan_approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:

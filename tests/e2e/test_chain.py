@@ -28,7 +28,7 @@ IDENTIFICATION_KEYS = {
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
     *("pedigree", "settings"),
-    *("series", "model", "asked", "obstacles", "known_lengths", "region", "hidden", "nests"),
+    *("series", "model", "asked", "obstacles", "known_lengths", "region", "nests"),
     "nest_covariance_mm2",
 }
 DRY_RUN_KEYS = {

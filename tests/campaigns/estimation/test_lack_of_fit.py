@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from scipy.special import fdtri, ncfdtr
 
 from campaigns.estimation import lack_of_fit
 from campaigns.estimation.error_columns import harmonic, of_joints, smooth
@@ -82,33 +80,6 @@ def test_a_direction_of_which_the_fit_leaves_but_a_trace_has_no_size():
     )
     assert found.part.tolist() == [0, 1, 2]
     assert found.size == pytest.approx([1.0, -1.0, 0.0], abs=0.3)
-
-
-def test_what_an_effect_may_hide_is_what_it_moves_where_one_in_five_tests_misses_it():
-    joints, by_joints, jacobian, noise = drawn(5)
-    columns = harmonic(by_joints[:, :, :1], joints[:, :1])
-    shots = FittedShots.of(noise, jacobian)
-    ((_, changes),) = lack_of_fit.external_reliability(
-        shots, jacobian, [lack_of_fit.Group("eccentricity", columns, np.zeros(2))]
-    )
-    most = np.linalg.norm(changes, axis=1)
-    freedom = shots.freedom - 2
-    threshold = fdtri(2, freedom, 1.0 - SIGNIFICANCE)
-    missed = brentq(lambda size: ncfdtr(2, freedom, size, threshold) - 0.2, 1.0, 100.0)
-    turns = np.linspace(0.0, np.pi, 300)
-    effects = columns.reshape(-1, 2) @ np.array([np.cos(turns), np.sin(turns)])
-    beside = effects - shots.basis @ (shots.basis.T @ effects)
-    effects *= np.sqrt(missed) / np.linalg.norm(beside, axis=0)
-    moved = np.linalg.lstsq(jacobian.reshape(len(effects), -1), effects, rcond=None)[0]
-    sigma0 = np.sqrt(max(1.0, shots.chi2 / shots.freedom))
-    assert most == pytest.approx(sigma0 * np.abs(moved).max(axis=1), rel=2e-3)
-
-
-def test_shots_that_the_fit_uses_up_say_nothing_of_what_may_hide():
-    joints, by_joints, jacobian, noise = (each[:6] for each in drawn(5))
-    shots = FittedShots.of(noise, jacobian)
-    assert shots.freedom == 0
-    assert not list(lack_of_fit.external_reliability(shots, jacobian, groups_of(joints, by_joints)))
 
 
 @pytest.mark.parametrize("seed", range(4))
