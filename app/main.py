@@ -65,7 +65,7 @@ COMMANDS = {
     "reproduce": ("reproduce", "Repeat the paper's simulation and experiment."),
     "study": (
         "study",
-        "Simulate many campaigns for every plan, scenario, estimator and model named.",
+        "Simulate many campaigns of a plan, and compare what they identify with the truth.",
     ),
     "check-journal": (
         "check_journal",

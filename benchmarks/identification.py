@@ -1,4 +1,4 @@
-"""What identification costs: one robot's, the fit while measuring, and campaigns of a study.
+"""What identification costs: one robot's, and the fit while measuring.
 
 python -m benchmarks.identification [--rounds N] [--json]
 
@@ -6,48 +6,29 @@ Processor time of one core in the least disturbed of some rounds. Milliseconds o
 60 measured pairs, medians of 21, and of the full model, with unequal rods and tilted axes, beside
 the 22 parameters; the shots are those of tests/data/vectors/table1-tracker-noise.csv.
 
-Then simulated campaigns a second, by estimator and number of pairs: by distances alone 22
-parameters need more than 22 pairs; by points fewer do. Of 60 pairs also by the full model. Where
-numba is installed (`[fast]`) those of 22 parameters also by compiled loops, compiled before
-anything is measured, and how many times as fast these are: the median of the rounds. What several
-workers gain: benchmarks.study_workers. Exit code 1 when a
-solution misses its limit, or 60 pairs by distances are slower than 100 campaigns a second.
+Exit code 1 when a solution misses its limit.
 """
 
-import math
 import statistics
 from collections.abc import Iterator
 from functools import partial
-from types import ModuleType
 
 from benchmarks.shared.measured_robot import MeasuredRobot, by_distances, by_points, measured_robot
 from benchmarks.shared.prototype import FREE, FREE_PLACES, NOMINAL, SPACE
-from benchmarks.shared.rounds import Contestant, contestant, least_s, ratio, take_turns, timed_s
-from benchmarks.shared.studies import tasks_of
+from benchmarks.shared.rounds import contestant, least_s, take_turns, timed_s
 from benchmarks.shared.yardstick import Figure, Report, main
-from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.estimation.residual_stacks import closure_kernel
-from campaigns.studies.estimates import estimated
 
 REPEATS = 21
 RUNNING_AT = (20, 60, 160)
 FULL = SPACE.places(SPACE.free_in_full)
 FULL_OVER_USUAL = 1.6
 LIMITS_MS = {"60 distances": 4.0, "120 points": 8.0}
-CAMPAIGNS = 400
-"""Each round, of each case."""
-CASES = (
-    *((Estimator.DISTANCES, pairs) for pairs in (30, 60, 120)),
-    *((Estimator.POINTS, pairs) for pairs in (20, 40, 60, 120)),
-)
-LEAST_PER_S = {"60 pairs by distances": 100.0}
-COMPILED = ", compiled"
 
 
 def measure(rounds: int) -> Report:
     robot = measured_robot()
-    return Report([*solving(robot, rounds), *running(robot), *studying(rounds)])
+    return Report([*solving(robot, rounds), *running(robot)])
 
 
 def solving(robot: MeasuredRobot, rounds: int) -> Iterator[Figure]:
@@ -70,40 +51,6 @@ def running(robot: MeasuredRobot) -> Iterator[Figure]:
     for at in RUNNING_AT:
         some = costs_ms[max(0, at - half) : at + half + 1]
         yield Figure(f"one more shot after {at}", statistics.median(some), "ms")
-
-
-def studying(rounds: int) -> Iterator[Figure]:
-    """Campaigns a second, and how many times as many compiled loops do."""
-    kernel, contestants = closure_kernel(NOMINAL), dict[str, Contestant[None]]()
-    for estimator, pairs in CASES:
-        name = f"{pairs} pairs by {estimator}"
-        contestants[name] = campaigns_of(estimator, pairs)
-        if kernel is not None:
-            contestants[name + COMPILED] = campaigns_of(estimator, pairs, kernel=kernel)
-            contestants[name + COMPILED]()  # compiles
-    for estimator in Estimator:
-        name = f"60 pairs by {estimator}, full model"
-        contestants[name] = campaigns_of(estimator, 60, SPACE.free_in_full)
-    taken = dict(zip(contestants, take_turns([*contestants.values()], rounds), strict=True))
-    for name, runs in taken.items():
-        least = LEAST_PER_S.get(name, -math.inf)
-        yield Figure(name, 1.0 / least_s(runs), "campaigns/s", lowest=least)
-        if name + COMPILED in taken:
-            times, _, _ = ratio(runs, taken[name + COMPILED])
-            yield Figure(f"{name + COMPILED}, over NumPy", times)
-
-
-def campaigns_of(
-    estimator: Estimator, pairs: int, free: tuple[str, ...] = FREE, kernel: ModuleType | None = None
-) -> Contestant[None]:
-    """Its cost is that of one campaign."""
-    tasks = tasks_of(estimator, pairs, CAMPAIGNS, free, is_long=kernel is not None)
-
-    def work() -> None:
-        for task in tasks:
-            estimated(task, kernel)
-
-    return contestant(work, 1, parts=CAMPAIGNS)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,14 @@
 """What encoders, gears and warmth leave of positions, without and with their own parameters.
 
-python -m benchmarks.transmission [--robots N] [--clean N] [--json]
+python -m benchmarks.transmission [--robots N] [--json]
 
 Truth is made by the simulated cell's own rods, gears and warm parts, with errors of manufacture
 drawn: 120 random poses, each joint come to from a random side, a tracker of 0.015/√3 mm on each
 coordinate. Errors of unseen positions, wanted cold, rms in µm, medians of the robots; and the share
 of robots of which an F test asks for the added parameters, p < 1e-3. What is told of angles of
 cranks is told of carriages by the way of a crank of 300 mm. Then how many 95 % intervals of the
-added parameters hold the truth, the time that all terms take beside the full model, and of how many
-clean robots `study --effects clean --model auto` keeps more than the usual model. Exit code 1 when
-a limit is missed.
+added parameters hold the truth, and the time that all terms take beside the full model. Exit code 1
+when a limit is missed.
 """
 
 import math
@@ -20,15 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.study.rods import terms_of
-from benchmarks.shared.studies import mean, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.f_test import log_p
 from campaigns.estimation.information import covariance
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
-from campaigns.identification.model_selection import STANDARD
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.robots.robot import RobotFile, find_robot
@@ -67,7 +63,7 @@ TRUTHS: Mapping[str, Sizes] = {
 }
 """Sizes in arcsec, ppm and arcmin; what is named is fitted too."""
 ALONE_SAID, NEVER_SAID, OVER_CLEAN = 0.9, 0.1, 1.6
-TERMS_OF_CLEAN, LARGER_OF_CLEAN, LONGER = 0.01, 0.05, 1.5
+LONGER = 1.5
 NORMAL_95 = 1.96
 
 
@@ -85,7 +81,7 @@ class Fitted:
     seconds: tuple[float, float]
 
 
-def measure(robots: int, clean: int) -> Report:
+def measure(robots: int) -> Report:
     tables, figures = [], []
     every: list[Fitted] = []
     for name in ROBOTS:
@@ -112,28 +108,16 @@ def measure(robots: int, clean: int) -> Report:
         ]
     held = [abs(sigmas) < NORMAL_95 for one in every for sigmas in one.sigmas]
     full, with_all = (statistics.median(one.seconds[at] for one in every) for at in (0, 1))
-    kept = [model for name in ROBOTS for model in kept_of_clean(name, clean)]
-    terms, larger = mean("+" in model for model in kept), mean(model != STANDARD for model in kept)
-    of = f"of {len(kept)}"
     figures += [
-        Figure("95 % intervals of added parameters hold", mean(held), "", 0.93, 0.97),
+        Figure("95 % intervals of added parameters hold", statistics.fmean(held), "", 0.93, 0.97),
         Figure("all terms, time over the full model's", with_all / full, highest=LONGER),
-        Figure("clean robots of which auto keeps a term", terms, of, highest=TERMS_OF_CLEAN),
-        Figure("or a larger model of any kind", larger, of, highest=LARGER_OF_CLEAN),
     ]
     return Report(figures, tables)
 
 
-def kept_of_clean(name: str, robots: int) -> list[str]:
-    """Model kept of each robot that the usual one describes."""
-    asked = ("--effects", "clean", "--model", "auto")
-    (found,) = studied(name, "drawn-robots", SHOTS, asked, robots)
-    return [verdict.model for verdict in found.verdicts()]
-
-
 def medians(found: Sequence[Fitted]) -> tuple[float, float, float]:
     plain, fitted = (statistics.median(one.errors[at] for one in found) for at in (0, 1))
-    return plain, fitted, mean(one.said for one in found)
+    return plain, fitted, statistics.fmean(one.said for one in found)
 
 
 def one_robot(file: RobotFile, kind: Kind, sizes: Sizes, seed: int) -> Fitted:
@@ -197,7 +181,13 @@ def true_terms(
 ) -> dict[str, float]:
     """Added parameters, rad, mm and ratios; not the frame's growth, as the plate stays cold."""
     each = np.ones(kind.arms)
-    values = terms_of(gears)
+    values = {
+        "encoder_gain": gears.ratio,
+        "eccentricity_sin": gears.eccentricity * np.cos(gears.phase_rad),
+        "eccentricity_cos": -gears.eccentricity * np.sin(gears.phase_rad),
+        "ripple_sin": gears.ripple * np.cos(gears.ripple_phase_rad),
+        "ripple_cos": -gears.ripple * np.sin(gears.ripple_phase_rad),
+    }
     values["backlash"] = sizes.get("backlash", 0.0) * 60.0 * ARCSEC * kind.scale * each
     warm = 1e-6 * sizes.get("warm", 0.0) * each
     values |= {"arm_expansion": warm, "forearm_expansion": warm}
@@ -231,4 +221,4 @@ def drawn_gears(kind: Kind, sizes: Sizes, rng: np.random.Generator) -> Transmiss
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(__doc__, measure, robots=8, clean=34))
+    raise SystemExit(main(__doc__, measure, robots=8))

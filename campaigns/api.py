@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,14 +29,12 @@ from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.settings.option import checked, options_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
-from campaigns.studies.engine import run_task
 from campaigns.studies.study import (
-    MANY_CAMPAIGNS,
     Noise,
     StudySetup,
-    StudyTask,
-    chunks,
+    identification_shots,
     planned_shots,
+    simulate_campaigns,
     studied_parameters,
 )
 from campaigns.studies.summary import StudySummary, summarise
@@ -219,7 +216,6 @@ def study(
     tracker_mm: Sequence[float],
     *,
     campaigns: int = 100,
-    estimator: Estimator | str = Estimator.POINTS,
     model: Model | str = Model.STANDARD,
     free: Sequence[str] | str = (),
     fix: Sequence[str] | str = (),
@@ -232,28 +228,23 @@ def study(
 
     The free parameters of each true robot are drawn about the nominal ones with standard deviations
     `spread`, in mm and deg. `uncertainty` is what the instrument states of its points, `noise` what
-    it really does, by default that. Raises `OptionsInvalid`, and `ShotsMissing` when fewer than two
-    campaigns can be identified.
+    it really does, by default that. Raises `OptionsInvalid`, `WorkspaceTooSmall`, and
+    `ShotsMissing` when fewer than two campaigns can be identified.
     """
     space = robot.mechanism.parameters
     known = studied_parameters(space, checked(Model, model, "model"), free, fix)
     setup = StudySetup(
         nominal=robot.kinematics,
-        shots=planned_shots(shots),
+        shots=planned_shots(identification_shots(shots)),
         free=known,
-        options=IdentificationOptions(
-            estimator=checked(Estimator, estimator, "estimator"),
-            instrument=uncertainty or TrackerUncertainty(),
-        ),
+        instrument=uncertainty or TrackerUncertainty(),
         tracker_from_base=Transform(np.eye(3), -batch(tracker_mm, AXES, "tracker_mm")[0]),
+        workspace=sample_workspace(robot),
         seed=seed,
         noise=noise,
-        is_long=campaigns >= MANY_CAMPAIGNS,
     )
     places = space.places(known)
     std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])
     truths = np.tile(robot.kinematics.p, (campaigns, 1))
     truths[:, places] += std * np.random.default_rng(seed).standard_normal((campaigns, len(std)))
-    parts = chunks(range(campaigns), setup.at_once)
-    rows = (run_task(StudyTask(setup, part, truths[part[0] : part[-1] + 1])) for part in parts)
-    return summarise(setup, chain.from_iterable(rows))
+    return summarise(known, simulate_campaigns(setup, range(campaigns), truths))

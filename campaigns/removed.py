@@ -26,6 +26,9 @@ INSTEAD: Mapping[str, str] = {
     "--program vplus": "use --program csv; a loop in docs/your-controller.md reads it",
     "plan --targets": "leave it out: the table has poses and joints",
     "plan --dwell": "change the column dwell_s, or settle.time_s in campaign.yaml",
+    "study --effects": "add the fault to a cell file and simulate campaigns with `pkmcal dry-run`",
+    "study --estimator": "leave it out: the campaigns of a study are identified from points",
+    "study --weights": "leave it out: the campaigns of a study are identified from points",
 }
 """Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""

@@ -2,27 +2,31 @@
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from json import dumps as json_text
 from pathlib import Path
 
 import typer
+from joblib import cpu_count
 from rich.console import Console
 
 from app.console import WARNING, Terminal, terminal_of
 from app.exits import Exit
 from app.options import Folder, Json, Plot
 from app.progress import CountedWork
-from app.study.errors import Errors, compare
-from app.study.running import run_study
-from app.study.setup import CHOICES, Combination, StudyOptions, combinations, left_out
-from app.study.verdicts import Verdicts, sized_verdicts
-from app.study.workers import workers_of
-from campaigns.campaign import Campaign, now_utc, open_campaign
-from campaigns.errors import OptionsInvalid
+from app.study import output
+from app.study.running import Job, run_jobs
+from app.study.setup import Study, StudyOptions, left_out, study_of
+from app.study.workers import local_results
+from campaigns.campaign import now_utc, open_campaign
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
+from campaigns.studies.engine import ResultTable
+from campaigns.studies.study import CampaignRow
+from campaigns.studies.summary import StudySummary, normal_scores
 
 OUTPUTS = "study"
+CAMPAIGNS_A_TASK = 25
 
 
 def command(
@@ -33,92 +37,69 @@ def command(
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Simulate many campaigns for every plan, scenario, estimator and model named.
+    """Simulate many campaigns of a plan, and compare what they identify with the truth.
 
     Each campaign draws a robot and the tracker's noise, nothing else: effects that no parameter
     describes (rods, backlash, warm arms) are shown by `pkmcal dry-run`. The study shows whether
     the stated σ are true, how close they come to the least that the shots allow, and the error
-    that remains elsewhere.
-
-    --effects adds a fault to each campaign (a step of an encoder, a bumped stand, wrong shots,
-    unequal rods, …), identifies it as `pkmcal identify` does, and counts how often a "pass" is
-    wrong and how often the cause is named.
+    of positions that remains.
 
     The same command resumes; a larger N adds campaigns. Results depend on the seed, not on the
     workers. Exit code 1: campaigns were lost with their workers.
     """
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
-    _check_together(options, plot)
+    began_s, study = time.monotonic(), study_of(opened, options)
+    if effects := left_out(study.scenario, study.model):
+        terminal.note(f"{study.scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
     to = options.to or opened.path(OUTPUTS)
-    document, found = study(opened, options, to, terminal)
-    found.show(terminal)
-    terminal.say(f"written: {to}")
-    if plot is not None and isinstance(found, Errors):
-        draw(terminal, found, plot)
+    table = ResultTable(
+        to / f"{study.file_name}.jsonl", CampaignRow, "pkmcal study", study.table_head()
+    )
+    make_folder(to)
+    with campaign_lock(to, now_utc=now_utc):
+        studied = run(study, table, range(options.campaigns), options.workers or cpu_count())
+        summary = studied.summary()
+        seconds = time.monotonic() - began_s
+        document = output.document(studied, summary) | {"seconds": seconds, "path": str(table.path)}
+        replace_text(to / f"{study.file_name}.csv", output.csv(summary))
+        text = json_text(document, allow_nan=False, indent=1)
+        replace_text(to / f"{study.file_name}.json", f"{text}\n")
+    output.show(terminal, studied, summary)
+    terminal.say(f"written: {to / study.file_name}.csv, .json, .jsonl")
+    if plot is not None:
+        draw(terminal, summary, studied.rows, plot)
     terminal.document(document)
-    if document["lost"]:
+    if studied.lost:
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-def _check_together(asked: StudyOptions, plot: Path | None) -> None:
-    """Raise `OptionsInvalid` for what is for effects alone, or not for them."""
-    if asked.effects:
-        if plot is not None:
-            raise OptionsInvalid(
-                "--plot draws no effects", remedy="leave it out; the table is in effects.csv"
-            )
-    elif chosen := CHOICES & {*asked.model}:
-        raise OptionsInvalid(
-            f"--model {min(chosen)} finds other parameters in each campaign, whose σ don't compare",
-            remedy="name one, such as --model full, or study the choice with --effects",
-        )
+def run(
+    study: Study, table: ResultTable[CampaignRow], wanted: range, workers: int
+) -> output.Studied:
+    """Compute what a table lacks of the wanted campaigns.
+
+    Raises `OutputExists` and `WriteFailed`; what had come back until then is kept.
+    """
+    there = table.read()
+    left = [number for number in wanted if number not in there]
+    parts = [left[at : at + CAMPAIGNS_A_TASK] for at in range(0, len(left), CAMPAIGNS_A_TASK)]
+    jobs = [Job(table, part, len(part)) for part in parts]
+    screen, done = Console(stderr=True, highlight=False), len(wanted) - len(left)
+    counted = CountedWork(screen, "campaigns", len(wanted), done=done, now_s=time.monotonic)
+    processes = partial(local_results, processes=workers)
+    lost = run_jobs(jobs, study.simulate, processes, [table], counted)
+    count = sum(job.count for job, _ in lost)
+    rows = [*table.rows(number for number in wanted if number in there)]
+    reasons = dict.fromkeys(reason for _, reason in lost)
+    return output.Studied(study, rows, len(left) - count, count, (*reasons,))
 
 
-def study(
-    campaign: Campaign, asked: StudyOptions, to: Path, terminal: Terminal
-) -> tuple[dict[str, object], Errors | Verdicts]:
-    """Run what the tables in `to` lack, with their folder held, and write what all of it shows."""
-    began_s = time.monotonic()
-    found, results_of = combinations(campaign, asked, to), workers_of(asked.workers)
-    tell_what_is_left_out(terminal, found)
-    make_folder(to)
-    with campaign_lock(to, now_utc=now_utc):
-        studied = run_study(found, range(asked.campaigns), results_of, counting)
-        summary: Errors | Verdicts
-        summary = (
-            Verdicts((*sized_verdicts(studied),)) if asked.effects else Errors(compare(studied))
-        )
-        document = summary.document() | {
-            "seed": asked.seed,
-            "computed": sum(one.computed for one in studied),
-            "lost": sum(one.lost for one in studied),
-            "seconds": time.monotonic() - began_s,
-            "path": str(to),
-        }
-        replace_text(to / summary.table_name, summary.csv())
-        text = json_text(document, allow_nan=False, indent=1)
-        replace_text(to / summary.document_name, f"{text}\n")
-    return document, summary
-
-
-def counting(total: int, done: int) -> CountedWork:
-    """Shows how far the campaigns are."""
-    screen = Console(stderr=True, highlight=False)
-    return CountedWork(screen, "campaigns", total, done=done, now_s=time.monotonic)
-
-
-def tell_what_is_left_out(terminal: Terminal, combinations: Sequence[Combination]) -> None:
-    """Say what the scenarios have that no campaign of a study has."""
-    models = [one.method.model for one in combinations]
-    for scenario in {one.scenario.name: one.scenario for one in combinations}.values():
-        if effects := left_out(scenario, models):
-            terminal.note(f"{scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
-
-
-def draw(terminal: Terminal, errors: Errors, path: Path) -> None:
-    """Draw errors, coverage and what is left; raises `WriteFailed`."""
+def draw(
+    terminal: Terminal, summary: StudySummary, rows: Sequence[CampaignRow], path: Path
+) -> None:
+    """Draw errors, ratios and coverage; raises `WriteFailed`."""
     from app.report.figures.drawing import save  # matplotlib only where it is used
     from app.study.pictures import study_picture
 
-    save(study_picture(errors.compared), path)
+    save(study_picture(summary, normal_scores(rows)), path)
     terminal.say(f"drawn: {path}")

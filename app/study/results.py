@@ -8,17 +8,7 @@ from drivers.errors import ExplainedError
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
-Common = TypeVar("Common")
-Own = TypeVar("Own")
 Work = Callable[[Task], tuple[Outcome, ...]]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Portion(Generic[Common, Own]):
-    """Task whose larger part others have too, as the same object: it is sent far away only once."""
-
-    common: Common
-    own: Own
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +23,7 @@ class Result(Generic[Outcome]):
 Results = Generator[Result[Outcome], None, None]
 """As they come; closing it ends the work."""
 Workers = Callable[..., Results[Any]]
-"""Whoever computes: from tasks, and `work` by name, to results.
-
-Raises `OptionsInvalid` at once when nobody is there to work.
-"""
+"""Whoever computes: from tasks, and `work` by name, to results."""
 
 
 def tried(work: Work[Task, Outcome], place: int, task: Task) -> Result[Outcome]:

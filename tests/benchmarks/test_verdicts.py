@@ -19,7 +19,6 @@ from benchmarks.rivals.pybotics_process import RivalMissing
 from benchmarks.shared.measured_robot import measured_robot
 from benchmarks.shared.prototype import FREE
 from benchmarks.shared.rounds import Run
-from benchmarks.study_workers import MACHINE, asked
 
 ANSWER = np.zeros(len(FREE))
 TITLE = "60 distances"
@@ -70,8 +69,3 @@ def test_without_pybotics_one_line_says_why_and_nothing_is_missed(monkeypatch):
     report = serial_arm(measured_robot(), 1)
     assert str(report).strip().endswith("not compared, no network")
     assert report.missed == []
-
-
-def test_workers_are_asked_for_nine_tenths_of_what_the_machine_gives_or_of_their_number():
-    assert asked({MACHINE: 1.5}, 2) == pytest.approx(1.35)
-    assert asked({MACHINE: 2.4}, 2) == pytest.approx(1.8)

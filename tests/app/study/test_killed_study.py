@@ -11,9 +11,9 @@ from app.main import run_command
 
 pytestmark = pytest.mark.long
 
-TABLE = "plan-paper-simulation-points.jsonl"
+TABLE = "plan-paper-simulation.jsonl"
 MANY = 999
-"""More than are computed before the end; of 1000 compiled loops would give other last digits."""
+"""More than are computed before the end."""
 FEW = 40
 WITHIN_S = 30.0
 

@@ -16,10 +16,36 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
 )
 from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH, UNMEASURED
-from campaigns.studies.perturbed import BAR, with_known_lengths
+from campaigns.settings.sections import KnownLengthConfig
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import COLUMNS, Shots
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=1)
 PPM = 1e-6
+BAR = KnownLengthConfig(name="bar", length_mm=1000.0, std_mm=0.005)
+
+
+def with_known_lengths(shots, ends_mm, instrument, rng):
+    """Shots, and pairs of a known length between true points (M, 3), without the robot."""
+    count, stated = len(ends_mm), point_covariance_mm2(ends_mm, instrument)
+    noise = np.linalg.cholesky(stated) @ rng.standard_normal((count, 3, 1))
+    pairs = max((pair for pair in shots.pairs if pair is not None), default=-1) + 1
+    numbers = max(shots.numbers) + 1
+    ends = replace(
+        shots.rows(np.zeros(count, dtype=np.intp)),
+        numbers=tuple(range(numbers, numbers + count)),
+        purposes=(ShotSet.KNOWN_LENGTH,) * count,
+        pairs=tuple(pairs + row // 2 for row in range(count)),
+        joints=np.full((count, shots.joints.shape[1]), np.nan),
+        points_in_tracker_mm=ends_mm + noise[:, :, 0],
+        stated_covariance_mm2=stated,
+    )
+
+    def joined(name):
+        own, added = getattr(shots, name), getattr(ends, name)
+        return np.concatenate([own, added]) if isinstance(own, np.ndarray) else own + added
+
+    return Shots(**{name: joined(name) for name in COLUMNS})
 
 
 def bar_ends(count, rng):
