@@ -17,8 +17,6 @@ from drivers.wire.typed_numbers import typed_numbers
 AXES = 3
 LOOK_S = 0.1
 """How often the file is looked at."""
-QUIET_S = 1.0
-"""After so long without a change a last line without its end counts as whole."""
 AS_IT_STOOD = " = "
 """Behind the point in a record: the row as it stood in the file."""
 AGAIN = "measure the point again, one row for each question"
@@ -50,10 +48,13 @@ class _Contents:
         """Rows that are new; of a file that was replaced, those that the old one did not have."""
         known = [*before.rows, *filter(None, [before.partial])]
         whole = len(before.rows)
-        if [*self.rows[:whole]] == [*before.rows]:
+        changed = sum(old != new for old, new in zip(before.rows, self.rows, strict=False))
+        if not changed and len(self.rows) >= whole:
             new = [*self.rows[whole:]]
             ended = new and before.partial and new[0].startswith(before.partial)
             return new[1:] if ended else new  # it had begun before it was asked for
+        if changed == 1 and len(self.rows) == whole > 1:
+            return []  # an old row was written anew in its place, with more digits say
         return [*(Counter(self.rows) - Counter(known)).elements()]
 
 
@@ -96,26 +97,23 @@ class WatchedTracker(LaserTracker):
 
         `LinkDown` when the file cannot be read, `Cancelled` at the wish to stop.
         """
-        before = seen = self._contents()
+        before = now = self._contents()
+        if before.rows:
+            self._last = before.rows[-1]
         give_up_s = self._clock.now_s() + self._settings.wait_s
-        since_s = self._clock.now_s()
         while True:
             if self._cancelled():
                 problem = f"{self._name}: the wait for a row was abandoned"
                 raise Cancelled(problem, remedy="start again when ready")
-            now, now_s = self._contents(otherwise=seen), self._clock.now_s()
-            if now != seen:
-                seen, since_s = now, now_s
-            rows = now.new_since(before)
-            if now.partial not in {"", before.partial} and now_s - since_s >= QUIET_S:
-                rows.append(now.partial)
-            if rows:
+            now = self._contents(otherwise=now)
+            if rows := now.new_since(before):
                 return self._measured(rows, now.text)
-            if now_s >= give_up_s:
+            if self._clock.now_s() >= give_up_s:
+                half = "; its last line has no line end" if now.partial else ""
                 raise NotAMeasurement(
-                    f"{self._name}: no new row for {self._settings.wait_s:g} s",
+                    f"{self._name}: no new row for {self._settings.wait_s:g} s{half}",
                     remedy="measure while pkmcal says that it measures; see that the tracker's "
-                    "software writes to this file at once",
+                    "software writes each row to this file at once, with its line end",
                 )
             self._clock.sleep_s(LOOK_S)
 

@@ -66,7 +66,7 @@ def watched(tmp_path, before, *doings, unit="mm", columns=None, cancelled=lambda
         ("", [appends(ROW + "\n")]),
         (None, [replaces(f"// made later\n\n{ROW}\n")]),
         ("Main p1 1.0 2.0 3.0\n", [nothing, appends(ROW + "\r\n")]),
-        ("Main p1 1.0 2.0 3.0", [appends("\n" + ROW)]),
+        ("Main p1 1.0 2.0 3.0", [appends("\n" + ROW + "\n")]),
         ("Main p1 1.0 2.0", [appends(" 3.0\n"), appends(ROW + "\n")]),
         ("", [appends("Main p2 2000.5 10."), nothing, appends("25 -300.125\n")]),
         (
@@ -77,7 +77,7 @@ def watched(tmp_path, before, *doings, unit="mm", columns=None, cancelled=lambda
         ("a 1 2 3\n", [appends("# a comment\n"), appends(ROW + "\n")]),
     ],
     ids=[
-        *("appended", "made later", "after others", "its end comes with the next", "one under way"),
+        *("appended", "made later", "after others", "one without its end", "one under way"),
         *("in pieces", "written anew", "replaced", "comment"),
     ],
 )
@@ -90,11 +90,30 @@ def test_row_that_comes_after_the_question_is_the_point(tmp_path, before, doings
     assert point_said(measured.raw) == POINT
 
 
-def test_last_line_without_an_end_is_whole_only_once_it_stays_as_it_is(tmp_path):
-    clock, tracker = watched(tmp_path, "", appends("Main p2 2000.5 10.25 -300"), *[nothing] * 5)
-    clock.doings.append(appends(".125"))
+def test_line_is_a_row_with_its_end_only_however_long_its_writer_waits(tmp_path):
+    half = appends("Main p2 2000.5 10.25 -300")
+    _, tracker = watched(tmp_path, "", half, *[nothing] * 50, appends(".125\n"))
     assert tracker.measure().point_in_tracker_mm == POINT
-    assert clock.now_s() >= 1.6
+
+
+def test_line_end_that_never_comes_is_named(tmp_path):
+    with pytest.raises(
+        NotAMeasurement, match=r"no new row for 30 s; its last line has no line end"
+    ):
+        watched(tmp_path, "", appends(ROW))[1].measure()
+
+
+def test_row_of_before_the_start_that_is_written_again_is_no_measurement(tmp_path):
+    _, tracker = watched(tmp_path, f"a 1 2 3\n{ROW}\n", appends(ROW + "\n"))
+    with pytest.raises(NotAMeasurement, match="the row is that before"):
+        tracker.measure()
+
+
+def test_row_of_before_that_is_written_anew_with_more_digits_is_no_measurement(tmp_path):
+    more = replaces(f"a 1.001 2.001 3.001\n{ROW}\n")
+    _, tracker = watched(tmp_path, f"a 1 2 3\n{ROW}\n", more)
+    with pytest.raises(NotAMeasurement, match="no new row"):
+        tracker.measure()
 
 
 def test_rows_of_before_are_never_taken_and_silence_is_no_measurement(tmp_path):
