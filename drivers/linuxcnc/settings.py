@@ -42,7 +42,7 @@ class LinuxcncDeadlines:
 
     greeting_s: float = 5.0
     """It opens its port a second before it answers."""
-    answer_s: float = 1.0
+    answer_s: float = 0.5
     order_s: float = 2.0
     """Told to linuxcncrsh itself: so long it waits for the task, then the answer is NAK."""
     order_margin_s: float = 1.5

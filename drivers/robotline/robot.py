@@ -48,6 +48,8 @@ class RobotlineDeadlines:
     """Deadlines of the controller, in real seconds."""
 
     answer_s: float = 2.0
+    moving_answer_s: float = 0.5
+    """Of the state while the robot moves: a link may be dead without a sign."""
     commit_s: float = 15.0
     stop_answer_s: float = 0.5
     """Patience of the first try to stop; each further one waits longer."""
@@ -85,6 +87,7 @@ class LineRobot(RobotController):
         self._deadlines = deadlines
         self._session = DeviceSession("controller", self._opened, self._greet)
         self._known: tuple[str, ...] | None = None
+        self._is_moving = False
         self._stopping = StopProcedure(
             clock,
             within_s=deadlines.standstill_s,
@@ -112,7 +115,10 @@ class LineRobot(RobotController):
     @override
     def state(self) -> RobotState:
         client = self._session.connection
-        status, line = client.ask(wire.Order.STATE, wire.ControllerStatus, self._deadlines.answer_s)
+        deadlines = self._deadlines
+        within_s = deadlines.moving_answer_s if self._is_moving else deadlines.answer_s
+        status, line = client.ask(wire.Order.STATE, wire.ControllerStatus, within_s)
+        self._is_moving = status.moving
         joints = inner_units(self._layout.joints, status.joints)
         require_joints(client.name, self._layout.joints, joints)
         return RobotState(
@@ -129,12 +135,12 @@ class LineRobot(RobotController):
     @override
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         on_wire = outer_units(self._layout.joints, joints)
-        self._ask(wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
+        self._begin(wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT))
 
     @override
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         on_wire = outer_units(self._layout.coordinates, pose.coordinates)
-        self._ask(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
+        self._begin(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT))
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or the operator has asked to stop.
@@ -213,6 +219,10 @@ class LineRobot(RobotController):
             command, kind, within_s or self._deadlines.answer_s
         )
         return answer
+
+    def _begin(self, command: wire.MoveJoints | wire.MovePose) -> None:
+        self._ask(command, wire.MotionBegun)
+        self._is_moving = True
 
     def _greet(self, conversation: LineClient[wire.Command]) -> Identity:
         greeting, _ = conversation.ask(

@@ -221,3 +221,11 @@ def test_closing_at_rest_is_not_kept_up_by_a_dead_task(linuxcnc):
     linuxcnc.task_lives = False
     linuxcnc.robot.close()
     assert linuxcnc.pipes[0].is_closed
+
+
+def test_silence_of_half_a_second_breaks_the_wire(linuxcnc):
+    linuxcnc.overrides["get joint_pos"] = NEVER
+    asked_s = linuxcnc.clock.now_s()
+    with pytest.raises(LinkDown, match=r"within 0\.5 s"):
+        linuxcnc.robot.state()
+    assert linuxcnc.clock.now_s() - asked_s <= 0.5 + 0.02

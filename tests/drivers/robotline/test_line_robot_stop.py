@@ -194,3 +194,20 @@ def test_standing_robot_is_stopped_within_two_answers(controller):
     begun_s = controller.clock.now_s()
     controller.robot.stop()
     assert controller.clock.now_s() - begun_s <= 2 * ANSWER_S + 1e-9
+
+
+def test_silence_of_half_a_second_breaks_the_wire_of_a_robot_that_moves(controller):
+    controller.robot.move_joints([0.0] * 4, 0.5)
+    controller.answers["STATE"] = [MOVING, None]
+    assert controller.robot.state().moving
+    asked_s = controller.clock.now_s()
+    with pytest.raises(LinkDown, match=r"no answer to STATE within 0\.5 s"):
+        controller.robot.state()
+    assert controller.clock.now_s() - asked_s <= 0.5 + 0.02
+
+
+def test_robot_that_stands_may_answer_late(controller):
+    controller.robot.move_joints([0.0] * 4, 0.5)
+    assert not controller.robot.state().moving
+    controller.delays_s["STATE"] = 1.5
+    assert not controller.robot.state().moving
