@@ -1,84 +1,92 @@
-"""How large the house is: lines, classes, contracts, and whether modules import in a circle.
+"""Print how large the house is, beside the ceilings in pyproject.toml.
 
-python -m benchmarks.size [--product 44000] [--classes 620] [--dataclasses 370] [--tests 37000]
-    [--benchmarks 3000] [--contracts 11] [--json]
+python -m benchmarks.size [--lower]
 
-The options are the limits. Lines are all lines of .py files; a dataclass is a class with a
-decorator of that name. Imports for type checkers alone make no circle; those within functions do.
+Lines are all lines of .py files. A constant is a name at the top of a module that stands for a
+number, or for arithmetic or tuples of numbers. `--lower` brings each ceiling down to what there is.
 """
 
 import ast
+import re
+import sys
 import tomllib
 from collections.abc import Iterator
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-import grimp
-
-from benchmarks.shared.yardstick import Figure, Report, Table, main
-
 ROOT = Path(__file__).parents[1]
+CEILINGS = ROOT / "pyproject.toml"
 PRODUCT = ("app", "campaigns", "drivers", "sim")
 
 
-def files_of(folder: str) -> Iterator[Path]:
-    return (ROOT / folder).rglob("*.py")
+def files_of(*folders: str) -> list[Path]:
+    return [file for folder in folders for file in (ROOT / folder).rglob("*.py")]
 
 
-def lines_in(*folders: str) -> int:
-    texts = (file.read_text(encoding="utf-8") for name in folders for file in files_of(name))
+def lines_of(*folders: str) -> int:
+    texts = (file.read_text(encoding="utf-8") for file in files_of(*folders))
     return sum(len(text.splitlines()) for text in texts)
 
 
-def classes_in(*folders: str) -> list[ast.ClassDef]:
-    """All of them, those within functions and other classes too."""
-    trees = (ast.parse(file.read_bytes()) for name in folders for file in files_of(name))
-    return [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+def is_dataclass(node: ast.ClassDef) -> bool:
+    calls = (mark.func if isinstance(mark, ast.Call) else mark for mark in node.decorator_list)
+    return any(ast.unparse(mark).rpartition(".")[2] == "dataclass" for mark in calls)
 
 
-def is_dataclass(found: ast.ClassDef) -> bool:
-    marks = (each.func if isinstance(each, ast.Call) else each for each in found.decorator_list)
-    return any("dataclass" in (getattr(m, "id", ""), getattr(m, "attr", "")) for m in marks)
+def is_numeric(value: ast.expr | None) -> bool:
+    match value:
+        case ast.Constant(value=number):
+            return isinstance(number, int | float) and not isinstance(number, bool)
+        case ast.UnaryOp(operand=operand):
+            return is_numeric(operand)
+        case ast.BinOp(left=left, right=right):
+            return is_numeric(left) and is_numeric(right)
+        case ast.Tuple(elts=entries):
+            return bool(entries) and all(map(is_numeric, entries))
+    return False
 
 
-def import_contracts() -> int:
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    return len(settings["tool"]["importlinter"]["contracts"])
+def constants_in(module: ast.Module) -> Iterator[str]:
+    """Yield the names at a module's top that stand for numbers."""
+    for node in module.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and is_numeric(node.value):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names = (name for target in targets for name in ast.walk(target))
+            yield from (name.id for name in names if isinstance(name, ast.Name))
 
 
-def circle_of_imports() -> list[str]:
-    """Modules that import each other in a circle, the first once more at the end; else none."""
-    graph = grimp.build_graph(*PRODUCT, exclude_type_checking_imports=True, cache_dir=None)
-    imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
-    try:
-        TopologicalSorter(imports).prepare()
-    except CycleError as error:
-        return list(reversed(error.args[1]))
-    return []
+def sizes() -> dict[str, int]:
+    """Count what the ceilings hold, by their names."""
+    modules = [ast.parse(file.read_bytes()) for file in files_of(*PRODUCT)]
+    nodes = (node for module in modules for node in ast.walk(module))
+    classes = [node for node in nodes if isinstance(node, ast.ClassDef)]
+    return {
+        "product_lines": lines_of(*PRODUCT),
+        "product_files": len(modules),
+        "classes": len(classes),
+        "dataclasses": sum(map(is_dataclass, classes)),
+        "constants": sum(len([*constants_in(module)]) for module in modules),
+        "test_lines": lines_of("tests"),
+        "benchmark_lines": lines_of("benchmarks"),
+    }
 
 
-def measure(
-    product: int, classes: int, dataclasses: int, tests: int, benchmarks: int, contracts: int
-) -> Report:
-    found = [classes_in(name) for name in PRODUCT]
-    data = [sum(map(is_dataclass, own)) for own in found]
-    rows = list(zip(PRODUCT, map(lines_in, PRODUCT), map(len, found), data, strict=True))
-    circle = circle_of_imports()
-    tables = [Table("Product", ("", "lines", "classes", "dataclasses"), rows)]
-    if circle:
-        tables.append(Table("Modules in a circle", ("",), [(name,) for name in circle]))
-    figures = [
-        Figure("product", lines_in(*PRODUCT), "lines", highest=product),
-        Figure("classes", sum(map(len, found)), highest=classes),
-        Figure("dataclasses", sum(data), highest=dataclasses),
-        Figure("tests", lines_in("tests"), "lines", highest=tests),
-        Figure("benchmarks", lines_in("benchmarks"), "lines", highest=benchmarks),
-        Figure("import contracts", import_contracts(), highest=contracts),
-        Figure("circles of imports", int(bool(circle)), highest=0),
-    ]
-    return Report(figures, tables)
+def ceilings() -> dict[str, int]:
+    settings = tomllib.loads(CEILINGS.read_text(encoding="utf-8"))
+    return dict(settings["tool"]["pkmcal"]["size"])
+
+
+def lower(measured: dict[str, int]) -> None:
+    """Bring down each ceiling in pyproject.toml that is higher than what there is."""
+    text = CEILINGS.read_text(encoding="utf-8")
+    for name, size in measured.items():
+        if size < ceilings()[name]:
+            text = re.sub(rf"(?m)^{name} = \d+", f"{name} = {size}", text)
+    CEILINGS.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    limits = {"product": 44000, "classes": 620, "dataclasses": 370, "tests": 37000}
-    raise SystemExit(main(__doc__, measure, **limits, benchmarks=3000, contracts=11))
+    measured = sizes()
+    if sys.argv[1:] == ["--lower"]:
+        lower(measured)
+    for name, size in measured.items():
+        print(f"{name:16}{size:8}  of {ceilings()[name]}")

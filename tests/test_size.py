@@ -1,0 +1,52 @@
+"""The house does not grow: its sizes stay below the ceilings in pyproject.toml."""
+
+import ast
+
+import pytest
+
+from benchmarks import size
+
+SIZES, CEILINGS = size.sizes(), size.ceilings()
+
+
+def test_each_size_has_its_ceiling():
+    assert list(CEILINGS) == list(SIZES)
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_nothing_is_larger_than_its_ceiling(name):
+    above = SIZES[name] - CEILINGS[name]
+    assert above <= 0, (
+        f"{name}: {SIZES[name]}, {above} higher than the ceiling {CEILINGS[name]} → remove as much "
+        f"elsewhere, or give a reason and raise `{name}` under [tool.pkmcal.size] in "
+        "pyproject.toml. What became smaller lowers its ceiling: python -m benchmarks.size --lower"
+    )
+
+
+@pytest.mark.parametrize(
+    ("mark", "counts"),
+    [
+        ("@dataclass", True),
+        ("@dataclass(frozen=True)", True),
+        ("@dataclasses.dataclass", True),
+        ("@final", False),
+        ("", False),
+    ],
+)
+def test_a_dataclass_is_a_class_with_that_decorator(mark, counts):
+    [node] = ast.parse(f"{mark}\nclass Value: ...").body
+    assert size.is_dataclass(node) == counts
+
+
+def test_constants_are_names_of_numbers_at_the_top_of_a_module():
+    text = "A = 1\nB: float = -2.0 * 3\nC, D = 1, 2\nE = 'word'\nF = True\nG = [1]\ndef f(): h = 1"
+    assert [*size.constants_in(ast.parse(text))] == ["A", "B", "C", "D"]
+
+
+def test_lowering_brings_down_only_what_is_higher(tmp_path, monkeypatch):
+    file = tmp_path / "pyproject.toml"
+    lines = [f"{name} = {count + 7 * (name != 'classes')}" for name, count in SIZES.items()]
+    file.write_text("\n".join(["[tool.pkmcal.size]", *lines]), encoding="utf-8")
+    monkeypatch.setattr(size, "CEILINGS", file)
+    size.lower(SIZES)
+    assert size.ceilings() == SIZES
