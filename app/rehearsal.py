@@ -9,12 +9,11 @@ from app.wiring import connected_robot, scenario_of
 from campaigns import workflow
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import state_of
-from campaigns.controllers.export import PLAIN
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.options import LoadOptions, PlanOptions, ValidationOptions, ValidationStage
-from campaigns.workflow.reduced_export import export_projected
+from campaigns.workflow.reduced_export import export_plain
 from campaigns.workflow.validation import Validated
 
 STAGES = 8
@@ -48,7 +47,7 @@ def rehearse(
     document["parameter_file"] = str(path)
     heading(terminal, 6, "load")
     if state_of(evaluate(campaign)).form == "needed":
-        path = export_projected(campaign, PLAIN).path
+        path = export_plain(campaign).path
         terminal.say(f"the controller takes no tilts and skews: {path.name}")
     kept = workflow.load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")

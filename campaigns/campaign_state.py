@@ -12,7 +12,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Literal
 
 from campaigns.campaign import Campaign
-from campaigns.controllers.export import PLAIN, PLAIN_FILE, form_options, forms_taken
+from campaigns.controllers.export import PLAIN_FILE
 from campaigns.errors import CampaignError
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.next_step import After, Answer, CampaignState, Held
@@ -181,9 +181,6 @@ def _calibrated(
     lacking = {*(lacks or ())} & {*identified.extended_by}
     own = [each for each in evidence.forms if each.projection and each.projection.of == digest]
     taken = next((each for each in own if not any(each.wanted.get(n) for n in lacking)), None)
-    # axes took tables where somebody wrote any: else the form that every controller takes
-    fullest = any(each.projection and each.projection.name != PLAIN for each in own)
-    form = [*forms_taken(space, lacking)][0 if fullest else -1]
     has_form = taken is not None and (bool(lacking) or lacks is None)
     held = held or evidence.controller
     kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
@@ -211,7 +208,7 @@ def _calibrated(
         file="identified" if evidence.file_origin == digest else "other" if is_there else "",
         form="exported" if has_form else "needed" if lacking else "",
         form_file=taken.file if taken else PLAIN_FILE,
-        form_options=form_options(form, {each.file: each.tables for each in evidence.forms}),
+        form_there=any(each.file == PLAIN_FILE for each in evidence.forms),
         holds=holds,
         after=decided if after else "",
         reasons="; ".join(verdict.reasons),

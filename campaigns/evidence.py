@@ -17,7 +17,7 @@ from campaigns.arrays import Array, Mask
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
-from campaigns.controllers.export import FORMS, WrittenSet, written_sets
+from campaigns.controllers.export import PLAIN, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.controllers.programs import is_plan_program_there, is_program_there
 from campaigns.errors import CampaignError, FindingUnreadable
@@ -435,7 +435,7 @@ def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[
     for each in written:
         if each.file not in names and campaign.path(each.file).exists():
             names.add(each.file)
-            if each.projection and each.projection.name in FORMS:
+            if each.projection and each.projection.name == PLAIN:
                 yield each
 
 

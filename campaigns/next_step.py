@@ -7,7 +7,7 @@ import shlex
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.controllers.export import FORMS, PLAIN, PLAIN_FILE
+from campaigns.controllers.export import PLAIN, PLAIN_FILE
 from campaigns.evaluation.decision import Decision
 
 Held = Literal["", "identified", "form"]
@@ -85,8 +85,8 @@ class CampaignState:
     """Plain parameters, of which a controller without plate tilt takes the file."""
     form_file: str = PLAIN_FILE
     """The form's, in the campaign's folder."""
-    form_options: tuple[str, ...] = FORMS[PLAIN][1]
-    """Options of `export` for the form that is needed."""
+    form_there: bool = False
+    """Whether an older form has the file's default name."""
     holds: Held = ""
     """What the controller holds."""
     after: After = ""
@@ -171,7 +171,8 @@ def _to_calibrate(state: CampaignState) -> NextStep | None:
         put = "put the exported file into the controller, or correct the targets, and measure pairs"
         return NextStep(("import", here, "FILE", "--stage", "after"), put)
     if state.form == "needed":
-        return NextStep(("export", here, *state.form_options))
+        again = ["--overwrite"] if state.form_there else []
+        return NextStep(("export", here, "--format", PLAIN, *again))
     return NextStep(
         ("load", here, *(["--file", f"{here}/{state.form_file}"] if state.form else []))
     )

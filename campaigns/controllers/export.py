@@ -1,6 +1,6 @@
 """Export: what was identified as a robot file, with its uncertainty and where it comes from."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -21,17 +21,8 @@ if TYPE_CHECKING:  # with what judges and the journal, which who asks for the fo
 
 FILE_NAME = "robot-compensated.yaml"
 PLAIN_FILE = "robot-plain.yaml"
-TABLES_FILE = "robot-joint-tables.yaml"
 PLAIN = "plain"
-JOINT_TABLES = "joint tables"
-PLAIN_WITH_TABLES = f"{PLAIN} with {JOINT_TABLES}"
-CSV = "csv"
-FORMS = {
-    JOINT_TABLES: (TABLES_FILE, ("--joint-table", CSV)),
-    PLAIN_WITH_TABLES: (TABLES_FILE, ("--joint-table", CSV, "--format", PLAIN)),
-    PLAIN: (PLAIN_FILE, ("--format", PLAIN)),
-}
-"""Forms of a set that are robot files: the file in a campaign's folder, and options of `export`."""
+"""Form of a set without tilts, skews and gears, which every controller takes."""
 CalibrationRoute = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 
@@ -60,32 +51,11 @@ class WrittenSet:
     by: CalibrationRoute = "parameters"
     sha256: str = ""
     projection: ReducedForm | None = None
-    tables: str = CSV
-    """Form of the joint tables beside it, as `export --joint-table` names it."""
 
     @classmethod
     def of(cls, file: str, own: Parameters, **more: Any) -> Self:
         """Set of these parameters. Any: the fields beyond."""
         return cls(file, own.digest(), dict(own), **more)
-
-
-def forms_taken(space: ParameterSpace, lacking: Collection[str]) -> Iterator[str]:
-    """Names of the forms of a set that a controller takes which lacks so much of it, fullest first.
-
-    Whether its axes take tables nobody can read; the last needs none.
-    """
-    if any(each in space.transmission for each in lacking):
-        geometry = any(each in space.extensions for each in lacking)
-        yield PLAIN_WITH_TABLES if geometry else JOINT_TABLES
-    yield PLAIN
-
-
-def form_options(name: str, written: Mapping[str, str]) -> tuple[str, ...]:
-    """Options of `export` for a form, where files are there already, with tables of these forms."""
-    file, options = FORMS[name]
-    if file not in written:
-        return options
-    return (*(written[file] if each == CSV else each for each in options), "--overwrite")
 
 
 def written_sets(journal: "JournalReader") -> Iterator[WrittenSet]:

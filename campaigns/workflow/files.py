@@ -8,7 +8,7 @@ from pathlib import Path
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
-from campaigns.controllers.export import CSV, CalibrationRoute, WrittenSet, warm_robot
+from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
 from campaigns.errors import VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
@@ -20,8 +20,6 @@ from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
-DESCRIPTIONS = ("urdf", "sdf")
-"""Languages of a robot's description."""
 DegC = float | None
 
 
@@ -71,7 +69,6 @@ def recorded(
     own: Parameters,
     by: CalibrationRoute = "parameters",
     form: ReducedForm | None = None,
-    tables: str = CSV,
 ) -> Iterator[None]:
     """While the block writes a file for a controller, hold the journal that then tells of it.
 
@@ -85,7 +82,7 @@ def recorded(
     with campaign.journal() as journal:
         yield
         sha256 = "" if by == "targets" else ImportedFile.of(path).sha256
-        more = {"by": by, "sha256": sha256, "projection": form, "tables": tables}
+        more = {"by": by, "sha256": sha256, "projection": form}
         written = WrittenSet.of(path.name, own, **more)
         if written != last:
             journal.append(Finding("export", asdict(written)))
@@ -103,18 +100,6 @@ def export_hal(
     form = form_of(robot.provenance, str(path))
     with recorded(campaign, path, robot.parameters, form=form):
         linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)
-    return path
-
-
-def export_description(
-    campaign: Campaign, language: str, to: Path | None = None, *, overwrite: bool = False
-) -> Path:
-    """Write the identified robot as URDF or SDF, which no controller holds; raises as `export`."""
-    path = to or campaign.path(f"robot.{language}")
-    from campaigns.controllers.robot_description import robot_description  # dear, seldom asked for
-
-    text = robot_description(identified_robot(campaign).robot, language)
-    write_text_unless_there(path, text, overwrite=overwrite)
     return path
 
 

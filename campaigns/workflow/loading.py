@@ -31,8 +31,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
-from campaigns.workflow.files import identified_robot
-from campaigns.workflow.reduced_export import offered_forms
+from campaigns.workflow.reduced_export import left_by_forms
 from drivers.errors import Cancelled, DeviceRefused, DriverError, RobotStateUnknown
 from drivers.ports import RobotController
 from drivers.values import Identity
@@ -215,15 +214,14 @@ class _Loading:
         """
         lacking = self.controller.lacks(robot.parameters.extended_by)
         if lacking:
-            whole = self._whole(source, robot)
-            beyond = self.controller.lacks(whole.parameters.extended_by)
-            forms = offered_forms(self.campaign, whole, beyond)
-            for name, (_, left) in forms.items():
+            for name, left in left_by_forms(self.campaign, robot).items():
                 self.terms.tell(
                     f"{name}: leaves {left.rms_mm:.4f} mm rms, {left.max_mm:.4f} mm at most"
                 )
-            name, (command, _) = next(iter(forms.items()))
-            remedy = f"`{command}` writes the fullest form that it can have ({name})"
+            is_there = self.campaign.path(parameter_file.PLAIN_FILE).exists()
+            command = f"pkmcal export {self.campaign.folder} --format {parameter_file.PLAIN}"
+            again = " --overwrite" if is_there else ""
+            remedy = f"`{command}{again}` writes the nearest set that it can have"
             robot.require_known(lacking, remedy)
         found = tuple(
             load_checks.serial_objections(expected_serial, self.controller.identity().serial)
@@ -231,15 +229,6 @@ class _Loading:
         if not self.options.force:
             load_checks.refuse(source, found)
         return found
-
-    def _whole(self, source: Path, robot: RobotFile) -> RobotFile:
-        """Identified set that a file is a form of; the file's own where it is no such form."""
-        form = form_of(robot.provenance, str(source))
-        if form is not None and form.name in parameter_file.FORMS:
-            with suppress(errors.ShotsMissing, errors.VerdictBad):
-                whole = identified_robot(self.campaign).robot
-                return whole if whole.digest() == form.of else robot
-        return robot
 
     def _carry_out(
         self,

@@ -1,7 +1,6 @@
 """Sets with plate tilt go into controllers whose kinematics has it, and whole or not at all."""
 
 import re
-from dataclasses import asdict
 
 import pytest
 from command_line import change
@@ -9,10 +8,7 @@ from command_line import change
 from app.main import run_command
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
-from campaigns.controllers.export import JOINT_TABLES, TABLES_FILE
-from campaigns.robots.reduced_form import FORM, ReducedForm
 from campaigns.robots.robot import compensated, write_new_robot
-from campaigns.workflow import loading
 
 EXTENSIONS = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
 
@@ -58,25 +54,11 @@ def test_controller_without_terms_of_gears_is_offered_each_form_with_what_it_lea
     capsys.readouterr()
     assert load(folder, "--force", "--file", str(path)) == 2
     said = capsys.readouterr().err
-    assert f"`pkmcal export {folder} --joint-table csv` writes the fullest form" in said
-    left = re.findall(r"(joint tables|plain|corrected targets): leaves (\S+) mm rms", said)
-    assert [name for name, _ in left] == ["joint tables", "plain", "corrected targets"]
-    tables_mm, plain_mm, targets_mm = (float(value) for _, value in left)
-    assert targets_mm <= tables_mm < 0.001 < 0.02 < plain_mm
-
-
-def test_tables_with_tilts_are_offered_again_without_them(capsys, folder, monkeypatch):
-    nominal = open_campaign(folder).nominal
-    flat = nominal.robot.parameters | EXTENSIONS
-    whole = compensated(nominal, "whole", flat | {"arm2.backlash_deg": 0.005})
-    monkeypatch.setattr(loading, "identified_robot", lambda _: whole)
-    form = ReducedForm(whole.robot.digest(), 0.0, 0.0, 0.0, JOINT_TABLES)
-    path = folder / TABLES_FILE
-    write_new_robot(path, compensated(nominal, "tables", flat, {FORM: asdict(form)}))
-    capsys.readouterr()
-    assert load(folder, "--force", "--file", str(path)) == 2
-    fullest = f"`pkmcal export {folder} --joint-table csv --format plain --overwrite` writes"
-    assert fullest in capsys.readouterr().err
+    assert f"`pkmcal export {folder} --format plain` writes the nearest set" in said
+    left = re.findall(r"(plain|corrected targets): leaves (\S+) mm rms", said)
+    assert [name for name, _ in left] == ["plain", "corrected targets"]
+    plain_mm, targets_mm = (float(value) for _, value in left)
+    assert targets_mm < 0.001 < 0.02 < plain_mm
 
 
 def test_controller_that_computes_plate_tilt_gets_all_and_gives_it_up_again(folder):

@@ -11,7 +11,7 @@ from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.campaign_state import present_state, state_of
-from campaigns.controllers.export import FORMS, JOINT_TABLES, PLAIN, PLAIN_WITH_TABLES, WrittenSet
+from campaigns.controllers.export import PLAIN, PLAIN_FILE, WrittenSet
 from campaigns.estimation.change_detection import CauseKind
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation import diagnostics, identification
@@ -280,9 +280,9 @@ def test_no_advice_leads_back_and_all_end() -> None:
                 "verdict": "pass",
                 "file": "identified",
                 "form": "exported",
-                "form_file": "robot-joint-tables.yaml",
+                "form_file": "elsewhere.yaml",
             },
-            "load DIR --file DIR/robot-joint-tables.yaml",
+            "load DIR --file DIR/elsewhere.yaml",
         ),
         (
             {"verdict": "pass", "file": "identified", "to_correct": True},
@@ -457,21 +457,16 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
         loaded=None,
     )
 
-    def form(name: str, lost: tuple[str, ...], of: str = identified.digest()) -> WrittenSet:
-        own = Parameters.of(space, {k: v for k, v in identified.items() if k not in lost})
-        projection = ReducedForm(of, 0.1, 0.2, 0.1, name)
-        return WrittenSet.of(FORMS[name][0], own, projection=projection)
+    def form(of: str = identified.digest(), file: str = PLAIN_FILE) -> WrittenSet:
+        own = Parameters.of(space, {k: v for k, v in identified.items() if k not in terms})
+        return WrittenSet.of(file, own, projection=ReducedForm(of, 0.1, 0.2, 0.1, PLAIN))
 
-    tables, tilted = form(PLAIN_WITH_TABLES, (*terms,)), form(JOINT_TABLES, ("arm2.backlash_deg",))
-    plain, compensation = form(PLAIN, (*terms,)), replace(tilted, tables="linuxcnc")
     for forms, said in (
         ((), "export --format plain"),
-        ((form(PLAIN, (*terms,), "older"),), "export --format plain --overwrite"),
-        ((plain,), "load --file robot-plain.yaml"),
-        ((tilted,), "export --joint-table csv --format plain --overwrite"),
-        ((compensation,), "export --joint-table linuxcnc --format plain --overwrite"),
-        ((tilted, plain), "load --file robot-plain.yaml"),
-        ((tables, plain), "load --file robot-joint-tables.yaml"),
+        ((form("older"),), "export --format plain --overwrite"),
+        ((form("older", "elsewhere.yaml"),), "export --format plain"),
+        ((form(),), "load --file robot-plain.yaml"),
+        ((form(file="elsewhere.yaml"), form()), "load --file elsewhere.yaml"),
     ):
         step = next_step(state_of(Evaluation(replace(told, forms=forms))))
         assert step is not None

@@ -2,13 +2,19 @@
 
 import re
 import runpy
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from family_cases import BY_NAME
 from pages import ROOT, blocks
+from scipy.optimize import brentq, least_squares
+from scipy.spatial.transform import Rotation
 
+from campaigns import sample_workspace
 from campaigns.errors import TargetsInvalid
-from campaigns.robots.robot import find_robot, read_robot
+from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.robots.robot import RobotFile, find_robot, read_robot
 
 
 @pytest.fixture
@@ -140,3 +146,129 @@ def test_loops_over_corrected_poses_write_each_in_three_languages(
     assert krl == f"PTP{{X1.5,Y2.5,Z-600.5,A{30 if has_turn else 0},B0,C180}}"
     turn = "-30.000000" if has_turn else "-0.000000"
     assert vplus == f"MOVETRANS(1.5,2.5,-600.5,0,180,{turn})"
+
+
+def klipper_settings(text):
+    """Values of a configuration by section and key."""
+    settings, section = {}, ""
+    for line in filter(None, text.splitlines()):
+        if line.startswith("["):
+            section = line.strip("[]")
+        else:
+            key, value = line.split(": ")
+            settings[f"{section}.{key}"] = value if key == "kinematics" else float(value)
+    return settings
+
+
+def klipper_points(settings, joints, limits, near):
+    """Positions that Klipper believes in at joints, from its documented keys; frame by its bed."""
+    steppers = [f"stepper_{each}." for each in "abc"]
+    angles = np.radians([settings[each + "angle"] for each in steppers])
+    endstops = np.array([settings[each + "position_endstop"] for each in steppers])
+    outward = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(3)])
+    if rotary := settings["printer.kinematics"] == "rotary_delta":
+        radius, height = settings["printer.shoulder_radius"], settings["printer.shoulder_height"]
+        arms = np.array([settings[each + "upper_arm_length"] for each in steppers])
+        lengths = np.array([settings[each + "lower_arm_length"] for each in steppers])
+        sides = zip(arms, lengths, endstops, strict=True)
+        at_endstop = np.array([upward(radius, height, *side) for side in sides])
+    else:
+        radius = settings["printer.delta_radius"]
+        lengths = np.array([settings[each + "arm_length"] for each in steppers])
+        at_endstop = endstops + np.sqrt(lengths**2 - radius**2)
+    points = []
+    for moved, place in zip(joints - limits[0 if rotary else 1], near, strict=True):
+        if rotary:  # motors count arms upward, readings downward
+            centres = outward * (radius + arms * np.cos(at_endstop - moved))[:, None]
+            centres[:, 2] = height + arms * np.sin(at_endstop - moved)
+        else:
+            centres = radius * outward
+            centres[:, 2] = at_endstop + moved
+        points.append(spheres(centres, lengths, place))
+    return np.array(points)
+
+
+def spheres(centres, lengths, near):
+    """Common point of three spheres, by an equation solver that is not ours."""
+
+    def residual(point):
+        return np.linalg.norm(centres - point, axis=1) - lengths
+
+    return least_squares(residual, near, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+
+
+def upward(radius, height, arm, length, endstop):
+    """Angle of an arm, positive upward, with the nozzle in the middle at some height."""
+
+    def away(angle):
+        out, up = radius + arm * np.cos(angle), height + arm * np.sin(angle)
+        return np.hypot(out, up - endstop) - length
+
+    angles = np.linspace(-1.6, 1.6, 2000)
+    signs = np.sign([float(away(angle)) for angle in angles])
+    last = int(np.flatnonzero(np.diff(signs))[-1])
+    return brentq(away, angles[last], angles[last + 1], xtol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["delta", "linear-delta"])
+def test_klipper_does_with_its_keys_what_the_converter_promises(example, name):
+    made, _ = example("klipper")
+    member = BY_NAME[name]
+    robot = RobotFile.of(
+        member.mechanism, member.perturbed.parameters, name="identified", limits=member.limits
+    )
+    text, left_mm = made["klipper_keys"](robot)
+    poses = sample_workspace(robot, 300)
+    joints = robot.kinematics.inverse(poses).values_or_raise()
+    bed_mm = np.array([0.0, 0.0, poses[:, 2].min()])
+    points = klipper_points(klipper_settings(text), joints, robot.limits.joint, poses - bed_mm)
+    errors = fit_transform(points, poses).apply(points) - poses
+    nominal = member.nominal.forward(joints, poses).values_or_raise()
+    before = fit_transform(nominal, poses).apply(nominal) - poses
+    assert np.linalg.norm(errors, axis=1).mean() == pytest.approx(left_mm, abs=2e-5)
+    assert np.linalg.norm(errors, axis=1).mean() < 0.5 * np.linalg.norm(before, axis=1).mean()
+
+
+def urdf_place(joints, link, values):
+    """Place (3,) and turn of a link's frame in the base, at values by the joint's link."""
+    if link == "base":
+        return np.zeros(3), Rotation.identity()
+    found = joints[link]
+    at, turn = urdf_place(joints, found.find("parent").get("link"), values)
+    xyz, rpy = ([float(w) for w in found.find("origin").get(k).split()] for k in ("xyz", "rpy"))
+    here, own = at + turn.apply(xyz), turn * Rotation.from_euler("xyz", rpy)
+    if found.get("type") == "fixed":
+        return here, own
+    axis = np.array([float(word) for word in found.find("axis").get("xyz").split()])
+    value, mimic = values.get(link, 0.0), found.find("mimic")
+    if mimic is not None:
+        source = mimic.get("joint").removesuffix("_joint")
+        value = float(mimic.get("multiplier")) * values[source]
+    if found.get("type") == "revolute":
+        return here, own * Rotation.from_rotvec(value * axis)
+    return here + own.apply(value * axis), own
+
+
+@pytest.mark.parametrize("name", ["par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta"])
+def test_loops_of_the_converted_tree_close_where_ours_do(example, name):
+    made, _ = example("urdf")
+    robot = find_robot(name).robot
+    text = made["urdf"](robot)
+    tree = {j.find("child").get("link"): j for j in ET.fromstring(text).iter("joint")}
+    centre = robot.workspace_centre
+    away = np.array([30.0, -40.0, 25.0, 0.2])[: len(centre)]
+    for pose in (centre, centre + away, centre - away):
+        joints = robot.kinematics.inverse(pose).values_or_raise()[0]
+        axes = [*robot.mechanism.joints, *robot.mechanism.task]
+        names = [f"arm{arm}" for arm in range(len(joints))] + [a.name for a in robot.mechanism.task]
+        scaled = [
+            value * (1.0 if axis.is_revolute else 1e-3)
+            for axis, value in zip(axes, [*joints, *pose], strict=True)
+        ]
+        values = dict(zip(names, scaled, strict=True))
+        for arm in range(len(joints)):
+            elbow, _ = urdf_place(tree, f"lift{arm}", values)
+            on_platform, _ = urdf_place(tree, f"plate{arm}", values)
+            forearm_m = robot.parameters[f"arm{arm}.forearm_mm"] * 1e-3
+            assert np.linalg.norm(on_platform - elbow) == pytest.approx(forearm_m, abs=1e-8)
+    assert text.count("loop closure") == len(joints)

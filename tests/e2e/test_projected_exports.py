@@ -30,31 +30,6 @@ def campaign(request, tmp_path_factory):
     return member, folder
 
 
-FITS = {
-    "delta": ("linuxcnc-rotarydelta", "klipper-rotary-delta"),
-    "linear-delta": ("linuxcnc-lineardelta", "klipper-delta"),
-}
-
-
-def test_what_fits_is_written_with_what_it_leaves_and_what_does_not_is_refused(campaign, pkmcal):
-    member, folder = campaign
-    for word in (word for words in FITS.values() for word in words):
-        ended = pkmcal("export", folder, "--format", word, "--json", "--overwrite")
-        if word not in FITS.get(member.name, ()):
-            assert ended.code == 2
-            assert f"a {member.name}, but" in ended.error_line
-            assert "pkmcal correct" in ended.error_line
-            continue
-        left = ended.document["left_mm"]
-        assert left["these values"]["mean"] < left["nominal parameters"]["mean"]
-        assert left["all identified parameters, 1 σ"]["mean"] < 0.05
-        text = (folder / ended.document["path"]).read_text(encoding="utf-8")
-        assert f"these values: mean {left['these values']['mean']:.4f}" in text
-        again = pkmcal("export", folder, "--format", word)
-        assert again.code == 2
-        assert "--overwrite" in again.error_line
-
-
 def test_plain_parameters_of_a_set_without_tilts_are_the_set(campaign, pkmcal):
     member, folder = campaign
     assert pkmcal("export", folder, "--overwrite").code == 0

@@ -14,11 +14,11 @@ from campaigns.options import LoadOptions
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotFile, compensated, read_robot
 from campaigns.settings.sections import AcceptanceConfig
+from campaigns.workflow import reduced_export
 from campaigns.workflow.files import export
 from campaigns.workflow.loading import LoadTerms, load
-from campaigns.workflow.reduced_export import export_joint_tables, export_projected
+from campaigns.workflow.reduced_export import export_plain, left_by_forms
 from campaigns.workflow.validation import Validated
-from campaigns.workflow.work import known_sets
 
 WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
 
@@ -44,7 +44,7 @@ def loaded(paper: PaperCampaign, source: Path) -> RobotFile:
 @pytest.fixture(scope="module")
 def plain(identified: PaperCampaign) -> Evaluation:
     """A plain form of it, off by 0.02 mm of an arm, loaded and validated after."""
-    path = export_projected(identified.campaign, "plain").path
+    path = export_plain(identified.campaign).path
     robot = read_robot(path).robot
     stated = dict(robot.provenance or {})
     stated[FORM] |= {"lost_mean_mm": 0.01, "lost_rms_mm": 0.012, "lost_max_mm": 0.03}
@@ -64,24 +64,6 @@ def test_a_form_that_was_exported_and_loaded_passes_as_what_it_is(plain: Evaluat
     assert plain.validated("after").decision == plain.verdict.decision == "pass"
     told = "Validated after with a form of the identified parameters (plain), loses 0.012 mm rms"
     assert any(reason.startswith(told) for reason in plain.verdict.reasons)
-
-
-def test_joint_tables_come_with_a_form_that_names_what_it_is_of(identified: PaperCampaign) -> None:
-    found = export_joint_tables(identified.campaign, "linuxcnc", plain=True)
-    robot = read_robot(found.path).robot
-    form = form_of(robot.provenance, "file")
-    assert form is not None
-    assert form.name == "plain with joint tables"
-    assert form.of == [*known_sets(identified.campaign).identified][-1]
-    assert form.lost_max_mm < 1e-3
-    assert known_sets(identified.campaign).forms[robot.digest()] == form
-    assert [each.name for each in found.files] == [f"joint{joint}.comp" for joint in range(4)]
-    assert all(each.exists() for each in found.files)
-    written = gather(identified.campaign).forms[0]
-    assert (written.file, written.tables) == (found.path.name, "linuxcnc")
-    hidden = found.path.rename(found.path.with_name("elsewhere.yaml"))
-    assert found.path.name not in [each.file for each in gather(identified.campaign).forms]
-    hidden.rename(found.path)
 
 
 def with_form(found: Evaluation, **lost: float) -> Evaluation:
@@ -160,13 +142,29 @@ def test_what_was_identified_again_since_is_told(plain: Evaluation) -> None:
 
 
 def test_an_exported_form_says_what_it_is_and_loses(identified: PaperCampaign) -> None:
-    path = export_projected(identified.campaign, "plain", identified.folder / "again.yaml").path
+    path = export_plain(identified.campaign, identified.folder / "again.yaml").path
     form = form_of(read_robot(path).robot.provenance, path.name)
     assert form is not None
     assert form.of == [*gather(identified.campaign).sets.identified][-1]
     assert 0.0 <= form.lost_rms_mm <= form.lost_max_mm < 1e-6
     older = {"of": form.of, "lost_mean_mm": 0.02, "lost_max_mm": 0.1}
     assert "(plain), loses 0.020 mm on average" in form_of({FORM: older}, "old").says
+
+
+def test_export_states_the_loss_that_load_offers(identified: PaperCampaign, monkeypatch) -> None:
+    """Also of a set with backlash, which a plain set lacks."""
+    nominal = identified.campaign.nominal
+    worn = {f"arm{arm}.backlash_deg": 0.02 for arm in range(4)}
+    whole = compensated(nominal, "worn", nominal.robot.parameters | worn)
+    monkeypatch.setattr(reduced_export, "identified_robot", lambda _: whole)
+    found = export_plain(identified.campaign, identified.folder / "worn.yaml")
+    form = form_of(read_robot(found.path).robot.provenance, "worn")
+    assert form is not None
+    offered = left_by_forms(identified.campaign, whole.robot)["plain"]
+    assert (form.lost_rms_mm, form.lost_max_mm) == (offered.rms_mm, offered.max_mm)
+    assert found.left["these values"] == offered
+    assert offered.rms_mm is not None
+    assert offered.rms_mm > 0.01
 
 
 def test_a_form_that_cannot_be_read_is_refused_with_the_key(identified: PaperCampaign) -> None:

@@ -10,7 +10,12 @@ from recorded_identifications import SPREAD
 from tested_journal import plain_journal
 
 from campaigns import errors
-from campaigns.controllers.export import compensated_robot, latest_identification, warm_robot
+from campaigns.controllers.export import (
+    compensated_robot,
+    latest_identification,
+    warm_robot,
+    written_sets,
+)
 from campaigns.estimation.information import Uncertainty
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
@@ -200,3 +205,11 @@ def test_without_temperatures_parameters_are_those_of_the_end(nominal: RobotDocu
     assert (robot.expansions, robot.reference_degC) == ({}, None)
     with pytest.raises(errors.ConfigInvalid, match="not known how its parts grow"):
         at_temperature(robot, 25.0)
+
+
+def test_written_set_of_an_older_version_with_joint_tables_is_read(tmp_path: Path) -> None:
+    written = {"file": "robot-joint-tables.yaml", "digest": "d", "wanted": {"plate_mm": 100.0}}
+    with plain_journal(tmp_path) as journal:
+        journal.append(Finding("export", written | {"tables": "linuxcnc"}))
+        (found,) = written_sets(journal)
+    assert (found.file, found.wanted) == ("robot-joint-tables.yaml", {"plate_mm": 100.0})

@@ -34,7 +34,7 @@ from campaigns.workflow.correction import CorrectionTerms, correct_file
 from campaigns.workflow.files import export
 from campaigns.workflow.identification import identify
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
-from campaigns.workflow.reduced_export import export_projected
+from campaigns.workflow.reduced_export import export_plain
 from campaigns.workflow.validation import replaced, validation_work
 
 LIMITS = AcceptanceConfig(
@@ -278,14 +278,14 @@ def test_a_form_for_a_controller_of_few_parameters_is_judged_as_what_it_is(tmp_p
 
     before = taken_in(campaign, "before", pairs(member.nominal, 12, 5, 12))
     import_shots(campaign, pairs(member.nominal, 60, 6, 12))
-    assert identify(campaign, IdentificationOptions(model=Model.STANDARD)).verdict == "pass"
-    left = export_projected(campaign, "klipper-delta").left["these values"]
+    assert identify(campaign, IdentificationOptions(model=Model.FULL)).verdict == "pass"
+    left = export_plain(campaign).left["these values"]
     held = declared_set(campaign, "after")
     robot = Kinematics.of(member.mechanism, held.wanted)
     after = taken_in(campaign, "after", pairs(robot, 12, 7, 12), campaign.path(held.file))
     state = after.evaluation.evidence.held("after")
-    assert (state.kind, state.form.name) == ("form", "klipper-delta")
-    assert state.declared == "klipper-delta.cfg"
+    assert (state.kind, state.form.name) == ("form", "plain")
+    assert state.declared == "robot-plain.yaml"
     assert state.form.lost_max_mm == pytest.approx(left.max_mm)
     assert not [check for check in after.evaluation.checks if check.holds is False]
     assert after.result.distances.mean.value_mm < 0.2 * before.result.distances.mean.value_mm

@@ -24,17 +24,7 @@ LOOKED_THROUGH = (
     "drivers/robotline/*.py",
     "drivers/wire/robotline*.py",
 )
-OTHERS_MODELS = (
-    "campaigns/controllers/reduced_parameters.py",
-    "campaigns/controllers/model_reduction.py",
-)
-"""Models that other controllers have of Deltas, whose files are written for them."""
-LEFT_OUT = (
-    "campaigns/mechanisms/",
-    "app/papers/",
-    "campaigns/controllers/linuxcnc_export.py",
-    *OTHERS_MODELS,
-)
+LEFT_OUT = ("campaigns/mechanisms/", "app/papers/", "campaigns/controllers/linuxcnc_export.py")
 
 TELLTALE = {
     "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\b[Hh]4\b|\b[Ii]4[RrLl]\b"
@@ -180,5 +170,5 @@ def test_each_other_is_one_small_file_that_only_mechanisms_import(name):
         if f"campaigns.mechanisms.{module}" in imports_of(path)
     ]
     assert "campaigns/mechanisms/catalog.py" in importers
-    assert all(each.startswith(("campaigns/mechanisms/", *OTHERS_MODELS)) for each in importers)
+    assert all(each.startswith("campaigns/mechanisms/") for each in importers)
     assert MECHANISMS[name].name == name

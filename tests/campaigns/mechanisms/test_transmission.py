@@ -12,6 +12,7 @@ from app.study.rods import geometry_of_model
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.mechanisms.parameters import Parameters
+from campaigns.mechanisms.transmission import approach_along
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
 from sim.robot.rods import Build, Growth, Plate, RodMechanism
@@ -152,3 +153,8 @@ def test_all_terms_are_found_as_an_independent_model_has_them(case, answer, with
     assert fit.converged
     for name, value in zip(free, found, strict=True):
         assert abs(value - expected[name]) < within[space[name].unit], name
+
+
+def test_joints_keep_the_side_that_they_came_from_while_they_stand():
+    joints = np.array([[0.0, 1.0], [0.1, 1.0], [0.1, 0.9], [0.0, 0.9]])
+    assert approach_along(joints).tolist() == [[0, 0], [1, 0], [1, -1], [-1, -1]]
