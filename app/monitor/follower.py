@@ -1,5 +1,6 @@
 """Follower of a journal that another process writes: what is new, as the live page is told it."""
 
+import os
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -22,6 +23,7 @@ from campaigns.journal.views import Entry, Series
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.plan_file import PlannedShot
+from campaigns.settings.config import FILE_NAME
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.running import run_work
 from campaigns.workflow.status import campaign_status
@@ -39,7 +41,8 @@ class Follower:
         self._folder, self._now_utc = folder, now_utc
         self._campaign = open_campaign(folder)
         self._journal: JournalReader | None = None
-        self._file: tuple[int, int] | None = None
+        self._files: object = None
+        """Which settings and journal are read."""
         self._seen: object = None
         self._known: list[ParameterUncertainty] = []
         self._monitor: UncertaintyMonitor | None = None
@@ -64,10 +67,10 @@ class Follower:
         """State of the campaign where it is another than before; None where nothing is new."""
         held_by = lock_holder(self._folder)
         try:
-            entries = self._reader().records() if self._campaign.journal_path.exists() else ()
+            entries = self._entries()
         except (CampaignError, OSError) as error:
             return self._trouble(error)
-        seen = (len(entries), self._file, held_by, self._plan_time())
+        seen = (len(entries), self._files, held_by, self._plan_time())
         if seen == self._seen:
             return None
         self._seen = seen
@@ -87,15 +90,18 @@ class Follower:
         name, mechanism = campaign.config.name, campaign.robot.mechanism
         return live_state(watched, view, mechanism, name, self._now_utc())
 
-    def _reader(self) -> JournalReader:
-        """Journal, opened anew where another file is in its place."""
-        stat = self._campaign.journal_path.stat()
-        if self._journal is None or self._file != (stat.st_dev, stat.st_ino):
+    def _entries(self) -> Sequence[Entry[Record]]:
+        """Records of the journal; settings and journal are read anew where their files changed."""
+        settings, journal = _stat(self._folder / FILE_NAME), _stat(self._campaign.journal_path)
+        files = settings and settings.st_mtime_ns, journal and (journal.st_dev, journal.st_ino)
+        if files != self._files:
             self.close()
+            self._files = None
             self._campaign = open_campaign(self._folder)
             self._marks = self._counted = 0
-            self._journal, self._file = self._campaign.journal_reader(), (stat.st_dev, stat.st_ino)
-        return self._journal
+            self._journal = self._campaign.journal_reader() if journal else None
+            self._files = files
+        return self._journal.records() if self._journal else ()
 
     def _planned(self) -> tuple[PlannedShot, ...]:
         """plan.csv, read where it is another than before."""
@@ -110,7 +116,7 @@ class Follower:
         self, entries: Sequence[Entry[Record]], series: Series | None, plan: tuple[PlannedShot, ...]
     ) -> Watched:
         """What all records say; those of another series or plan are taken up from the first on."""
-        of = (self._file, series and series.number, self._plan_of)
+        of = (self._files, series and series.number, self._plan_of)
         if of != self._watched_as or self._taken_up > len(entries):
             self._watched, self._watched_as = Watched(series=series, plan=plan), of
             self._taken_up = 0
@@ -126,7 +132,7 @@ class Follower:
         """Phase and next command, worked out anew only when a stage has begun or ended."""
         self._marks += sum(isinstance(each.record, MARKS) for each in entries[self._counted :])
         self._counted = len(entries)
-        of = (self._marks, self._file, self._plan_time())
+        of = (self._marks, self._files, self._plan_time())
         if of != self._status_of:
             found = campaign_status(self._campaign)
             self._status_of = of
@@ -149,7 +155,7 @@ class Follower:
         """Uncertainty after every few shots of a run; nothing where the plan cannot be read."""
         if series is None or series.started.stage != "run":
             return ()
-        of = (self._file, series.number, self._plan_time())
+        of = (self._files, series.number, self._plan_time())
         if of != self._monitored:
             self._known, self._monitored, self._monitor = [], of, self._monitor_of_plan()
         identifying = ShotSet.IDENTIFICATION.value
@@ -169,3 +175,10 @@ class Follower:
             return work.uncertainty_monitor()
         except CampaignError:
             return None
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except FileNotFoundError:
+        return None

@@ -4,7 +4,9 @@ Only reads. Nothing that a visitor sends is used but the path, the token and the
 """
 
 import json
+import re
 import secrets
+import socket
 import threading
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -14,6 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 from typing_extensions import override
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_ITS_OWN_NAME = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]+)?")
 MOST_WATCHERS = 32
 """Pages that may be open at once."""
 KEEP_ALIVE_S = 5.0
@@ -67,13 +70,15 @@ class LiveServer(ThreadingHTTPServer):
         self.news, self.host = news, host
         self.watchers = threading.Semaphore(MOST_WATCHERS)
         self.page = resources.files("app.monitor").joinpath(PAGE).read_text(encoding="utf-8")
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         super().__init__((host, port), _Visit)
 
     @property
     def url(self) -> str:
         """Address to open."""
         query = f"?token={self.token}" if self.token else ""
-        return f"http://{self.host}:{self.server_address[1]}/{query}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.server_address[1]}/{query}"
 
     @override
     def handle_error(self, request: object, client_address: object) -> None:
@@ -104,8 +109,7 @@ class _Visit(BaseHTTPRequestHandler):
         """
         if self.server.token:
             return secrets.compare_digest(token.encode(), self.server.token.encode())
-        named = self.headers.get("Host", "").rsplit(":", 1)[0].strip("[]")
-        return named in LOOPBACK
+        return _ITS_OWN_NAME.fullmatch(self.headers.get("Host", "")) is not None
 
     def _send_page(self) -> None:
         nonce = secrets.token_urlsafe(16)

@@ -6,6 +6,7 @@ import sqlite3
 import threading
 import time
 from contextlib import closing
+from urllib.request import urlopen
 
 import pytest
 from paper_campaign import new_campaign
@@ -84,8 +85,26 @@ def test_the_hall_needs_the_token_and_loopback_its_own_name(serve):
     assert [ask(hall, path)[0] for path in ("/", "/?token=x", "/events")] == [403, 403, 403]
     assert ask(hall, f"/?token={token}")[0] == 200
     own, _ = serve()
-    assert [ask(own, "/", Host=host)[0] for host in ("localhost:1", "evil.example")] == [200, 403]
     assert ask(own, "/campaign.db")[0] == 404
+
+
+@pytest.mark.parametrize("host", ["localhost", "localhost:1", "127.0.0.1:80", "[::1]:80"])
+def test_loopback_is_asked_for_by_its_own_name(serve, host):
+    assert ask(serve()[0], "/", Host=host)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost:80@evil", "localhost.evil", "[[::1]]", "evil@localhost", ""]
+)
+def test_any_other_name_of_loopback_is_refused(serve, host):
+    assert ask(serve()[0], "/", Host=host)[0] == 403
+
+
+def test_page_is_served_over_version_6_of_the_protocol_too(serve):
+    server, _ = serve("::1")
+    assert server.url == f"http://[::1]:{server.server_address[1]}/"
+    with urlopen(server.url, timeout=5.0) as answer:
+        assert answer.status == 200
 
 
 def test_a_follower_tells_what_is_new_and_nothing_twice(tmp_path):
@@ -139,6 +158,22 @@ def test_a_journal_that_cannot_be_read_is_said_and_the_follower_lives_on(tmp_pat
         other.replace(paper.campaign.journal_path)
         assert follower.news()["state"] == "cannot be read"
         assert follower.news() is None
+
+
+def test_settings_that_are_broken_or_gone_are_said_without_news_of_the_journal(tmp_path):
+    paper = new_campaign(tmp_path / "c")
+    paper.measure("before", paper.plan(1, 0))
+    path = paper.folder / "campaign.yaml"
+    text = path.read_text(encoding="utf-8")
+    with closing(Follower(paper.folder, utc_now)) as follower:
+        assert follower.news()["done"] == 4
+        for break_it in (lambda: path.write_text("{", encoding="utf-8"), path.unlink):
+            break_it()
+            broken = follower.news()
+            assert (broken["state"], follower.news()) == ("cannot be read", None)
+            assert "campaign.yaml" in broken["detail"]
+            path.write_text(text, encoding="utf-8")
+            assert follower.news()["done"] == 4
 
 
 def test_following_ends_when_it_is_told_to():
