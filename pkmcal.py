@@ -1,34 +1,119 @@
-"""The program's way in: its own packages, or a line that says what hides them.
+"""The Python API of pkmcal, and the way into its command line.
 
-They have plain names, such as `app`: a folder of that name on Python's path would be taken instead.
+The packages have plain names, such as `app`: a folder of that name on Python's path would be taken
+instead, so whatever hides them is named. A name of the API is imported when it is used, because
+`pkmcal --help` needs none of them.
 """
 
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from app.new_campaign import NewOptions, create_campaign, create_simulated
+    from app.wiring import connected_cell, prepare
+    from campaigns.api import (
+        correct_targets,
+        find_robot,
+        identify,
+        plan,
+        point_residuals,
+        read_shots,
+        sample_workspace,
+        study,
+    )
+    from campaigns.campaign import open_campaign
+    from campaigns.estimation.tracker_noise import TrackerUncertainty
+    from campaigns.evidence import evaluate
+    from campaigns.mechanisms.mechanism import Kinematics
+    from campaigns.shots.shots import Shots
+    from campaigns.workflow import campaign_steps as workflow
 
 HERE = Path(__file__).resolve().parent
 PACKAGES = ("app", "campaigns", "drivers", "sim")
 BAD_INPUT = 2
 """Exit code, as `app.exits` has it."""
 
+HOMES = {
+    "Kinematics": "campaigns.mechanisms.mechanism",
+    "NewOptions": "app.new_campaign",
+    "Shots": "campaigns.shots.shots",
+    "TrackerUncertainty": "campaigns.estimation.tracker_noise",
+    "connected_cell": "app.wiring",
+    "create_campaign": "app.new_campaign",
+    "create_simulated": "app.new_campaign",
+    "evaluate": "campaigns.evidence",
+    "open_campaign": "campaigns.campaign",
+    "prepare": "app.wiring",
+}
+"""Modules of the names that are not in `campaigns.api`."""
+
+__all__ = [
+    "Kinematics",
+    "NewOptions",
+    "Shots",
+    "TrackerUncertainty",
+    "connected_cell",
+    "correct_targets",
+    "create_campaign",
+    "create_simulated",
+    "evaluate",
+    "find_robot",
+    "identify",
+    "open_campaign",
+    "plan",
+    "point_residuals",
+    "prepare",
+    "read_shots",
+    "sample_workspace",
+    "study",
+    "workflow",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Import the class, function or module of that name."""
+    if name not in __all__:
+        raise AttributeError(
+            f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}"
+        )
+    if obstacle := _obstacle():
+        raise ImportError(obstacle)
+    if name == "workflow":
+        return import_module("campaigns.workflow.campaign_steps")
+    return getattr(import_module(HOMES.get(name, "campaigns.api")), name)
+
+
+def __dir__() -> list[str]:
+    """List the names that a prompt completes."""
+    return __all__
+
 
 def main() -> None:
     """Run the command line; leaves with its exit code."""
-    for package in PACKAGES:
-        spec = find_spec(package)
-        found = (
-            [*(spec.submodule_search_locations or [spec.origin or "?"])] if spec else ["nothing"]
-        )
-        if HERE / package not in {Path(place).resolve() for place in found}:
-            sys.stderr.write(
-                f"pkmcal: {found[0]} stands in the way of pkmcal's own package {package} "
-                f"→ take its folder out of PYTHONPATH, or start elsewhere\n"
-            )
-            sys.exit(BAD_INPUT)
+    if obstacle := _obstacle():
+        sys.stderr.write(f"pkmcal: {obstacle}\n")
+        sys.exit(BAD_INPUT)
     from app.main import main as run
 
     run()
+
+
+def _obstacle() -> str:
+    """Return a line on whatever hides one of the packages; "" if nothing does."""
+    for package in PACKAGES:
+        spec = find_spec(package)
+        places = (
+            [*(spec.submodule_search_locations or [spec.origin or "?"])] if spec else ["nothing"]
+        )
+        if HERE / package not in {Path(place).resolve() for place in places}:
+            return (
+                f"{places[0]} stands in the way of pkmcal's own package {package} "
+                "→ take its folder out of PYTHONPATH, or start elsewhere"
+            )
+    return ""
 
 
 if __name__ == "__main__":

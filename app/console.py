@@ -11,21 +11,22 @@ from contextlib import contextmanager, nullcontext, suppress
 from functools import cached_property, partial
 from threading import Event, Thread
 from time import monotonic
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import typer
 from pydantic_core import to_jsonable_python
+from rich import box
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
 from app.exits import NotConfirmed
 from app.keys import LOOK_S, TYPED_BYTES, Keyboard, keys_heard, typed_line
+from app.progress import RunDisplay
 from campaigns.files.table import Column, texts
 from drivers.ports import Prompt
 from drivers.texts import printable
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from app.progress import RunDisplay
 
 T = TypeVar("T")
 
@@ -87,15 +88,11 @@ class Terminal:
         """Reader of the keys while they are heard: it answers the questions then."""
 
     @cached_property
-    def _talk(self) -> "Console":
-        from rich.console import Console  # for terminals and tables
-
+    def _talk(self) -> Console:
         return Console(stderr=True, highlight=False, emoji=False)
 
     @cached_property
-    def _answers(self) -> "Console":
-        from rich.console import Console
-
+    def _answers(self) -> Console:
         return self._talk if self._as_json else Console(highlight=False, emoji=False)
 
     def say(self, text: str, style: str = "") -> None:
@@ -133,9 +130,6 @@ class Terminal:
 
         A last column without a name holds words, which are broken into lines before anything else.
         """
-        from rich import box  # for those answers that are tables
-        from rich.table import Table
-
         table = Table(
             title=printable(title),
             title_justify="left",
@@ -244,9 +238,6 @@ class Terminal:
         if not self._talk.is_terminal:
             yield lambda _news: None
             return
-        from rich.live import Live  # with threads and more, for what takes its time
-        from rich.text import Text
-
         began_s, now_at, over = monotonic(), text, Event()
 
         def shown() -> Text:
@@ -274,8 +265,6 @@ class Terminal:
             drawing.join()
             live.stop()
 
-    def watching(self, title: str, *, plain: bool = False) -> "RunDisplay":
+    def watching(self, title: str, *, plain: bool = False) -> RunDisplay:
         """Shows a run while the block runs; `plain` by lines."""
-        from app.progress import RunDisplay
-
         return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose, plain=plain)

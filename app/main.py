@@ -1,11 +1,9 @@
 """The command line: global options, commands by name, and one place where errors become codes."""
 
-import gc
 import os
 import signal
 import sys
 import traceback
-from collections.abc import Collection
 from importlib import import_module
 from itertools import takewhile
 from typing import Annotated, Any
@@ -76,14 +74,9 @@ COMMANDS = {
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 
-COLLECTED_AFTER = (1_000_000, 5, 10)
-"""Objects, and rounds, after which cycles are looked for: records of 10 000 shots make fewer."""
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
-
-PARTS_FOR_LATER = ("f2py", "ma", "polynomial", "testing")
-"""Parts of NumPy that it has loaded because SciPy imports all of its names; nobody uses them."""
 
 LONGEST_LINE = 950
 """Characters of an error line: what a file or option says in it is cut in the middle."""
@@ -113,7 +106,6 @@ class LazyGroup(TyperGroup):
 
         module, _ = COMMANDS[cmd_name]
         imported = import_module(f"app.cli.{module}")
-        load_parts_later("numpy", PARTS_FOR_LATER)
         alone = typer.Typer(
             add_completion=False,
             pretty_exceptions_enable=False,
@@ -177,30 +169,11 @@ def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # looked for in every package
-    gc.set_threshold(*COLLECTED_AFTER)
     unblock_signals()
     make_streams_last()
     code = run_command(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
-    gc.freeze()  # a tenth of a second: nothing need be looked for in what ends as a whole
     sys.exit(code)
-
-
-def load_parts_later(package: str, parts: Collection[str]) -> None:
-    """Have parts of an imported package executed only when something of them is asked for."""
-    if package not in sys.modules:
-        return
-    from importlib.util import LazyLoader, find_spec, module_from_spec
-
-    for part in parts:
-        name = f"{package}.{part}"
-        if name in sys.modules or (spec := find_spec(name)) is None or spec.loader is None:
-            continue
-        spec.loader = LazyLoader(spec.loader)
-        sys.modules[name] = module = module_from_spec(spec)
-        spec.loader.exec_module(module)
-        setattr(sys.modules[package], part, module)
 
 
 def run_command(arguments: list[str]) -> int:

@@ -6,13 +6,16 @@ from app.plan_text import plan_line
 from app.report.identification_text import show
 from app.report.validation_text import show_gain
 from app.wiring import connected_robot, scenario_of
-from campaigns import workflow
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import state_of
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.options import LoadOptions, PlanOptions, ValidationOptions, ValidationStage
+from campaigns.workflow.files import export
+from campaigns.workflow.identification import identify
+from campaigns.workflow.loading import load
+from campaigns.workflow.planning import plan
 from campaigns.workflow.reduced_export import export_plain
 from campaigns.workflow.validation import Validated
 
@@ -28,7 +31,7 @@ def rehearse(
     """
     document = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
-    checked = workflow.plan(campaign, PlanOptions(model=options.model)).checked
+    checked = plan(campaign, PlanOptions(model=options.model)).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
     before = _validated(campaign, terminal, "before")
@@ -36,20 +39,20 @@ def rehearse(
     heading(terminal, 3, "run")
     run_plan(campaign, checked, terminal)
     heading(terminal, 4, "identify")
-    found = workflow.identify(campaign, options)
+    found = identify(campaign, options)
     document["identification"] = found.document()
     show(terminal, found, campaign.robot.mechanism.parameters)
     if found.verdict != "pass":
         return document, found.reasons
     heading(terminal, 5, "export")
-    path, _ = workflow.export(campaign)
+    path, _ = export(campaign)
     terminal.say(path.name)
     document["parameter_file"] = str(path)
     heading(terminal, 6, "load")
     if state_of(evaluate(campaign)).form == "needed":
         path = export_plain(campaign).path
         terminal.say(f"the controller takes no tilts and skews: {path.name}")
-    kept = workflow.load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
+    kept = load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")

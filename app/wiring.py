@@ -7,12 +7,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal, cast
 
+from app import driver_settings
 from app.consent import require_consent
 from campaigns.campaign import Campaign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
+from campaigns.journal.inspection import RawReaders
+from campaigns.measuring.work import Cell as Devices
 from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
@@ -33,10 +36,6 @@ from sim.errors import SimError
 from sim.robot.linuxcnc_joints import ToldJoints
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
-
-if TYPE_CHECKING:
-    from campaigns.journal.inspection import RawReaders
-    from campaigns.measuring.work import Cell as Devices
 
 CELL_MEMORY = "cell-memory.json"
 MEMORY_BYTES = bounded_files.CSV_BYTES
@@ -76,14 +75,12 @@ def connected_cell(
     stop_requested: StopRequested = never,
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
-) -> "Iterator[Devices]":
+) -> Iterator[Devices]:
     """Both devices, connected; closed at the end of the block.
 
     Once a stop is requested, nothing is waited for any more. `alarm` is told what the operator has
     to read at once. Raises a driver's error when one is not there or not the expected one.
     """
-    from campaigns.measuring.work import Cell as Devices  # with all that measuring needs
-
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
         yield Devices(robot, tracker, to.awake(to.clock), SystemClock())
@@ -169,8 +166,6 @@ class DeviceConnections:
 
 def _own_settings(device: Literal["controller", "tracker"], campaign: Campaign) -> object:
     """What a campaign says to one driver alone."""
-    from app import driver_settings  # with the drivers that are so told, which few campaigns have
-
     if device == "controller":
         return driver_settings.controller_settings(campaign)
     return driver_settings.tracker_settings(campaign)
@@ -217,7 +212,7 @@ def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterato
         yield robot
 
 
-def prepare(campaign: Campaign, cell: "Devices") -> None:
+def prepare(campaign: Campaign, cell: Devices) -> None:
     """Bring tracker and robot into the state that measuring needs.
 
     The robot may move: homing is part of it.
@@ -330,7 +325,7 @@ def _named(
         raise
 
 
-def raw_readers(campaign: Campaign) -> "RawReaders":
+def raw_readers(campaign: Campaign) -> RawReaders:
     """Readers of the raw answers that a campaign's journal keeps."""
     layout = _layout(campaign)
     return (

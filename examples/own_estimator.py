@@ -7,7 +7,7 @@
 import numpy as np
 from scipy.optimize import least_squares
 
-from campaigns import Shots, find_robot, point_residuals, sample_workspace
+from pkmcal import Shots, find_robot, point_residuals, sample_workspace
 
 rng = np.random.default_rng(3)
 robot = find_robot("delta")

@@ -6,10 +6,10 @@
 # %%
 import numpy as np
 
-from campaigns import find_robot, plan, study
 from campaigns.mechanisms.arms import RotaryArms
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.platforms import HingedPlate
+from pkmcal import find_robot, plan, study
 
 OWN = ClosedChain(
     "quarter-par4", RotaryArms, HingedPlate(shares=(-0.25, 0.75)), held_fields=("azimuth_deg",)

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from campaigns import find_robot
+from pkmcal import find_robot
 
 OF_ARM = "x_mm y_mm z_mm azimuth_deg joint_offset_deg joint_offset_mm elevation_deg"
 ANY_M, ANY_RAD = (-10.0, 10.0), (-np.pi, np.pi)

@@ -10,6 +10,8 @@ import typer
 
 from app.console import BAD, OPEN, terminal_of
 from app.options import Json, Plot
+from app.report.figures import drawing
+from app.report.figures.history import over_campaigns
 from campaigns.campaign import now_utc, open_campaign
 from campaigns.estimation.information import WeightedLine
 from campaigns.evaluation.trend import Change, Epoch, ParameterTrend
@@ -94,9 +96,6 @@ def command(
         replace_text(csv, csv_table(ALL, _changes(found.trends)))
         terminal.say(f"written: {csv}")
     if plot is not None:
-        from app.report.figures import drawing  # matplotlib takes longer than all of it
-        from app.report.figures.history import over_campaigns
-
         drawing.save(over_campaigns(found.epochs, moved), plot)
         terminal.say(f"drawn: {plot}")
     parameters = {each.name: asdict(each) | {"drifts": each.drifts} for each in found.trends}

@@ -7,6 +7,7 @@ from app.exits import Exit
 from app.next import tell_next
 from app.options import Folder, Json, Plot
 from app.report.identification_text import show
+from app.report.plots import plot_residuals
 from campaigns.campaign import open_campaign
 from campaigns.identification.options import IdentificationOptions
 from campaigns.workflow.identification import identify
@@ -35,8 +36,6 @@ def command(
     terminal.detail(f"estimator: {options.estimator.value}, {found.seconds} s")
     show(terminal, found, campaign.robot.mechanism.parameters)
     if plot is not None:
-        from app.report.plots import plot_residuals  # matplotlib takes longer than the fit
-
         plot_residuals(plot, found)
         terminal.say(f"drawn: {plot}")
     told = tell_next(terminal, campaign)

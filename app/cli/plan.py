@@ -9,6 +9,7 @@ from app import plan_text
 from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Plot, WhereTracker
+from app.report.plots import plot_plan, plot_stands
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
@@ -55,8 +56,6 @@ def command(
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
     if picture is not None:
-        from app.report.plots import plot_plan  # matplotlib takes longer than a plan
-
         own = planned.forecast
         plot_plan(picture, planned.checked.shots, own, planned.curve, campaign.space)
         terminal.say(f"drawn: {picture}")
@@ -98,8 +97,6 @@ def _compare(
     for line in plan_text.best_stand_lines(stands):
         terminal.say(line)
     if plot is not None:
-        from app.report.plots import plot_stands  # as above
-
         plot_stands(plot, stands)
         terminal.say(f"drawn: {plot}")
     return {

@@ -14,7 +14,9 @@ from app.console import WARNING, Terminal, terminal_of
 from app.exits import Exit
 from app.options import Folder, Json, Plot
 from app.progress import CountedWork
+from app.report.figures.drawing import save
 from app.study import output
+from app.study.pictures import study_picture
 from app.study.running import Job, run_jobs
 from app.study.setup import Study, StudyOptions, left_out, study_of
 from app.study.workers import local_results
@@ -98,8 +100,5 @@ def draw(
     terminal: Terminal, summary: StudySummary, rows: Sequence[CampaignRow], path: Path
 ) -> None:
     """Draw errors, ratios and coverage; raises `WriteFailed`."""
-    from app.report.figures.drawing import save  # matplotlib only where it is used
-    from app.study.pictures import study_picture
-
     save(study_picture(summary, normal_scores(rows)), path)
     terminal.say(f"drawn: {path}")

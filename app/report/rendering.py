@@ -8,18 +8,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
+from app.report.figures.drawing import svg_text
 from app.report.figures.picture import Picture
 from campaigns.files.table import number
 from campaigns.version import VERSION
 from drivers.texts import printable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 GENERATOR = f"pkmcal {VERSION}"
 PACKAGE = "app.report"
@@ -87,14 +86,12 @@ def rendered(
 
 
 def drawn(
-    draw: "Callable[..., Picture | Figure]", name: str, title: str, *given: Any, **named: Any
+    draw: Callable[..., Picture | Figure], name: str, title: str, *given: Any, **named: Any
 ) -> str:
     """Figure as markup. Any: what each figure is drawn of."""
     made = draw(*given, **named)
     if isinstance(made, Picture):
         return made.svg(title)
-    from app.report.figures.drawing import svg_text  # matplotlib takes longer than a page
-
     return svg_text(made, name, title)
 
 

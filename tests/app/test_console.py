@@ -3,9 +3,6 @@
 import io
 import itertools
 import json
-import os
-import subprocess
-import sys
 import threading
 
 import pytest
@@ -126,14 +123,3 @@ def test_words_between_colons_stay_as_they_are(capsys, monkeypatch, variables):
     shown = capsys.readouterr().out
     assert "tcp:key:5020" in shown
     assert ("\x1b[" in shown) is bool(variables)
-
-
-def test_lines_that_no_terminal_shows_need_no_styles():
-    code = (
-        "import sys; from app.console import Terminal; Terminal(as_json=False).say('x', 'bold'); "
-        "print('rich' in sys.modules)"
-    )
-    own = {name: value for name, value in os.environ.items() if name not in LIKE_A_TERMINAL}
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, capture_output=True, text=True, check=True, env=own)
-    assert done.stdout == "x\nFalse\n"

@@ -21,6 +21,7 @@ COMMANDS = (
     *("correct", "load", "status", "watch", "check", "history", "report", "reproduce"),
     *("study", "check-journal", "sim", "dry-run"),
 )
+REPOSITORY = Path(__file__).parents[2]
 HEAVY = {
     *("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.estimation", "sim.cell")
 }
@@ -65,8 +66,7 @@ def test_it_knows_its_version(pkmcal, tmp_path):
 def test_folder_that_hides_our_packages_is_named_in_a_line(tmp_path):
     (tmp_path / "app").mkdir()
     (tmp_path / "app" / "__init__.py").touch()
-    root = Path(__file__).parents[2]
-    for folders, code in (([tmp_path, root], 2), ([root, tmp_path], 0)):
+    for folders, code in (([tmp_path, REPOSITORY], 2), ([REPOSITORY, tmp_path], 0)):
         done = subprocess.run(
             [sys.executable, "-m", "pkmcal", "--version"],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))},
@@ -77,6 +77,21 @@ def test_folder_that_hides_our_packages_is_named_in_a_line(tmp_path):
         )
         assert done.returncode == code, done.stderr
     assert done.stderr == ""
+
+
+def test_a_name_of_the_api_says_which_folder_hides_our_packages(tmp_path):
+    (tmp_path / "app").mkdir()
+    (tmp_path / "app" / "__init__.py").touch()
+    done = subprocess.run(
+        [sys.executable, "-c", "from pkmcal import find_robot"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path, REPOSITORY)))},
+        cwd=tmp_path.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert f"{tmp_path / 'app'} stands in the way of pkmcal's own package app" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -106,7 +121,6 @@ def test_folder_that_hides_our_packages_is_named_in_a_line(tmp_path):
         (["identify", "x", "--estimator", "guess"], ["--estimator", "guess", "distances"]),
         (["identify", "x", "--loss", "huber"], ["--loss", "cauchy"]),
         (["identify", "x", "--outliers", "forget"], ["--outliers", "exclude"]),
-        (["correct", "x", "--margin", "inf", "--poses", "y"], ["--margin is inf"]),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("json", [[], ["--json"]])
@@ -207,29 +221,6 @@ def test_nothing_heavy_and_no_command_is_imported_for_help():
     imported = imported_for_help()
     assert not HEAVY & imported
     assert not [name for name in imported if name.startswith("app.cli")]
-
-
-def test_a_part_for_later_is_executed_when_something_of_it_is_asked_for(tmp_path, monkeypatch):
-    package = tmp_path / "slow_package"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "part.py").write_text("import slow_package\nslow_package.loaded = value = 1\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    slow_package = import_module("slow_package")
-    main.load_parts_later("slow_package", ("part",))
-    assert not hasattr(slow_package, "loaded")
-    assert slow_package.part.value == slow_package.loaded == 1
-    for name in ("slow_package", "slow_package.part"):
-        monkeypatch.delitem(sys.modules, name)
-
-
-def test_an_identification_leaves_for_later_what_it_does_not_need():
-    """SciPy's optimizer alone takes as long as all of ours."""
-    code = "import app.cli.identify, campaigns.identification.identify, sys; print([*sys.modules])"
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    later = {"scipy.optimize", "scipy.spatial", "rich.live", "drivers.wire.robotline"}
-    assert not later & set(ast.literal_eval(done.stdout))
 
 
 def completed(capsys, monkeypatch, **variables):

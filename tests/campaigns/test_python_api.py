@@ -5,20 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import campaigns
-from campaigns import (
-    Shots,
-    find_robot,
-    identify,
-    plan,
-    point_residuals,
-    read_shots,
-    sample_workspace,
-)
+import pkmcal
 from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.robots.robot import RobotFile
+from campaigns.robots.robot import find_robot as find_robot_file
+from pkmcal import Shots, find_robot, identify, plan, point_residuals, read_shots, sample_workspace
 
 PACKAGE = """
 from campaigns.mechanisms.arms import RotaryArms
@@ -31,10 +24,10 @@ OTHER = "no mechanism"
 
 
 def test_every_name_is_completed_and_there():
-    assert dir(campaigns) == campaigns.__all__
-    assert all(getattr(campaigns, name) for name in campaigns.__all__)
+    assert dir(pkmcal) == pkmcal.__all__
+    assert all(getattr(pkmcal, name) for name in pkmcal.__all__)
     with pytest.raises(AttributeError, match="it has Kinematics, NewOptions, Shots"):
-        _ = campaigns.solve
+        _ = pkmcal.solve
 
 
 def test_a_single_pose_is_a_batch_of_one_and_others_are_refused_by_their_shape():
@@ -169,7 +162,7 @@ def offered(tmp_path, monkeypatch):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own-mechanism\nVersion: 1.0\n")
     monkeypatch.syspath_prepend(tmp_path)
-    shipped = campaigns.api.robots.find_robot("delta").document.text
+    shipped = find_robot_file("delta").document.text
 
     def robot_file(attribute):
         (info / "entry_points.txt").write_text(

@@ -11,10 +11,10 @@ from pages import ROOT, blocks
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
-from campaigns import sample_workspace
 from campaigns.errors import TargetsInvalid
 from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
+from pkmcal import sample_workspace
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pages import ROOT, blocks
 
-from campaigns import identify
+from pkmcal import identify
 
 EXAMPLES = [block for block in blocks("python") if block.where.startswith("docs/python.md")]
 MOST_LINES = 10

@@ -1,7 +1,6 @@
 """Figures and texts: what is drawn, and that drawing leaves no trace."""
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -61,12 +60,6 @@ def test_drawing_leaves_matplotlibs_settings_and_no_pyplot_behind(tmp_path: Path
     save(pair_errors([GROUP]), tmp_path / "errors.png")
     assert settings() == before
     assert "matplotlib.pyplot" not in sys.modules
-
-
-def test_a_page_is_drawn_without_a_plotting_library() -> None:
-    asked = "import sys, app.cli.report; print('matplotlib' in sys.modules)"
-    words = [sys.executable, "-c", asked]
-    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout == "False\n"
 
 
 def test_a_page_says_before_each_figure_which_of_how_many_it_is(whole: PaperCampaign) -> None:

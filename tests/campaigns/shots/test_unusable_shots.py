@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from campaigns import Shots, find_robot, read_shots
 from campaigns.errors import ShotsInvalid
+from pkmcal import Shots, find_robot, read_shots
 
 ROBOT = find_robot("delta")
 JOINTS = np.radians(np.linspace(10.0, 40.0, 15).reshape(5, 3))
