@@ -2,9 +2,8 @@
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from itertools import chain
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
@@ -136,8 +135,8 @@ BEGIN SELECT RAISE(ABORT, 'numbers are never reused: this attempt has its outcom
 
 # The digests chain the records: chain.py says how. What the last one is stands beside them, so that
 # it shows when the last ones are missing. Records of version 1 have none, and come first.
+_DIGESTS = "ALTER TABLE record ADD COLUMN digest TEXT"
 _CHAIN = (
-    "ALTER TABLE record ADD COLUMN digest TEXT",
     """
 CREATE TABLE chain_end (
     one    INTEGER PRIMARY KEY CHECK (one = 1),
@@ -156,7 +155,7 @@ CREATE TRIGGER the_end_of_the_chain_is_never_removed BEFORE DELETE ON chain_end
 BEGIN SELECT RAISE(ABORT, 'the journal is append-only: the chain keeps its end'); END""",
 )
 
-UPGRADERS: Upgraders = {1: _CHAIN}
+UPGRADERS: Upgraders = {1: (_DIGESTS, *_CHAIN)}
 
 
 def is_blank(connection: sqlite3.Connection) -> bool:
@@ -175,18 +174,22 @@ def version(connection: sqlite3.Connection) -> int:
     return _pragma(connection, "user_version")
 
 
-def create_tables(connection: sqlite3.Connection) -> None:
-    """Make a blank file a journal, at once or not at all."""
-    _in_one_commit(
-        connection,
-        (
-            _RECORD_TABLE,
-            *_RULES,
-            *chain.from_iterable(UPGRADERS.values()),
-            f"PRAGMA application_id = {APPLICATION_ID}",
-            _set_version(VERSION),
-        ),
-    )
+def create_tables(connection: sqlite3.Connection, rows: Sequence[Row] = ()) -> None:
+    """Make a blank file a journal of these records, at once or not at all.
+
+    The rules come last: of version 1 there are records without a digest.
+    """
+    with in_one_commit(connection):
+        connection.execute(_RECORD_TABLE)
+        connection.execute(_DIGESTS)
+        connection.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        for rule in (*_RULES, *_CHAIN):
+            connection.execute(rule)
+        if rows and rows[-1][-1] is not None:
+            last = (rows[-1][0], rows[-1][-1])
+            connection.execute("INSERT INTO chain_end VALUES (1, ?, ?)", last)
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        connection.execute(_set_version(VERSION))
 
 
 def upgrade(
@@ -224,6 +227,8 @@ def missing_rules(connection: sqlite3.Connection) -> list[str]:
     """Names of the indexes and triggers that a journal of this version has, and this one lacks."""
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as whole:
         whole.execute(_RECORD_TABLE)
+        if version(connection) >= CHAINED:
+            whole.execute(_DIGESTS)
         for rule in (*_RULES, *(_CHAIN if version(connection) >= CHAINED else ())):
             whole.execute(rule)
         wanted, found = _names(whole), _names(connection)
@@ -270,6 +275,12 @@ def records_after(connection: sqlite3.Connection, number: int) -> list[Row]:
     return connection.execute(query).fetchall()
 
 
+def last_number(connection: sqlite3.Connection) -> int:
+    """Return the number of the last record; 0 in an empty journal."""
+    number: int = connection.execute("SELECT ifnull(max(id), 0) FROM record").fetchone()[0]
+    return number
+
+
 def verified_records(connection: sqlite3.Connection, path: Path) -> tuple[list[Row], ChainEnd]:
     """All records, and the end of their chain.
 
@@ -281,7 +292,9 @@ def verified_records(connection: sqlite3.Connection, path: Path) -> tuple[list[R
     try:
         return rows, chain_end(rows, stated)
     except JournalDamaged as broken:
-        raise JournalDamaged(f"{path}: {broken.problem}", number=broken.number) from broken
+        whole = rows[:-1] if broken.number == len(rows) else ()
+        problem = f"{path}: {broken.problem}"
+        raise JournalDamaged(problem, number=broken.number, whole=whole) from broken
 
 
 def verify_file(connection: sqlite3.Connection, path: Path) -> None:
@@ -292,13 +305,14 @@ def verify_file(connection: sqlite3.Connection, path: Path) -> None:
         raise JournalDamaged(f"{path}: the file is damaged: {' '.join(found[0].split())}")
 
 
-def checkpoint(connection: sqlite3.Connection) -> None:
-    """Move the log into the database and empty it, unless somebody reads it just now."""
-    connection.execute("PRAGMA busy_timeout = 0")
+def is_whole(path: Path, end: ChainEnd) -> bool:
+    """Whether a journal can be read whole, page by page, and ends with that record."""
     try:
-        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-    finally:
-        connection.execute(f"PRAGMA busy_timeout = {round(1e3 * _LOCK_PATIENCE_S)}")
+        with closing(connect_to_read(path)) as connection:
+            verify_file(connection, path)
+            return verified_records(connection, path)[1] == end
+    except JournalFailed:
+        return False
 
 
 def connect_to_write(
@@ -306,13 +320,12 @@ def connect_to_write(
 ) -> sqlite3.Connection:
     """Open a connection in autocommit mode; the caller closes it. Raises `JournalFailed`.
 
-    Also, before anything is written, for a file whose pages, indexes or rules are broken. Its
-    writes go to the log alone, until `checkpoint`.
+    Also, before anything is written, for a file whose pages, indexes or rules are broken.
     """
     if not create:
         _check_there(path)
     elif not path.exists():
-        _make_whole(path)
+        make_whole(path)
 
     def prepare(connection: sqlite3.Connection) -> None:
         blank = create and is_blank(connection)
@@ -336,15 +349,18 @@ def _rights_explained(path: Path) -> Iterator[None]:
         raise JournalFailed(problem, remedy=_RIGHTS) from error
 
 
-def _make_whole(path: Path) -> None:
-    """Make a journal under another name first: a kill leaves a whole one at the path, or none."""
+def make_whole(path: Path, rows: Sequence[Row] = ()) -> None:
+    """Make a journal of these records; raises `JournalFailed`.
+
+    It is made under another name first: a kill leaves a whole one at the path, or none.
+    """
     unfinished = path.with_name(f"{path.name}.new")
     with sqlite_errors_explained(path, "the journal cannot be made"), _rights_explained(path):
         unfinished.unlink(missing_ok=True)
         address = f"{unfinished.resolve().as_uri()}?mode=rwc"
         with closing(sqlite3.connect(address, uri=True, isolation_level=None)) as connection:
             connection.execute("PRAGMA synchronous = FULL")
-            create_tables(connection)
+            create_tables(connection, rows)
         unfinished.replace(path)
 
 
@@ -432,5 +448,4 @@ def _make_durable(connection: sqlite3.Connection, path: Path, synchronous: str) 
             remedy="put the campaign folder on a local disk",
         )
     connection.execute(f"PRAGMA synchronous = {synchronous}")
-    connection.execute("PRAGMA wal_autocheckpoint = 0")  # the writer says when: `checkpoint`
     connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache

@@ -29,13 +29,17 @@ _JSON = json.JSONEncoder(ensure_ascii=False)
 
 
 class JournalDamaged(JournalFailed):
-    """A journal that is not what was written; `number` is the first record concerned, if known."""
+    """A journal that is not what was written; `number` is the first record concerned, if known.
+
+    `whole` are the records before it where it is the last one.
+    """
 
     def __init__(
-        self, problem: str, *, remedy: str = FROM_BACKUP, number: int | None = None
+        self, problem: str, *, number: int | None = None, whole: Sequence[Row] = ()
     ) -> None:
-        super().__init__(problem, remedy=remedy)
-        self.number = number
+        kept = f"`pkmcal run` keeps the {len(whole)} records before it in a copy; or "
+        super().__init__(problem, remedy=f"{kept if whole else ''}{FROM_BACKUP}")
+        self.number, self.whole = number, whole
 
 
 def as_json(values: Sequence[str | int | None]) -> bytes:

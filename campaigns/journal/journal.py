@@ -1,7 +1,7 @@
 """Journal of a campaign: its records, series, accepted shots and digest."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
@@ -12,7 +12,13 @@ from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal import records as kinds
 from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, Row, as_json, digest_after
-from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
+from campaigns.journal.own_file import (
+    OwnFile,
+    close_refused,
+    close_untouched,
+    free_name,
+    take_rescued,
+)
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
 RecordT = TypeVar("RecordT", bound=kinds.Record)
@@ -145,7 +151,25 @@ def open_journal(
     opened. A record of which nobody `waits_for_disk` outlives the process, and not a power cut.
     """
     connection = database.connect_to_write(path, create=create, waits_for_disk=waits_for_disk)
-    return Journal(connection, path, now_utc, waits_for_disk=waits_for_disk)
+    try:
+        return Journal(connection, path, now_utc, waits_for_disk=waits_for_disk)
+    except JournalDamaged as damaged:
+        if not damaged.whole:
+            raise
+        raise _kept_in_copy(damaged, path, damaged.whole) from damaged
+
+
+def _kept_in_copy(failed: JournalFailed, path: Path, rows: Sequence[Row]) -> JournalFailed:
+    """Write records into a copy beside the journal, and return the error that names it."""
+    copy = free_name(path)
+    try:
+        database.make_whole(copy, rows)
+    except JournalFailed:
+        return failed
+    return JournalFailed(
+        failed.problem,
+        remedy=f"its {len(rows)} records are whole in {copy.name}: {take_rescued(copy.name)}",
+    )
 
 
 class Journal(JournalReader):
@@ -163,7 +187,7 @@ class Journal(JournalReader):
         self._now_utc = now_utc
         self._waits_for_disk = waits_for_disk
         self._failed = self._is_open = False
-        self._file = OwnFile(path)
+        self._file = OwnFile(path, self._is_whole)
 
     def start_series(self, started: kinds.SeriesStarted) -> int:
         """Begin a new series and return its number."""
@@ -204,13 +228,13 @@ class Journal(JournalReader):
             with explained, database.in_one_commit(self._connection):
                 yield
         except BaseException as error:
-            self._end, self._file = before, OwnFile(self._path)  # pages may be in the log already
+            self._end = before
             del self._rows[before.number :], self._entries[before.number :]
             self._failed |= isinstance(error, JournalFailed)
             raise
         finally:
             self._is_open = False
-        self._settle()
+        self._check_file()
 
     def prove(self) -> None:
         """Close the file and open it anew: all that was written has to be in it, and whole.
@@ -218,45 +242,48 @@ class Journal(JournalReader):
         Raises `JournalFailed`. What is asked afterwards is answered by what is on the disk.
         """
         self._check_file()
-        written, self._failed = self._end, True  # until it is open again
+        rows, self._failed = self._rows, True  # until it is open again
         self.close()
+        try:
+            self._open_anew()
+        except JournalFailed as failed:
+            raise _kept_in_copy(failed, self._path, rows[: self._end.number]) from failed
+        self._entries, self._failed = [], False
+        self._file = OwnFile(self._path, self._is_whole)
+
+    def _open_anew(self) -> None:
         self._connection = database.connect_to_write(
             self._path, create=False, waits_for_disk=self._waits_for_disk
         )
-        self._entries, self._end = [], self._verify()
-        if self._end != written:
+        end = self._verify()
+        if end != self._end:
             raise JournalDamaged(
-                f"{self._path}: ends with record {self._end.number}, and {written.number} were "
+                f"{self._path}: ends with record {end.number}, and {self._end.number} were "
                 "written: it is another file, or records were lost"
             )
-        self._file, self._failed = OwnFile(self._path), False
 
     def _append(self, record: kinds.Record, series: int | None) -> None:
         stored = self._as_stored(record)
         self._check_file()
         self._insert(series, stored, record)
-        self._settle()
-
-    def _settle(self) -> None:
-        """Take note of what was written just now."""
-        try:
-            self._file.settle(self._end.digest)
-            if self._file.wants_checkpoint:
-                with database.sqlite_errors_explained(
-                    self._path, "the log cannot be moved into it"
-                ):
-                    database.checkpoint(self._connection)
-                self._file.settle_checkpoint()
-        except JournalFailed as changed:
-            raise self._given_up(changed) from changed
+        self._check_file()
 
     def _check_file(self) -> None:
+        """Stop if the journal's file is no longer the one that was written; keep its records."""
         with database.sqlite_errors_explained(self._path, "the journal cannot be written"):
             self._connection.cursor()  # which a closed one does not give
         try:
             self._file.check()
+            self._check_last_number()
         except JournalFailed as changed:
-            raise self._given_up(changed) from changed
+            close_untouched(self._connection, self._path)
+            raise _kept_in_copy(changed, self._path, self._rows[: self._end.number]) from changed
+
+    def _check_last_number(self) -> None:
+        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
+            last = database.last_number(self._connection)
+        if last != self._end.number:
+            raise JournalDamaged(f"{self._path}: record {last} was written by another program")
 
     def _insert(self, series: int | None, text: str, record: kinds.Record) -> None:
         """Write a record with this text."""
@@ -276,24 +303,8 @@ class Journal(JournalReader):
         self._rows.append((*content, digest))
         self._end = ChainEnd(number, digest)
 
-    def _given_up(self, changed: JournalFailed) -> JournalFailed:
-        """Error for a file that others have changed; keeps what can still be read in another."""
-        kept = rescue(self._connection, self._path, self._is_whole)
-        close_untouched(self._connection, self._path)
-        if kept is None:
-            return changed
-        return JournalFailed(
-            changed.problem,
-            remedy=f"its {self._end.number} records are whole in {kept.name}: "
-            f"{take_rescued(kept.name)}",
-        )
-
-    def _is_whole(self, copy: Path) -> bool:
-        try:
-            with read_journal(copy) as reader:
-                return reader.end() == self._end
-        except JournalFailed:
-            return False
+    def _is_whole(self) -> bool:
+        return database.is_whole(self._path, self._end)
 
     def _as_stored(self, record: kinds.Record) -> str:
         try:

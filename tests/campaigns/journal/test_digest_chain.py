@@ -36,7 +36,7 @@ def damage(path: Path) -> digest_chain.JournalDamaged:
         read_journal(path)
     assert "bring campaign.db back from a backup" in caught.value.remedy
     assert str(path) in caught.value.problem
-    with pytest.raises(digest_chain.JournalDamaged):
+    with pytest.raises(JournalFailed):
         open_journal(path, now_utc=ticking())
     return caught.value
 
