@@ -25,6 +25,7 @@ FEW = {
 """Names of doubts that more shots settle."""
 AGAIN = {
     diagnostics.KNOWN_LENGTH,
+    diagnostics.UNKNOWN_POSITIONS,
     identification.MANY_LEFT_OUT,
     identification.LOST,
     identification.REPAIR,

@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from campaigns.estimation.change_detection import Change
-from campaigns.estimation.information import SIGNIFICANCE, ChiSquareTest, TrackerScale, Uncertainty
+from campaigns.estimation.information import (
+    LEAST_SHARE,
+    SIGNIFICANCE,
+    ChiSquareTest,
+    TrackerScale,
+    Uncertainty,
+)
 from campaigns.estimation.lack_of_fit import GENERAL, LackOfFit
 from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
@@ -27,7 +33,7 @@ COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR 
     "reflector-constant",
 )
 EXTRAPOLATION, KNOWN_LENGTH, NESTS, RATE = ("extrapolation", "known-length", "nests", "ripple-rate")
-UNMEASURED = "unmeasured-length"
+UNMEASURED, UNKNOWN_POSITIONS = "unmeasured-length", "unknown-positions"
 MOST_BEYOND = 0.05
 """Share of the workspace that may be so far from all shots."""
 PPM = 1e6
@@ -352,6 +358,17 @@ def region_doubts(region: Region | None) -> Iterator[Doubt]:
             "not decided",
             {"beyond": region.beyond},
         )
+
+
+def unknown_positions_doubt() -> Doubt:
+    """Return the doubt of a robot that can hardly be assembled in its own workspace."""
+    return Doubt(
+        UNKNOWN_POSITIONS,
+        "the uncertainty of positions is unknown: the identified robot can be assembled at less "
+        f"than {100.0 * LEAST_SHARE:g} % of the poses of its workspace; look at limits and space, "
+        "and for wrong points, and measure again",
+        "not decided",
+    )
 
 
 def scale_doubt(scale: TrackerScale, worst: str) -> Doubt:

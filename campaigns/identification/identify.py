@@ -162,9 +162,12 @@ def _result(
     position_std, region = _positions(uncertainty, inputs, fit)
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
+    is_sampled = options.workspace is not None and uncertainty is not None
+    cannot_take_poses = is_sampled and position_std is None and not unobservable
     doubts = (
         *_doubts(inputs, fit, held_out, parameters, covariance, tests),
         *diagnostics.region_doubts(region),
+        *([diagnostics.unknown_positions_doubt()] if cannot_take_poses else []),
         *known_length_doubts(lengths, options.known_lengths),
         *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),

@@ -43,6 +43,7 @@ OPEN = (
     identification.TOO_FEW,
     diagnostics.HOLD_OUT,
     diagnostics.EXTRAPOLATION,
+    diagnostics.UNKNOWN_POSITIONS,
     "another cause",
 )
 CHANGES = ("frame", "joint", "drift")

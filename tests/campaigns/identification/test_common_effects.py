@@ -15,7 +15,12 @@ from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     point_covariance_mm2,
 )
-from campaigns.evaluation.diagnostics import EXTRAPOLATION, KNOWN_LENGTH, UNMEASURED
+from campaigns.evaluation.diagnostics import (
+    EXTRAPOLATION,
+    KNOWN_LENGTH,
+    UNKNOWN_POSITIONS,
+    UNMEASURED,
+)
 from campaigns.settings.sections import KnownLengthConfig
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import COLUMNS, Shots
@@ -166,6 +171,17 @@ def test_a_pass_names_the_region_that_it_is_for():
     assert found.region.beyond <= 0.05
     assert found.reasons[-1].startswith("valid for ")
     assert set(found.region.ends) == {"x_mm", "y_mm", "z_mm", "theta_deg"}
+
+
+def test_without_any_uncertainty_of_positions_nothing_is_decided():
+    """The identified robot takes none of these poses: above its base, where no forearm reaches."""
+    out_of_reach = workspace() + np.array([0.0, 0.0, 5000.0, 0.0])
+    found = found_with(CLEAN, workspace=out_of_reach)
+    assert found.position_std_mm is None
+    assert found.verdict == "not decided"
+    says = doubt(found, UNKNOWN_POSITIONS).says
+    assert "less than 10 % of the poses of its workspace" in says
+    assert says in found.reasons
 
 
 def test_a_workspace_of_which_three_quarters_were_never_measured_is_not_decided():
