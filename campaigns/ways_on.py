@@ -112,7 +112,7 @@ class Unusable:
 
     def _with_few_shots(self, name: str) -> NextStep:
         """Way on where the shots do not tell enough."""
-        if "--weights" in self.found.asked:  # equal ones tell no σ of few
+        if Estimator.DISTANCES.value in self.found.asked:  # coordinates tell σ of few
             return self._identify()
         unseen = name == identification.NOTHING_UNSEEN and not self.found.asked
         if unseen and self.shots >= FEWEST_SHOTS:

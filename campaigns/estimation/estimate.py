@@ -9,12 +9,12 @@ import numpy as np
 
 from campaigns.arrays import Array, Mask
 from campaigns.estimation import information
-from campaigns.estimation.estimators import LossShape
 from campaigns.estimation.least_squares import (
     IdentifiableSubspace,
     LeastSquaresProblem,
     Priors,
     Solution,
+    solve,
 )
 from campaigns.estimation.observability import (
     Observability,
@@ -22,32 +22,19 @@ from campaigns.estimation.observability import (
     project_out_nuisance,
     triangle_of,
 )
-from campaigns.estimation.robust import (
-    ROUNDING,
-    Inliers,
-    Loss,
-    Outlier,
-    RobustFit,
-    fit_inliers,
-    loss_curvature,
-    reject_outliers,
-    solve_robust,
-)
+from campaigns.estimation.robust import ROUNDING, Inliers, Outlier, reject_outliers
 
 CONSTRAINT_ROUNDS = 3
 VARIANCE_ROUNDS = 6
 VARIANCE_SETTLED = 0.01
 CONFLICT_SIGMAS = 4.0
 """Standard deviations by which measurements and a prior may differ."""
-LEAST_CURVATURE = 0.1
-"""Mean curvature of a loss below which most blocks are past its bend: nothing tells the scatter."""
 LEAST_FREEDOM = 0.5
 """With less left of the measurements than this their scatter says nothing."""
 LEAST_VARIANCE_FACTOR = 1e-3
 """Priors never weigh against less scatter than this part of the stated one."""
 NOTHING_MOVES = 1e-6
 """A parameter with less than this share in an unobservable combination takes no part in it."""
-LEAST_SQUARES = Loss()
 
 
 PriorConflict: TypeAlias = tuple[int, float, float, float]
@@ -82,7 +69,6 @@ class Estimate:
 def estimate(
     problem: LeastSquaresProblem,
     parameters: int,
-    loss: Loss = LEAST_SQUARES,
     *,
     known_variance: bool,
     exclude: bool = True,
@@ -103,10 +89,12 @@ def estimate(
         near = start if held.subspace is None else None
         begin, spent = (None, 0) if near is None else (near.x[: len(at)], near.fit.evaluations)
         agreed = reject_outliers(held, begin, spent) if exclude else Inliers(kept, ())
-        first = fit_inliers(held, loss, agreed, begin, spent)
         kept = agreed.kept
-        last, robust, noise = _solved(held, loss, first, kept=kept, known_variance=known_variance)
-        at = last.x(robust.fit.x)
+        first = agreed.fit
+        if first is None:
+            first = solve(held.weighted(kept.astype(np.float64)), start=begin, spent=spent)
+        last, fit, noise = _solved(held, first, kept=kept, known_variance=known_variance)
+        at = last.x(fit.x)
         triangle = _triangle(last, at, kept)
         found = _observed(last, triangle, parameters)
         if found.rank >= seen.rank:
@@ -125,7 +113,7 @@ def estimate(
         noise,
         kept,
         agreed.outliers,
-        robust.fit,
+        fit,
         tuple(_prior_conflicts(problem, at, kept)) if with_conflicts else (),
     )
 
@@ -192,75 +180,59 @@ def _subspace(problem: LeastSquaresProblem, seen: Observability) -> Identifiable
 
 
 def _solved(
-    problem: LeastSquaresProblem, loss: Loss, first: RobustFit, *, kept: Mask, known_variance: bool
-) -> tuple[LeastSquaresProblem, RobustFit, information.ChiSquareTest]:
+    problem: LeastSquaresProblem, first: Solution, *, kept: Mask, known_variance: bool
+) -> tuple[LeastSquaresProblem, Solution, information.ChiSquareTest]:
     """Fit whose priors count against the scatter that the measurements turn out to have.
 
     With the problem as it is by that scatter, and the test of it.
     """
     tested = _tested(problem, first, kept)
-    is_robust = loss.shape is not LossShape.LINEAR
-    is_stated = information.variance_is_stated(
-        tested, known_variance=known_variance, robust=is_robust
-    )
-    robust, scatter = first, None if is_stated else _scatter(problem, first, loss, kept)
-    scale_of = partial(
-        information.variance_scale, tested=tested, known_variance=known_variance, robust=is_robust
-    )
+    is_stated = information.variance_is_stated(tested, known_variance=known_variance)
+    fit, scatter = first, None if is_stated else _scatter(problem, first, kept)
+    scale_of = partial(information.variance_scale, tested=tested, known_variance=known_variance)
     for _ in range(VARIANCE_ROUNDS if len(problem.priors) else 0):
         sigma0 = max(scale_of(scatter) or 1.0, LEAST_VARIANCE_FACTOR)
         if abs(sigma0 / problem.sigma0 - 1.0) < VARIANCE_SETTLED:
             break
         problem = replace(problem, sigma0=sigma0)
-        robust = solve_robust(problem, loss, kept)
-        scatter = _scatter(problem, robust, loss, kept)
+        fit = solve(problem.weighted(kept.astype(np.float64)))
+        scatter = _scatter(problem, fit, kept)
     tested = information.chi_square_test(tested.chi2, tested.dof, scale_of(scatter))
-    return problem, robust, tested
+    return problem, fit, tested
 
 
-def _tested(
-    problem: LeastSquaresProblem, robust: RobustFit, kept: Mask
-) -> information.ChiSquareTest:
+def _tested(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> information.ChiSquareTest:
     """χ² of what was kept, and of the priors, by the stated noise."""
-    priors, x = problem.priors, problem.x(robust.fit.x)
+    priors, x = problem.priors, problem.x(fit.x)
     surprises = priors.residual(x)
-    chi2 = float(np.sum(problem.sizes(robust.fit.x)[kept] ** 2) + surprises @ surprises)
-    dof = int(problem.block * kept.sum()) + len(priors) - len(robust.fit.x)
+    chi2 = float(np.sum(problem.sizes(fit.x)[kept] ** 2) + surprises @ surprises)
+    dof = int(problem.block * kept.sum()) + len(priors) - len(fit.x)
     return information.chi_square_test(chi2, dof)
 
 
-def _scatter(
-    problem: LeastSquaresProblem, robust: RobustFit, loss: Loss, kept: Mask
-) -> float | None:
+def _scatter(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> float | None:
     """Standard deviation of the whitened residuals as it acts on the unknowns.
 
-    For a robust loss Huber's (1981, section 7.6): that of ρ' over the mean of ρ''. The freedom that
-    the data have is what their leverages leave of them; priors have the rest.
+    The freedom that the data have is what their leverages leave of them; priors have the rest.
     """
-    freedom = problem.block * kept.sum() - _leverage(problem, robust, kept)
+    freedom = problem.block * kept.sum() - _leverage(problem, fit, kept)
     if freedom < LEAST_FREEDOM:
         return None
-    sizes = problem.sizes(robust.fit.x)[kept]
-    felt = float(np.sqrt(np.sum((robust.weights[kept] * sizes) ** 2) / freedom))
-    square = (sizes / max(loss.scale * robust.scale, ROUNDING)) ** 2
-    curvature = float(loss_curvature(loss.shape, square, problem.block).mean())
-    if curvature < LEAST_CURVATURE:
-        return None
-    found = felt / curvature
-    return found if loss.shape is LossShape.LINEAR else max(found, robust.scale)
+    sizes = problem.sizes(fit.x)[kept]
+    return float(np.sqrt(np.sum(sizes**2) / freedom))
 
 
-def _leverage(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> float:
+def _leverage(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> float:
     """Degrees of freedom that the measurements give away; without priors one an unknown."""
     if not len(problem.priors):
-        return float(len(robust.fit.x))
-    basis, _ = np.linalg.qr(_reduced_jacobian(problem, robust, kept))
+        return float(len(fit.x))
+    basis, _ = np.linalg.qr(_reduced_jacobian(problem, fit, kept))
     return float(np.sum(basis[: problem.block * problem.blocks] ** 2))
 
 
-def _reduced_jacobian(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> Array:
+def _reduced_jacobian(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> Array:
     """Rows by what is free to move, columns scaled, (M + K, R)."""
-    rows = _jacobian(problem, problem.x(robust.fit.x), kept)
+    rows = _jacobian(problem, problem.x(fit.x), kept)
     if problem.subspace is not None:
         rows = rows @ problem.subspace.directions
     return np.asarray(rows / np.linalg.norm(rows, axis=0))

@@ -12,15 +12,6 @@ class Estimator(StrEnum):
     """Distances of pairs, which need no common frame: the paper's (eq. 19)."""
 
 
-class Weights(StrEnum):
-    """Weights of distances."""
-
-    STATED = "stated"
-    """By what the tracker states of both ends and the robot scatters."""
-    EQUAL = "equal"
-    """All alike, as in the paper; the scatter of the residuals says how much they are worth."""
-
-
 class Model(StrEnum):
     """Model: how much of a robot may be found."""
 
@@ -40,17 +31,6 @@ class Model(StrEnum):
 
 MAY_HAVE_GEARS = frozenset({Model.FULL, Model.AUTO})
 """Models beside which an identification may look for what gears and encoders do."""
-
-
-class LossShape(StrEnum):
-    """Loss: how the price of a misfit grows with its size."""
-
-    LINEAR = "linear"
-    """With its square, however large: least squares."""
-    SOFT_L1 = "soft-l1"
-    """With the size itself where that is large."""
-    CAUCHY = "cauchy"
-    """Hardly any further where that is large."""
 
 
 class Outliers(StrEnum):

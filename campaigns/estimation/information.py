@@ -106,28 +106,28 @@ def chance_of_change(change: Array, covariance_matrix: Array) -> float:
 
 
 def variance_scale(
-    scatter: float | None, tested: ChiSquareTest, *, known_variance: bool, robust: bool = False
+    scatter: float | None, tested: ChiSquareTest, *, known_variance: bool
 ) -> float | None:
     """Scale of every σ, the one policy for the variance factor; None where nothing tells it.
 
     `scatter` is that of the whitened residuals. Where the stated variance counts as known, σ come
-    from it until a test of χ² rejects it (or a robust loss leaves no such test), and then from the
-    scatter, but never smaller. Elsewhere σ come from the scatter, with the stated variance as a
-    prior of `STATED_DOF` degrees of freedom (scaled inverse χ²) until the test rejects it.
+    from it until a test of χ² rejects it, and then from the scatter, but never smaller. Elsewhere σ
+    come from the scatter, with the stated variance as a prior of `STATED_DOF` degrees of freedom
+    (scaled inverse χ²) until the test rejects it.
     """
     if not known_variance:
         if scatter is None or not tested.consistent:
             return scatter
         pooled = (STATED_DOF + tested.dof * scatter**2) / (STATED_DOF + tested.dof)
         return float(np.sqrt(pooled))
-    if scatter is None or variance_is_stated(tested, known_variance=known_variance, robust=robust):
+    if scatter is None or variance_is_stated(tested, known_variance=known_variance):
         return 1.0
     return max(1.0, scatter)
 
 
-def variance_is_stated(tested: ChiSquareTest, *, known_variance: bool, robust: bool) -> bool:
+def variance_is_stated(tested: ChiSquareTest, *, known_variance: bool) -> bool:
     """Whether σ come from the stated variance, whatever the residuals scatter."""
-    return known_variance and tested.consistent is True and not robust
+    return known_variance and tested.consistent is True
 
 
 def variance_dof(tested: ChiSquareTest, *, known_variance: bool) -> int | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import scipy
 
 from campaigns.arrays import Array
-from campaigns.estimation.estimators import Estimator, LossShape
+from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import ChiSquareTest, HoldOut
 from campaigns.estimation.least_squares import Solution
 from campaigns.estimation.variance_components import VarianceComponents
@@ -37,7 +37,7 @@ NOTHING_SHOWN = (
 )
 NO_SIGMA = (
     "the uncertainty of the parameters is unknown: measure more than there are parameters, or "
-    "leave --weights equal out"
+    "identify from their coordinates, --estimator points"
 )
 PLAY = "play in the gears"
 MANY_OUTLIERS = 0.1
@@ -108,12 +108,7 @@ def identification_verdict(
 
 
 def noise_in_words(
-    noise: ChiSquareTest,
-    estimator: Estimator,
-    loss: LossShape,
-    *,
-    by_scatter: bool = True,
-    robot: str = "",
+    noise: ChiSquareTest, estimator: Estimator, *, by_scatter: bool = True, robot: str = ""
 ) -> str:
     """Words on the scatter, stated or not, and what follows for σ."""
     if noise.birge_ratio is None:
@@ -132,8 +127,6 @@ def noise_in_words(
         elif estimator is Estimator.DISTANCES:
             scatter = f"{scatter} and the robot's own scatter make"
         return f"{scatter} ({test}): {robot}; σ include it{more}"
-    if loss is not LossShape.LINEAR:
-        return f"{scatter} ({test}); σ are {noise.sigma0:.2g} times what is stated, by the loss"
     if noise.consistent:
         return f"{scatter} ({test}); σ come from what it states"
     if noise.sigma0 > 1.0:

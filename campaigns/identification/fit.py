@@ -15,7 +15,7 @@ from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimate import Estimate, estimate
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.tracker_noise import TrackerUncertainty, common_shifts_mm
 from campaigns.identification.observations import (
     Inputs,
@@ -147,7 +147,7 @@ def with_fitted_rate(inputs: Inputs) -> tuple[Inputs, float]:
     By coordinates. Linearised about what was found before, until steps are small beside σ. The
     rate stays among what is fitted, so that other σ know of it. Raises as `fit_shots` does.
     """
-    options = replace(inputs.options, loss=LossShape.LINEAR, outliers=Outliers.EXCLUDE)
+    options = replace(inputs.options, outliers=Outliers.EXCLUDE)
     place = len(inputs.selection.free) + options.frees_reflector_constant
     plain, step, std = replace(inputs, options=options), 0.0, np.nan
     for _ in range(RATE_ROUNDS):
@@ -177,10 +177,9 @@ def fit_shots(inputs: Inputs) -> Fit:
     options = inputs.options
     if options.estimator is Estimator.POINTS:
         points = fit_points(inputs)
-        is_plain = options.loss is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
-        plain = points if is_plain else plain_fit(inputs)
+        plain = points if options.outliers is Outliers.EXCLUDE else plain_fit(inputs)
         return Fit(points.observations, points.found, plain, asked=points)
-    beside = None if options.weights is Weights.EQUAL else plain_fit(inputs)
+    beside = None if options.equal_weights else plain_fit(inputs)
     return _fit_distances(inputs, beside)
 
 
@@ -191,14 +190,11 @@ def fit_points(inputs: Inputs) -> PointFit:
     estimated = partial(
         estimate,
         parameters=len(inputs.selection.free),
-        loss=options.robust_loss,
         known_variance=True,
         exclude=options.outliers is Outliers.EXCLUDE,
     )
     found = estimated(fitted.problem)
     scatter = before = variance_components.NONE
-    if options.loss is not LossShape.LINEAR:
-        return PointFit(fitted, found, scatter)
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
         anew = variance_components.estimate_components(
@@ -219,7 +215,7 @@ def fit_points(inputs: Inputs) -> PointFit:
 
 def plain_fit(inputs: Inputs) -> PointFit | None:
     """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
-    plain = replace(inputs.options, loss=LossShape.LINEAR, outliers=Outliers.EXCLUDE)
+    plain = replace(inputs.options, outliers=Outliers.EXCLUDE)
     alone = replace(inputs.selection, priors={})
     try:
         return fit_points(replace(inputs, selection=alone, options=plain))
@@ -252,11 +248,11 @@ def covariance_of(
 
 def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
     """Distances weighed by what the coordinates of the same shots say of them, if they do."""
-    loss, count = inputs.options.robust_loss, len(inputs.selection.free)
+    count = len(inputs.selection.free)
     exclude = inputs.options.outliers is Outliers.EXCLUDE
     if points is None:
         fitted = distance_observations(inputs)
-        found = estimate(fitted.problem, count, loss, known_variance=False, exclude=exclude)
+        found = estimate(fitted.problem, count, known_variance=False, exclude=exclude)
         return Fit(fitted, found, None)
     sigma0, numbers = points.found.noise.sigma0 or 1.0, points.observations.numbers
     whole = sigma0**2 * covariance_of(points.observations, points.found.x, points.scatter)
@@ -266,7 +262,6 @@ def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
     found = estimate(
         fitted.problem,
         count,
-        loss,
         known_variance=True,
         exclude=False,
         start=points.found,  # the same robot within σ: a step or two are left

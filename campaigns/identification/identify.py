@@ -198,7 +198,6 @@ def _result(
     says = identification.noise_in_words(
         noise,
         options.estimator,
-        options.loss,
         by_scatter=fit.points is None,
         robot="" if scatter is None else scatter.says,
     )
@@ -206,7 +205,6 @@ def _result(
     by_data = unobservable_combinations(found.data_seen, free)
     return result.IdentificationResult(
         estimator=options.estimator,
-        loss=options.robust_loss,
         outliers=options.outliers,
         priors={**inputs.selection.priors},
         converged=found.fit.converged,

@@ -9,7 +9,6 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation import error_columns
-from campaigns.estimation.estimators import Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
 from campaigns.estimation.point_sets import directions
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
@@ -231,7 +230,7 @@ def distance_observations(
         covariance = np.array([covariance_mm2[number] for number in shots.numbers])
     variance = distance_variance_mm2(shots.points_in_tracker_mm, covariance, *ends.T)
     is_stated = np.isfinite(shots.stated_covariance_mm2).any()
-    if options.weights is Weights.EQUAL or not is_stated:
+    if options.equal_weights or not is_stated:
         variance = np.full(len(rows), pooled_variance_mm2(variance))
     measured, whitening = shots.measured_distances_mm(ends), np.sqrt(1.0 / variance)
     distances = DistanceResiduals(model, ends[:, 0], ends[:, 1], measured, whitening)

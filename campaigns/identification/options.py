@@ -7,8 +7,7 @@ from typing import Annotated
 
 from campaigns.arrays import Array
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
-from campaigns.estimation.robust import TUNING_CONSTANT, Loss
+from campaigns.estimation.estimators import Estimator, Model, Outliers
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
 from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
@@ -81,7 +80,10 @@ class IdentificationOptions(Selection):
 
     estimator: Annotated[
         Estimator,
-        Option("points: all coordinates of every shot. distances: of pairs, as in the paper."),
+        Option(
+            "points: all coordinates of every shot. distances: of pairs; with --model paper all "
+            "alike, as in the paper."
+        ),
     ] = Estimator.POINTS
     model: ModelToFind = None
     free: Freed = ()
@@ -93,25 +95,10 @@ class IdentificationOptions(Selection):
             metavar="PATTERN=σ",
         ),
     ] = ()
-    loss: Annotated[
-        LossShape,
-        Option(
-            "Loss function: linear is least squares, the others give large residuals less weight."
-        ),
-    ] = LossShape.LINEAR
-    loss_scale: Annotated[
-        float, Option("Scale of soft-l1 and cauchy, in σ.", metavar="N", least=0.1, most=1000.0)
-    ] = TUNING_CONSTANT
     outliers: Annotated[
         Outliers,
         Option("What to do with outliers, shots that contradict all others; each is named."),
     ] = Outliers.EXCLUDE
-    weights: Annotated[
-        Weights,
-        Option(
-            "Weights of distances: from the stated σ of both ends, or all equal, as in the paper."
-        ),
-    ] = Weights.STATED
     shots: Annotated[
         tuple[int | None, int | None],
         Option(
@@ -177,9 +164,9 @@ class IdentificationOptions(Selection):
         return REFLECTOR_CONSTANT in self.free
 
     @property
-    def robust_loss(self) -> Loss:
-        """Loss by its shape and where it bends."""
-        return Loss(self.loss, self.loss_scale)
+    def equal_weights(self) -> bool:
+        """Whether distances count alike, as in the paper: its model by its estimator."""
+        return self.estimator is Estimator.DISTANCES and self.model is Model.PAPER
 
     @property
     def accepted(self) -> frozenset[str]:
@@ -189,6 +176,6 @@ class IdentificationOptions(Selection):
 
 
 AS_THE_PAPER = IdentificationOptions(
-    estimator=Estimator.DISTANCES, model=Model.PAPER, outliers=Outliers.KEEP, weights=Weights.EQUAL
+    estimator=Estimator.DISTANCES, model=Model.PAPER, outliers=Outliers.KEEP
 )
 """Plain least squares of the distances of all pairs."""

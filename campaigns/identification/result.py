@@ -16,7 +16,6 @@ from campaigns.arrays import Array
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty, WorkspaceSample
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
-from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.base_motion import NestPlaces
 from campaigns.evaluation.decision import Decision
@@ -267,7 +266,6 @@ class IdentificationResult:
     """
 
     estimator: Estimator
-    loss: Loss = field(default_factory=Loss)
     outliers: Outliers = Outliers.EXCLUDE
     priors: dict[str, float] = field(default_factory=dict)
     """1 σ by name."""

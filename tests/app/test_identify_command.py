@@ -12,7 +12,7 @@ from app.new_campaign import create_simulated
 from campaigns.campaign import open_campaign
 from campaigns.design.pose_sampling import interior_poses
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers
+from campaigns.estimation.estimators import Estimator, Model, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.identification.options import AS_THE_PAPER, IdentificationOptions
 from campaigns.planning.plans import region_of
@@ -212,9 +212,10 @@ def test_options_are_typed_as_they_were_given():
 def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):
     options = identification_options(clean, AS_THE_PAPER)
     assert options.estimator is Estimator.DISTANCES
-    assert (options.loss, options.outliers) == (LossShape.LINEAR, Outliers.KEEP)
+    assert options.outliers is Outliers.KEEP
+    assert options.equal_weights
     found = identify(clean, AS_THE_PAPER)
     assert found.free == SPACE.free_by_default
     assert found.priors == {}
-    assert (found.excluded, found.loss.shape) == ((), LossShape.LINEAR)
+    assert found.excluded == ()
     assert len(found.fitted.after) == 60, "the distance of each pair"

@@ -117,9 +117,9 @@ def test_a_name_of_the_api_says_which_folder_hides_our_packages(tmp_path):
         (["import", "."], ["FILE is missing"]),
         (["identify", "x", "--shots", "all"], ["--shots is 'all'", "0-60, -60 or 61-"]),
         (["identify", "x", "--hold-out", "80%"], ["--hold-out is 0.8", "20% is usual"]),
-        (["identify", "x", "--loss-scale", "0"], ["--loss-scale", "0.1"]),
         (["identify", "x", "--estimator", "guess"], ["--estimator", "guess", "distances"]),
-        (["identify", "x", "--loss", "huber"], ["--loss", "cauchy"]),
+        (["identify", "x", "--loss", "huber"], ["--loss' was removed", "left out by name"]),
+        (["identify", "x", "--weights", "equal"], ["--model paper --estimator distances"]),
         (["identify", "x", "--outliers", "forget"], ["--outliers", "exclude"]),
     ],
 )  # fmt: skip

@@ -34,7 +34,6 @@ VALUES = {
         "prior": ("arm*.arm_mm=0.05",),
         "shots": ("0-14",),
         "hold_out": ("20%",),
-        "loss_scale": ("3",),
         "free": ("arm1.azimuth_deg", "reflector_constant_mm"),
     },
     "": {"free": ("arm1.azimuth_deg",), "fix": ("arm2.*",)},

@@ -310,7 +310,7 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: 
         (diagnostics.CHANGE, "drift", (), ANEW),
         (identification.NOTHING_UNSEEN, "", (), "identify DIR --hold-out 20%"),
         (identification.UNTOLD, "", (), "plan DIR --shots 240"),
-        (identification.TOO_FEW, "", ("--weights", "equal"), "identify DIR"),
+        (identification.TOO_FEW, "", ("--estimator", "distances"), "identify DIR"),
         (identification.PRIOR, "", ("--prior", "x=1"), "identify DIR"),
         ("", "", (), "identify DIR"),
     ],

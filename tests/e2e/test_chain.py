@@ -23,7 +23,7 @@ IDENTIFICATION_KEYS = {
     *("warmth", "ripples"),
     *("coverage_factor_95", "doubts", "hold_out", "robot_scatter", "schema", "estimator"),
     *("converged", "iterations", "rank", "condition", "dof", "parameters", "residuals_mm"),
-    *("unseen_mm", "excluded", "unobservable", "known_by_priors_alone", "priors", "loss"),
+    *("unseen_mm", "excluded", "unobservable", "known_by_priors_alone", "priors"),
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),

@@ -11,7 +11,7 @@ from par4_space import SPACE, par4
 from small_plans import LIMITS
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.estimators import Estimator, Model, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.identification.identify import identify
@@ -112,17 +112,16 @@ def identified(
     free=(),
     fix=(),
     prior=(),
-    loss: LossShape = LossShape.LINEAR,
     outliers: Outliers = Outliers.EXCLUDE,
-    weights: Weights = Weights.STATED,
+    model: Model | None = None,
     poses=None,
 ) -> IdentificationResult:
     """Identification of shots; the same shots in the same way are fitted once."""
-    how = (estimator, tuple(free), tuple(fix), tuple(prior), loss, outliers, weights)
+    how = (estimator, tuple(free), tuple(fix), tuple(prior), outliers, model)
     key = (id(data), id(poses), how)
     if key not in FOUND:
         options = IdentificationOptions(
-            estimator=estimator, loss=loss, outliers=outliers, weights=weights, workspace=poses
+            estimator=estimator, outliers=outliers, model=model, workspace=poses
         )
         found = identify(NOMINAL, data, select_parameters(SPACE, free, fix, prior), options)
         FOUND[key] = (data, poses, found)

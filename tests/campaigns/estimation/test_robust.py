@@ -3,21 +3,9 @@ import pytest
 from par4_space import SPACE, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, block_norms, solve
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.estimation.robust import (
-    INITIAL_M_ESTIMATOR,
-    NEARLY_SOLVED,
-    Loss,
-    linear_inliers,
-    loss_curvature,
-    loss_weights,
-    reject_outliers,
-    rejection_threshold,
-    robust_scale,
-    solve_robust,
-)
+from campaigns.estimation.robust import reject_outliers, rejection_threshold, robust_scale
 from campaigns.robots.robot import find_robot
 
 NOISE_MM = 0.015 / 3**0.5
@@ -71,16 +59,6 @@ def distances_problem(shots, noise_mm=NOISE_MM, seed=3, wrong=()):
     return LeastSquaresProblem(data, 1, Priors.none())
 
 
-def some_of(problem, rows):
-    data = problem.data
-    cut = [each[rows] for each in (data.first, data.second, data.measured_mm, data.whitening)]
-    return LeastSquaresProblem(DistanceResiduals(data.model, *cut), 1, Priors.none())
-
-
-def all_of(problem):
-    return np.ones(problem.blocks, dtype=bool)
-
-
 def worst_mm_deg(x, shots):
     return np.abs((x[: len(FREE)] - shots[2]) / SPACE.file_unit[FREE]).max()
 
@@ -118,68 +96,6 @@ def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots):
     assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM)).outliers == ()
 
 
-@pytest.mark.parametrize("moved", [(), (7,), (7, 30, 31)])
-def test_a_problem_made_linear_tells_the_same_shots_apart(shots, moved):
-    problem = points_problem(shots, moved, off_mm=0.5)
-    x = solve(problem).x
-    kept = linear_inliers(problem.jacobian(x), problem.residual(x), problem.block)
-    np.testing.assert_array_equal(kept, reject_outliers(problem).kept)
-    assert np.flatnonzero(~kept).tolist() == list(moved)
-
-
-def test_a_problem_made_linear_says_nothing_where_many_shots_are_wrong(shots):
-    problem = points_problem(shots, (7, 30, 31, 50), off_mm=0.5)
-    x = solve(problem).x
-    assert linear_inliers(problem.jacobian(x), problem.residual(x), problem.block) is None
-
-
-@pytest.mark.parametrize("off_mm", [0.5, 20.0])
-def test_fits_that_nearly_settle_give_the_same_weights_in_fewer_steps(shots, off_mm):
-    problem = points_problem(shots, range(0, 90, 3), off_mm=off_mm)
-    everything = np.ones(problem.blocks, dtype=bool)
-    asked = problem, INITIAL_M_ESTIMATOR, everything, solve(problem).x
-    whole, nearly = solve_robust(*asked), solve_robust(*asked, settled_at=NEARLY_SOLVED)
-    np.testing.assert_allclose(nearly.weights, whole.weights, rtol=0.0, atol=1e-4)
-    assert nearly.fit.evaluations < whole.fit.evaluations
-
-
-def test_a_problem_made_linear_says_nothing_of_a_shot_close_to_the_limit(shots):
-    problem = points_problem(shots)
-    x = solve(problem).x
-    jacobian, residual = problem.jacobian(x), problem.residual(x)
-
-    def told(size):
-        moved = residual.copy()
-        moved[21:24] = size / np.sqrt(3.0)
-        moved -= jacobian @ np.linalg.lstsq(jacobian, moved)[0]
-        kept = linear_inliers(jacobian, moved, problem.block)
-        return None if kept is None else bool(kept[7])
-
-    good, wrong = 3.5, 5.5
-    assert (told(good), told(wrong)) == (True, False)
-    while (between := told(0.5 * (good + wrong))) is not None:
-        assert wrong - good > 1e-4
-        good, wrong = (0.5 * (good + wrong), wrong) if between else (good, 0.5 * (good + wrong))
-
-
-def test_a_block_that_came_back_does_not_go_again():
-    """Beside the others it agrees, in a fit with them it does not: close to the limit of both."""
-    rng = np.random.default_rng(1244)
-    jacobian, residual = rng.standard_normal((120, 5)), rng.standard_normal(120)
-    residual[0] += rng.uniform(3, 7)
-    residual[4] += rng.uniform(3, 6)
-    assert linear_inliers(jacobian, residual, 3).all()
-
-
-@pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
-def test_robust_loss_withstands_what_spoils_the_plain_one(shots, shape):
-    spoilt = points_problem(shots, (7, 50, 99))
-    plain = solve_robust(spoilt, Loss(), all_of(spoilt))
-    robust = solve_robust(spoilt, Loss(shape), all_of(spoilt))
-    assert robust.fit.converged
-    assert worst_mm_deg(robust.fit.x, shots) < 0.2 * worst_mm_deg(plain.fit.x, shots)
-
-
 def test_an_outliers_size_is_what_the_fit_of_the_others_leaves_of_it_in_its_own_deviation(shots):
     """Variance of its measurement and of the others' prediction, by the explicit inverse."""
     problem = distances_problem(shots, wrong=[17], noise_mm=10.0 * NOISE_MM)
@@ -193,39 +109,6 @@ def test_an_outliers_size_is_what_the_fit_of_the_others_leaves_of_it_in_its_own_
     assert outlier[1] == pytest.approx(abs(residual[17]) / own, rel=1e-3)
 
 
-def test_a_prior_that_all_shots_contradict_is_neither_left_out_nor_weighed_down(shots):
-    """A plate said to be 5 mm longer, to a micrometre: the fit must follow, whatever the loss."""
-    plate = SPACE.free_by_default.index("plate_mm")
-    said = Priors(np.array([plate]), np.array([shots[2][plate] + 5.0]), np.array([1e-3]))
-    problem = points_problem(shots, priors=said)
-    robust = solve_robust(problem, Loss(LossShape.CAUCHY), all_of(problem))
-    assert robust.fit.x[plate] == pytest.approx(said.mean[0], abs=0.5)
-    assert len(robust.weights) == 120
-
-
-@pytest.mark.slow
-def test_a_wrong_pair_of_few_is_told_from_all_scattering_more(shots):
-    """Thirty pairs, 22 parameters: all six times what is stated, or one off by 2 mm."""
-    good, named = 0, []
-    for seed in range(20):
-        rows = np.random.default_rng(seed).choice(60, 30, replace=False)
-        scattered = some_of(distances_problem(shots, 6.0 * NOISE_MM, seed), rows)
-        good += len(reject_outliers(scattered).outliers)
-        off = int(np.random.default_rng(seed).choice(rows))
-        spoilt = some_of(distances_problem(shots, NOISE_MM, seed, wrong=[off]), rows)
-        named.append([rows[each[0]] for each in reject_outliers(spoilt).outliers] == [off])
-    assert good <= 2
-    assert np.mean(named) >= 0.9
-
-
-def test_weights_fall_with_the_block_not_with_its_coordinates():
-    sizes = block_norms(np.array([3.0, 4.0, 0.0, 0.0, 0.0, 5.0]), 3)
-    assert sizes.tolist() == [5.0, 5.0]
-    for shape in LossShape:
-        first, second = loss_weights(shape, sizes**2)
-        assert first == second
-
-
 def test_scale_of_good_blocks_is_one_and_they_rarely_lose_one():
     draws = np.random.default_rng(1).normal(size=(4000, 3))
     assert robust_scale(np.linalg.norm(draws, axis=1), 3, 0) == pytest.approx(1.0, abs=0.03)
@@ -233,20 +116,3 @@ def test_scale_of_good_blocks_is_one_and_they_rarely_lose_one():
     limit = rejection_threshold(120, 3)
     worst = np.linalg.norm(rng.normal(size=(2000, 120, 3)), axis=2).max(axis=1)
     assert 0.003 < np.mean(worst > limit) < 0.02
-
-
-@pytest.mark.parametrize("shape", list(LossShape))
-@pytest.mark.parametrize("size", [1e-3, 0.1, 1.0, 10.0, 1e3])
-def test_curvature_is_the_mean_second_derivative_of_the_price(shape, size):
-    """Along a block of three coordinates and across it, by differences of ρ'(z) r."""
-
-    def slope(point):
-        return loss_weights(shape, np.array([point @ point])) * point
-
-    point, step = np.array([size, 0.0, 0.0]), 1e-5 * size
-    second = [
-        (slope(point + aside) - slope(point - aside)) @ aside / (2.0 * step**2)
-        for aside in step * np.eye(3)
-    ]
-    told = loss_curvature(shape, np.array([size**2]), 3)[0]
-    assert told == pytest.approx(np.mean(second), rel=1e-5, abs=1e-9)

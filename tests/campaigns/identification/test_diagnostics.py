@@ -4,15 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identified_cases import NOMINAL, TRUTH, doubt, found_with, identified, moved, noisy, simulated
-from par4_space import SPACE
+from identified_cases import TRUTH, doubt, found_with, identified, moved, noisy, simulated
 
-from campaigns.estimation.estimators import Estimator, Weights
-from campaigns.estimation.robust import reject_outliers
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.evaluation.diagnostics import COMMON_SCALE, HOLD_OUT, LARGE_CHANGE
-from campaigns.identification.observations import Inputs, distance_observations
-from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import between, held_out
@@ -110,28 +105,9 @@ class TestRangeOfShots:
         assert between(data, None, None) is data
 
 
-class TestBareDistances:
-    """Distances alone, with no coordinates to judge them by."""
-
-    def problem_with(self, wrong, seed=1):
-        data = noisy(simulated(30, 0, seed=seed), seed)
-        options = IdentificationOptions(weights=Weights.EQUAL)
-        inputs = Inputs.of(NOMINAL, data, select_parameters(SPACE), options)
-        found = distance_observations(inputs)
-        measured = found.residuals.measured_mm.copy()
-        measured[wrong] += 2.0
-        return replace(found.problem, data=replace(found.residuals, measured_mm=measured))
-
-    @pytest.mark.parametrize("wrong", [[], [4], [7, 21]])
-    def test_wrong_ones_among_few_are_named_and_no_others(self, wrong):
-        found = reject_outliers(self.problem_with(wrong))
-        assert sorted(block for block, *_ in found.outliers) == wrong
-        assert np.flatnonzero(~found.kept).tolist() == wrong
-
-
 def test_no_sigma_at_all_is_not_decided():
     found = found_with(
-        noisy(simulated(22, 8, seed=2), 2), estimator=Estimator.DISTANCES, weights=Weights.EQUAL
+        noisy(simulated(22, 8, seed=2), 2), estimator=Estimator.DISTANCES, model=Model.PAPER
     )
     assert found.verdict == "not decided"
     assert "the uncertainty of the parameters is unknown" in found.reasons[0]
@@ -142,14 +118,14 @@ def test_a_slipped_encoder_is_no_pass_by_distances_of_equal_weight_either():
     joints = data.joints.copy()
     joints[60:, 2] += np.radians(0.05)
     slipped = replace(data, joints=joints)
-    found = found_with(slipped, estimator=Estimator.DISTANCES, weights=Weights.EQUAL)
+    found = found_with(slipped, estimator=Estimator.DISTANCES, model=Model.PAPER)
     assert found.verdict == "fail"
     assert doubt(found, "change-during-campaign").numbers["cause"] == "arm2.joint_offset_deg"
 
 
 def test_intervals_are_students_where_few_distances_tell_their_own_variance():
     data = noisy(simulated(30, 8, seed=2), 2)
-    few = found_with(data, estimator=Estimator.DISTANCES, weights=Weights.EQUAL)
+    few = found_with(data, estimator=Estimator.DISTANCES, model=Model.PAPER)
     assert few.dof == 8
     assert few.coverage_factor_95 == pytest.approx(2.086, abs=1e-3), "8 left over, 12 stated"
     assert found_with(data).coverage_factor_95 == pytest.approx(1.960, abs=1e-3)

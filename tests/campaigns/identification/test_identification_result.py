@@ -12,7 +12,7 @@ from tested_journal import plain_journal
 
 from campaigns.controllers.export import latest_identification
 from campaigns.errors import FindingUnreadable
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.estimators import Estimator, Model, Outliers
 from campaigns.estimation.information import Uncertainty
 from campaigns.identification.result import Frame, RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
@@ -23,10 +23,9 @@ ASKED = {
     "points": {"data": SPOILT, "poses": workspace()},
     "distances": {"data": SPOILT, "estimator": Estimator.DISTANCES},
     "rank lost": {"free": ["arm0.x_mm"], "poses": workspace()},
-    "priors and a robust loss": {
+    "priors and outliers kept": {
         "free": ["arm0.x_mm"],
         "prior": ["arm0.x_mm=0.2"],
-        "loss": LossShape.CAUCHY,
         "outliers": Outliers.KEEP,
     },
     "nothing unseen": {"data": noisy(simulated(60, 0, seed=1), seed=2)},
@@ -56,14 +55,13 @@ def test_document_is_plain_json_with_every_parameter(estimator) -> None:
     assert plate["delta"] == pytest.approx(plate["value"] - plate["nominal"])
     assert told["unseen_mm"]["after"].keys() == {"mean_abs", "rms", "max_abs"}
     assert (told["estimator"], told["seconds"]) == (estimator.value, 0.012)
-    assert told["loss"] == {"shape": "linear", "scale": 3.0}
 
 
 @pytest.mark.parametrize(
     ("pairs", "options", "known"),
     [
         (simulated(60, 0, 1), {"free": ["arm0.z_mm"]}, 19),
-        (simulated(22, 5, seed=3), {"weights": Weights.EQUAL}, 0),
+        (simulated(22, 5, seed=3), {"model": Model.PAPER}, 0),
     ],
     ids=["lost rank", "no degrees of freedom"],
 )
@@ -93,12 +91,12 @@ def test_covariance_is_in_file_units_and_agrees_with_the_deviations() -> None:
 
 
 def test_what_was_left_out_tells_size_limit_and_reason() -> None:
-    told = document(SPOILT, loss=LossShape.CAUCHY)
+    told = document(SPOILT)
     assert [left["shot"] for left in told["excluded"]] == [7, 50, 99]
     left = told["excluded"][0]
     assert set(left) == {"shot", "reason", "size_mm", "size_sigma", "limit_sigma"}
     assert left["size_sigma"] > left["limit_sigma"]
-    assert (told["outliers"], told["loss"]["shape"]) == ("exclude", "cauchy")
+    assert told["outliers"] == "exclude"
     assert document(outliers=Outliers.KEEP)["excluded"] == []
 
 

@@ -10,7 +10,7 @@ from family_cases import flat_in
 from par4_space import par4
 
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.identification.result import IdentificationResult
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -82,7 +82,7 @@ def test_robot_that_is_as_its_nominal_parameters_say_has_nothing_to_correct_and_
 def test_too_few_pairs_are_refused_and_just_enough_give_no_deviations() -> None:
     with pytest.raises(ShotsMissing, match="21 pairs cannot give 22 parameters"):
         by_distances(identified_cases.simulated(21, 5, seed=1))
-    found = by_distances(identified_cases.simulated(22, 5, seed=3), weights=Weights.EQUAL)
+    found = by_distances(identified_cases.simulated(22, 5, seed=3), model=Model.PAPER)
     assert found.dof == 0
     assert set(identified_cases.deviations(found).values()) == {None}
 
@@ -142,7 +142,7 @@ def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
 def test_solver_that_stops_at_the_edge_of_the_model_has_not_converged() -> None:
     """Forearms 110 mm shorter: on its way there the solver meets robots that do not assemble."""
     data = identified_cases.simulated(60, 20, seed=1, truth=identified_cases.shortened(110.0))
-    found = by_distances(data, weights=Weights.EQUAL)
+    found = by_distances(data, model=Model.PAPER)
     assert not found.converged
     assert found.verdict == "fail"
     assert found.reasons[0].startswith("not converged")
