@@ -60,7 +60,6 @@ COMMANDS = {
         "Show parameters and errors over campaigns, and when the next check is due.",
     ),
     "report": ("report", "Write the report: the whole campaign on one page."),
-    "reproduce": ("reproduce", "Repeat the paper's simulation and experiment."),
     "study": (
         "study",
         "Simulate many campaigns of a plan, and compare what they identify with the truth.",

@@ -1,4 +1,4 @@
-"""Rehearsal: the whole workflow on a simulated cell, for `dry-run` and for the paper reproduced."""
+"""Rehearsal: the whole workflow on a simulated cell, for `dry-run` and the paper's example."""
 
 from app.console import Terminal
 from app.measuring import measure_validation, run_plan

@@ -11,6 +11,7 @@ from typing import Any
 _POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
+    "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
     "driver: geocom": _POINTLINE,
     "export --joint-table": "use --format plain, or correct targets with `pkmcal correct`",

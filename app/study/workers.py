@@ -1,4 +1,4 @@
-"""Processes of this computer that compute the tasks of a study or a reproduction."""
+"""Processes of this computer that compute the tasks of a study."""
 
 import os
 import signal
@@ -17,14 +17,13 @@ KILLED = "a process that computed was killed"
 
 
 def local_results(
-    tasks: Sequence[Task], processes: int, work: Work[Task, Outcome], *, apart: bool = False
+    tasks: Sequence[Task], processes: int, work: Work[Task, Outcome]
 ) -> Results[Outcome]:
     """Yield results as they come from so many processes.
 
-    A single one works in this process unless `apart`. When a process is killed, what had not come
-    back is lost.
+    A single one works in this process. When a process is killed, what had not come back is lost.
     """
-    if not tasks or (processes == 1 and not apart):
+    if not tasks or processes == 1:
         yield from (tried(work, place, task) for place, task in enumerate(tasks))
         return
     left = set(range(len(tasks)))
@@ -41,13 +40,13 @@ def local_results(
 def _parallel(
     work: Work[Task, Outcome], tasks: Sequence[Task], processes: int
 ) -> Iterator[Result[Outcome]]:
-    """Results as they come; joblib would take this process for a single one, so it is given two."""
+    """Yield results as they come."""
     parallel = Parallel(
-        n_jobs=max(processes, 2),
+        n_jobs=processes,
         backend="loky",
         return_as="generator_unordered",
         batch_size=1,
-        pre_dispatch=2 * processes if processes > 1 else 1,
+        pre_dispatch=2 * processes,
         initializer=_serve,
         initargs=(os.getpid(),),
     )

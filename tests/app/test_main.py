@@ -18,7 +18,7 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "load", "status", "watch", "check", "history", "report", "reproduce"),
+    *("correct", "load", "status", "watch", "check", "history", "report"),
     *("study", "check-journal", "sim", "dry-run"),
 )
 REPOSITORY = Path(__file__).parents[2]
@@ -244,7 +244,7 @@ def test_completion_can_be_shown_and_installed(pkmcal, capsys, monkeypatch):
     ("typed", "words"),
     [
         ("pkmcal ", COMMANDS),
-        ("pkmcal re", ("report", "reproduce")),
+        ("pkmcal re", ("report",)),
         ("pkmcal plan --c", ("--criterion", "--candidates")),
         ("pkmcal plan --fly", ()),
     ],

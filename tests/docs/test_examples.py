@@ -49,6 +49,32 @@ def test_an_estimator_of_ones_own_gets_residuals_with_their_jacobian(example):
     np.testing.assert_allclose(np.array(lengths) - nominal, 0.5, atol=0.1)
 
 
+@pytest.mark.slow
+def test_the_papers_figures_are_reproduced(capsys):
+    """One seed: between limits that the percentiles of 20 seeds leave room to."""
+    example = runpy.run_path(str(ROOT / "examples" / "corbel2006.py"), run_name="corbel2006")
+    results = example["main"](1)
+    said = capsys.readouterr().out
+    prototype, simulation = (results[example[name]][0] for name in ("PROTOTYPE", "SIMULATION"))
+    for name, low, high in (
+        ("fitted pairs, before", 30.0, 45.0),
+        ("fitted pairs, after", 0.25, 0.6),
+        ("rotation, before", 1.7, 3.0),
+        ("rotation, after", 0.4, 0.9),
+        ("along x, before", 5.3, 6.6),
+        ("along x, after", 0.1, 0.7),
+        ("mean, after", 0.05, 0.4),
+        ("max, after", 0.2, 1.2),
+        ("radius of the sphere, before", 0.3, 0.5),
+    ):
+        assert low < prototype[name] < high, name
+    assert simulation["worst of 18 lengths"] < 0.25
+    assert simulation["worst of 4 angles"] < 0.015
+    assert simulation["unseen pairs, after"] < 0.05
+    for title in ("Table I:", "Table II:", "Table III:", "Table IV:", "Fig. 7:", "Fig. 8:"):
+        assert said.count(f"\n{title}") == 1
+
+
 def test_a_mechanism_of_ones_own_is_planned_and_studied(example, tmp_path):
     made, said = example("own_mechanism")
     robot = made["robot"]

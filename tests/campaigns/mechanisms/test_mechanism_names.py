@@ -1,7 +1,7 @@
 """Only its own file and its robot files know a mechanism: nothing else names it or its shape.
 
 Looked through are the work, the door and the part of the instruments that any robot speaks.
-Mechanisms' own files, robot files, the paper reproduced, LinuxCNC's driver (whose kinematics module
+Mechanisms' own files, robot files, LinuxCNC's driver (whose kinematics module
 is Par4's), files for other controllers' own Deltas and the simulated cell, which is built of one
 mechanism's parts, are left out.
 """
@@ -24,7 +24,7 @@ LOOKED_THROUGH = (
     "drivers/robotline/*.py",
     "drivers/wire/robotline*.py",
 )
-LEFT_OUT = ("campaigns/mechanisms/", "app/papers/", "campaigns/controllers/linuxcnc_export.py")
+LEFT_OUT = ("campaigns/mechanisms/", "campaigns/controllers/linuxcnc_export.py")
 
 TELLTALE = {
     "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\b[Hh]4\b|\b[Ii]4[RrLl]\b"
