@@ -1,5 +1,6 @@
 """Measuring on the cell: a series with its progress shown, and asked about again after Ctrl-C."""
 
+import math
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -74,6 +75,8 @@ def measure(
                 work = make_work(cell)
                 if prompt is not None:
                     cell = replace(cell, ask=partial(_says_yes, prompt))
+                    if not yes:
+                        cell = replace(cell, beam_wait_s=math.inf)
                 with campaign.opened_journal() as journal:
                     series = measure_series(
                         cell, journal, work, display, wish, anew=anew, wishes=wishes

@@ -82,12 +82,13 @@ class Reacquisition:
         return tuple(found)
 
     def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool | None:
-        """Wait until the reflector is found, for as long as it takes, and say how long it took.
+        """Wait until the reflector is found, and say how long it took.
 
         False: it was never seen at this pose, for as long as is waited before another is asked.
         None: the operator wishes to skip the shot.
         The robot stands still meanwhile, and is watched. Raises `GateRefused` once the reflector is
         found where it was before the encoders moved: then the robot has not moved with them.
+        Raises it too after the cell's `beam_wait_s`.
         """
         since_s, look_back = self._clock.now_s(), self._look_back_deadline()
         here = self._tracker.direction()
@@ -102,6 +103,12 @@ class Reacquisition:
                 self._run_state.see_beam(locked=False)
                 return None
             lasted_s = self._clock.now_s() - since_s
+            if lasted_s >= self._session.cell.beam_wait_s:
+                raise GateRefused(
+                    f"the beam has been broken for {lasted_s:.0f} s and nobody is there to place "
+                    f"it: {failure}, or the robot does not move",
+                    remedy=LOOK_AT_THE_DRIVES,
+                )
             self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
             if look_back.has_passed():
                 if suspect is not None:

@@ -27,6 +27,7 @@ from drivers.ports import Clock, LaserTracker, RobotController
 
 UNKNOWN_NOISE = 0.25
 """Standard deviation, in parts of the limit of drift, of a robot whose noise nobody knows yet."""
+UNATTENDED_BEAM_WAIT_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,8 @@ class Cell:
     """Time as the operator lives it: what is left."""
     ask: Callable[[str], bool] = lambda _: False
     """Whether the operator, who is told what to do, says that it is done."""
+    beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
+    """Longest wait for a broken beam; infinite where an operator is there to place it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -15,7 +15,7 @@ from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import Progress, RunObserver
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.wishes import Wishes
-from campaigns.measuring.work import Cell, Work
+from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Cell, Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from drivers import values
@@ -207,6 +207,9 @@ class FakeTracker:
     def break_beam(self) -> None:
         self.beam_broken = True
 
+    def hide_reflector(self) -> None:
+        self.beam_broken, self.finds = True, False
+
     def take_wrong_target(self) -> None:
         self.on_wrong_target = True
 
@@ -234,6 +237,7 @@ class FakeCell:
 
     truth: Kinematics = NOMINAL
     calls: list[tuple[object, ...]] = field(default_factory=list)
+    beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
 
     def __post_init__(self) -> None:
         self.clock = VirtualClock()
@@ -246,7 +250,8 @@ class FakeCell:
 
     @property
     def devices(self) -> Cell:
-        return Cell(self.robot, self.tracker, self.clock, self.clock)
+        clock, wait_s = self.clock, self.beam_wait_s
+        return Cell(self.robot, self.tracker, clock, clock, beam_wait_s=wait_s)
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
         return measure_series(

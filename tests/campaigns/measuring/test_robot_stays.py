@@ -1,12 +1,14 @@
 """A robot that stays where it is although its encoders say that it moves."""
 
+import math
 from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
 from small_plans import FOUR_PAIRS, pair, work
 
-from campaigns.errors import GateRefused
+from campaigns.errors import GateRefused, Interrupted
+from drivers.errors import Cancelled
 
 PLAN = (
     *FOUR_PAIRS[:-1],
@@ -30,14 +32,31 @@ def test_it_is_named_soon_and_waited_for_no_longer(
     assert cell.clock.now_s() < SOON_S
 
 
+def test_beam_is_waited_for_no_longer_than_ten_minutes_with_nobody_there(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure[7] = cell.tracker.hide_reflector
+    cell.clock.after(3000.0, cell.wish.ask)
+    with pytest.raises(GateRefused, match="no reflector found, or the robot does not move"):
+        cell.run(tmp_path, work(PLAN))
+    assert cell.clock.now_s() < 800.0
+
+
+def test_beam_is_waited_for_as_long_as_it_takes_with_an_operator_there(tmp_path: Path) -> None:
+    cell = FakeCell(beam_wait_s=math.inf)
+    cell.tracker.during_measure[7] = cell.tracker.hide_reflector
+    cell.clock.after(3000.0, cell.wish.ask)
+    with pytest.raises((Interrupted, Cancelled)):
+        cell.run(tmp_path, work(PLAN))
+    assert cell.clock.now_s() >= 3000.0
+
+
 def test_somebody_in_the_beam_is_waited_for_although_the_robot_was_measured_before(
     tmp_path: Path,
 ) -> None:
     cell = FakeCell()
 
     def step_in() -> None:
-        cell.tracker.break_beam()
-        cell.tracker.finds = False
+        cell.tracker.hide_reflector()
         cell.clock.after(1.25 * SOON_S, step_out)
 
     def step_out() -> None:
