@@ -12,9 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from campaigns.arrays import SHOTS_AT_ONCE, Array, Index
+from campaigns.arrays import Array, Index
 from campaigns.estimation import error_columns
 from campaigns.estimation.error_columns import harmonic
 from campaigns.estimation.f_test import FittedShots, log_p
@@ -29,21 +28,8 @@ MOST_CAUSES = 4
 RANK, TINY = 1e-5, 1e-300
 """Of squared lengths: directions of a group below it are the fit's own, as a turn of all arms is,
 of which a fit by imperfect parts leaves a trace."""
-SHORTEST_MM, LONGEST_MM = 5.0, 500.0
-"""Periods of a carriage's drive that are looked for."""
-SHORTEST_RAD, LONGEST_RAD = 2.0 * math.pi / 200.0, 2.0 * math.pi / 4.0
-"""Periods of an arm's gear: from four to 200 in a turn."""
-Waves = NDArray[np.complex128]
-Drives = tuple[Array, Array, float, float]
-"""Whitened ∂point/∂joints (N, 3, n), joints (N, n), and the shortest and longest period."""
 POSSIBLE = 0.01
 """Chance below which a cause is worth a trial, which other tests of it then have to support."""
-FEWEST_PERIODS = 2.0
-"""Over the travel: fewer may as well be an eccentric encoder, a ratio or the geometry."""
-STEPS_A_TURN = 2.0
-"""Frequencies looked at, from one that makes a turn more over the travel to the next."""
-NEAR = 9
-"""Frequencies about the best one, a quarter of a step apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +43,6 @@ class Group:
     parameters: tuple[str, ...] = ()
     """Name of each column's parameter, where the mechanism has it."""
     period: float = 0.0
-    searched: int = 1
-    """Number of groups among which this one was the best."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,17 +133,11 @@ def error_groups(
     yield Group(GENERAL, error_columns.smooth(joints))
 
 
-def lacks_of_fit(
-    shots: FittedShots, groups: Sequence[Group], drives: Drives | None = None
-) -> Iterator[LackOfFit]:
-    """Causes that the shots show, the most significant first, or one alone that is possible.
-
-    `drives` may have a period, which is searched.
-    """
+def lacks_of_fit(shots: FittedShots, groups: Sequence[Group]) -> Iterator[LackOfFit]:
+    """Causes that the shots show, the most significant first, or one alone that is possible."""
     level = POSSIBLE
     for _ in range(MOST_CAUSES):
-        searched = () if drives is None else (best_period(shots, drives),)
-        found = _most_significant(shots, (*groups, *searched))
+        found = _most_significant(shots, groups)
         if found is None or found.log_p >= math.log(level):
             return
         yield found
@@ -167,86 +145,6 @@ def lacks_of_fit(
             return
         level = SIGNIFICANCE
         shots = shots.fitted(found.columns)
-
-
-def best_period(shots: FittedShots, drives: Drives) -> Group:
-    """Group of the period, mm or rad, that explains most, the search for it counted."""
-    by_joints, joints, shortest, longest = drives
-    travel = max(float(np.ptp(joints)), shortest)
-    step = 1.0 / (STEPS_A_TURN * travel)
-    lowest = max(1.0 / longest, FEWEST_PERIODS / travel)
-    frequencies = np.arange(lowest, max(1.0 / shortest, lowest + step), step)
-    columns = np.column_stack([shots.basis, shots.left]).reshape(len(joints), 3, -1)
-    turned = by_joints.swapaxes(1, 2)
-    sought = joints, turned @ by_joints, turned @ columns
-    best = frequencies[int(np.argmax(_gains(*sought, lowest, step, len(frequencies))))]
-    near = best + step * np.linspace(-1.0, 1.0, NEAR)
-    gains = _gains(*sought, float(near[0]), step * 2.0 / (NEAR - 1), NEAR)
-    best = near[int(np.argmax(np.where(near < lowest, -np.inf, gains)))]
-    columns = harmonic(by_joints, 2.0 * np.pi * best * joints)
-    arms = np.repeat(np.arange(joints.shape[1]), 2)
-    tests = len(frequencies) + len(near)
-    return Group(
-        "ripple" if longest == LONGEST_RAD else "period",
-        columns,
-        arms,
-        period=1.0 / best,
-        searched=tests,
-    )
-
-
-def _gains(
-    joints: Array, own: Array, through: Array, lowest: float, step: float, count: int
-) -> Array:
-    """Part of χ² that sines and cosines explain, (F,), of so many frequencies a step apart.
-
-    Of joints (N, n) by Jᵀ J (N, n, n) and Jᵀ of the fit's basis and what it leaves (N, n, R + 1).
-    By sums over some shots at a time, whose waves stay in the processor's cache.
-    """
-    fine, arms = math.isqrt(count), joints.shape[1]
-    coarse = -(-count // fine)
-    waves = coarse * fine
-    told = np.zeros((arms, through.shape[2], 2 * waves))
-    sums = np.zeros((2, arms, arms, coarse, fine), np.complex128)
-    for first in range(0, len(joints), SHOTS_AT_ONCE):
-        some = slice(first, first + SHOTS_AT_ONCE)
-        turn, begin = np.exp(2j * np.pi * np.multiply.outer((step, lowest), joints[some].T))
-        # the angle sum theorem saves most sines
-        steps = _powers(np.ones_like(turn), turn, fine)
-        leaps = _powers(begin, steps[..., -1] * turn, coarse)  # (n, S, F)
-        for i in range(arms):
-            wave = (leaps[i, :, :, None] * steps[i, :, None]).reshape(-1, waves)
-            told[i] += through[some, i].T @ wave.view(np.float64)
-            for j in range(i, arms):
-                weighted = own[some, i, j, None] * leaps[i]
-                for place, leap, each in (
-                    (0, leaps[j].conj(), steps[j].conj()),
-                    (1, leaps[j], steps[j]),
-                ):
-                    sums[place, i, j] += (weighted * leap).T @ (steps[i] * each)
-    square = np.empty((arms, 2, arms, 2, waves))
-    for i in range(arms):
-        for j in range(i, arms):
-            less, more = sums[:, i, j].reshape(2, waves)  # of the angles' difference and sum
-            sines, cosines = less.real - more.real, less.real + more.real
-            mixed = more.imag + less.imag, more.imag - less.imag
-            square[i, :, j] = 0.5 * np.array([[sines, mixed[0]], [mixed[1], cosines]])
-            square[j, :, i] = square[i, :, j].swapaxes(0, 1)
-    square = square.transpose(4, 0, 1, 2, 3).reshape(waves, 2 * arms, 2 * arms)[:count]
-    # of each complex wave the cosine comes first
-    both = told.reshape(arms, -1, waves, 2)[:, :, :count, ::-1]
-    shared = both.transpose(2, 1, 0, 3).reshape(count, -1, 2 * arms)
-    gained, shared = shared[:, -1], shared[:, :-1]
-    square = square - shared.swapaxes(1, 2) @ shared
-    size = np.einsum("fij,fj->fi", np.linalg.pinv(square, rcond=RANK, hermitian=True), gained)
-    return np.asarray(np.sum(gained * size, axis=1))
-
-
-def _powers(begin: Waves, turn: Waves, count: int) -> Waves:
-    """Waves (…, count), from the beginning (…) on each a turn (…) further."""
-    found = np.repeat(turn[..., None], count, axis=-1)
-    found[..., 0] = begin
-    return np.cumprod(found, axis=-1, dtype=np.complex128)
 
 
 def _most_significant(shots: FittedShots, groups: Sequence[Group]) -> LackOfFit | None:
@@ -263,7 +161,7 @@ def _most_significant(shots: FittedShots, groups: Sequence[Group]) -> LackOfFit 
             if solved.rank == 0 or shots.freedom - solved.rank < LEAST_FREEDOM:
                 continue
             chance = float(log_p(solved.rank, shots.freedom, solved.gain, chi2))
-            chance += math.log(tests * group.searched)
+            chance += math.log(tests)
             if best is None or chance < best[0]:
                 best = chance, group, part, solved
     return None if best is None else _lack(shots, *best)

@@ -32,7 +32,7 @@ COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR 
     "lack-of-fit",
     "reflector-constant",
 )
-EXTRAPOLATION, KNOWN_LENGTH, NESTS, RATE = ("extrapolation", "known-length", "nests", "ripple-rate")
+EXTRAPOLATION, KNOWN_LENGTH, NESTS = "extrapolation", "known-length", "nests"
 UNMEASURED, UNKNOWN_POSITIONS = "unmeasured-length", "unknown-positions"
 MOST_BEYOND = 0.05
 """Share of the workspace that may be so far from all shots."""
@@ -275,16 +275,6 @@ def reflector_told(off_mm: float, std_mm: float) -> Doubt:
     if abs(off_mm) > ANOTHER_TYPE_MM:
         says += "; another type of reflector is set in the tracker"
     return Doubt(REFLECTOR, says, None, {"off_mm": off_mm, "std_mm": std_mm})
-
-
-def rate_told(key: str, rate: float, std: float, p: float) -> Doubt:
-    """What was found of how often ripples come: told, it decides nothing."""
-    unit = " a turn" if key == "ripples_per_turn" else " mm"
-    says = (
-        f"ripples: rate found in the residuals, {rate:.5g} ± {COVERAGE * std:.2g}{unit} "
-        f"({_chance(p)}): state {key} in robot.yaml"
-    )
-    return Doubt(RATE, says, None, {"rate": rate, "std": std, "p": p, "key": key})
 
 
 def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> Doubt:

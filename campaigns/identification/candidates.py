@@ -39,7 +39,6 @@ class Candidate:
     name: str
     known: ParameterSelection
     nominal: Kinematics
-    """With the ripples' rate, where that was searched."""
     shots: Shots
     """As warm as each was, by the course of warmth."""
     options: IdentificationOptions
@@ -118,17 +117,10 @@ class Candidate:
         others = frozenset[str]().union(*(own for _, own in added))
         if names <= others:
             return self.named_by(added)
-        known, space = narrowed(self.known, {*self.known.free} - (names - others)), self.space
+        known = narrowed(self.known, {*self.known.free} - (names - others))
         yields = any(cause.startswith(YIELDING) for cause, _ in added)
         options = replace(self.options, yielding=yields)
         like = replace(self, options=options)
-        if options.ripple_p is not None and not any(space[name].is_ripple for name in known.free):
-            mechanism = self.nominal.mechanism.with_ripples(0.0)
-            like = replace(
-                like,
-                nominal=replace(self.nominal, mechanism=mechanism),
-                options=replace(options, ripple_p=None),
-            )
         return like.instead(self.name, known).named_by(added)
 
     def named_by(self, added: tuple[tuple[str, frozenset[str]], ...]) -> "Candidate":
@@ -159,8 +151,7 @@ def bic(found: IdentificationResult) -> float:
     measured = after.size + after.shape[1] * outliers
     squares = found.chi2.value if found.fitted.of == "shots" else float(np.sum(after**2))
     scatter = max(squares / after.size, NO_SCATTER)
-    searched = found.ripples is not None and found.ripples.std is not None
-    return float(measured * math.log(scatter) + (found.rank + searched) * math.log(measured))
+    return float(measured * math.log(scatter) + found.rank * math.log(measured))
 
 
 def narrowed(full: ParameterSelection, allowed: set[str]) -> ParameterSelection:

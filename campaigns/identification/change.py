@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation import error_columns, lack_of_fit
+from campaigns.estimation import lack_of_fit
 from campaigns.estimation.change_detection import (
     Cause,
     Change,
@@ -166,21 +166,6 @@ class _AllShots:
         return self.everything.points.parameters(self.x)
 
     @property
-    def is_revolute(self) -> bool:
-        """Whether joints turn; else they are carriages'."""
-        return self.everything.model.mechanism.joints[0].is_revolute
-
-    @property
-    def rate(self) -> float:
-        """Phase of the drives' ripple over their readings, where it is known; else 0."""
-        return self.everything.model.mechanism.transmission.ripple_rate
-
-    @property
-    def encoders(self) -> Array:
-        """Encoders' readings, (N, n)."""
-        return self.everything.shots.joints
-
-    @property
     def numbers(self) -> tuple[int, ...]:
         return self.everything.numbers
 
@@ -304,18 +289,10 @@ def _any_significant(lacks: tuple[lack_of_fit.LackOfFit, ...]) -> bool:
 def _selected(
     smooth: _Rows, steps: _Rows, causes: tuple[Cause, ...]
 ) -> tuple[tuple[lack_of_fit.LackOfFit, ...], Change | None]:
-    shots, drives = smooth.shots, None
-    if not shots.rate:
-        bounds = (
-            (lack_of_fit.SHORTEST_RAD, lack_of_fit.LONGEST_RAD)
-            if shots.is_revolute
-            else (lack_of_fit.SHORTEST_MM, lack_of_fit.LONGEST_MM)
-        )
-        by_joints = smooth.white(shots.linearized.by_joints)
-        drives = by_joints, shots.encoders[smooth.rows], *bounds
+    shots = smooth.shots
     over_time = steps.of(causes)
     change = detect_change(steps.fit, over_time)
-    lacks = tuple(lack_of_fit.lacks_of_fit(smooth.fit, smooth.groups, drives))
+    lacks = tuple(lack_of_fit.lacks_of_fit(smooth.fit, smooth.groups))
     if not _any_significant(lacks):
         return lacks if change is None else (), change
     if change is not None and change.log_p < lacks[0].log_p:
@@ -336,10 +313,6 @@ def _general(shots: _AllShots) -> Iterator[Array]:
 def _taken_up(shots: _AllShots, lacks: tuple[lack_of_fit.LackOfFit, ...]) -> Array:
     """Columns of what the model lacks, of all shots."""
     known = {each.name: each.columns for each in shots.groups}
-    for each in lacks:
-        if each.group.period:
-            angle = 2.0 * np.pi / each.group.period * shots.encoders
-            known[each.name] = error_columns.harmonic(shots.linearized.by_joints, angle)
     return np.concatenate([known[each.name][:, :, each.part] for each in lacks], axis=2)
 
 

@@ -25,9 +25,6 @@ from campaigns.identification.observations import (
 )
 from campaigns.mechanisms.mechanism import NoSolution
 
-RATE_ROUNDS = 8
-RATE_SETTLED = 0.05
-"""Step of the ripples' rate over its σ below which another round would tell nothing new."""
 SCATTER_ROUNDS = 5
 SCATTER_SETTLED = 0.02
 """Relative change of a component below which another round would tell nothing new."""
@@ -139,33 +136,6 @@ def unknown_at(found: Estimate, place: int) -> tuple[float, float]:
     """Unknown of an estimate behind the parameters, and its σ, which is NaN if lost."""
     variance = np.nan if found.covariance is None else found.covariance[place, place]
     return float(found.x[place]), float(np.sqrt(variance))
-
-
-def with_fitted_rate(inputs: Inputs) -> tuple[Inputs, float]:
-    """Inputs with ripples that come as often as the shots say, and σ of that; NaN where untold.
-
-    By coordinates. Linearised about what was found before, until steps are small beside σ. The
-    rate stays among what is fitted, so that other σ know of it. Raises as `fit_shots` does.
-    """
-    options = replace(inputs.options, outliers=Outliers.EXCLUDE)
-    place = len(inputs.selection.free) + options.frees_reflector_constant
-    plain, step, std = replace(inputs, options=options), 0.0, np.nan
-    for _ in range(RATE_ROUNDS):
-        fit = fit_points(plain)
-        if plain.rippling is not None:
-            step, std = unknown_at(fit.found, place)
-            if not np.isfinite(std):
-                return inputs, std
-        points = fit.observations.points
-        robot, phase = points.model.kinematics(points.parameters(fit.found.x)), step
-        phase += robot.mechanism.transmission.ripple_rate
-        mechanism = robot.mechanism.with_ripples(robot.mechanism.parameters.phase_rate(phase))
-        nominal = replace(plain.nominal, mechanism=mechanism)
-        plain = replace(plain, nominal=nominal, rippling=replace(robot, mechanism=mechanism))
-        if abs(step) < RATE_SETTLED * std:
-            break
-    by_phase = 1.0 if mechanism.joints[0].is_revolute else mechanism.rate / phase
-    return replace(inputs, nominal=plain.nominal, rippling=plain.rippling), by_phase * std
 
 
 def fit_shots(inputs: Inputs) -> Fit:

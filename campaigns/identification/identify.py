@@ -18,14 +18,7 @@ from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.identification import result
 from campaigns.identification.change import Tested, tested
-from campaigns.identification.fit import (
-    Fit,
-    PointFit,
-    fit_shots,
-    plain_fit,
-    unknown_at,
-    with_fitted_rate,
-)
+from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit, unknown_at
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
 from campaigns.identification.nests import compensated, nest_doubts, nest_places
@@ -79,10 +72,7 @@ def fitted(
     inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
     _check(inputs)
     constant: tuple[float, float] | None = None
-    rate_std = np.nan
     try:
-        if options.ripple_p is not None:
-            inputs, rate_std = with_fitted_rate(inputs)
         fit = fit_shots(inputs)
         if options.frees_reflector_constant:
             constant = unknown_at(fit.found, len(selection.free))
@@ -96,7 +86,7 @@ def fitted(
         ) from error
     held_out = unseen_pairs(inputs, fit)
     tests = cache(partial(_tested, inputs, fit, held_out))
-    found = partial(_result, inputs, fit, held_out, lengths, constant, rate_std)
+    found = partial(_result, inputs, fit, held_out, lengths, constant)
     return (
         lambda: found((None, Tested())),
         cache(lambda: _with_nests(found(tests()), every, inputs, fit)),
@@ -143,7 +133,6 @@ def _result(
     held_out: UnseenPairs,
     lengths: KnownLengths | None,
     constant_mm: tuple[float, float] | None,
-    rate_std: float,
     tests: tuple[PointFit | None, Tested],
 ) -> result.IdentificationResult:
     """Findings of the fitted and the unseen shots, and of known lengths, together."""
@@ -158,7 +147,7 @@ def _result(
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
-    ripples = _ripples(inputs, parameters, rate_std)
+    ripples = _ripples(inputs, parameters)
     position_std, region = _positions(uncertainty, inputs, fit)
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
@@ -171,7 +160,6 @@ def _result(
         *known_length_doubts(lengths, options.known_lengths),
         *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
         *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
-        *_rate_told(ripples),
     )
     outliers = fit.left_out.found if fit.left_out else found
     verdict, reasons, obstacles = identification.identification_verdict(
@@ -403,21 +391,14 @@ def _parameters(
 
 
 def _ripples(
-    inputs: Inputs, found: Mapping[str, result.IdentifiedParameter], std: float
+    inputs: Inputs, found: Mapping[str, result.IdentifiedParameter]
 ) -> result.RippleRate | None:
-    """How often ripples come, where any were found; `std` is NaN where they were told."""
+    """How often ripples come, where any were found."""
     mechanism = inputs.nominal.mechanism
     space, rate = mechanism.parameters, mechanism.rate
     if not rate or not any(space[name].is_ripple and each.value for name, each in found.items()):
         return None
-    if not np.isfinite(std):
-        return result.RippleRate(space.rate.name, rate)
-    return result.RippleRate(space.rate.name, rate, std, inputs.options.ripple_p)
-
-
-def _rate_told(found: result.RippleRate | None) -> Iterator[diagnostics.Doubt]:
-    if found is not None and found.std is not None and found.p is not None:
-        yield diagnostics.rate_told(found.key, found.value, found.std, found.p)
+    return result.RippleRate(space.rate.name, rate)
 
 
 def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[result.Excluded]:

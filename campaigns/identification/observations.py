@@ -47,8 +47,6 @@ class Inputs:
     """The nominal robot's poses at all shots."""
     stand: StandMotion | None = None
     """Motion of the tracker that nests show, which the shots are without."""
-    rippling: Kinematics | None = None
-    """Robot about which the rate of its ripples is fitted too; None: the rate is known."""
 
     @classmethod
     def of(
@@ -258,20 +256,15 @@ def point_observations(inputs: Inputs) -> Observations:
         raise ShotsMissing(
             f"{len(shots)} shots fix no frame: {error}", remedy="measure all over the workspace"
         ) from error
-    points = replace(points, nuisance=_nuisance(points, shots, inputs))
+    points = replace(points, nuisance=_nuisance(points, inputs))
     return Observations(points, _priors(inputs, model), shots, shots.numbers, stated, excluded)
 
 
-def _nuisance(points: PointResiduals, shots: Shots, inputs: Inputs) -> Array | None:
-    """Columns of what is fitted beside robot and frame: reflector's constant, ripples' rate."""
-    columns, robot = list[Array](), inputs.rippling
-    if inputs.options.frees_reflector_constant:
-        columns.append(error_columns.reflector_constant(points.points_in_tracker_mm))
-    if robot is not None:
-        by_joints = points.rotations(points.start()) @ points.model.by_joints(points.model.nominal)
-        turned = robot.mechanism.joints_by_rate(robot.p, shots.joints)
-        columns.append(by_joints @ turned[:, :, None])
-    return np.concatenate(columns, axis=2) if columns else None
+def _nuisance(points: PointResiduals, inputs: Inputs) -> Array | None:
+    """Column of the reflector's constant, where it is fitted beside robot and frame."""
+    if not inputs.options.frees_reflector_constant:
+        return None
+    return error_columns.reflector_constant(points.points_in_tracker_mm)
 
 
 def all_observations(inputs: Inputs, fitted: Observations, near: KinematicSolution) -> Observations:
@@ -297,7 +290,7 @@ def all_observations(inputs: Inputs, fitted: Observations, near: KinematicSoluti
         whitening=inverse_roots(stated),
         sessions=sessions,
     )
-    residuals = replace(residuals, nuisance=_nuisance(residuals, shots, inputs))
+    residuals = replace(residuals, nuisance=_nuisance(residuals, inputs))
     return Observations(residuals, fitted.priors, shots, shots.numbers, stated, ())
 
 

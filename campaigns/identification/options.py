@@ -131,8 +131,6 @@ class IdentificationOptions(Selection):
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker stated nothing."""
     tolerance: Tolerance = field(default_factory=Tolerance)
-    ripple_p: float | None = None
-    """Chance of a false alarm by which ripples were found; None: their rate is not fitted."""
     course_errors: Mapping[int, float] = field(default_factory=dict)
     """Changes of warmth by one σ of what is known of its course before, by the shots' numbers."""
     yielding: bool = False

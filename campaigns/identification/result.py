@@ -105,13 +105,10 @@ class ComparedModel:
 
 @dataclass(frozen=True, slots=True)
 class RippleRate:
-    """How often the ripples of a set come, by the robot file's key: as that says, or as found."""
+    """How often the ripples of a set come, by the robot file's key."""
 
     key: str
     value: float
-    std: float | None = None
-    p: float | None = None
-    """Chance of a false alarm in the search; None, as σ, where it was not searched."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ anew, and what others do instead of is left out again.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -45,17 +45,12 @@ def with_terms(best: Candidate, terms: ParameterSelection, tried: list[Candidate
         more = _lacking_terms(best, allowed, space) or _terms_of_others(best, allowed, space)
         if more is None:
             break
-        cause, names, numbers = more
+        cause, names = more
         if cause == SCALE and not begun and _hides_growth(best):
             begun = True
             if (grown := _with_late_growth(best, terms, tried)) is not best:
                 return with_terms(grown, terms, tried)
-        like, rate = best, numbers.get("per_turn", numbers.get("period_mm"))
-        if rate is not None and not best.nominal.mechanism.rate:
-            mechanism = best.nominal.mechanism.with_ripples(float(rate))
-            options = replace(best.options, ripple_p=float(numbers["p"]))
-            nominal = replace(best.nominal, mechanism=mechanism)
-            like = replace(best, nominal=nominal, options=options)
+        like = best
         if cause.startswith(YIELDING):
             like = replace(like, options=replace(like.options, yielding=True))
         tried.append(like.adding(cause, names, terms))
@@ -221,10 +216,10 @@ def _with_warmth(best: Candidate, terms: ParameterSelection) -> Iterator[Candida
 
 def _lacking_terms(
     best: Candidate, allowed: set[str], space: ParameterSpace
-) -> tuple[str, set[str], Mapping[str, float | str]] | None:
+) -> tuple[str, set[str]] | None:
     """First cause of a lack of fit that terms of the transmission take up.
 
-    With their names, and what the doubt says of it.
+    With their names.
     """
     for doubt in best.doubts:
         stems = TERMS.get(str(doubt.numbers.get("cause")), ())
@@ -233,13 +228,13 @@ def _lacking_terms(
         names = {each.name for each in own if each.field.stem in stems and arm in {None, each.arm}}
         if names:
             told = str(doubt.numbers["cause"]) + ("" if arm is None else str(arm))
-            return told, names, doubt.numbers
+            return told, names
     return None
 
 
 def _terms_of_others(
     best: Candidate, allowed: set[str], space: ParameterSpace
-) -> tuple[str, set[str], Mapping[str, float | str]] | None:
+) -> tuple[str, set[str]] | None:
     """Cause whose terms some arms have, and their names in the others: parts are alike.
 
     What is too small to be found in each of them puts the geometry out all the same.
@@ -247,5 +242,5 @@ def _terms_of_others(
     own = {space[name].field.stem for name in {*best.known.free} & {*space.transmission}}
     for cause, stems in TERMS.items():
         if names := {name for name in allowed if space[name].field.stem in own & {*stems}}:
-            return cause, names, {}
+            return cause, names
     return None

@@ -203,10 +203,6 @@ class ClosedChain:
         """Encoder readings (N, n) at which arms are at these joints (N, n), offsets aside."""
         return self.transmission.encoder_readings(self._lost(p), joints, approach)
 
-    def joints_by_rate(self, p: Array, joints: Array) -> Array:
-        """Derivatives of the arms' joints (N, n) by the ripples' phase rate, at readings (N, n)."""
-        return self.transmission.by_rate(self._lost(p), joints)
-
     def joint_slopes(self, p: Array, joints: Array) -> Array:
         """Change of the arms' joints over that of encoder readings (N, n), (N, n)."""
         return self.transmission.slopes(self._lost(p), joints)

@@ -121,12 +121,6 @@ class Transmission:
                 break
         return np.asarray(readings)
 
-    def by_rate(self, values: Array, encoders: Array) -> Array:
-        """Derivatives of joints (N, n) by the ripples' rate, at encoder readings (N, n)."""
-        phase, stems = self.ripple_rate * encoders, [each.stem for each in self.fields]
-        by_sin, by_cos = (values[stems.index(stem)] for stem in TERMS["ripple"])
-        return np.asarray(encoders * (by_sin * np.cos(phase) - by_cos * np.sin(phase)))
-
     @staticmethod
     def columns(by_offsets: Array, terms: Array) -> Array:
         """Derivatives (N, t, f n) by all values, a field's together, from those by the offsets.

@@ -114,50 +114,6 @@ def test_what_the_fit_has_itself_is_no_lack():
     assert tuple(lack_of_fit.lacks_of_fit(shots, (own,))) == ()
 
 
-def test_a_period_is_found_and_its_search_counts():
-    joints, by_joints, jacobian, noise = drawn(2)
-    places = 200.0 * joints
-    wobble = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(2.0 * np.pi * places / 17.0))
-    shots = FittedShots.of(noise - wobble, jacobian)
-    drives = by_joints, places, lack_of_fit.SHORTEST_MM, lack_of_fit.LONGEST_MM
-    assert lack_of_fit.best_period(shots, drives).searched > 100
-    (found,) = lack_of_fit.lacks_of_fit(shots, (), drives)
-    assert (found.name, found.group.period) == ("period", pytest.approx(17.0, rel=0.02))
-    still = FittedShots.of(noise, jacobian)
-    assert tuple(lack_of_fit.lacks_of_fit(still, (), drives)) == ()
-
-
-def test_waves_of_some_shots_at_a_time_gain_what_they_gain_in_a_fit_of_all(monkeypatch):
-    monkeypatch.setattr(lack_of_fit, "SHOTS_AT_ONCE", 32)
-    joints, by_joints, jacobian, noise = drawn(7)
-    shots = FittedShots.of(noise, jacobian)
-    columns = np.column_stack([shots.basis, shots.left]).reshape(len(joints), 3, -1)
-    turned = by_joints.swapaxes(1, 2)
-    gains = lack_of_fit._gains(joints, turned @ by_joints, turned @ columns, 1.0, 0.3, 5)
-    for each, gain in zip([1.0, 1.3, 1.6, 1.9, 2.2], gains.tolist(), strict=True):
-        waves = harmonic(by_joints, 2.0 * np.pi * each * joints)
-        assert gain == pytest.approx(shots.chi2 - shots.fitted(waves).chi2, rel=1e-9)
-
-
-def test_less_than_two_periods_over_the_travel_are_not_taken_for_a_ripple():
-    joints, by_joints, jacobian, noise = drawn(3)
-    slow = np.einsum("nki,ni->nk", by_joints, 4.0 * np.sin(5.0 * joints))
-    shots = FittedShots.of(noise - slow, jacobian)
-    drives = by_joints, joints, lack_of_fit.SHORTEST_RAD, lack_of_fit.LONGEST_RAD
-    assert lack_of_fit.best_period(shots, drives).period <= np.ptp(joints) / 2.0
-    first = next(lack_of_fit.lacks_of_fit(shots, groups_of(joints, by_joints), drives))
-    assert first.name != "ripple"
-
-
-def test_a_gears_ripple_is_found_by_its_number_of_times_in_a_turn():
-    joints, by_joints, jacobian, noise = drawn(2)
-    ripple = np.einsum("nki,ni->nk", by_joints, 1.5 * np.sin(30.0 * joints))
-    drives = by_joints, joints, lack_of_fit.SHORTEST_RAD, lack_of_fit.LONGEST_RAD
-    (found,) = lack_of_fit.lacks_of_fit(FittedShots.of(noise - ripple, jacobian), (), drives)
-    assert (found.name, 2.0 * np.pi / found.group.period) == ("ripple", pytest.approx(30.0, 0.02))
-    assert tuple(lack_of_fit.lacks_of_fit(FittedShots.of(noise, jacobian), (), drives)) == ()
-
-
 def test_few_shots_tell_nothing():
     rng = np.random.default_rng(1)
     columns = smooth(rng.standard_normal((20, 4)))

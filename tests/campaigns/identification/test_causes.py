@@ -72,8 +72,7 @@ def test_what_could_be_freed_is_named_with_the_option_that_frees_it():
     assert freed.doubts == ()
 
 
-@pytest.mark.parametrize("told_mm", [None, 20.0])
-def test_a_carriages_drive_is_named_with_its_period_told_or_searched(told_mm):
+def test_a_carriages_drive_is_named_with_the_period_that_its_file_states():
     member = Member("linear-delta")
     poses = member.reachable_poses(member.nominal, 120, seed=5)
     joints = member.nominal.inverse(poses).values_or_raise()
@@ -81,7 +80,7 @@ def test_a_carriages_drive_is_named_with_its_period_told_or_searched(told_mm):
     points = TRACKER_FROM_BASE.apply(member.nominal.forward(driven).values_or_raise()[:, :3])
     data = replace(PLAIN, joints=joints, points_in_tracker_mm=points, approach=np.zeros((120, 3)))
     nominal, selection = member.nominal, select_parameters(member.space)
-    nominal = replace(nominal, mechanism=nominal.mechanism.with_ripples(told_mm or 0.0))
+    nominal = replace(nominal, mechanism=nominal.mechanism.with_ripples(20.0))
     found = identify(nominal, noisy(data, 4), selection)
     (doubt,) = [each for each in found.doubts if each.name == "lack-of-fit"]
     assert doubt.numbers["cause"] == "period"

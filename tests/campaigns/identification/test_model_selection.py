@@ -131,28 +131,6 @@ def test_what_gears_and_encoders_do_is_found_by_its_cause_and_fitted(nominal, te
 
 
 @pytest.mark.slow
-def test_a_ripple_of_unknown_rate_is_found_with_it_and_stated_with_the_set():
-    data, values = geared(RIPPLING, ripple_sin_deg=0.006, ripple_cos_deg=0.006)
-    choice = of_auto(data, without=LARGER)
-    assert kept(choice) == "standard+ripple"
-    rate = choice.ripples
-    assert abs(rate.value - 30.0) < 4.0 * rate.std < 0.2
-    assert rate.p < 1e-6
-    [told] = [doubt for doubt in choice.doubts if doubt.name == "ripple-rate"]
-    assert told.decision is None
-    assert "state ripples_per_turn in robot.yaml" in told.says
-    found = choice.parameters
-    off = [abs(found[name].value - values[name]) / found[name].std for name in values]
-    assert max(off) < 4.5
-    assert choice.flat()["ripples_per_turn"] == rate.value
-    again = Kinematics.of(NOMINAL.mechanism, choice.flat())
-    assert again.mechanism.transmission.ripple_rate == rate.value
-    stated = of_auto(data, RIPPLING, without=LARGER)
-    assert (stated.ripples.value, stated.ripples.std) == (30.0, None)
-    assert bic(choice) > bic(stated), "the rate that was searched has its price"
-
-
-@pytest.mark.slow
 def test_backlash_is_kept_by_distances_too_whose_weights_take_it_for_the_robots_scatter():
     data, values = geared(seed=2, backlash_deg=1.0 / 60.0)
     by_distances = IdentificationOptions(estimator=Estimator.DISTANCES)
