@@ -1,12 +1,9 @@
 """Tree of a page of ours, read back from its HTML, and the shapes of the pictures in it."""
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 
-_COMMAND = re.compile("([MmLlhZz])([^A-Za-z]*)")
-_NUMBER = re.compile(r"-?[\d.]+")
 VOID = frozenset({"br", "img", "input", "link", "meta"})
 
 
@@ -28,10 +25,6 @@ class Node:
         """Text of it and of all in it, on one line."""
         parts = (each.words if isinstance(each, Node) else each for each in self.children)
         return " ".join("".join(parts).split())
-
-    def is_a(self, name: str) -> bool:
-        """Whether it is of this class."""
-        return name in self.attributes.get("class", "").split()
 
     def find(self, tag: str) -> "Iterator[Node]":
         """All elements of a kind in it, at any depth."""
@@ -84,21 +77,7 @@ def shapes(svg: Node) -> Iterator[Node]:
             yield own
 
 
-def lines_of(shape: Node) -> list[list[tuple[float, float]]]:
-    """Lines of a polyline, polygon or path, each through its points."""
-    if shape.tag != "path":
-        pairs = (pair.split(",") for pair in shape.attributes["points"].split())
-        return [[(float(x), float(y)) for x, y in pairs]]
-    lines: list[list[tuple[float, float]]] = []
-    for command, words in _COMMAND.findall(shape.attributes["d"]):
-        numbers = [*map(float, _NUMBER.findall(words))]
-        x, y = lines[-1][-1] if lines and command.islower() else (0.0, 0.0)
-        if command in "Zz":
-            lines[-1].append(lines[-1][0])
-        elif command == "h":
-            lines[-1].append((x + numbers[0], y))
-        elif command in "Mm":
-            lines.append([(x + numbers[0], y + numbers[1])])
-        else:
-            lines[-1].append((x + numbers[0], y + numbers[1]))
-    return lines
+def line_of(shape: Node) -> list[tuple[float, float]]:
+    """Return the points of a polyline or polygon."""
+    pairs = (pair.split(",") for pair in shape.attributes["points"].split())
+    return [(float(x), float(y)) for x, y in pairs]

@@ -48,8 +48,6 @@ STATED_DOF = 12
 prior it is taken to be known to ± 20 %."""
 LEAST_SHARE = 0.1
 """Of a workspace's poses: fewer do not speak for it."""
-DRAWS = 200
-"""Of parameters, by which a standard uncertainty is known to ± 5 %."""
 
 
 @dataclass(frozen=True, slots=True)

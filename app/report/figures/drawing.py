@@ -18,7 +18,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from app.report.figures.picture import GRID, INK, QUIET, WIDTH_MM, Picture
-from app.report.page_tree import lines_of, page_tree, shapes
+from app.report.page_tree import line_of, page_tree, shapes
 from campaigns.errors import WriteFailed
 
 P = ParamSpec("P")
@@ -148,7 +148,7 @@ def _redrawn(picture: Picture) -> Figure:
             axes.add_patch(Rectangle((x, y), width, height, **look))
         else:
             closed = shape.tag == "polygon"
-            axes.add_patch(Polygon(lines_of(shape)[0], closed=closed, **look))
+            axes.add_patch(Polygon(line_of(shape), closed=closed, **look))
     return figure
 
 

@@ -16,7 +16,7 @@ from app.report.figures.plan import axes_in_space, one_scale
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
 from app.report.groups import PairGroup
 from app.report.page import page_of
-from app.report.page_tree import Node, lines_of, page_tree, shapes
+from app.report.page_tree import Node, line_of, page_tree, shapes
 from app.report.plots import plot_plan, plot_residuals
 from app.report.rendering import moment
 from app.report.results_sections import percent_gained
@@ -207,8 +207,7 @@ def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes() -> None:
         np.diff(line, axis=0)[0]
         for shape in shapes_of(picture)
         if shape.tag == "polyline" and shape.attributes["stroke"] == AFTER
-        for line in lines_of(shape)
-        if len(line) == 2
+        if len(line := line_of(shape)) == 2
     ]
     assert shafts[0][0] == shafts[1][0] == pytest.approx(0.0)
     assert shafts[0][1] == pytest.approx(2.0 * shafts[1][1], abs=0.2)
@@ -254,8 +253,8 @@ def inside(figure: Picture | Node) -> bool:
     places = []
     for shape in shapes(svg):
         of = shape.attributes
-        if shape.tag in {"polyline", "polygon", "path"}:
-            places += [place for line in lines_of(shape) for place in line]
+        if shape.tag in {"polyline", "polygon"}:
+            places += line_of(shape)
         else:
             x, y = ("cx", "cy") if shape.tag == "circle" else ("x", "y")
             places.append((float(of[x]), float(of[y])))
