@@ -52,9 +52,9 @@ def beam_losses(evidence: Evidence) -> int:
 
 
 MOVED = {
-    "stand": ("the tracker's stand", "taken out of all shots, evenly in time"),
-    "loose": ("nests, and not as one body", "nothing was taken out: fasten the loose one"),
-    "robot": ("the robot, at its drift pose", "nothing was taken out: it is not the tracker"),
+    "stand": ("the tracker's stand", "measure again, or identify with --sessions"),
+    "loose": ("nests, and not as one body", "fasten the loose one"),
+    "robot": ("the robot, at its drift pose", "it is not the tracker"),
 }
 """What nests tell of, and what followed, by the kind of their doubt."""
 MOTIONS: tuple[Column[Doubt], ...] = (

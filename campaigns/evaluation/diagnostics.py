@@ -247,9 +247,10 @@ def nests_told(kind: str, moved_mm: float, std_mm: float, between: tuple[int, in
     before, after = between
     size = f"moved {moved_mm:.3f} ± {std_mm:.2g} mm between shots {before} and {after}"
     says = {
-        "stand": f"the stand {size}: taken out by nests, evenly in time",
-        "loose": f"nests {size}, and not as one body: nothing was taken out by them; fasten the "
-        "loose one, or --sessions if the tracker was put elsewhere",
+        "stand": f"nests {size}: the tracker's stand moved; measure again, or --sessions if it was "
+        "between two sessions",
+        "loose": f"nests {size}, and not as one body: fasten the loose one, or --sessions if the "
+        "tracker was put elsewhere",
         "robot": f"the drift pose {size}, beside what the nests did: the robot, not the tracker",
     }[kind]
     numbers: dict[str, float | str] = {"kind": kind, "moved_mm": moved_mm, "std_mm": std_mm}

@@ -79,14 +79,12 @@ class Fit:
         free: tuple[str, ...],
         hold_out: information.HoldOut | None = None,
         instrument: TrackerUncertainty | None = None,
-        noise_mm: Iterable[Array] = (),
         told_mm: Iterable[Array] = (),
     ) -> information.Uncertainty | None:
         """Uncertainty of the parameters that were looked for; None where nothing tells it.
 
-        With what all shots have in common where the `instrument` is given. `noise_mm`: shifts of
-        the shots, (N, 3), by one σ of each error beside their own; `told_mm`: by one σ of what is
-        known before of an error that they tell too.
+        With what all shots have in common where the `instrument` is given. `told_mm`: shifts of
+        the shots, (N, 3), by one σ of what is known before of an error that they tell too.
         """
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
@@ -102,13 +100,10 @@ class Fit:
             dof=self.variance_dof,
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
             common={name: each[:count] for name, each in zip(shifts, common, strict=True)},
-            beside=(each[:count] for each in self._beside(found.covariance, noise_mm, told_mm)),
+            beside=(each[:count] for each in self._beside(found.covariance, told_mm)),
         )
 
-    def _beside(
-        self, covariance: Array, noise_mm: Iterable[Array], told_mm: Iterable[Array]
-    ) -> Iterator[Array]:
-        yield from self._changes(covariance, noise_mm)
+    def _beside(self, covariance: Array, told_mm: Iterable[Array]) -> Iterator[Array]:
         yield from self._changes(covariance, told_mm, information.told_changes)
 
     def _changes(

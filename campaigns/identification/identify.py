@@ -21,7 +21,7 @@ from campaigns.identification.change import Tested, tested
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit, unknown_at
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
-from campaigns.identification.nests import compensated, nest_doubts, nest_places
+from campaigns.identification.nests import nest_doubts, nest_places, stand_motion
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -67,8 +67,8 @@ def fitted(
     """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
-    every, stand = compensated(shots, options)
-    shots = every.on_robot()
+    stand = None if options.sessions else stand_motion(shots, options.instrument)
+    every, shots = shots, shots.on_robot()
     inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
     _check(inputs)
     constant: tuple[float, float] | None = None
@@ -141,9 +141,8 @@ def _result(
     instrument = options.instrument
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
-    noise_mm = () if inputs.stand is None else inputs.stand.noise_mm(fitted.shots)
     course_mm = _course_shifts_mm(inputs, fit)
-    uncertainty = fit.uncertainty(free, held_out.tested, instrument, noise_mm, course_mm)
+    uncertainty = fit.uncertainty(free, held_out.tested, instrument, course_mm)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)

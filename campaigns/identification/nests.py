@@ -1,7 +1,7 @@
-"""Nests: how the tracker's stand moved, by fixed reflectors, and their places in the base frame."""
+"""Nests: whether the tracker's stand moved, by fixed reflectors; their places in the base frame."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
@@ -16,10 +16,8 @@ from campaigns.estimation.rigid_transforms import frame_jacobian, small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
 from campaigns.evaluation.base_motion import FEWEST, NestPlaces
 from campaigns.evaluation.diagnostics import Doubt, nests_told
-from campaigns.identification.options import IdentificationOptions
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
-from campaigns.shots.warmth import part_passed
 
 OFF_LINE_MM = 100.0
 """Way of the farthest nest from the best line through all, below which they tell no turn."""
@@ -41,46 +39,16 @@ class StandMotion:
 
     between: tuple[tuple[int, int], ...]
     """Last shot of the first epoch and first one of each later one, by number."""
-    about_mm: Array
-    """Middle of all shots, about which turns are counted, (3,)."""
     moved: Array
-    """A small turn and a shift by then, (E, 6), rad and mm; of covariance (6 E, 6 E)."""
+    """A small turn about the middle of all shots and a shift, (E, 6), rad and mm."""
     covariance: Array
-    course: dict[int, Array]
-    """By a shot's number the part that it has of each motion, (E,)."""
+    """(6 E, 6 E)"""
     rigid: ChiSquareTest
     motion: ChiSquareTest
 
-    @property
-    def compensates(self) -> bool:
-        """Whether they moved, beyond chance, and as one body."""
-        return self.motion.beyond and not self.rigid.beyond
 
-    def shifts_mm(self, shots: Shots, moved: Array) -> Array:
-        """Shifts of points, (N, 3), by motions (E, 6)."""
-        course = np.array([self.course[number] for number in shots.numbers])
-        at_points = frame_jacobian(shots.points_in_tracker_mm - self.about_mm)
-        return np.asarray(np.einsum("nij,nj->ni", at_points, course @ moved))
-
-    def noise_mm(self, shots: Shots) -> Iterator[Array]:
-        """Shifts of points, (N, 3), by one σ of each independent error of what was taken out."""
-        roots = np.linalg.cholesky(self.covariance).T.reshape(-1, *self.moved.shape)
-        return (self.shifts_mm(shots, each) for each in roots if self.compensates)
-
-
-def compensated(shots: Shots, options: IdentificationOptions) -> tuple[Shots, StandMotion | None]:
-    """Shots as if the stand had stayed, where nests show that it moved; None if they can't tell.
-
-    Between epochs it is taken to move evenly in time. Sessions with frames of their own stay.
-    """
-    stand = None if options.sessions else _motion(shots, options.instrument)
-    if stand is None or not stand.compensates:
-        return shots, stand
-    corrected = shots.points_in_tracker_mm - stand.shifts_mm(shots, stand.moved)
-    return replace(shots, points_in_tracker_mm=corrected), stand
-
-
-def _motion(shots: Shots, instrument: TrackerUncertainty) -> StandMotion | None:
+def stand_motion(shots: Shots, instrument: TrackerUncertainty) -> StandMotion | None:
+    """Estimate how the tracker's stand moved by the nests of a series; None if they cannot tell."""
     epochs = list(_epochs(shots))
     if len(epochs) < 2:
         return None
@@ -96,15 +64,11 @@ def _motion(shots: Shots, instrument: TrackerUncertainty) -> StandMotion | None:
     found = np.linalg.lstsq(white, seen, rcond=None)[0]
     first = by_place[0].size // 3
     moved, own = found[first:], information.covariance(white)[first:, first:]
-    at, numbers = part_passed(shots), shots.numbers
-    middles = [float(at[each].mean()) for each in epochs]
-    parts = np.stack([np.interp(at, middles, one) for one in np.eye(len(epochs))[1:]], axis=1)
+    numbers = shots.numbers
     return StandMotion(
         tuple((numbers[epochs[0][-1]], numbers[each[0]]) for each in epochs[1:]),
-        about_mm,
         moved.reshape(-1, FRAME_COLUMNS),
         own,
-        dict(zip(numbers, parts, strict=True)),
         chi_square_test(float(np.sum((seen - white @ found) ** 2)), len(seen) - len(found)),
         chi_square_test(float(moved @ np.linalg.solve(own, moved)), len(moved)),
     )
@@ -123,7 +87,7 @@ def _epochs(shots: Shots) -> Iterator[Index]:
 
 
 def nest_doubts(stand: StandMotion | None, shots: Shots, left_mm: float) -> Iterator[Doubt]:
-    """What nests tell of stand and robot; a fit leaves `left_mm` (rms) of the corrected shots."""
+    """What nests tell of stand and robot; a fit leaves `left_mm` (rms) of the shots."""
     if stand is None:
         return
     sizes_mm = np.linalg.norm(stand.moved[:, 3:], axis=1)
@@ -131,7 +95,7 @@ def nest_doubts(stand: StandMotion | None, shots: Shots, left_mm: float) -> Iter
     if stand.motion.beyond or stand.rigid.beyond:
         own = slice(6 * most + 3, 6 * most + 6)
         moved = length_with_std(stand.moved[most, 3:], stand.covariance[own, own])
-        kind = "stand" if stand.compensates else "loose"
+        kind = "loose" if stand.rigid.beyond else "stand"
         yield nests_told(kind, *moved, stand.between[most])
     drift = shots.of_set(ShotSet.DRIFT)
     ways = drift.points_in_tracker_mm - drift.points_in_tracker_mm[:1]
@@ -148,7 +112,7 @@ def nest_places(
     of_frame: Array | None,
     instrument: TrackerUncertainty,
 ) -> tuple[dict[str, Nest], NestPlaces | None]:
-    """Nests of corrected shots by name, by the frame that was estimated, the last six of `x`.
+    """Nests by name, by the frame that was estimated, the last six of `x`.
 
     Together with their covariance, by that of the frame, (6, 6); None without it.
     """

@@ -13,7 +13,6 @@ import scipy
 
 from campaigns.evaluation.diagnostics import CHANGE, LACK
 from campaigns.identification.candidates import Candidate, likely_price_of, objection_to, price_of
-from campaigns.identification.nests import compensated
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.mechanisms.transmission import GAIN, TERMS, YIELDING
@@ -129,8 +128,7 @@ def _grown_alike(
         added = (warmed.adding("warmth", names, terms) for names in (growing, growing[:1]))
         return min(map(price_of, added))
 
-    on_stand = compensated(best.shots, best.options)[0]
-    coarse = courses(on_stand, best.options.reference_degC)
+    coarse = courses(best.shots, best.options.reference_degC)
     prices = [alike(course.begun) for course in coarse]
     mean = scipy.special.logsumexp(-0.5 * np.array(prices)) - math.log(len(prices))
     price, steady = float(-2.0 * mean), alike(Course("time", np.ones(len(best.shots))))
@@ -138,7 +136,7 @@ def _grown_alike(
         return
     least, course = min(zip(prices, coarse, strict=True), key=lambda each: each[0])
     for factor in FINER:
-        for near in finer(on_stand, course, factor):
+        for near in finer(best.shots, course, factor):
             if (found := alike(near.begun)) < least:
                 least, course = found, near
     yield replace(best.warmed(course).adding("warmth", {*growing, *pitches}, terms), alike=price)
@@ -199,15 +197,14 @@ def _with_warmth(best: Candidate, terms: ParameterSelection) -> Iterator[Candida
     space, options = best.nominal.mechanism.parameters, best.options
     growing = [name for name in terms.free if name in space.thermal]
     pitches = _pitches(best, terms)
-    on_stand = compensated(best.shots, options)[0]
     for names in (growing, growing[:1]) if growing else ():
 
         def by(course: Course, names: list[str] = names) -> Candidate:
             return best.warmed(course).adding("warmth", [*names, *pitches], terms)
 
-        cheapest = min(map(by, courses(on_stand, options.reference_degC)), key=price_of)
+        cheapest = min(map(by, courses(best.shots, options.reference_degC)), key=price_of)
         for factor in FINER if not objection_to(cheapest, best) else ():
-            near = finer(on_stand, cheapest.course, factor) if cheapest.course else ()
+            near = finer(best.shots, cheapest.course, factor) if cheapest.course else ()
             cheapest = min((cheapest, *map(by, near)), key=price_of)
         yield cheapest
         if not objection_to(cheapest, best):

@@ -1,19 +1,16 @@
 """A campaign on a stand that gives way, beside nests that do not."""
 
-import numpy as np
 import pytest
 from command_line import change
 
 from sim.scenarios.scenario import shipped_text
 
 PLACES = {"A": [900.0, 800.0, -900.0], "B": [-700.0, 900.0, -950.0], "C": [200.0, -900.0, -300.0]}
-REFLECTOR_MM = np.array([20.0, -30.0, -45.0])
-"""On the plate, which does not turn: the frame that is found is shifted by it."""
 NESTS = "".join(f"    - {{name: {n}, place_mm: {mm}}}\n" for n, mm in PLACES.items())
 
 
 @pytest.mark.long
-def test_nests_take_out_a_stand_that_creeps(pkmcal, tmp_path):
+def test_nests_tell_of_a_stand_that_creeps(pkmcal, tmp_path):
     scenario, folder = tmp_path / "creep.yaml", tmp_path / "cell"
     text = shipped_text("paper-simulation").replace("tracker:\n", f"tracker:\n  nests:\n{NESTS}")
     text = text.replace("station: {", "station: {creep_mm_per_h: [3.0, -4.0, 0.0], ")
@@ -26,11 +23,8 @@ def test_nests_take_out_a_stand_that_creeps(pkmcal, tmp_path):
     assert pkmcal("plan", folder).code == 0
     assert pkmcal("run", folder, "--yes").code == 0
     found = pkmcal("identify", folder, "--json").document
-    (doubt,) = found["doubts"]
+    [doubt] = [each for each in found["doubts"] if each["name"] == "nests"]
     assert doubt["numbers"]["kind"] == "stand"
     assert doubt["numbers"]["moved_mm"] > 10.0 * doubt["numbers"]["std_mm"]
-    assert found["verdict"] == "pass"
+    assert found["verdict"] == "fail"
     assert set(found["nests"]) == set(PLACES)
-    for name, nest in found["nests"].items():
-        off_mm = np.array([nest[axis] for axis in ("x_mm", "y_mm", "z_mm")]) - PLACES[name]
-        assert np.linalg.norm(off_mm + REFLECTOR_MM) < 4.0 * nest["std_mm"]

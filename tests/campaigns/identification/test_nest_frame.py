@@ -1,4 +1,4 @@
-"""Nests tell the tracker's drift from the robot's, take it out, and get places of their own."""
+"""Nests tell the tracker's drift from the robot's, and get places of their own."""
 
 from dataclasses import replace
 from functools import cache
@@ -74,20 +74,16 @@ def told(found):
 
 
 @pytest.mark.slow
-def test_a_stand_that_gives_way_is_taken_out_and_told():
-    data = campaign(3, stand=1.0)
-    found, still = found_of(data), found_of(campaign(3))
-    (doubt,) = found.doubts
-    assert (doubt.name, doubt.decision, doubt.numbers["kind"]) == ("nests", None, "stand")
+def test_a_stand_that_gives_way_is_told_and_nothing_is_corrected():
+    found, still = found_of(campaign(3, stand=1.0)), found_of(campaign(3))
+    assert told(found) == [("change-during-campaign", "drift"), ("nests", "stand")]
+    assert found.verdict == "fail"
+    doubt = found.doubts[1]
     std_mm = doubt.numbers["std_mm"]
     assert 0.2 * NOISE_MM < std_mm < 3.0 * NOISE_MM
     assert doubt.numbers["moved_mm"] == pytest.approx(GAVE_WAY_MM, abs=4.0 * std_mm)
-    assert "taken out by nests" in doubt.says
+    assert "measure again, or --sessions" in doubt.says
     assert still.doubts == ()
-    for name, parameter in found.parameters.items():
-        if parameter.free:
-            assert parameter.value == pytest.approx(TRUTH.parameters[name], abs=5 * parameter.std)
-            assert parameter.std > still.parameters[name].std  # nests have noise of their own
 
 
 @pytest.mark.slow
@@ -102,13 +98,13 @@ def test_without_nests_or_with_two_it_stays_a_doubt():
 def test_nests_have_places_in_the_base_frame_within_their_deviations():
     off = []
     for seed in range(4):
-        for name, nest in found_of(campaign(seed, stand=1.0)).nests.items():
+        for name, nest in found_of(campaign(seed)).nests.items():
             away = np.array([nest.x_mm, nest.y_mm, nest.z_mm]) - PLACES[name]
             off.append(float(away @ away) / nest.std_mm**2)
     assert 0.1 < np.mean(off) < 3.0
 
 
-def test_a_loose_nest_corrects_nothing():
+def test_a_loose_nest_is_no_motion_of_the_stand():
     found = found_of(campaign(4, loose_mm=GAVE_WAY_MM))
     assert told(found) == [("nests", "loose")]
 
