@@ -14,8 +14,8 @@ from app.consent import require_consent
 from campaigns.campaign import Campaign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
-from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.work import Cell as Devices
+from campaigns.measuring.work import RawReaders
 from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
@@ -83,7 +83,8 @@ def connected_cell(
     """
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
-        yield Devices(robot, tracker, to.awake(to.clock), SystemClock())
+        clocks = to.awake(to.clock), SystemClock()
+        yield Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign))
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,13 +326,11 @@ def _named(
         raise
 
 
-def raw_readers(campaign: Campaign) -> RawReaders:
-    """Readers of the raw answers that a campaign's journal keeps."""
-    layout = _layout(campaign)
-    return (
-        lambda driver, raw: controller_driver(driver).joints(raw, layout),
-        lambda driver, raw: tracker_driver(driver).measured(raw),
-    )
+def _raw_readers(campaign: Campaign) -> RawReaders:
+    """Readers of the raw answers of a campaign's devices."""
+    controller = controller_driver(campaign.config.controller.driver)
+    tracker, layout = tracker_driver(campaign.config.tracker.driver), _layout(campaign)
+    return RawReaders(lambda raw: controller.joints(raw, layout), tracker.measured)
 
 
 def _layout(campaign: Campaign) -> RobotLayout:

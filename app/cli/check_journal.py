@@ -10,7 +10,6 @@ import typer
 from app.console import BAD, GOOD, terminal_of
 from app.next import tell_who_works
 from app.options import Folder, Json
-from app.wiring import raw_readers
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
@@ -36,9 +35,8 @@ def command(
 ) -> None:
     """Check whether the journal is intact, and show its contents.
 
-    Reads every record: the chain of digests, its text, the file's pages and rules, which campaign
-    it belongs to, and whether joints and points match the devices' raw answers beside them.
-    Nothing is changed. Each problem is named with its record.
+    Reads every record: the chain of digests, its text, the file's pages and rules, and which
+    campaign it belongs to. Nothing is changed. Each problem is named with its record.
 
     With --page: whether a report was made from this journal; exit code 1: it was not.
 
@@ -50,7 +48,7 @@ def command(
     tell_who_works(terminal, campaign)
     path = campaign.journal_path
     with terminal.telling("reading every record"):
-        found = inspect_journal(path, raw_readers(campaign))
+        found = inspect_journal(path)
     foreign = _foreign(campaign) if found.whole else None
     if foreign is not None:
         terminal.document(_document(campaign, found, (Problem(foreign.problem),)))
@@ -101,8 +99,7 @@ def _contents(found: Inspection) -> str:
     unchained = f", {older} of them from before there were digests" if older else ""
     return (
         f"{state}: {found.records} records{unchained}, {found.series} series, {found.sessions} "
-        f"sessions{crashed}, {found.shots} shots; {found.compared} measurements compared with "
-        "their raw answers"
+        f"sessions{crashed}, {found.shots} shots"
     )
 
 

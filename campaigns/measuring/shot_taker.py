@@ -190,6 +190,8 @@ class ShotTaker:
             Durations(arrival.move_s, arrival.settle_s, measure_s),
             came_from=arrival.came_from,
         )
+        if session.cell.raw_readers is not None:
+            session.cell.raw_readers.check(outcome)
         if not nest:
             self._reacquisition.remember(outcome)
         return outcome, session.mover.has_moved(arrival.state)

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from math import isclose
 
 from pydantic import JsonValue
 
@@ -23,11 +25,54 @@ from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.settings.sections import GateConfig, NestConfig, SettleConfig
 from campaigns.shots.shot_sets import ShotSet
+from drivers.errors import ImplausibleAnswer
 from drivers.ports import Clock, LaserTracker, RobotController
+from drivers.values import Matrix3, Vector3
 
 UNKNOWN_NOISE = 0.25
 """Standard deviation, in parts of the limit of drift, of a robot whose noise nobody knows yet."""
 UNATTENDED_BEAM_WAIT_S = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class RawReaders:
+    """Readers of the devices' raw answers, which check what is recorded beside them.
+
+    They raise `DriverError`.
+    """
+
+    joints: Callable[[str], tuple[float, ...]]
+    """Joints of a state's answer, rad or mm."""
+    point: Callable[[str], tuple[Vector3, Matrix3 | None]]
+    """Point of a measurement's answer, mm, and its covariance, mm²; None where it states none."""
+
+    def check(self, outcome: Outcome) -> None:
+        """Raise `ImplausibleAnswer` if a shot's values are not those of its raw answers."""
+        point_mm, covariance_mm2 = self.point(outcome.raw_tracker)
+        compared = [
+            ("joints", outcome.joints, self.joints(outcome.raw_robot)),
+            ("point_mm", outcome.point_in_tracker_mm, point_mm),
+        ]
+        if covariance_mm2 is not None:
+            stated = outcome.covariance_mm2 or ()
+            compared.append(("covariance_mm2", _flat(stated), _flat(covariance_mm2)))
+        for name, recorded, said in compared:
+            if not _are_close(recorded, said):
+                raise ImplausibleAnswer(
+                    f"shot {outcome.shot}: {name} {recorded}, but the raw answer says {said}",
+                    remedy="report it with this line: the software misreads the device",
+                )
+
+
+def _flat(matrix: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    return tuple(chain.from_iterable(matrix))
+
+
+def _are_close(recorded: Sequence[float], said: Sequence[float]) -> bool:
+    """Whether values differ by no more than rounding: units are converted on two ways."""
+    return len(recorded) == len(said) and all(
+        isclose(*pair, rel_tol=1e-12, abs_tol=1e-15) for pair in zip(recorded, said, strict=True)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +85,7 @@ class Cell:
     """Time as the cell lives it: settling and deadlines of motions."""
     wall_clock: Clock
     """Time as the operator lives it: what is left."""
+    raw_readers: RawReaders | None = None
     ask: Callable[[str], bool] = lambda _: False
     """Whether the operator, who is told what to do, says that it is done."""
     beam_wait_s: float = UNATTENDED_BEAM_WAIT_S

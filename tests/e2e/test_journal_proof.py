@@ -1,21 +1,17 @@
 """A journal that others delete, cut, change or exchange: exit code 4, and nothing is claimed."""
 
 import shutil
-import sqlite3
-from contextlib import closing
 
 import pytest
 from command_line import change, ended, started
 from tampering import change_text, make_version_1, tamper
 from test_interrupted import FAST, SLOW, is_at_work, wait_until
 
-from app.main import run_command
 from campaigns.journal.journal import read_journal
-from campaigns.journal.records import Outcome, Rejected
+from campaigns.journal.records import Outcome
 
 pytestmark = pytest.mark.long
 
-POINT = "point_in_tracker_mm"
 BACKUP = "bring campaign.db back from a backup"
 
 
@@ -119,8 +115,6 @@ def test_check_journal_says_what_is_there_and_changes_nothing(measured, pkmcal):
     said = pkmcal("check-journal", measured, "--json")
     with read_journal(measured / "campaign.db") as journal:
         records, end = journal.last_number(), journal.end()
-        refused = [e for e in journal.records_of(Rejected) if e.record.measured]
-        measurements = len(journal.records_of(Outcome)) + len(refused)
     assert said.code == 0
     assert said.document == {
         "path": str(measured / "campaign.db"),
@@ -134,7 +128,6 @@ def test_check_journal_says_what_is_there_and_changes_nothing(measured, pkmcal):
         "crashed_sessions": 0,
         "crashed": 0,
         "shots": 59,
-        "compared": measurements,
         "problems": [],
     }
     assert "the journal is whole" in pkmcal("check-journal", measured).out
@@ -143,62 +136,6 @@ def test_check_journal_says_what_is_there_and_changes_nothing(measured, pkmcal):
     before = path.read_bytes()
     assert pkmcal("check-journal", measured).code == 0
     assert path.read_bytes() == before
-
-
-@pytest.fixture(scope="session")
-def measured_by_pointline(planned_once, tmp_path_factory):
-    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "pointline")
-    change(folder / "campaign.yaml", {"tracker.driver": "pointline"})
-    assert run_command(["run", str(folder), "--yes"]) == 0
-    return folder
-
-
-@pytest.fixture
-def measured_by(measured_once, measured_by_pointline, tmp_path):
-    """A copy of a measured campaign, its journal as older software would have left it."""
-
-    def measured(driver):
-        once = {"emscon": measured_once, "pointline": measured_by_pointline}[driver]
-        folder = shutil.copytree(once, tmp_path / driver)
-        make_version_1(folder / "campaign.db")
-        return folder
-
-    return measured
-
-
-CHANGES = [
-    *((driver, part, 8) for driver in ("emscon", "pointline") for part in ("joints_rad", POINT)),
-    ("emscon", "covariance_mm2", 8),
-    ("emscon", "raw_robot", 30),
-    ("emscon", "raw_tracker", 70),
-    ("pointline", "raw_tracker", 30),
-]
-"""Tracker, value, and after how many signs behind its key the digits begin that say it."""
-
-
-@pytest.mark.parametrize(("driver", "part", "signs"), CHANGES)
-def test_a_changed_digit_in_parsed_or_raw_is_found_whatever_the_tracker_speaks(
-    measured_by, pkmcal, driver, part, signs
-):
-    folder = measured_by(driver)
-    path, found = folder / "campaign.db", first_outcome(folder)
-    place = place_of_a_digit(path, found.number, part, signs)
-    changed = f"substr(body, 1, {place}) || '4' || substr(body, {place} + 2)"
-    tamper(path, f"UPDATE record SET body = {changed} WHERE id = {found.number}")
-    refused = pkmcal("check-journal", folder, "--json")
-    assert refused.code == 4
-    assert {each["record"] for each in refused.document["problems"]} == {found.number}
-    assert f"record {found.number}: " in refused.error_line
-
-
-def place_of_a_digit(path, number, part, signs):
-    """Place of a digit of that value, not 4, before which a record's text can be cut."""
-    with closing(sqlite3.connect(path)) as connection:
-        (body,) = connection.execute("SELECT body FROM record WHERE id = ?", (number,)).fetchone()
-    begin = body.index(f'"{part}"') + len(part) + signs
-    return next(
-        place for place in range(begin, len(body)) if body[place].isdecimal() and body[place] != "4"
-    )
 
 
 def test_check_journal_names_everything_that_is_wrong(measured, pkmcal):
@@ -210,5 +147,4 @@ def test_check_journal_names_everything_that_is_wrong(measured, pkmcal):
     texts = [each["problem"] for each in refused.document["problems"]]
     assert texts[0] == f"record {first} was changed after it was written"
     assert "the rule 'one_series' has been taken out of the file" in texts
-    assert any("the raw answer says" in text for text in texts)
-    assert "(and 2 more)" in refused.error_line
+    assert "(and 1 more)" in refused.error_line

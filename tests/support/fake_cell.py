@@ -15,7 +15,7 @@ from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import Progress, RunObserver
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.wishes import Wishes
-from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Cell, Work
+from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Cell, RawReaders, Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from drivers import values
@@ -238,6 +238,7 @@ class FakeCell:
     truth: Kinematics = NOMINAL
     calls: list[tuple[object, ...]] = field(default_factory=list)
     beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
+    raw_readers: RawReaders | None = None
 
     def __post_init__(self) -> None:
         self.clock = VirtualClock()
@@ -251,7 +252,8 @@ class FakeCell:
     @property
     def devices(self) -> Cell:
         clock, wait_s = self.clock, self.beam_wait_s
-        return Cell(self.robot, self.tracker, clock, clock, beam_wait_s=wait_s)
+        readers = self.raw_readers
+        return Cell(self.robot, self.tracker, clock, clock, raw_readers=readers, beam_wait_s=wait_s)
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
         return measure_series(

@@ -3,15 +3,18 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
-from fake_cell import PATIENCE_S, FakeCell
+from fake_cell import COVARIANCE_MM2, PATIENCE_S, FakeCell
 from small_plans import work
 from tested_journal import TestedJournal, journal_in
 
 from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
 from campaigns.journal.records import Outcome, Rejected, SessionStopped
 from campaigns.measuring.run_state import EngineState
+from campaigns.measuring.work import RawReaders
 from drivers import errors
+from drivers.values import Matrix3, Vector3
 
 POLL_S = 0.02
 Break = Callable[[FakeCell], None]
@@ -95,6 +98,38 @@ def test_trouble_while_measuring_stops_the_robot_and_drops_the_shot(
             cell.measure(journal, work())
         how = "interrupted" if error is KeyboardInterrupt else "aborted"
         assert_stopped_in_order(cell, journal, how)
+        assert [entry.record.shot for entry in journal.records_of(Outcome)] == [0]
+
+
+class Misreading:
+    """Readers that find in the raw answers what the devices gave, but from now on for one part."""
+
+    def __init__(self, cell: FakeCell) -> None:
+        self.cell, self.part = cell, ""
+
+    def joints(self, _raw: str) -> tuple[float, ...]:
+        first, *others = self.cell.robot.joints.tolist()
+        return (first + 1e-9 * (self.part == "joints"), *others)
+
+    def point(self, _raw: str) -> tuple[Vector3, Matrix3]:
+        x, y, z = self.cell.tracker.seen_mm()
+        (one, *row), *rows = np.asarray(COVARIANCE_MM2).tolist()
+        covariance = ((one * (1.0 + (self.part == "covariance_mm2")), *row), *map(tuple, rows))
+        return (x, y, z + 1e-6 * (self.part == "point_mm")), covariance
+
+
+@pytest.mark.parametrize("part", ["joints", "point_mm", "covariance_mm2"])
+def test_a_shot_that_is_not_what_the_raw_answers_say_stops_the_robot(
+    tmp_path: Path, part: str
+) -> None:
+    cell = FakeCell()
+    misreading = Misreading(cell)
+    cell.raw_readers = RawReaders(misreading.joints, misreading.point)
+    cell.tracker.during_measure = {2: lambda: setattr(misreading, "part", part)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(errors.ImplausibleAnswer, match=f"shot 1: {part} .* raw answer says"):
+            cell.measure(journal, work())
+        assert_stopped_in_order(cell, journal, "aborted")
         assert [entry.record.shot for entry in journal.records_of(Outcome)] == [0]
 
 
