@@ -155,6 +155,9 @@ class Engine:
             if change:
                 self._log.tell(change)
         self._shot_taker.nests.leave()
+        if end := self._session.work.ends_at:
+            self._session.mover.return_to(end, "to where it ends", self._run_state.enter)
+            self._run_state.rest()
         self._run_state.enter(EngineState.FINISHED)
 
     def _chosen_at_end(self) -> tuple[ReferencePose, ...]:

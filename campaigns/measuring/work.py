@@ -121,6 +121,8 @@ class Work:
     """Whether to go on although poses have moved since the last session."""
     park: tuple[float, ...] = ()
     """Joints where the robot is parked; (): at the first drift pose, or where it stands."""
+    ends_at: tuple[float, ...] = ()
+    """Joints where the robot is left at the end; (): where the last shot was taken."""
     model: str = ""
     """What the shots were planned to tell, by the word of `--model`; of a run."""
     nests: tuple[NestConfig, ...] = ()

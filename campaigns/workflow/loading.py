@@ -282,6 +282,8 @@ class _Loading:
             return self._measured("verify before", held, shots)
         except RobotStateUnknown as error:
             raise RobotStateUnknown(f"{error.problem}; {nothing}", remedy=error.remedy) from error
+        except (errors.LoadNotVerified, errors.TargetOutOfReach) as error:
+            raise type(error)(f"{error.problem}; {nothing}", remedy=error.remedy) from error
         except STOPPED as error:
             raise _stopped(nothing) from error
 
@@ -356,4 +358,7 @@ class _Loading:
                 cell.robot.reconnect()
                 cell.tracker.reconnect()
             else:
-                return series, validation.mean_of_pairs_mm(self.campaign, self.journal, series)
+                mean_mm = validation.mean_of_pairs_mm(
+                    self.campaign, self.journal, series, len(shots) // 2
+                )
+                return series, mean_mm

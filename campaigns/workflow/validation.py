@@ -6,12 +6,13 @@ from typing import Literal
 
 import numpy as np
 
+from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.export import CalibrationRoute
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR, CampaignVerdict
 from campaigns.evidence import Evaluation, evaluate, gather
@@ -136,17 +137,37 @@ def verification_work(
     active: Mapping[str, float],
     shots: Sequence[PlannedShot],
 ) -> Work:
-    """Pairs as work for the engine, commanded by poses as in a validation."""
+    """Pairs as work for the engine, commanded by poses as in a validation.
+
+    It ends at the centre, from where a safe way leads whichever parameters the controller holds.
+    """
     robot = _active_robot(campaign, active)
     correct = _to_controlled_point(robot)
     work, _ = _work(campaign, stage, robot, frozenset({ShotSet.VALIDATION}), shots, correct)
-    return work
+    centre = np.zeros((1, len(robot.mechanism.task)))
+    centre[0, : len(AXES)] = campaign.config.validation.centre_mm
+    reachable = _reachable(campaign, robot, correct)
+    if reachable.first_reason(centre):
+        return work
+    return replace(work, ends_at=tuple(reachable.joints(centre)[0].tolist()))
 
 
-def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int) -> float:
-    """Mean error without signs of the distances of a series' pairs."""
+def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int, count: int) -> float:
+    """Mean error without signs of the distances of a series' pairs.
+
+    Raises `LoadNotVerified` if fewer than `count` pairs were measured.
+    """
     distances = _evaluated(campaign, journal, series).distances
-    assert distances is not None, "a finished series has its pairs"
+    measured = len(distances.pairs) if distances else 0
+    if distances is None or measured < count:
+        events = (entry.record for entry in journal.records_of(Event, series))
+        skipped = [event.text for event in events if event.kind == "shot skipped"]
+        raise LoadNotVerified(
+            "; ".join(
+                [f"{measured} of {count} pairs measured: the load is not verified", *skipped[-1:]]
+            ),
+            remedy="clear what kept the robot or the beam from there, or give another --verify",
+        )
     return distances.mean.value_mm
 
 

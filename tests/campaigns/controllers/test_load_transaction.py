@@ -6,10 +6,11 @@ from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fake_cell import FakeRobot, FakeTracker
 from held_parameters import OLD, Controller, PowerCut
-from paper_campaign import ERRORS, NOMINAL, new_campaign
+from paper_campaign import ERRORS, NOMINAL, new_campaign, planned
 from par4_space import par4
 from virtual_time import StopWish, VirtualClock
 
@@ -19,11 +20,14 @@ from campaigns.controllers.load_journal import load_history
 from campaigns.journal.records import Finding
 from campaigns.measuring.work import Cell
 from campaigns.options import LoadOptions
+from campaigns.planning.plan_file import write_plan
 from campaigns.robots.robot import compensated, find_robot, read_robot
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.files import export
 from campaigns.workflow.loading import LoadResult, LoadTerms, load
 from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused, RobotStateUnknown
+from drivers.values import Pose
 
 EXPORTED = "robot-compensated.yaml"
 
@@ -431,6 +435,45 @@ def test_more_pairs_than_there_are_are_refused_before_anything_moves(
         verified(campaign, cell, pairs=5)
     assert cell.tracker.measured == 0
     assert cell.robot.geometry == OLD
+
+
+def test_robot_stands_at_the_centre_before_writing_whence_a_safe_way_leads(
+    campaign: Campaign, cell: CellOf
+) -> None:
+    """With a plate of 92 mm the turn of 44° where the last pair ends would be 49°, beyond 45°."""
+    poses = [[0.0, 0.0, -600.0, 0.0], [100.0, 0.0, -600.0, np.radians(44.0)]]
+    pair = [planned(shot, ShotSet.VALIDATION, 0, np.array(row)) for shot, row in enumerate(poses)]
+    write_plan(campaign.plan_path, pair, NOMINAL.robot.mechanism)
+    with pytest.raises(errors.VerdictBad, match="rolled back"):
+        verified(campaign, cell, 1, source=changed(campaign, {"plate_mm": 92.0}))
+    assert cell.tracker.measured == 2 * 2
+    assert cell.robot.geometry == OLD
+
+
+@pytest.mark.parametrize("stage", ["before", "after"])
+def test_pairs_that_were_skipped_are_not_verified(
+    campaign: Campaign, cell: CellOf, stage: str
+) -> None:
+    robot, shots = cell.robot, campaign.read_plan()
+    second = [shot.pose for shot in shots if shot.purpose is ShotSet.VALIDATION][2]
+    move_pose = robot.move_pose
+
+    def refuse_second_pair(pose: Pose, speed_fraction: float) -> None:
+        if pose.x_mm == second.x_mm and (robot.geometry == OLD) == (stage == "before"):
+            raise errors.TargetOutOfReach("no way there", remedy="none")
+        move_pose(pose, speed_fraction)
+
+    robot.move_pose = refuse_second_pair
+    with pytest.raises(
+        errors.LoadNotVerified, match=r"^1 of 2 pairs measured: the load is not verified"
+    ) as lost:
+        verified(campaign, cell, 2)
+    assert "no way there" in lost.value.problem
+    assert ("nothing was written" in lost.value.problem) == (stage == "before")
+    assert robot.geometry == OLD
+    kinds = [kind for kind, _ in findings(campaign)]
+    assert kinds == ([] if stage == "before" else ["load begun", "load failed"])
+    assert not unended(campaign)
 
 
 def _raise(error: BaseException) -> None:
