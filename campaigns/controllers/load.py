@@ -77,7 +77,7 @@ def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
     try:
         held = robot.read_geometry()
     except DriverError as error:
-        held = _read_anew(robot, error)
+        held = _read_anew(robot, f" ({error.problem})")
     problem = _restored(robot, old) if differing(held, old) else ""
     if problem:
         raise LoadNotVerified(
@@ -104,17 +104,16 @@ def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tu
 def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
     """Write and read back; gives what is wrong then, nothing when it verified.
 
-    A wire that broke meanwhile is opened anew: only reading back tells what the controller holds.
+    The wire is opened anew before: what this connection alone knows is not in the controller.
     """
     interruption = ""
     try:
         robot.write_geometry(wanted)
-        held = robot.read_geometry()
     except DeviceRefused:
         raise
     except DriverError as error:
         interruption = f" ({error.problem})"
-        held = _read_anew(robot, error)
+    held = _read_anew(robot, interruption)
     wrong = differing(held, wanted)
     if not wrong:
         return ""
@@ -133,15 +132,15 @@ def _restored(robot: RobotController, old: Mapping[str, float]) -> str:
         return error.problem
 
 
-def _read_anew(robot: RobotController, broken: DriverError) -> Mapping[str, float]:
-    """Connect again and read; raises `LoadNotVerified` when nobody can tell what is held."""
+def _read_anew(robot: RobotController, interruption: str) -> Mapping[str, float]:
+    """Connect again and read; raise `LoadNotVerified` if what is held cannot be read."""
     try:
         robot.reconnect()
         return robot.read_geometry()
     except DriverError as error:
         raise LoadNotVerified(
-            f"the connection broke while parameters were written ({broken.problem}), and what the "
-            f"controller holds cannot be read ({error.problem})",
+            f"parameters were written{interruption}, and what the controller holds cannot be read "
+            f"({error.problem})",
             remedy="don't move the robot; when the controller answers again, "
             "`pkmcal load` or `pkmcal load --rollback`",
         ) from error

@@ -3,7 +3,7 @@
 Every objection can be overruled by `--force`, but not silently.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from campaigns.errors import ConfigInvalid
@@ -37,6 +37,17 @@ def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvali
         yield ConfigInvalid(
             f"it is for the controller of serial number {expected}, connected is {connected}",
             remedy="connect the right controller, or identify this robot",
+        )
+
+
+def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[ConfigInvalid]:
+    """Objections to a controller's own parameters, which are to be kept as the old ones."""
+    old = nominal.parameters
+    changes = {name: held[name] - old[name] for name in old if name in held}
+    for text in beyond_tolerance(old.space, nominal.tolerance, changes):
+        yield ConfigInvalid(
+            f"what the controller holds is far from nominal: {text}",
+            remedy="check the controller: the load would keep this as its old parameters",
         )
 
 

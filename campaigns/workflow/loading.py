@@ -169,7 +169,7 @@ class _Loading:
         """Load a file."""
         held = self._held()
         expected = (robot.provenance or {}).get("controller_serial")
-        objections += self._checked(source, robot, expected)
+        objections += self._checked(source, robot, held, expected)
         form, limits = form_of(robot.provenance, str(source)), self.campaign.config.acceptance
         for text in lost_beyond(form, limits):
             self.terms.tell(f"! {text}: `pkmcal correct` loses nothing")
@@ -192,7 +192,7 @@ class _Loading:
                 already_back(self.journal, latest, robot.digest())
             return LoadResult(source, "already", state=self._state(held))
         self.terms.tell(f"puts back {source.name}: {what} ({latest.at_utc})")
-        objections = self._checked(source, robot, latest.controller_serial)
+        objections = self._checked(source, robot, held, latest.controller_serial)
         return self._carry_out(source, robot, held, objections, takes_back=latest.number)
 
     def _held(self) -> dict[str, float]:
@@ -206,11 +206,11 @@ class _Loading:
         return held
 
     def _checked(
-        self, source: Path, robot: RobotFile, expected_serial: object
+        self, source: Path, robot: RobotFile, held: Mapping[str, float], expected_serial: object
     ) -> tuple[errors.ConfigInvalid, ...]:
-        """What the controller's serial number says against it, overruled; raises `ConfigInvalid`.
+        """Objections by the controller's serial number and parameters, overruled by force.
 
-        Also for parameters that its kinematics lacks, which no force can put into it.
+        Raises `ConfigInvalid` without force, and for parameters that its kinematics lacks.
         """
         lacking = self.controller.lacks(robot.parameters.extended_by)
         if lacking:
@@ -223,8 +223,10 @@ class _Loading:
             again = " --overwrite" if is_there else ""
             remedy = f"`{command}{again}` writes the nearest set that it can have"
             robot.require_known(lacking, remedy)
-        found = tuple(
-            load_checks.serial_objections(expected_serial, self.controller.identity().serial)
+        serial = self.controller.identity().serial
+        found = (
+            *load_checks.serial_objections(expected_serial, serial),
+            *load_checks.held_objections(held, self.campaign.robot),
         )
         if not self.options.force:
             load_checks.refuse(source, found)

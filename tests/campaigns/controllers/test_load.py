@@ -100,12 +100,25 @@ def test_written_parameters_are_read_back_also_in_other_units() -> None:
     controller = Controller()
     write_verified(controller, NEW, OLD)
     assert controller.held == NEW
-    assert controller.calls == ["write", "read"]
+    assert controller.calls == ["write", "reconnect", "read"]
 
     def take_rounded(controller: Controller, geometry: Mapping[str, float]) -> None:
         controller.held = {name: value * (1 + 1e-12) for name, value in geometry.items()}
 
     write_verified(Controller(on_write=[take_rounded]), NEW, OLD)
+
+
+def test_parameters_that_one_connection_alone_has_are_not_verified() -> None:
+    @dataclass
+    class Forgetful(Controller):
+        """Keeps in memory what is written, until the next connection."""
+
+        def reconnect(self) -> None:
+            self.held = dict(OLD)
+
+    controller = Forgetful()
+    with pytest.raises(LoadNotVerified, match=r"arm0.arm_mm is 350\.0, not 350\.5"):
+        write_verified(controller, NEW, OLD)
 
 
 def test_parameters_that_do_not_verify_are_taken_back() -> None:
@@ -121,7 +134,7 @@ def test_parameters_that_do_not_verify_are_taken_back() -> None:
 def test_old_parameters_that_are_still_there_are_not_written_again() -> None:
     controller = Controller(on_write=[ignore])
     assert "the controller holds the old parameters" in failure(controller).problem
-    assert controller.calls == ["write", "read", "read"]
+    assert controller.calls == ["write", "reconnect", "read", "read"]
 
 
 def test_refusal_is_passed_on_for_the_controller_kept_what_it_had() -> None:

@@ -355,6 +355,27 @@ def test_journal_from_before_loads_were_begun_is_walked_back(campaign: Campaign)
     assert controller.held == OLD
 
 
+def test_false_parameters_of_a_controller_are_not_kept_as_the_old_ones_without_a_yes(
+    campaign: Campaign,
+) -> None:
+    controller = Controller(OLD | {"plate_mm": 0.1})
+    held = dict(controller.held)
+    with pytest.raises(
+        errors.ConfigInvalid,
+        match=r"controller holds is far from nominal: plate_mm changed by -99\.9 mm",
+    ) as no:
+        loaded(campaign, controller)
+    assert "--force" in no.value.remedy
+    assert (controller.held, controller.writes) == (held, 0)
+    assert not list(campaign.folder.glob("controller-before-*"))
+    told: list[str] = []
+    assert loaded(campaign, controller, force=True, tell=told.append).outcome == "loaded"
+    assert any(
+        "overruled by --force: what the controller holds is far from nominal: plate_mm" in text
+        for text in told
+    )
+
+
 # verified by pairs
 
 
