@@ -24,6 +24,7 @@ from rich.text import Text
 from app.exits import NotConfirmed
 from app.keys import LOOK_S, TYPED_BYTES, Keyboard, keys_heard, typed_line
 from app.progress import RunDisplay
+from campaigns.errors import IdentificationRefused, VerdictBad
 from campaigns.files.table import Column, texts
 from drivers.ports import Prompt
 from drivers.texts import printable
@@ -164,6 +165,15 @@ class Terminal:
             plain = to_jsonable_python(document)
             sys.stdout.write(json.dumps(plain, allow_nan=False) + "\n")
             sys.stdout.flush()
+
+    @contextmanager
+    def refusals_documented(self) -> Iterator[None]:
+        """Print problem and remedy of a refusal with exit code 1 as the document; it is raised."""
+        try:
+            yield
+        except (IdentificationRefused, VerdictBad) as error:
+            self.document({"problem": error.problem, "remedy": error.remedy})
+            raise
 
     def asks(self, question: str) -> bool:
         """Whether the operator says yes, now; without a terminal nobody does."""

@@ -91,6 +91,13 @@ def asking() -> Iterator[None]:
 
 
 @contextmanager
+def interrupted_by_signals() -> Iterator[None]:
+    """Let the signals that end a process raise `KeyboardInterrupt`, as Ctrl-C does already."""
+    with _handled(_refuse, [number for number in ENDING if number != signal.SIGINT]):
+        yield
+
+
+@contextmanager
 def awaited_signal() -> Iterator[Callable[[], None]]:
     """Give a function that returns when a signal to end has come, also one that came before it."""
     came: SimpleQueue[int] = SimpleQueue()  # its `put` may be called from a signal handler

@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import Abort, TyperException
 
 from app.exits import Exit, exit_code
-from app.interrupt import unblock_signals
+from app.interrupt import interrupted_by_signals, unblock_signals
 from app.streams import make_streams_last
 from campaigns.errors import OptionsInvalid
 from campaigns.removed import removed_in_command
@@ -170,7 +170,8 @@ def main() -> None:
         os.environ.setdefault(variable, "1")
     unblock_signals()
     make_streams_last()
-    code = run_command(sys.argv[1:])
+    with interrupted_by_signals():
+        code = run_command(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
     sys.exit(code)
 

@@ -28,7 +28,8 @@ NewFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's f
 Json = Annotated[
     bool,
     typer.Option(
-        "--json", help="One JSON document on stdout, messages on stderr; none on an error."
+        "--json",
+        help="One JSON document on stdout, messages on stderr; none with exit codes above 1.",
     ),
 ]
 Yes = Annotated[

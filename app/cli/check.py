@@ -56,7 +56,8 @@ def command(
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     campaign.require_devices()
-    work = check_work(campaign, options)
+    with terminal.refusals_documented():
+        work = check_work(campaign, options)
     if dry:
         terminal.say(f"would measure {len(work.steps)} shots; nothing was moved")
         terminal.document({"stage": work.stage, "shots": len(work.steps)})

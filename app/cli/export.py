@@ -65,19 +65,20 @@ def command(
             raise OptionsInvalid(
                 "--temperature goes with --format yaml or linuxcnc", remedy="leave the other out"
             )
-    if format_ == "plain" and not shots:
-        _show(terminal, campaign, export_plain(campaign, to, overwrite=overwrite))
-        return
-    if shots:
-        path, halves = files.export_shots(campaign, to, overwrite=overwrite)
-        if halves:
-            terminal.note(f"left out because their pair is incomplete: shots {halves}")
-    elif format_ == "linuxcnc":
-        path = files.export_hal(campaign, to, temperature, overwrite=overwrite)
-    else:
-        path, robot = files.export(campaign, to, temperature, overwrite=overwrite)
-        if robot.is_extended:
-            terminal.note(FOR_SOME_CONTROLLERS)
+    with terminal.refusals_documented():
+        if format_ == "plain" and not shots:
+            _show(terminal, campaign, export_plain(campaign, to, overwrite=overwrite))
+            return
+        if shots:
+            path, halves = files.export_shots(campaign, to, overwrite=overwrite)
+            if halves:
+                terminal.note(f"left out because their pair is incomplete: shots {halves}")
+        elif format_ == "linuxcnc":
+            path = files.export_hal(campaign, to, temperature, overwrite=overwrite)
+        else:
+            path, robot = files.export(campaign, to, temperature, overwrite=overwrite)
+            if robot.is_extended:
+                terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")
     terminal.document({"path": str(path)} | tell_next(terminal, campaign))
 

@@ -87,9 +87,11 @@ def command(
             goes_on=partial(_goes_on, wish, display, terminal),
         )
         cell = connected_cell(campaign, wish, terminal.alarm, terminal.prompt(display, wish))
-        done = load(campaign, cell, options, watched)
+        with terminal.refusals_documented():
+            done = load(campaign, cell, options, watched)
     else:
-        done = load(campaign, connected_robot(campaign, terminal.prompt()), options, terms)
+        with terminal.refusals_documented():
+            done = load(campaign, connected_robot(campaign, terminal.prompt()), options, terms)
     _tell(terminal, campaign, done)
     if wish.suspends:
         suspend()

@@ -19,7 +19,7 @@ BY_HAND = "by-hand"
 WATCH_FILE, FILE = "watch-file", "file:"
 """Driver and beginning of the address of a tracker whose software writes into a file."""
 URL_PATTERN = (
-    rf"^(tcp://\S+:\d{{1,5}}|serial://\S+|{SIMULATED}[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
+    rf"^(tcp://[^\s@/?#]+:\d{{1,5}}|serial://\S+|{SIMULATED}[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
 )
 URL_FORMS = (
     "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, file:NAME of a tracker, "

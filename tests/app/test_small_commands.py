@@ -1,6 +1,7 @@
 """What single commands decide before any device is asked."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -190,3 +191,16 @@ def test_frame_check_reads_a_controllers_display_and_takes_nothing_in(pkmcal, tm
     assert not (folder / "campaign.db").exists()
     path.write_text(f"{head}\n")
     assert "at least 3" in pkmcal("import", folder, path, "--check-frame").error_line
+
+
+@pytest.mark.parametrize("command", ["export", "check", "export --format plain"])
+def test_a_result_that_must_not_be_used_is_a_document_too(pkmcal, whole, tmp_path, command):
+    folder = shutil.copytree(whole.folder, tmp_path / "another")
+    text = (folder / "robot.yaml").read_text().replace("plate_mm: 100.0", "plate_mm: 100.5")
+    (folder / "robot.yaml").write_text(text)
+    name, *options = command.split()
+    ended = pkmcal(name, folder, *options, "--json")
+    assert ended.code == 1
+    problem, _, remedy = ended.error_line.partition(" → ")
+    assert ended.document == {"problem": problem, "remedy": remedy}
+    assert pkmcal(name, folder, *options).out == ""

@@ -6,6 +6,7 @@ import pty
 import re
 import select
 import signal
+import socket
 import termios
 import time
 from collections import Counter
@@ -407,3 +408,19 @@ def test_ctrl_c_at_the_question_means_no(screen_and_run):
     process.send_signal(signal.SIGINT)
     screen.read_until("to resume it")
     assert process.wait(PATIENCE_S) == 130
+
+
+@pytest.mark.parametrize("words", [("devices",), ("load", "--yes")])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_command_that_moves_nothing_says_that_it_was_interrupted(exported, words, number):
+    command, *options = words
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        change(exported / "campaign.yaml", {"controller.url": url, "tracker.url": url})
+        process = started(command, exported, *options)
+        connection, _ = silent.accept()
+        with connection:
+            process.send_signal(number)
+            done = ended(process)
+    assert done.code == 130
+    assert done.error_line == "interrupted → start the command again when ready"

@@ -151,6 +151,7 @@ def test_missing_robot_file_is_named(tmp_path):
         ("reflector", "reflektor", "did you mean reflector?"),
         ("tcp://192.168.1.2:5010", "192.168.1.2", "campaign.yaml:4: controller.url is"),
         ("tcp://192.168.1.2:5010", "tcp://192.168.1.2", "give its address: tcp://HOST:PORT"),
+        ("tcp://192.168.1.2:5010", "tcp://me@robot:5010", "give its address: tcp://HOST:PORT"),
         ("tcp://192.168.1.3:700", "http://tracker", "give its address: tcp://HOST:PORT"),
     ],
 )
