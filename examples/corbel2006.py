@@ -25,10 +25,10 @@ from ruamel.yaml import YAML
 
 from app.console import Terminal
 from app.rehearsal import rehearse
-from campaigns import create_simulated, evaluate, open_campaign
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.identification.options import AS_THE_PAPER
+from pkmcal import create_simulated, evaluate, open_campaign
 from sim.scenarios.scenario import load_scenario
 
 ROBOT = "par4-prototype"
