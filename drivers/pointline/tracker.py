@@ -20,8 +20,6 @@ from drivers.wire.numbered_lines import LAST_SEQUENCE, CommandDone, Hello, seque
 
 NONE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
-UNKNOWN_VERB = "VERB"
-"""Refusal by a server from before a verb was added."""
 MOST_REFLECTORS = 100
 BEAM = "clear the line of sight, and let the instrument see the reflector"
 REFUSALS: Refusals = {

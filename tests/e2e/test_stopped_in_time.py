@@ -23,8 +23,8 @@ from sim.embedded import EmbeddedCell
 from sim.scenarios.scenario import load_scenario
 
 PATIENCE_S = 30.0
-AT_ONCE_S = 0.5
-"""Far below the 2 s that the controller may take for an answer."""
+AT_ONCE_S = 0.25
+"""Below what is left of the 0.5 s for which the state of a robot that moves is waited for."""
 LIMIT_S = 0.1
 """Of 99 tries in 100, when there are many."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
@@ -52,11 +52,11 @@ class Stage:
     def with_frozen_controller(self, rng):
         self.moving(rng)
         self.controller.frozen = True
-        time.sleep(rng.uniform(0.05, 1.5))
+        time.sleep(rng.uniform(0.05, 0.2))
 
     def with_slow_controller(self, rng):
         self.moving(rng)
-        self.controller.delay_s = 0.8
+        self.controller.delay_s = 0.3
         time.sleep(rng.uniform(0.05, 1.5))
 
     def stopped_by(self, number):
