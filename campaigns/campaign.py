@@ -5,33 +5,33 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import Array
+from campaigns.design.pose_sampling import FeasibleRegion, sample_workspace
+from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
+from campaigns.identification.result import RecordedIdentification
+from campaigns.journal.digest_chain import ChainEnd
+from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.own_file import rescued_copies, take_rescued
+from campaigns.journal.views import AcceptedShot, Series
+from campaigns.planning.paths import RobotModel
+from campaigns.planning.plan_check import CheckedPlan, Pace, PlanLimits, check_plan
+from campaigns.planning.plan_file import PlannedShot, read_plan
+from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
+from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
 from drivers.values import Vector3
 
-if TYPE_CHECKING:  # with the journal, planning and identification: not every command needs them
-    from campaigns.design.pose_sampling import FeasibleRegion
-    from campaigns.design.restricted_space import RestrictedSpace
-    from campaigns.estimation.tracker_noise import TrackerUncertainty
-    from campaigns.identification.result import RecordedIdentification
-    from campaigns.journal.digest_chain import ChainEnd
-    from campaigns.journal.journal import Journal, JournalReader
-    from campaigns.journal.views import AcceptedShot, Series
-    from campaigns.planning.plan_check import CheckedPlan, Pace, PlanLimits
-    from campaigns.planning.plan_file import PlannedShot
-    from campaigns.planning.plans import PlanRequest, View
-
-JournalT = TypeVar("JournalT", bound="JournalReader")
+JournalT = TypeVar("JournalT", bound=JournalReader)
 
 PLAN = "plan.csv"
 JOURNAL = "campaign.db"
@@ -111,29 +111,23 @@ class Campaign:
         return centre
 
     @property
-    def view(self) -> "View":
+    def view(self) -> View:
         """View of the reflector from the tracker."""
-        from campaigns.planning.plans import View
-
         tracker = self.config.tracker
         centre_mm = self.config.validation.centre_mm
         facing = tracker.reflector_facing or _towards(centre_mm, tracker.place_mm)
         return View(tracker.place_mm, facing, tracker.acceptance_rad)
 
     @property
-    def space(self) -> "RestrictedSpace":
+    def space(self) -> RestrictedSpace:
         """Space that is left to the plate."""
-        from campaigns.planning.space_zones import restricted_space
-
         robot = self.robot
         radius_mm = robot.mechanism.platform_radius_mm(robot.kinematics.p, robot.limits)
         return restricted_space(self.config.space, radius_mm)
 
     @property
-    def region(self) -> "FeasibleRegion":
+    def region(self) -> FeasibleRegion:
         """Region where poses may be planned."""
-        from campaigns.planning.plans import region_of, with_reserve
-
         robot = self.robot
         centre = pose_of(self.centre)
         return region_of(robot.kinematics, with_reserve(robot), self.view, centre, self.space)
@@ -143,8 +137,6 @@ class Campaign:
 
         All over the robot's reach, whether the tracker sees them or not.
         """
-        from campaigns.design.pose_sampling import sample_workspace
-
         robot = self.robot
         return sample_workspace(robot.kinematics, robot.limits, self.centre, self.space)
 
@@ -157,19 +149,17 @@ class Campaign:
         keys = {"space", "known_lengths"}
         return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
 
-    def outdated(self, found: "RecordedIdentification") -> tuple[str, ...]:
+    def outdated(self, found: RecordedIdentification) -> tuple[str, ...]:
         """Keys of settings that are others than those by which this identification was judged."""
         limits_mm = self.config.acceptance.distances_mm
         return found.outdated_by(self.identification_settings, limits_mm)
 
     @property
-    def instrument(self) -> "TrackerUncertainty":
+    def instrument(self) -> TrackerUncertainty:
         """Tracker's standard uncertainty, by the limits that campaign.yaml has of its data sheet.
 
         For plans, and for shots of which the tracker itself stated none.
         """
-        from campaigns.estimation.tracker_noise import TrackerUncertainty
-
         limits = self.config.tracker.uncertainty
         common = self.config.tracker.common
         return TrackerUncertainty.of_limits(
@@ -177,45 +167,35 @@ class Campaign:
         ).with_common_limits(common.scale_ppm, common.axes_um_per_m, common.reflector_mm)
 
     @property
-    def pace(self) -> "Pace":
+    def pace(self) -> Pace:
         """Time that a shot takes besides the way."""
-        from campaigns.planning.plan_check import Pace
-
         config = self.config
         speed = FULL_JOINT_SPEED_RAD_S * config.controller.speed_percent / 100.0
         return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
 
-    def plan_request(self, shots: int | None = None) -> "PlanRequest":
+    def plan_request(self, shots: int | None = None) -> PlanRequest:
         """Request for a plan, by campaign.yaml unless a number of shots is given."""
-        from campaigns.planning.plans import PlanRequest
-
         plan = self.config.plan
         centre = pose_of(self.centre)
         return PlanRequest(
             shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre, self.space
         )
 
-    def read_plan(self) -> "tuple[PlannedShot, ...]":
+    def read_plan(self) -> tuple[PlannedShot, ...]:
         """plan.csv; raises `PlanInvalid`."""
-        from campaigns.planning.plan_file import read_plan
-
         return read_plan(self.plan_path, self.robot.mechanism)
 
     def checked_plan(
         self,
-        shots: "tuple[PlannedShot, ...] | None" = None,
+        shots: tuple[PlannedShot, ...] | None = None,
         tell: Callable[[str], None] = lambda _: None,
-    ) -> "CheckedPlan":
+    ) -> CheckedPlan:
         """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
-        from campaigns.planning.plan_check import check_plan
-
         return check_plan(self.read_plan() if shots is None else shots, *self.plan_limits, tell)
 
     @property
-    def plan_limits(self) -> "PlanLimits":
+    def plan_limits(self) -> PlanLimits:
         """All that a plan is checked by."""
-        from campaigns.planning.paths import RobotModel
-
         robot = self.robot
         model = RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
         names = [nest.name for nest in self.config.nests]
@@ -228,18 +208,16 @@ class Campaign:
             yield
 
     @contextmanager
-    def journal(self) -> "Iterator[Journal]":
+    def journal(self) -> Iterator[Journal]:
         """Journal, made if there is none, and held by this process alone."""
         with self.held(), self.opened_journal() as journal:
             yield journal
 
-    def opened_journal(self) -> "Journal":
+    def opened_journal(self) -> Journal:
         """Journal, made if there is none; the caller holds the campaign.
 
         Raises `JournalFailed` also for one of another campaign.
         """
-        from campaigns.journal.journal import open_journal
-
         path = self.journal_path
         opened = open_journal(
             path,
@@ -249,13 +227,11 @@ class Campaign:
         )
         return self._own(opened)
 
-    def journal_reader(self) -> "JournalReader":
+    def journal_reader(self) -> JournalReader:
         """Journal to read; raises `ShotsMissing` when nothing was ever written to it.
 
         Raises `JournalFailed` also for one of another campaign.
         """
-        from campaigns.journal.journal import read_journal
-
         self.require_journal()
         return self._own(read_journal(self.journal_path))
 
@@ -267,7 +243,7 @@ class Campaign:
             raise
         return journal
 
-    def require_own(self, all_series: "Iterable[Series]") -> None:
+    def require_own(self, all_series: Iterable[Series]) -> None:
         """Raise `JournalFailed` when series of a journal are another campaign's.
 
         Series from before campaigns had an identity may be any campaign's.
@@ -287,8 +263,6 @@ class Campaign:
     def require_nothing_rescued(self) -> None:
         """Raise `JournalFailed` while a rescued journal has records that campaign.db lacks."""
         for copy in rescued_copies(self.journal_path):
-            from campaigns.journal.journal import read_journal
-
             try:
                 with read_journal(copy) as kept:
                     self.require_own(kept.series())
@@ -302,10 +276,8 @@ class Campaign:
                     remedy=f"{take_rescued(copy.name)}; or move {copy.name} elsewhere",
                 )
 
-    def _holds(self, end: "ChainEnd") -> bool:
+    def _holds(self, end: ChainEnd) -> bool:
         """Whether the journal is there, whole, and has all records up to this one."""
-        from campaigns.journal.journal import read_journal
-
         try:
             with read_journal(self.journal_path) as journal:
                 return journal.holds(end)
@@ -317,7 +289,7 @@ class Campaign:
         if not self.journal_path.exists():
             raise self._nothing_measured()
 
-    def measured_series(self, journal: "JournalReader") -> "Series":
+    def measured_series(self, journal: JournalReader) -> Series:
         """Series to identify from: the latest run or import; raises `ShotsMissing`.
 
         A run may be unfinished, an import that broke off counts for nothing, and one of known
@@ -329,7 +301,7 @@ class Campaign:
             raise self._nothing_measured()
         return max(found, key=lambda series: series.number)
 
-    def known_length_shots(self, journal: "JournalReader") -> "tuple[AcceptedShot, ...]":
+    def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
         """Shots of the latest whole import of known lengths alone; () without one."""
         imports = (each for each in journal.series("import") if each.finished)
         found = [each.shots for each in imports if each.of_known_lengths]

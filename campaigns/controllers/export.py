@@ -3,21 +3,20 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import JsonValue, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
+from campaigns.estimation.information import Uncertainty
+from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.journal.journal import JournalReader
+from campaigns.journal.records import Finding, adapter_of
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile, at_temperature, compensated
 from campaigns.version import VERSION
 from drivers.values import Identity
-
-if TYPE_CHECKING:  # with what judges and the journal, which who asks for the forms alone needs not
-    from campaigns.estimation.information import Uncertainty
-    from campaigns.identification.result import RecordedIdentification
-    from campaigns.journal.journal import JournalReader
 
 FILE_NAME = "robot-compensated.yaml"
 PLAIN_FILE = "robot-plain.yaml"
@@ -58,21 +57,16 @@ class WrittenSet:
         return cls(file, own.digest(), dict(own), **more)
 
 
-def written_sets(journal: "JournalReader") -> Iterator[WrittenSet]:
+def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
     """Sets that were written, latest first; passes over those of another form."""
-    from campaigns.journal.records import Finding, adapter_of
-
     for entry in reversed(journal.records_of(Finding)):
         if entry.record.kind == "export":
             with suppress(ValidationError):
                 yield adapter_of(WrittenSet).validate_python(entry.record.body)
 
 
-def latest_identification(journal: "JournalReader") -> "RecordedIdentification":
+def latest_identification(journal: JournalReader) -> RecordedIdentification:
     """Last identification of a campaign; raises `ShotsMissing` when there is none."""
-    from campaigns.identification.result import read_identification
-    from campaigns.journal.records import Finding
-
     found = [e.record for e in journal.records_of(Finding) if e.record.kind == "identification"]
     if not found:
         raise ShotsMissing("nothing has been identified yet", remedy="run `pkmcal identify` first")
@@ -82,7 +76,7 @@ def latest_identification(journal: "JournalReader") -> "RecordedIdentification":
 def compensated_robot(
     campaign: str,
     nominal: RobotDocument,
-    found: "RecordedIdentification",
+    found: RecordedIdentification,
     controller: Identity | None = None,
 ) -> RobotDocument:
     """Nominal robot with the identified parameters, their 1 σ and their provenance.
@@ -103,7 +97,7 @@ def compensated_robot(
 
 
 def warm_robot(
-    nominal: RobotDocument, robot: RobotFile, degC: float, known: "Uncertainty | None"
+    nominal: RobotDocument, robot: RobotFile, degC: float, known: Uncertainty | None
 ) -> RobotDocument:
     """Identified robot with parts of a temperature; raises `ConfigInvalid`."""
     warm = at_temperature(robot, degC)
@@ -112,7 +106,7 @@ def warm_robot(
     return compensated(nominal, robot.name, parameters, warm.provenance, warm.expansions, degC)
 
 
-def warm_uncertainty(robot: RobotFile, degC: float, known: "Uncertainty") -> "Uncertainty":
+def warm_uncertainty(robot: RobotFile, degC: float, known: Uncertainty) -> Uncertainty:
     """Uncertainty of a robot's parameters at another temperature: what grows adds its own."""
     cold, grown = robot.parameters, robot.mechanism.grown
     rise = degC - (degC if robot.reference_degC is None else robot.reference_degC)
@@ -122,7 +116,7 @@ def warm_uncertainty(robot: RobotFile, degC: float, known: "Uncertainty") -> "Un
     )
 
 
-def require_usable(nominal: RobotDocument, found: "RecordedIdentification") -> None:
+def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
     """Raise `VerdictBad` for a result that did not pass, or that rests on another nominal robot."""
     if found.verdict != "pass":
         raise VerdictBad(
@@ -139,7 +133,7 @@ def require_usable(nominal: RobotDocument, found: "RecordedIdentification") -> N
 def _provenance(
     campaign: str,
     nominal: RobotDocument,
-    found: "RecordedIdentification",
+    found: RecordedIdentification,
     controller: Identity | None,
 ) -> dict[str, JsonValue]:
     document = found.document()
@@ -157,7 +151,7 @@ def _provenance(
     }
 
 
-def _warmth(space: ParameterSpace, found: "RecordedIdentification") -> dict[str, JsonValue]:
+def _warmth(space: ParameterSpace, found: RecordedIdentification) -> dict[str, JsonValue]:
     """What a model with warmth found of growth, and which state its parameters are of."""
     if found.warmth is None:
         return {}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from html import escape
 from operator import itemgetter
 from typing import Generic, Literal, TypeVar
 
@@ -69,8 +70,6 @@ def csv_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
 
 def html_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
     """Rows as a plain HTML table, as notebooks show it."""
-    from html import escape
-
     heads = "".join(f"<th>{escape(column.head)}</th>" for column in columns)
     lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in texts(columns, rows))
     body = "".join(f"<tr>{line}</tr>" for line in lines)

@@ -4,7 +4,6 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from types import NoneType
 from typing import Any, ClassVar, TypeVar, get_args
@@ -14,9 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.parser import Parser
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
-from ruamel.yaml.scanner import Scanner
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import read_text
@@ -30,8 +27,6 @@ BROKEN_RULE = "broken_rule"
 UNBROKEN_LINE = 4096
 """Columns; long texts stay on their line."""
 INDENT = 2
-DOCUMENTS_KEPT = 64
-"""A command asks for the same few files again and again; so do the campaigns of a study."""
 
 WORDS: Mapping[str, str] = {
     "missing": "is missing",
@@ -206,11 +201,8 @@ def read_document(path: Path, *, if_missing: str) -> YamlDocument:
 
 
 def parse_document(text: str, name: str) -> YamlDocument:
-    """Read a YAML text that must be a mapping; the same text is parsed once, whatever its name."""
-    try:
-        tree = _tree_of(text)
-    except FileRefused:
-        tree = _loaded(text, name)  # refused again, by its name
+    """Read a YAML text that must be a mapping."""
+    tree = _loaded(text, name)
     if tree is None:
         raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")
     if not isinstance(tree, CommentedMap):
@@ -242,13 +234,6 @@ def checked_settings(settings: Mapping[str, object], name: str, model: type[Mode
         return model.model_validate_json(json.dumps(settings))
     except ValidationError as error:
         raise explained(error, model, name) from error
-
-
-@lru_cache(maxsize=DOCUMENTS_KEPT)
-def _tree_of(text: str) -> object:
-    yaml = _yaml()
-    yaml.Scanner, yaml.Parser = Scanner, Parser  # without comments, in three quarters of the time
-    return loaded_yaml(yaml, text, "")
 
 
 def _loaded(text: str, name: str) -> object:

@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
@@ -91,11 +90,6 @@ def is_plan_file(path: Path, digest: str) -> bool:
 
 def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """SHA-256 of the plan's text: the same before writing and after reading."""
-    return _digest(tuple(shots), mechanism)
-
-
-@lru_cache(maxsize=1)  # several parts of a command ask for it
-def _digest(shots: tuple[PlannedShot, ...], mechanism: ClosedChain) -> str:
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
@@ -120,7 +114,6 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     return csv_text(head, zip(*texts, strict=True))
 
 
-@lru_cache(maxsize=1)  # likewise
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
     form = CsvForm(
