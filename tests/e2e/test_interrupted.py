@@ -294,7 +294,7 @@ def test_a_question_while_the_screen_is_on_is_answered_and_keys_are_heard_again(
         process.send_signal(signal.SIGINT)
         screen.read_until("Go on where it was? [y/N]")
         screen.type("n\n")
-        screen.read_until("resumes it")
+        screen.read_until("to resume it")
         assert process.wait(PATIENCE_S) == 130
 
 
