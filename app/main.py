@@ -55,10 +55,7 @@ COMMANDS = {
     "status": ("status", "Show where the campaign is, and the next command."),
     "watch": ("watch", "Serve a live page of the campaign, for a tablet or a wall screen."),
     "check": ("check", "Test with a few shots whether the robot is still calibrated."),
-    "history": (
-        "history",
-        "Show parameters and errors over campaigns, and when the next check is due.",
-    ),
+    "history": ("history", "Show parameters and errors over campaigns."),
     "report": ("report", "Write the report: the whole campaign on one page."),
     "study": (
         "study",

@@ -130,14 +130,10 @@ def _to_answer(evidence: "Evidence", found: "RecordedIdentification") -> Answer:
     check = evidence.unanswered
     if check is None:
         return ""
-    from campaigns.identification.checking import StoredCalibration
-
-    stored = StoredCalibration(evidence.campaign.robot.kinematics, found)
-    if check.of != stored.kinematics.parameters.digest():
+    space = evidence.campaign.robot.mechanism.parameters
+    if check.of != Parameters.of(space, found.flat()).digest():
         return "again"
-    if check.decision == "not decided":
-        return "firm"
-    return "repair" if stored.can_repair(check) else "anew"
+    return "firm" if check.decision == "not decided" else "anew"
 
 
 def _shot_seconds(series: "Series") -> float | None:

@@ -239,14 +239,13 @@ class Evidence:
 
     @property
     def unanswered(self) -> RecordedCheck | None:
-        """Latest check, where it is not good and neither a repair nor new shots followed it."""
+        """Latest check, where it is not good and no new shots followed it."""
         check, found = self.checked, self.identification
         if check is None or found is None or check.decision == "pass":
             return None
-        repaired = found.pedigree is not None and check.series in found.pedigree.series
         series = self.journal.series if self.journal else ()
         new = any(each.number > check.series and each.to_identify for each in series)
-        return None if repaired or new else check
+        return None if new else check
 
     @property
     def simulated(self) -> str:

@@ -11,7 +11,7 @@ from campaigns.controllers.export import PLAIN, PLAIN_FILE
 from campaigns.evaluation.decision import Decision
 
 Held = Literal["", "identified", "form"]
-Answer = Literal["", "repair", "firm", "again", "anew"]
+Answer = Literal["", "firm", "again", "anew"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
 
 
@@ -78,8 +78,8 @@ class CampaignState:
     ways: tuple[WayOn, ...] = ()
     """All ways on from one that is not decided."""
     check: Answer = ""
-    """What answers a check of it that is not good: its repair, a firm stand, a check of what was
-    identified meanwhile, or a new campaign."""
+    """What answers a check of it that is not good: a firm stand, a check of what was identified
+    meanwhile, or a new campaign."""
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
@@ -136,7 +136,6 @@ def _to_measure(state: CampaignState) -> NextStep:
 def _to_answer_a_check(state: CampaignState) -> NextStep | None:
     check = ("check", state.folder)
     steps = {
-        "repair": NextStep((*check, "--repair")),
         "firm": NextStep(check, "make the tracker's stand firm"),
         "again": NextStep(check),
         "anew": _measured_anew(state),

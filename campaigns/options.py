@@ -231,18 +231,11 @@ class ValidationOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions:
-    """Options of a check: how many shots, and whether what it named is found anew."""
+    """Options of a check."""
 
     shots: Annotated[
-        int | None,
-        Option("Shots to take.", metavar="N", least=6, most=10, default="8; 6 more with --repair"),
+        int | None, Option("Shots to take.", metavar="N", least=6, most=20, default="10")
     ] = None
-    repair: Annotated[
-        bool,
-        Option(
-            "Identify the part named by the latest check again; everything else stays as it was."
-        ),
-    ] = False
     retry: Retry = None
 
 

@@ -11,6 +11,8 @@ from typing import Any
 _POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
+    "check --repair": "measure a campaign again with `pkmcal run DIR --anew`",
+    "history --plot": "draw the table that `history --csv FILE` writes",
     "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
     "driver: geocom": _POINTLINE,

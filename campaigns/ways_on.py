@@ -28,7 +28,6 @@ AGAIN = {
     diagnostics.UNKNOWN_POSITIONS,
     identification.MANY_LEFT_OUT,
     identification.LOST,
-    identification.REPAIR,
 }
 """Names of doubts that only another measurement settles."""
 TAKEN = {

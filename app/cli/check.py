@@ -1,23 +1,21 @@
-"""pkmcal check: whether the robot is still calibrated, by a few shots, and its repair."""
+"""pkmcal check: whether the robot is still calibrated, by a few shots."""
 
 from dataclasses import asdict
+from functools import partial
 
 import typer
 
-from app.console import DECISIONS, OPEN, Terminal, terminal_of
+from app.console import DECISIONS, Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import measure
 from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
-from app.report.identification_text import show
 from app.run_text import DeviceIdentities, briefing
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange
 from campaigns.files.table import Column, words
-from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.journal import Journal
 from campaigns.options import CheckOptions
-from campaigns.workflow.checking import check_work, record_check, record_repair
+from campaigns.workflow.checking import check_work, record_check
 from campaigns.workflow.running import run_preview
 from campaigns.workflow.validation import seconds_of
 
@@ -42,15 +40,10 @@ def command(
 ) -> None:
     """Test with a few shots whether the robot is still calibrated.
 
-    The shots are chosen, given the last identification, so that changes of encoders, arms and the
-    tracker's stand are least often mistaken for one another. The tracker may stand anywhere, but
-    must not move during the check. If the shots disagree with the stored parameters, the part that
-    changed is named, with its size and U (k = 2): an encoder, an arm, a forearm, a mount, warmth,
-    or the tracker's stand. Known nests are measured afterwards, and show whether the base has
-    moved.
-
-    --repair takes six more shots and identifies the named part again; everything else stays as the
-    last identification found it. The new parameters are exported, loaded and rolled back as usual.
+    Measures identification shots of plan.csv again, spread evenly over it. The tracker may stand
+    anywhere, but must not move during the check. If the shots disagree with the stored parameters,
+    the part that changed is named, with its size and U (k = 2): an encoder, an arm, a forearm, a
+    mount, warmth, or the tracker's stand.
 
     Exit code 1: not good, or not decided.
     """
@@ -67,14 +60,10 @@ def command(
         preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
         return f"{work.stage.capitalize()}: {briefing(campaign, work, preview, devices)}"
 
-    def finish(journal: Journal, series: int) -> CalibrationCheck | RecordedIdentification:
-        record = record_repair if options.repair else record_check
-        return record(campaign, journal, series)
-
     found = measure(
         campaign,
         lambda _: work,
-        finish,
+        partial(record_check, campaign),
         terminal,
         title=work.stage,
         stage=work.stage,
@@ -84,14 +73,8 @@ def command(
         anew=anew,
         plain=plain,
     )
-    if isinstance(found, CalibrationCheck):
-        _show_check(terminal, campaign, found)
-        good = found.decision == "pass"
-    else:
-        show(terminal, found, campaign.robot.mechanism.parameters)
-        terminal.document(found.document() | tell_next(terminal, campaign))
-        good = found.verdict == "pass"
-    if not good:
+    _show_check(terminal, campaign, found)
+    if found.decision != "pass":
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -102,6 +85,5 @@ def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck)
         f"{found.shots} shots: coordinates misfit by {found.misfit_mm:.4f} mm rms, expected "
         f"{found.expected_mm:.4f} (χ² {found.chi2:.0f} with {found.dof} degrees of freedom)"
     )
-    told = found.decision == "pass" and found.base is not None and found.base.decision != "pass"
-    terminal.say(found.says, OPEN if told else DECISIONS[found.decision])
+    terminal.say(found.says, DECISIONS[found.decision])
     terminal.document(asdict(found) | tell_next(terminal, campaign))

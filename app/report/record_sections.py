@@ -3,13 +3,12 @@
 from collections.abc import Iterator
 
 from app.report.rendering import moment
-from campaigns.evaluation.base_motion import FEWEST
 from campaigns.evaluation.campaign_verdict import Check
 from campaigns.evaluation.diagnostics import NESTS, Doubt
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
-from campaigns.identification.nests import Nest
+from campaigns.identification.nests import FEWEST, Nest
 from campaigns.identification.result import Excluded, IdentificationResult
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series

@@ -147,7 +147,6 @@ def _provenance(
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
         **({"ripples": document["ripples"]} if found.ripples else {}),
         **_warmth(nominal.robot.mechanism.parameters, found),
-        **({"pedigree": document["pedigree"]} if found.pedigree else {}),
     }
 
 

@@ -95,14 +95,6 @@ def is_beyond_chance(chi2: Array | float, dof: Index | int) -> Mask:
     return np.asarray((chi2 > dof) & (2.0 * scipy.special.chdtrc(dof, chi2) < SIGNIFICANCE))
 
 
-def chance_of_change(change: Array, covariance_matrix: Array) -> float:
-    """Chance of values (F,) that stayed to differ by as much, by the covariance of differences."""
-    scale = np.sqrt(np.diag(covariance_matrix))
-    root = np.linalg.cholesky(covariance_matrix / np.outer(scale, scale))
-    chi2 = float(np.sum(np.linalg.solve(root, change / scale) ** 2))
-    return float(scipy.special.chdtrc(len(change), chi2))
-
-
 def variance_scale(
     scatter: float | None, tested: ChiSquareTest, *, known_variance: bool
 ) -> float | None:
@@ -201,39 +193,6 @@ def column_effect(fit: FittedShots, columns: Array) -> tuple[Array, Array, float
     matrix = np.asarray(np.linalg.pinv(beside.T @ beside, rcond=1e-10, hermitian=True))
     told = beside.T @ fit.left
     return matrix @ told, matrix, float(told @ matrix @ told)
-
-
-@dataclass(frozen=True, slots=True)
-class WeightedLine:
-    """Slope of a line through values of known σ, and how well a line describes them."""
-
-    rate: float
-    rate_std: float
-    misfit_p: float
-    """Chance of values on a line to lie as far from it."""
-
-    @property
-    def p(self) -> float:
-        """Chance of values without a slope to show as steep a one."""
-        return float(2.0 * scipy.special.ndtr(-abs(self.rate) / self.rate_std))
-
-
-def weighted_line(at: Array, values: Array, std: Array, groups: Sequence[object]) -> WeightedLine:
-    """Line by weighted least squares through values (N,) at three different times or more.
-
-    Groups are independent; values of one group may share any part of their errors, so that σ is
-    the largest that any correlation within them allows.
-    """
-    weight = std**-2.0
-    centred = at - np.average(at, weights=weight)
-    by_value = weight * centred / np.sum(weight * centred**2)
-    rate = float(by_value @ values)
-    shares: dict[object, float] = {}
-    for group, share in zip(groups, (np.abs(by_value) * std).tolist(), strict=True):
-        shares[group] = shares.get(group, 0.0) + share
-    left = values - np.average(values, weights=weight) - rate * centred
-    misfit = scipy.special.chdtrc(len(at) - 2, float(np.sum(weight * left**2)))
-    return WeightedLine(rate, float(np.linalg.norm([*shares.values()])), float(misfit))
 
 
 def point_jacobian(
@@ -412,12 +371,6 @@ class Uncertainty:
         """Covariance matrix, (F, F), in mm and deg."""
         return np.array(self.matrix).reshape(len(self.names), len(self.names))
 
-    @property
-    def total_array(self) -> Array:
-        """Covariance (F, F) as positions turned out to have it, with what shots have in common."""
-        shared = (np.outer(each, each) for each in map(np.array, self.common.values()))
-        return np.asarray(sum(shared, self.as_turned_out(self.array)))
-
     def as_turned_out(self, covariance_matrix: Array) -> Array:
         """A covariance as hold-out pairs show that positions have it."""
         return np.asarray(self.hold_out_ratio**2 * covariance_matrix)
@@ -437,22 +390,6 @@ class Uncertainty:
             name: tuple(changes[place] for place in places) for name, changes in self.common.items()
         }
         return replace(self, names=kept, matrix=rows, units=units, common=common)
-
-    def with_exact(self, units: Mapping[str, str]) -> "Uncertainty":
-        """The same with further parameters, by name, mm or deg, that are known exactly."""
-        new = tuple(name for name in units if name not in self.names)
-        none = (0.0,) * len(new)
-        rows = (
-            *((*row, *none) for row in self.matrix),
-            *[(0.0,) * len(self.names) + none] * len(new),
-        )
-        return replace(
-            self,
-            names=self.names + new,
-            matrix=rows,
-            units=self.units and (*self.units, *(units[name] for name in new)),
-            common={name: (*changes, *none) for name, changes in self.common.items()},
-        )
 
     def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
         """The same once some have been added to others: by a name, others' derivatives by it."""

@@ -65,32 +65,23 @@ class Priors:
     """Which unknowns, (K,)."""
     mean: Array
     std: Array
-    root: Array | None = None
-    """Whitens differences from the means, (K, K), where they are correlated; else by `std`."""
 
     @classmethod
     def none(cls) -> "Priors":
         """Nothing is known beforehand."""
         return cls(np.empty(0, dtype=np.intp), np.empty(0), np.empty(0))
 
-    @classmethod
-    def of_covariance(cls, mean: Array, covariance: Array) -> "Priors":
-        """Correlated knowledge about the first K unknowns, with a covariance (K, K)."""
-        root, std = np.linalg.inv(np.linalg.cholesky(covariance)), np.sqrt(np.diag(covariance))
-        return cls(np.arange(len(mean)), mean, std, root)
-
     def __len__(self) -> int:
         return len(self.places)
 
     def residual(self, x: Array) -> Array:
         """Whitened differences from the means, (K,)."""
-        away = x[self.places] - self.mean
-        return np.asarray(away / self.std if self.root is None else self.root @ away)
+        return np.asarray((x[self.places] - self.mean) / self.std)
 
     def jacobian(self, unknowns: int) -> Array:
         """∂(whitened prior residual)/∂x, (K, P)."""
         jacobian = np.zeros((len(self), unknowns))
-        jacobian[:, self.places] = np.diag(1.0 / self.std) if self.root is None else self.root
+        jacobian[:, self.places] = np.diag(1.0 / self.std)
         return jacobian
 
 

@@ -14,7 +14,6 @@ from pydantic import JsonValue
 from campaigns.estimation.change_detection import Cause, CauseKind
 from campaigns.estimation.f_test import FittedShots
 from campaigns.estimation.information import SIGNIFICANCE, column_effect
-from campaigns.evaluation.base_motion import BaseMotion
 from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.journal.records import read_body
 from campaigns.mechanisms.parameters import ParameterSpace
@@ -104,8 +103,6 @@ class CalibrationCheck:
     misfit_mm: float
     expected_mm: float
     """By the stored covariance, the tracker and the robot's scatter."""
-    base: BaseMotion | None = None
-    """Since the campaign, where both measured nests; it decides nothing of the calibration."""
 
     @property
     def of_robot(self) -> tuple[PartChange, ...]:

@@ -17,7 +17,7 @@ from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.mechanisms.parameters import ParameterSpace
 
-NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE, REPAIR = (
+NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE = (
     "nothing-unseen",
     "too-few-shots",
     "untold-parameters",
@@ -25,7 +25,6 @@ NOTHING_UNSEEN, TOO_FEW, UNTOLD, PRIOR, MANY_LEFT_OUT, LOST, WORSE, REPAIR = (
     "many-outliers",
     "unseen-not-taken",
     "unseen-worse",
-    "repair",
 )
 """Names of what stands against a result beside diagnostics."""
 Combination = tuple[str, ...]

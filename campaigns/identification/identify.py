@@ -111,9 +111,8 @@ def _with_nests(
         return found
     points, of_all = fit.observations.points, fit.found.covariance
     of_frame = None if of_all is None else of_all[-FRAME_COLUMNS:, -FRAME_COLUMNS:]
-    nests, placed = nest_places(every, points, fit.found.x, of_frame, options.instrument)
-    rows = None if placed is None else tuple(map(tuple, placed[2].tolist()))
-    return replace(found, nests=nests, nest_covariance_mm2=rows)
+    nests = nest_places(every, points, fit.found.x, of_frame, options.instrument)
+    return replace(found, nests=nests)
 
 
 def _check(inputs: Inputs) -> None:

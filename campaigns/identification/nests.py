@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation import information
@@ -14,11 +13,12 @@ from campaigns.estimation.point_sets import away_from_best_line, longest_mm
 from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
 from campaigns.estimation.rigid_transforms import frame_jacobian, small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
-from campaigns.evaluation.base_motion import FEWEST, NestPlaces
 from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
+FEWEST = 3
+"""Number of nests that tell a turn and a shift."""
 OFF_LINE_MM = 100.0
 """Way of the farthest nest from the best line through all, below which they tell no turn."""
 
@@ -111,26 +111,21 @@ def nest_places(
     x: Array,
     of_frame: Array | None,
     instrument: TrackerUncertainty,
-) -> tuple[dict[str, Nest], NestPlaces | None]:
+) -> dict[str, Nest]:
     """Nests by name, by the frame that was estimated, the last six of `x`.
 
-    Together with their covariance, by that of the frame, (6, 6); None without it.
+    Their σ by that of the frame, (6, 6); None without it.
     """
-    names = tuple(sorted({*shots.nests} - {""}))
     base_from_tracker = fitted.tracker_from_base(x).inverted()
-    turn = base_from_tracker.rotation
+    turn, found = base_from_tracker.rotation, dict[str, Nest]()
     by_angle = fitted.guess.rotation @ small_rotation(x[-FRAME_COLUMNS:-3])[1]
-    places_mm, by_frame, own = np.empty((len(names), 3)), list[Array](), list[Array]()
-    for row, name in enumerate(names):
-        some = shots.rows(np.flatnonzero([each == name for each in shots.nests]))
-        places_mm[row] = base_from_tracker.apply(some.points_in_tracker_mm).mean(axis=0)
-        by_frame.append(turn @ np.hstack([(by_angle @ places_mm[row]).T, np.eye(3)]))
-        own.append(turn @ some.covariance_mm2(instrument).sum(axis=0) @ turn.T / len(some) ** 2)
-    known, std_mm = None, [None] * len(names)
-    if of_frame is not None and names:
-        jacobian = np.vstack(by_frame)
-        covariance = jacobian @ of_frame @ jacobian.T + scipy.linalg.block_diag(*own)
-        known = names, places_mm, np.asarray(covariance)
-        std_mm = np.sqrt(np.diag(covariance).reshape(-1, 3).sum(axis=1)).tolist()
-    each = zip(names, places_mm.tolist(), std_mm, strict=True)
-    return {name: Nest(x, y, z, std) for name, (x, y, z), std in each}, known
+    for name in sorted({*shots.nests} - {""}):
+        some, std_mm = shots.rows(np.flatnonzero([each == name for each in shots.nests])), None
+        place_mm = base_from_tracker.apply(some.points_in_tracker_mm).mean(axis=0)
+        if of_frame is not None:
+            by_frame = turn @ np.hstack([(by_angle @ place_mm).T, np.eye(3)])
+            own = turn @ some.covariance_mm2(instrument).sum(axis=0) @ turn.T / len(some) ** 2
+            std_mm = float(np.sqrt(np.trace(by_frame @ of_frame @ by_frame.T + own)))
+        x_mm, y_mm, z_mm = place_mm.tolist()
+        found[name] = Nest(x_mm, y_mm, z_mm, std_mm)
+    return found

@@ -17,7 +17,6 @@ from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty, WorkspaceSample
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.estimation.variance_components import VarianceComponents
-from campaigns.evaluation.base_motion import NestPlaces
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.diagnostics import Doubt, limits_met
 from campaigns.evaluation.identification import Combination
@@ -307,8 +306,6 @@ class IdentificationResult:
     """None where none was measured."""
     nests: dict[str, Nest] = field(default_factory=dict)
     """By name; empty where none was measured or no frame estimated."""
-    nest_covariance_mm2: tuple[tuple[float, ...], ...] | None = None
-    """Of their places, x, y and z of one after the other, the frame's part in it."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
     hold_out: HoldOut | None = None
@@ -360,14 +357,6 @@ class IdentificationResult:
         """Doubts with which somebody took it all the same, in words."""
         return tuple(doubt.says for doubt in self.doubts if doubt.accepted)
 
-    def nest_places(self) -> NestPlaces | None:
-        """Places with their covariance as positions turned out to have it; None: not known."""
-        if self.nest_covariance_mm2 is None or self.covariance is None:
-            return None
-        places = np.array([[each.x_mm, each.y_mm, each.z_mm] for each in self.nests.values()])
-        known_mm2 = self.covariance.as_turned_out(np.array(self.nest_covariance_mm2))
-        return tuple(self.nests), places, known_mm2
-
     def nominal_flat(self) -> dict[str, float]:
         """Parameters that it began with, mm and deg."""
         return {name: found.nominal for name, found in self.parameters.items()}
@@ -399,24 +388,6 @@ class IdentificationResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pedigree:
-    """Pedigree of a repaired set: which set it was, what of it changed, and by which shots."""
-
-    repairs: str
-    """Digest of the set that it was made of."""
-    changed: tuple[str, ...]
-    """What was looked for anew, in words."""
-    series: tuple[int, ...]
-    """Of the check and of the shots that tell its size."""
-    shots: int
-    chi2: float
-    dof: int
-    p: float | None
-    position_std_before_mm: float | None
-    """Mean of the standard uncertainty of positions that the old set had."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedIdentification(IdentificationResult):
     """Identification with what it rests on, as the journal holds it."""
 
@@ -435,8 +406,6 @@ class RecordedIdentification(IdentificationResult):
     settings: dict[str, JsonValue] | None = None
     """Those of campaign.yaml that its verdict rests on, by key, unless they are as by default; None
     in results of older software."""
-    pedigree: Pedigree | None = None
-    """Of a repaired set, whose residuals and hold-out pairs stay those of its campaign."""
 
     @classmethod
     def of(cls, found: IdentificationResult, **provenance: Any) -> "RecordedIdentification":

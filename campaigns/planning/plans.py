@@ -292,6 +292,27 @@ def commanded_to(shots: Sequence[PlannedShot], kinematics: Kinematics) -> tuple[
     )
 
 
+def spread_shots(
+    shots: Sequence[PlannedShot], kinematics: Kinematics, count: int
+) -> tuple[PlannedShot, ...]:
+    """Choose identification shots spread evenly over a plan's tour, as shots of a check.
+
+    The same ones each time. Raises `PlanInvalid` for a plan of fewer, and `NoSolution`.
+    """
+    fitted = [shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION]
+    if len(fitted) < count:
+        raise PlanInvalid(
+            f"plan.csv has {len(fitted)} identification shots, {count} are needed",
+            remedy="ask for fewer with --shots, or plan again with `pkmcal plan`",
+        )
+    rows = np.linspace(0, len(fitted) - 1, count).round().astype(np.intp)
+    chosen = commanded_to([fitted[row] for row in rows], kinematics)
+    return tuple(
+        PlannedShot(number, ShotSet.CHECK, None, shot.pose, shot.joints)
+        for number, shot in enumerate(chosen)
+    )
+
+
 def joints_of(shots: Sequence[PlannedShot]) -> Array:
     """Joints (N, n) of planned shots."""
     return np.array([shot.joints for shot in shots])

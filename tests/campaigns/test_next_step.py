@@ -19,7 +19,7 @@ from campaigns.evaluation.calibration_check import PartChange, RecordedCheck
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evidence import Evaluation, Evidence, evaluate, gather
-from campaigns.identification.result import IdentifiedParameter, Pedigree, RecordedIdentification
+from campaigns.identification.result import IdentifiedParameter, RecordedIdentification
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.next_step import Answer, CampaignState, NextStep, next_step
 from campaigns.planning.plan_file import write_plan
@@ -59,7 +59,7 @@ OPTIONS = (
 )
 """All that a next step may ask an identification for: each changes it once."""
 DEVICES = {"devices", "run", "validate", "load", "check"}
-ANSWERS: tuple[Answer, ...] = ("", "repair", "firm", "anew")
+ANSWERS: tuple[Answer, ...] = ("", "firm", "anew")
 OFFLINE = ("plan", "program", "before", "import", "identify", "export", "program", "after")
 ANEW = "mend what the diagnostics name, then: run DIR --anew"
 
@@ -123,7 +123,7 @@ def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
     if words[0] == "identify":
         yield from identifications(place, step)
     elif words[0] == "check":
-        yield from checks(place, repairs="--repair" in words)
+        yield from (replace(place, state=replace(place.state, check=each)) for each in ANSWERS)
     elif "after" in words:  # validated, or imported as such
         for after in ("worse", "fail", "not decided", "no limits", "pass"):
             weak = state.holds == "form" and after in {"fail", "not decided"}
@@ -135,18 +135,6 @@ def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
         yield replace(
             place, state=done, shots=shots, asked=() if words[0] == "run" else place.asked
         )
-
-
-def checks(place: Place, *, repairs: bool) -> Iterator[Place]:
-    """All that a check may say, or a repair: of another set, which may contradict its shots."""
-    if not repairs:
-        yield from (replace(place, state=replace(place.state, check=each)) for each in ANSWERS)
-        return
-    anew = replace(place.state, check="", file="other", holds="", after="", weak=False)
-    yield replace(place, state=anew)
-    way_on = unusable(place, identified(place, "fail", identification.REPAIR)).way_on()
-    failed = replace(anew, verdict="fail", way_on=way_on, check="repair")  # of the old set still
-    yield replace(place, state=failed)
 
 
 def changed(words: tuple[str, ...]) -> dict[str, object]:
@@ -264,7 +252,6 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({"left": "run"}, "run DIR"),
         ({}, "identify DIR"),
         ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
-        ({"verdict": "pass", "check": "repair", "after": "pass"}, "check DIR --repair"),
         ({"verdict": "pass", "check": "firm"}, "make the tracker's stand firm, then: check DIR"),
         ({"verdict": "pass", "check": "again"}, "check DIR"),
         (
@@ -475,31 +462,17 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
         assert words.replace(f"{whole.folder}/", "") == said, forms
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "answer"),
-    [
-        ("joint", "arm2.joint_offset_deg", "repair"),
-        ("mount", "arm0.x_mm", "repair"),  # though it places the frame
-        ("frame", "", "firm"),
-    ],
-)
-def test_a_bad_check_is_doubtful_until_a_repair_or_new_shots_answer_it(
-    whole: PaperCampaign, kind: CauseKind, name: str, answer: Answer
+@pytest.mark.parametrize(("kind", "answer"), [("joint", "anew"), ("frame", "firm")])
+def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
+    whole: PaperCampaign, kind: CauseKind, answer: Answer
 ) -> None:
     evidence = gather(open_campaign(whole.folder))
     assert evidence.identification is not None
     assert evidence.journal is not None
-    check = bad_check(evidence, kind, name)
+    check = bad_check(evidence, kind, "arm2.joint_offset_deg" if kind == "joint" else "")
     assert told(evidence, check) == answer
-    assert told(evidence, replace(check, changed=())) == ("firm" if answer == "firm" else "anew")
     assert told(evidence, replace(check, decision="pass")) == ""
     assert told(evidence, replace(check, of="of other parameters")) == "again"
-    repair = Pedigree(
-        repairs=check.of, changed=("",), series=(check.series, 99), shots=14,
-        chi2=1.0, dof=1, p=0.5, position_std_before_mm=None,
-    )  # fmt: skip
-    repaired = replace(evidence.identification, pedigree=repair)
-    assert told(replace(evidence, identification=repaired), check) == ""
     (run,) = (each for each in evidence.journal.series if each.to_identify)
     later = replace(evidence.journal, series=(*evidence.journal.series, replace(run, number=99)))
     assert replace(evidence, journal=later, checked=check).unanswered is None

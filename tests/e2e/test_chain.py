@@ -27,9 +27,8 @@ IDENTIFICATION_KEYS = {
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
-    *("pedigree", "settings"),
+    "settings",
     *("series", "model", "asked", "obstacles", "known_lengths", "region", "nests"),
-    "nest_covariance_mm2",
 }
 DRY_RUN_KEYS = {
     *NEXT,

@@ -117,7 +117,7 @@ def test_priors_frame_and_provenance_are_told() -> None:
     told = recorded().document()
     assert told.items() >= PROVENANCE.items()
     assert told["schema"] == "pkmcal/identification/1"
-    own = {"asked", "model", "pedigree", "settings"}
+    own = {"asked", "model", "settings"}
     assert told.keys() - PROVENANCE.keys() == document().keys() | own
 
 

@@ -1,21 +1,15 @@
 """Nests tell the tracker's drift from the robot's, and get places of their own."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from identified_cases import NOISE_MM, NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
 from par4_space import SPACE
 
-from campaigns.estimation.rigid_transforms import Transform, frame_jacobian
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.evaluation.base_motion import base_motion
-from campaigns.identification.checking import StoredCalibration, check_calibration, repaired
+from campaigns.estimation.rigid_transforms import frame_jacobian
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.identification.result import RecordedIdentification
-from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import COLUMNS, Shots
 
@@ -113,107 +107,3 @@ def test_a_robot_that_drifts_before_still_nests_is_named():
     found = found_of(campaign(5, robot_mm=GAVE_WAY_MM))
     assert told(found) == [("nests", "robot")]
     assert "the robot, not the tracker" in found.doubts[0].says
-
-
-ELSEWHERE = Transform(TRACKER_FROM_BASE.rotation.T, np.array([2500.0, -700.0, 300.0]))
-"""Where the tracker stands in checks: not where it stood in the campaign."""
-
-
-@cache
-def stored(seed):
-    digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest", "at_utc"), "")
-    found = RecordedIdentification.of(
-        found_of(campaign(seed)), series=1, journal_records=0, **digests
-    )
-    return StoredCalibration(NOMINAL, found)
-
-
-def base_of_check(seed, **changes):
-    return check_calibration(stored(seed), shots_of_check(seed, **changes), TrackerUncertainty())
-
-
-def shots_of_check(seed, *, by_mm=0.0, loose_mm=0.0, offset_deg=0.0):
-    """A check of another day, after a campaign: the base moved `by_mm` in some direction."""
-    rng = np.random.default_rng(seed)
-    way = rng.standard_normal(3)
-    robot = simulated(8, 0, seed=seed + 500, truth=TRUTH)
-    values = TRUTH.parameters | {
-        "arm2.joint_offset_deg": TRUTH.parameters["arm2.joint_offset_deg"] + offset_deg
-    }
-    moved = Kinematics.of(TRUTH.mechanism, values).forward(robot.joints).values_or_raise()[:, :3]
-    nests = np.array([*PLACES.values()])
-    nests[0, 0] += loose_mm
-    points = np.vstack([moved + by_mm * way / np.linalg.norm(way), nests])
-    count = len(robot)
-    rows = robot.rows(np.r_[np.arange(count), np.zeros(3, dtype=int)])
-    shots = replace(
-        rows,
-        numbers=tuple(range(count + 3)),
-        purposes=(ShotSet.CHECK,) * count + (ShotSet.NEST,) * 3,
-        pairs=(None,) * (count + 3),
-        nests=("",) * count + tuple(PLACES),
-        records=(),
-        points_in_tracker_mm=ELSEWHERE.apply(points),
-    )
-    return noisy(shots, seed + 1000)
-
-
-def test_a_base_that_moved_since_the_campaign_is_told_from_a_robot_that_changed():
-    stayed, moved, changed = (
-        base_of_check(1, **changes) for changes in ({}, {"by_mm": 0.3}, {"offset_deg": 0.05})
-    )
-    for judged, decisions in (
-        (stayed, ("pass", "pass")),
-        (moved, ("pass", "fail")),
-        (changed, ("fail", "pass")),
-    ):
-        assert (judged.decision, judged.base.decision) == decisions
-        assert judged.says.endswith(judged.base.says)
-        by_mm = 0.3 * (judged is moved)
-        assert abs(judged.base.moved_mm - by_mm) < judged.base.moved_u_mm + (by_mm == 0.0) * 0.05
-    assert base_of_check(1, loose_mm=0.3).base.decision == "not decided"
-
-
-def test_what_errors_of_the_parameters_do_to_both_frames_cancels_in_the_bases_motion():
-    corners, own = np.diag([500.0, 400.0, 300.0]), 0.01**2 * np.eye(9)
-    common = 0.03**2 * np.eye(9)
-    of_both = tuple(PLACES), corners, own + common
-    alone = tuple(PLACES), corners, own
-    apart, shared = (base_motion(of_both, of_both, np.zeros(3), by) for by in (None, common))
-    assert shared.moved_u_mm == base_motion(alone, alone, np.zeros(3)).moved_u_mm
-    assert apart.moved_u_mm > 3.0 * shared.moved_u_mm
-    stayed = [base_of_check(seed).base for seed in range(1, 5)]
-    assert max(each.moved_u_mm for each in stayed) < 0.02
-    assert min(each.p for each in stayed) > 0.05
-
-
-def test_a_repair_places_the_nests_of_its_check_anew_and_takes_none_for_a_shot_of_the_robot():
-    shots = replace(shots_of_check(1, offset_deg=0.05), session=np.full(19, 7))
-    judged = check_calibration(stored(1), shots, TrackerUncertainty())
-    found = repaired(stored(1), judged.of_robot, shots, TrackerUncertainty(), None, (7, 8))
-    assert (found.verdict, found.pedigree.shots) == ("pass", 16)
-    assert list(found.nests) == list(PLACES)
-    for name, nest in found.nests.items():
-        away_mm = np.linalg.norm(np.array([nest.x_mm, nest.y_mm, nest.z_mm]) - PLACES[name])
-        assert away_mm < 4.0 * nest.std_mm < 0.2
-    assert found.nest_places() is not None
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_of_a_hundred_bases_nearly_all_are_called_rightly(record_property):
-    seeds = range(1, 101)
-    for name, changes, decision in (
-        ("stayed", {}, "pass"),
-        ("moved", {"by_mm": 0.3}, "fail"),
-        ("stayed, an encoder changed", {"offset_deg": 0.05}, "pass"),
-    ):
-        found = [base_of_check(seed, **changes) for seed in seeds]
-        rightly = sum(each.base.decision == decision for each in found)
-        record_property(name, rightly)
-        assert rightly >= 95
-        if not changes:
-            assert 0.4 < np.mean([each.base.p for each in found]) < 0.6
-        sizes = np.array([(each.base.moved_mm, each.base.moved_u_mm) for each in found])
-        if "by_mm" in changes:
-            assert np.sum(np.abs(sizes[:, 0] - 0.3) < sizes[:, 1]) >= 90
