@@ -6,7 +6,7 @@
 #   make long    tests that take many seconds each: runs killed at every record, faults, odd files
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
-#   make bench   the yardsticks, printed
+#   make bench   how long users wait, and how large the house is
 #   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours
 #
 # PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
@@ -56,13 +56,8 @@ lint: $(VENV)/installed-dev
 	exit $$failed
 
 bench: $(VENV)/installed-dev
-	@missed=""; \
-	for file in benchmarks/[a-z]*.py; do \
-		yardstick=$$(basename "$$file" .py); \
-		echo "== $$yardstick"; \
-		$(BIN)/python -m "benchmarks.$$yardstick" || missed="$$missed $$yardstick"; \
-	done; \
-	[ -z "$$missed" ] || { echo "missed:$$missed"; exit 1; }
+	$(BIN)/python -m benchmarks.timings
+	$(BIN)/python -m benchmarks.size
 
 # One after the other: what has to come in time needs the processors for itself.
 torture: $(VENV)/installed-dev

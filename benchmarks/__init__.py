@@ -1,7 +1,6 @@
-"""Yardsticks: what the work costs and what it gives, beside limits."""
+"""Benchmarks: what the work costs, what it gives, and what users rely on."""
 
 import os
 
+# Before NumPy is imported, here and in every process started: the program keeps to one core too.
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
-# before NumPy is imported, here and in every process started: limits are for one core, and the
-# program itself keeps to one

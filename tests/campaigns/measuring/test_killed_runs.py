@@ -16,10 +16,9 @@ from itertools import count
 
 import numpy as np
 import pytest
+from instant_cell import AIR, CENTRE, COVARIANCE_MM2, DEVICE, NOMINAL, ROBOT, InstantRobot, work_of
 from timed_pipe import HandClock
 
-from benchmarks.engine import AIR, COVARIANCE_MM2, DEVICE, InstantRobot, work_of
-from benchmarks.shared.prototype import CENTRE, EVERYWHERE, NOMINAL, ROBOT
 from campaigns.campaign import now_utc
 from campaigns.journal import database
 from campaigns.journal.journal import Journal, read_journal
@@ -28,13 +27,15 @@ from campaigns.measuring.resume import complete_series
 from campaigns.measuring.run_state import SILENT
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
-from campaigns.planning.plans import PlanRequest, make_plan
+from campaigns.planning.plans import PlanRequest, View, make_plan
 from drivers.values import Measurement, vector
 
 pytestmark = [pytest.mark.torture, pytest.mark.long, pytest.mark.timeout(600)]
 
 PAIRS, DRIFT_SHOTS = 12, 3
 KILLS = 12
+EVERYWHERE = View((2500.0, 0.0, -575.0), (1.0, 0.0, 0.0), np.pi)
+"""The reflector is seen from everywhere."""
 TRACKER_FROM_BASE_MM = np.array([2500.0, 400.0, 300.0])
 LONGEST_RUN_S = 120
 STRANGER = 3
