@@ -1,15 +1,17 @@
-"""Gauss-Newton on a stack of least-squares problems, each near enough to its minimum.
+"""Gauss-Newton on a least-squares problem, near enough to its minimum.
 
-What a row gives depends on no other row. A row that is badly conditioned, or does not come nearer
-with every step, is given up, for a solver that turns back.
+A problem that is badly conditioned, or does not come nearer with every step, is given up, for a
+solver that turns back.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.mechanism import NoSolution
 
 STEPS = 12
 CONTRACTION = 0.5
@@ -29,141 +31,112 @@ LEAST_PIVOT = 1e-5
 """Part of a column that the columns before it must leave: its square is lost to rounding."""
 
 
-class ProblemStack(Protocol):
-    """Stack of least-squares problems of P unknowns and M residuals each."""
+class Residuals(Protocol):
+    """Residuals as functions of the unknowns x, in mm and rad."""
 
-    def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
-        """Residuals (R, M) of these rows at unknowns (R, P), and which of them have an answer."""
+    @property
+    def rows(self) -> int:
+        """Number of residuals, M."""
         ...
 
-    def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
-        """Steps (R, P) from residuals (R, M) where they were last asked for, as `normal_step`."""
+    def start(self) -> Array:
+        """Unknowns to begin with, (P,)."""
         ...
 
-    def change(self, step: Array, rows: Index) -> Array:
-        """Change (R, M) of residuals by the last steps (R, P), which Jacobians tell.
+    def fine_unknowns(self) -> Mask:
+        """Those of small effect whose start makes the model cheaper, (P,): a first step waits."""
+        ...
 
-        `rows` are some of those that the steps were asked of.
-        """
+    def residual(self, x: Array) -> Array:
+        """(M,); raises `NoSolution` where the model has no answer."""
+        ...
+
+    def jacobian(self, x: Array) -> Array:
+        """(M, P)."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StackSolution:
-    """Minima of a stack of problems; rows that were given up say nothing else."""
+class Minimum:
+    """Minimum of a problem; of one that was given up it says nothing else."""
 
     x: Array
-    """(C, P)"""
+    """(P,)"""
     residual: Array
-    """(C, M)"""
-    converged: Mask
+    """(M,)"""
+    jacobian: Array
+    """(M, P), from which the last step was taken."""
+    converged: bool
     evaluations: int
-    """Of residuals, by the row that took most."""
+    """Of residuals."""
 
 
-def gauss_newton(
-    problem: ProblemStack, start: Array, rows: Index | None = None, settled_at: float = SETTLED
-) -> StackSolution:
-    """Minima from unknowns (C, P), of these rows if not of all.
+def gauss_newton(problem: Residuals, start: Array, settled_at: float = SETTLED) -> Minimum:
+    """Minimum from unknowns (P,).
 
     A step behind which the next one is expected to be `settled_at` of the residual is the last.
     """
-    x, asked = start.copy(), np.arange(len(start)) if rows is None else rows
-    first, found = problem.residual(rows_of(x, asked), asked)
-    (count, unknowns), measured = x.shape, first.shape[1]
-    residual = with_rows(np.zeros((count, measured)), asked, first)
-    sizes = lengths_of(residual)
-    converged, last = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    active, evaluations = asked[found & (measured >= unknowns)], 1
-    while evaluations <= STEPS and active.size:
-        step, length, regular = problem.step(rows_of(x, active), rows_of(residual, active), active)
-        before, least = last[active], NO_RESIDUAL * np.sqrt(measured)
-        rate = np.where(np.isinf(before), 1.0, length / before)
-        unit = np.maximum(sizes[active], least)
-        ends = regular & (length <= CONTRACTION * before) & (length <= LINEAR * unit)
-        ends &= length * rate <= settled_at * unit
-        if ends.any():
-            ended = active[ends]
-            x[ended] += step[ends]
-            left = rows_of(residual, ended) + problem.change(step[ends], ended)
-            residual = with_rows(residual, ended, left)
-            converged[ended] = True
-            active, step, length, regular, rate, before = (
-                each[~ends] for each in (active, step, length, regular, rate, before)
-            )
-            if not active.size:
-                break
-        further = rows_of(x, active) + step
-        left, found = problem.residual(further, active)
-        evaluations += 1
-        size = lengths_of(left)
-        unit = np.maximum(size, least)
-        at_end = length <= ROUNDING * unit
-        shrunk = size <= (1.0 + SAME_SIZE) * sizes[active]
-        nearer = shrunk & (length <= CONTRACTION * before)
-        settled = (length * rate <= settled_at * unit) | (at_end & ~nearer)
-        good = found & regular & (nearer | at_end)
-        if not good.any():
+    x, residual, jacobian = start, _residual(problem, start), np.empty((0, len(start)))
+    if residual is None:
+        return Minimum(x, np.empty(0), jacobian, converged=False, evaluations=1)
+    size, last, least = _length(residual), np.inf, NO_RESIDUAL * np.sqrt(len(residual))
+    evaluations, is_settled = 1, False
+    while evaluations <= STEPS and not is_settled and len(residual) >= len(x):
+        jacobian = problem.jacobian(x)
+        step, length, regular = normal_step(jacobian, residual)
+        rate, unit = (1.0 if np.isinf(last) else length / last), max(size, least)
+        nears = length <= CONTRACTION * last
+        if regular and nears and length <= LINEAR * unit and length * rate <= settled_at * unit:
+            residual = residual + jacobian @ step
+            return Minimum(x + step, residual, jacobian, converged=True, evaluations=evaluations)
+        left = _residual(problem, x + step)
+        if left is None:
             break
-        kept, those = active[good], np.flatnonzero(good)
-        x, residual, sizes, last = (
-            with_rows(old, kept, rows_of(new, those))
-            for old, new in ((x, further), (residual, left), (sizes, size), (last, length))
-        )
-        converged[active[good & settled]] = True
-        active = active[good & ~settled]
-    return StackSolution(x, residual, converged, evaluations)
+        evaluations += 1
+        left_size = _length(left)
+        unit = max(left_size, least)
+        at_end = length <= ROUNDING * unit
+        nearer = nears and left_size <= (1.0 + SAME_SIZE) * size
+        if not (regular and (nearer or at_end)):
+            break
+        is_settled = length * rate <= settled_at * unit or (at_end and not nearer)
+        x, residual, size, last = x + step, left, left_size, length
+    return Minimum(x, residual, jacobian, is_settled, evaluations)
 
 
-def lengths_of(vectors: Array) -> Array:
-    """Lengths (R,) of vectors (R, M)."""
-    return np.asarray(np.sqrt(np.einsum("rm,rm->r", vectors, vectors)))
+def _residual(problem: Residuals, x: Array) -> Array | None:
+    """None where the model has no answer."""
+    try:
+        return problem.residual(x)
+    except NoSolution:
+        return None
 
 
-def rows_of(stack: Array, rows: Index) -> Array:
-    """Rows of a stack, without a copy where these are all."""
-    return stack if len(rows) == len(stack) else stack[rows]
+def _length(vector: Array) -> float:
+    return math.sqrt(float(vector @ vector))
 
 
-def with_rows(stack: Array, rows: Index, renewed: Array) -> Array:
-    """Stack with these rows renewed, in place; the new ones themselves where these are all."""
-    if len(rows) == len(stack):
-        return renewed
-    stack[rows] = renewed
-    return stack
-
-
-def product(jacobians: Array, step: Array) -> Array:
-    """Changes (R, M) of residuals by steps (R, P), the same however many rows there are."""
-    columns = np.ascontiguousarray(jacobians.swapaxes(1, 2))
-    return np.asarray((step[:, None] @ columns)[:, 0])
-
-
-def normal_step(jacobian: Array, residual: Array) -> tuple[Array, Array, Mask]:
-    """Steps (R, P), their lengths in the space of the residuals, and which are to be trusted.
+def normal_step(jacobian: Array, residual: Array) -> tuple[Array, float, bool]:
+    """Step (P,), its length in the space of the residuals, and whether it is to be trusted.
 
     By the normal equations of columns of unit length: their rounding may bend a step, but not
     where steps end.
     """
-    turned = jacobian.swapaxes(1, 2)
-    normal = turned @ jacobian
-    scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
+    normal = jacobian.T @ jacobian
+    scale = np.sqrt(np.diag(normal))
     scale = np.where(scale > 0.0, scale, np.inf)
-    normal /= scale[:, :, None] * scale[:, None]
-    gradient = (turned @ residual[:, :, None])[:, :, 0] / scale
-    regular = _are_regular(normal)
-    normal[~regular] = np.eye(scale.shape[1])
-    unit_step = np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-    length = np.sqrt(np.maximum(np.sum(gradient * unit_step, axis=1), 0.0))
-    return -unit_step / scale, length, regular
+    normal /= np.outer(scale, scale)
+    gradient = (jacobian.T @ residual) / scale
+    if not _is_regular(normal):
+        return np.zeros(len(scale)), 0.0, False
+    unit_step = np.linalg.solve(normal, gradient)
+    return -unit_step / scale, math.sqrt(max(float(gradient @ unit_step), 0.0)), True
 
 
-def _are_regular(normal: Array) -> Mask:
-    """Whether no column of each of (R, P, P) is all but told by those before it."""
+def _is_regular(normal: Array) -> bool:
+    """Whether no column of (P, P) is all but told by those before it."""
     try:
-        pivots = np.diagonal(np.linalg.cholesky(normal), axis1=1, axis2=2)
+        pivots = np.diag(np.linalg.cholesky(normal))
     except np.linalg.LinAlgError:
-        if len(normal) == 1:
-            return np.zeros(1, dtype=bool)
-        return np.concatenate([_are_regular(each[None]) for each in normal])
-    return np.asarray((pivots > LEAST_PIVOT).all(axis=1))  # NaN is not
+        return False
+    return bool((pivots > LEAST_PIVOT).all())  # NaN is not

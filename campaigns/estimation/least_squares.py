@@ -4,13 +4,19 @@ A block is what belongs together: the three whitened coordinates of a shot, or o
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.gauss_newton import CONTRACTION, SETTLED, STEPS, gauss_newton, normal_step
+from campaigns.estimation.gauss_newton import (
+    CONTRACTION,
+    SETTLED,
+    STEPS,
+    Residuals,
+    gauss_newton,
+    normal_step,
+)
 from campaigns.mechanisms.mechanism import NoSolution
 
 STEP_TOLERANCE = 1e-7
@@ -30,31 +36,6 @@ NEGLIGIBLE = 1e-6
 """Root mean square of residuals, mm or whitened, of which only rounding is left."""
 STATIONARY_COSINE = 1e-3
 """Of the angle between the residual and a column of the Jacobian; a minimum reached gives 1e-6."""
-
-
-class Residuals(Protocol):
-    """Residuals as functions of the unknowns x, in mm and rad."""
-
-    @property
-    def rows(self) -> int:
-        """Number of residuals, M."""
-        ...
-
-    def start(self) -> Array:
-        """Unknowns to begin with, (P,)."""
-        ...
-
-    def fine_unknowns(self) -> Mask:
-        """Those of small effect whose start makes the model cheaper, (P,): a first step waits."""
-        ...
-
-    def residual(self, x: Array) -> Array:
-        """(M,); raises `NoSolution` where the model has no answer."""
-        ...
-
-    def jacobian(self, x: Array) -> Array:
-        """(M, P)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,14 +195,13 @@ def solve(
     begin, first, stepped = _begun(problem, start)
     spent += stepped
     if evaluations > STEPS:
-        stack = _AsStack(problem, len(first))
-        found = gauss_newton(stack, begin[None], settled_at=settled_at)
-        if found.converged[0]:
+        found = gauss_newton(problem, begin, settled_at)
+        if found.converged:
             used = spent + found.evaluations
             fit = Solution(
-                found.x[0],
-                found.residual[0],
-                stack.jacobians[0],
+                found.x,
+                found.residual,
+                found.jacobian,
                 converged=True,
                 evaluations=used,
                 message=_explain(min(CONVERGED), used),
@@ -250,34 +230,12 @@ def solve(
     )
     used, converged, left = spent + int(ended["nfev"]), status in CONVERGED, ended["fvec"]
     if converged and evaluations > STEPS:  # it ends sooner than Gauss-Newton
-        found = gauss_newton(_AsStack(problem, len(first)), x[None])
+        found = gauss_newton(problem, x)
         used += found.evaluations
-        if found.converged[0]:
-            x, left = found.x[0], found.residual[0]
+        if found.converged:
+            x, left = found.x, found.residual
     message = _explain(int(status), used)
     return _checked(Solution(x, left, problem.jacobian(x), converged, used, message))
-
-
-class _AsStack:
-    """One problem as a stack."""
-
-    def __init__(self, problem: Residuals, rows: int) -> None:
-        self._problem, self._rows = problem, rows
-        self.jacobians = np.empty((1, rows, 0))
-        """That from which a step was last taken, (1, M, P)."""
-
-    def residual(self, x: Array, rows: Index) -> tuple[Array, Mask]:
-        try:
-            return self._problem.residual(x[0])[None], np.ones(len(rows), dtype=bool)
-        except NoSolution:
-            return np.ones((len(rows), self._rows)), np.zeros(len(rows), dtype=bool)
-
-    def step(self, x: Array, residual: Array, rows: Index) -> tuple[Array, Array, Mask]:
-        self.jacobians = self._problem.jacobian(x[0]).reshape(len(rows), self._rows, -1)
-        return normal_step(self.jacobians, residual)
-
-    def change(self, step: Array, rows: Index) -> Array:  # noqa: ARG002 - there is one
-        return np.asarray(self.jacobians[0] @ step[0])[None]
 
 
 def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, int]:
@@ -295,17 +253,17 @@ def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array, int]:
     first = problem.residual(own)
     if not fine.any() or fine.all() or len(first) < len(own):
         return own, first, 0
-    coarse, at, left = problem.jacobian(own)[None][..., ~fine], own, first
+    coarse, at, left = problem.jacobian(own)[:, ~fine], own, first
     for steps in range(COARSE_STEPS):
-        step, _, regular = normal_step(coarse, left[None])
+        step, _, regular = normal_step(coarse, left)
         further = at.copy()
-        further[~fine] += step[0]
+        further[~fine] += step
         part = CONTRACTION if steps else WORTH_A_STEP
         try:
             residual = problem.residual(further)
         except NoSolution:
             return at, left, steps
-        if not regular[0] or not np.linalg.norm(residual) <= part * np.linalg.norm(left):
+        if not regular or not np.linalg.norm(residual) <= part * np.linalg.norm(left):
             return at, left, steps
         at, left = further, residual
     return at, left, COARSE_STEPS

@@ -1,13 +1,11 @@
 """Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b."""
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from campaigns.arrays import Array
 
-Number = TypeVar("Number", float, Array)
 LINE_TOLERANCE = 1e-9
 """Points whose second spread is below this part of the first lie on a line."""
 
@@ -39,12 +37,11 @@ def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) that brings centred points a (N, 3) best to b, and their common spreads (3,).
 
     Closed form by SVD (Kabsch 1976). The last spread is negative where a reflection would fit
-    better. Of stacks of points b (…, N, 3), (…, 3, 3) and (…, 3).
+    better.
     """
-    u, spread, vt = np.linalg.svd(centred_b.swapaxes(-1, -2) @ centred_a)
-    proper = np.ones(spread.shape)
-    proper[..., 2] = np.sign(np.linalg.det(u @ vt))
-    return (u * proper[..., None, :]) @ vt, spread * proper
+    u, spread, vt = np.linalg.svd(centred_b.T @ centred_a)
+    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    return (u * proper) @ vt, spread * proper
 
 
 def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
@@ -52,22 +49,13 @@ def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
 
     Raises `ValueError` for fewer than three points and for points on a line.
     """
-    rotations, translations_mm = fit_frames(points_in_a_mm, points_in_b_mm[None])
-    return Transform(rotations[0], translations_mm[0])
-
-
-def fit_frames(points_in_a_mm: Array, points_mm: Array) -> tuple[Array, Array]:
-    """Rotations (C, 3, 3) and translations (C, 3) of points (N, 3) to each of (C, N, 3), likewise.
-
-    Raises `ValueError` where one cannot be told.
-    """
     if len(points_in_a_mm) < 3:
         raise ValueError(f"{len(points_in_a_mm)} points fix no frame: three are needed")
-    centre, centres = points_in_a_mm.mean(axis=0), points_mm.mean(axis=1)
-    rotations, spread = best_rotation(points_in_a_mm - centre, points_mm - centres[:, None])
-    if (spread[:, 1] <= LINE_TOLERANCE * spread[:, 0]).any():
+    centre_a, centre_b = points_in_a_mm.mean(axis=0), points_in_b_mm.mean(axis=0)
+    rotation, spread = best_rotation(points_in_a_mm - centre_a, points_in_b_mm - centre_b)
+    if spread[1] <= LINE_TOLERANCE * spread[0]:
         raise ValueError("points on one line fix no frame")
-    return rotations, centres - rotations @ centre
+    return Transform(rotation, centre_b - rotation @ centre_a)
 
 
 def frame_jacobian(points_mm: Array) -> Array:
@@ -101,36 +89,17 @@ def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
 
 
 def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
-    """R(z, a0) R(y, a1) R(x, a2), (…, 3, 3), and its derivatives by the three angles.
-
-    Angles are (…, 3), derivatives (…, 3, 3, 3).
-    """
-    is_one = angles_rad.ndim == 1  # whose plain numbers take a third of the time
-    cos, sin = (
-        of(angles_rad).tolist() if is_one else np.moveaxis(of(angles_rad), -1, 0)
-        for of in (np.cos, np.sin)
-    )
-    every = np.array(rotation_entries(*cos, *sin))
-    turns = every if is_one else np.moveaxis(every, (0, 1, 2), (-3, -2, -1))
-    return turns[..., 0, :, :], turns[..., 1:, :, :]
-
-
-def rotation_entries(
-    cz: Number, cy: Number, cx: Number, sz: Number, sy: Number, sx: Number
-) -> tuple[tuple[tuple[Number, ...], ...], ...]:
-    """Rows of `small_rotation` and of its three derivatives, of the angles' cosines and sines.
-
-    Compiled loops are made of the same lines.
-    """
-    none = cz - cz
+    """R(z, a0) R(y, a1) R(x, a2), (3, 3), and its derivatives by the three angles, (3, 3, 3)."""
+    cz, cy, cx = np.cos(angles_rad).tolist()
+    sz, sy, sx = np.sin(angles_rad).tolist()
     first = (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx)
     second = (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx)
     third = (-sy, cy * sx, cy * cx)
-    by_z = ((-second[0], -second[1], -second[2]), first, (none, none, none))
+    by_z = ([-each for each in second], first, (0.0, 0.0, 0.0))
     by_y = (
         (-sy * cz, cy * sx * cz, cy * cx * cz),
         (-sy * sz, cy * sx * sz, cy * cx * sz),
         (-cy, -sy * sx, -sy * cx),
     )
-    by_x = ((none, first[2], -first[1]), (none, second[2], -second[1]), (none, third[2], -third[1]))
-    return (first, second, third), by_z, by_y, by_x
+    by_x = tuple((0.0, row[2], -row[1]) for row in (first, second, third))
+    return np.array((first, second, third)), np.array((by_z, by_y, by_x))

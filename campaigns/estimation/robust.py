@@ -119,11 +119,7 @@ def _consensus_set(problem: LeastSquaresProblem, start: Array) -> Mask:
 def _studentized(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> tuple[Array, float]:
     """Size of each block in its own σ beside a plain fit of the kept ones, and the limit."""
     rows = problem.weighted(np.ones(problem.blocks)).jacobian(fit.x)
-    return _studentized_sizes(problem.sizes(fit.x), rows, kept, problem.block)
-
-
-def _studentized_sizes(sizes: Array, rows: Array, kept: Mask, block: int) -> tuple[Array, float]:
-    """The same of sizes (blocks,), with the Jacobian (M + K, P) of blocks and priors."""
+    sizes, block = problem.sizes(fit.x), problem.block
     measured = block * len(sizes)
     freedom = max(block * int(kept.sum()) + len(rows) - measured - rows.shape[1], 1)
     sigma0 = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))

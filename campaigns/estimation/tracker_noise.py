@@ -159,11 +159,5 @@ def pooled_variance_mm2(variance_mm2: Array) -> float:
 
     Their mean, on which no single statement has much influence.
     """
-    return float(pooled_variances_mm2(variance_mm2))
-
-
-def pooled_variances_mm2(variance_mm2: Array) -> Array:
-    """The same of each row of (…, M), (…)."""
-    rows = np.ascontiguousarray(variance_mm2)  # else a sum's order would depend on other rows
-    most = WINSORISED_AT * np.median(rows, axis=-1, keepdims=True)
-    return np.asarray(np.mean(np.minimum(rows, most), axis=-1))
+    most = WINSORISED_AT * np.median(variance_mm2)
+    return float(np.mean(np.minimum(variance_mm2, most)))

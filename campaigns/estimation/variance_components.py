@@ -8,8 +8,6 @@ where the likelihood asks for it.
 
 import math
 from dataclasses import dataclass
-from types import ModuleType
-from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -38,12 +36,6 @@ CLEAR = 1.0
 """In 2 log L: by so much no further search would choose other components."""
 UNMOVED = 0.01
 """Relative change of a component that tells nothing new, half of what a fit is made again for."""
-GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
-LEAST_STEP = math.sqrt(2.2e-16)
-"""Part of a place, beside a tolerance, that two trials of a search are at least apart."""
-
-Search: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
-"""Search for a maximum: its bounds, the best three places, their values, and the last two steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,14 +86,10 @@ NONE = VarianceComponents()
 
 
 def estimate_components(
-    shots: LinearizedShots,
-    kernel: ModuleType | None = None,
-    scores: Array | None = None,
-    before: VarianceComponents = NONE,
+    shots: LinearizedShots, before: VarianceComponents = NONE
 ) -> VarianceComponents:
     """Components that the likelihood asks for; none with too few shots to tell any.
 
-    `kernel`: compiled loops, where they can be used; scores of the components where known, (2,).
     `before`: those of the same shots about another fit, which stay where they hardly move.
     """
     count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
@@ -109,15 +97,15 @@ def estimate_components(
         return NONE
     likelihood: _RestrictedLikelihood | None = None
     if (before.point_mm > 0.0) != (before.joint > 0.0):
-        likelihood = _RestrictedLikelihood(shots, kernel)
+        likelihood = _RestrictedLikelihood(shots)
         if likelihood.is_top(before):
             return before
-    found = _scores(shots) if scores is None else scores
+    found = _scores(shots)
     least = hopeless_score(count - unknowns)
     hopeful = [place for place, score in enumerate(found) if score >= least]
     if not hopeful:
         return NONE
-    likelihood = likelihood or _RestrictedLikelihood(shots, kernel)
+    likelihood = likelihood or _RestrictedLikelihood(shots)
     none, best = likelihood.at(NOWHERE, NOWHERE), {}
     for place in hopeful:
         best[place] = likelihood.best_single(place)
@@ -148,35 +136,22 @@ def _scores(shots: LinearizedShots) -> Array:
         by_shot = basis.reshape(len(shots), 3, -1)
     basis, residual = by_shot.reshape(3 * len(shots), -1), whitened[:, :, -1].ravel()
     left = (residual - basis @ (basis.T @ residual)).reshape(-1, 3)
-    columns = (each.transpose(1, 2, 0) for each in (inverse, inverse @ shots.by_joints))
-    leverage = (by_shot @ by_shot.swapaxes(1, 2)).transpose(1, 2, 0)
-    return component_scores(left.T, leverage, *columns)
+    leverage = by_shot @ by_shot.swapaxes(1, 2)
+    columns = (inverse, inverse @ shots.by_joints)
+    return np.array([_component_score(left, leverage, each) for each in columns])
 
 
-def component_scores(left: Array, leverage: Array, *columns: Array) -> Array:
-    """Scores of components at none, in about their own standard deviations, (k, …).
+def _component_score(left: Array, leverage: Array, columns: Array) -> float:
+    """Score of a component at none, in about its own standard deviation.
 
     It is the slope of the likelihood there: without one there is nothing to be gained. Of whitened
-    residuals (…, 3, N) after a fit, its leverages (…, 3, 3, N), and each component's whitened
-    columns (…, 3, k, N).
+    residuals (N, 3) after a fit, its leverages (N, 3, 3), and the whitened columns (N, 3, k).
     """
-    found = []
-    for each in columns:
-        own = np.einsum("...ikn,...jkn->...ijn", each, each)
-        taken = np.einsum("...ijn,...ijn->...", leverage, own)
-        found.append(component_score(left, each, own, taken))
-    return np.array(found)
-
-
-def component_score(left: Array, columns: Array, own: Array, taken: Array) -> Array:
-    """Score of one component, (…), of its columns' products (…, 3, 3, N).
-
-    `taken` is what the fit took of these, (…).
-    """
-    told = np.einsum("...ikn,...in->...kn", columns, left)
-    expected = np.einsum("...iin->...", own) - taken
-    spread = np.sqrt(2.0 * np.sum(own**2, axis=(-3, -2, -1)))
-    return np.asarray((np.sum(told**2, axis=(-2, -1)) - expected) / spread)
+    own = columns @ columns.swapaxes(1, 2)
+    told = np.einsum("nik,ni->nk", columns, left)
+    expected = np.einsum("nii->", own) - np.einsum("nij,nij->", leverage, own)
+    spread = np.sqrt(2.0 * np.sum(own**2))
+    return float((np.sum(told**2) - expected) / spread)
 
 
 def _orthonormal(columns: Array) -> Array | None:
@@ -198,24 +173,17 @@ def _orthonormal(columns: Array) -> Array | None:
 class _RestrictedLikelihood:
     """2 log L of the logarithms of both standard deviations, in parts of typical stated ones."""
 
-    def __init__(self, shots: LinearizedShots, kernel: ModuleType | None = None) -> None:
-        self._shots, self._kernel = shots, kernel
-        if kernel is None:
-            self._through = shots.by_joints @ shots.by_joints.swapaxes(1, 2)
-            jacobian = _orthonormal(shots.jacobian)
-            self._is_orthonormal = jacobian is not None
-            """Whether columns are so far from dependence that their squares, which take a fraction
-            of the time of a QR, tell as much; compiled loops look themselves."""
-            if jacobian is None:
-                scale = column_norms(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]))
-                jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
-            self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
-        else:
-            every = shots.jacobian, shots.residual_mm, shots.by_joints, shots.stated_mm2
-            *of_shots, stated = (np.ascontiguousarray(each.T) for each in every)
-            rows, through = kernel.likelihood_rows(*of_shots)
-            self._by_component = rows, stated, through  # covariances: symmetrical
-            self._rows, self._through, self._is_orthonormal = rows.T, through.T, False
+    def __init__(self, shots: LinearizedShots) -> None:
+        self._shots = shots
+        self._through = shots.by_joints @ shots.by_joints.swapaxes(1, 2)
+        jacobian = _orthonormal(shots.jacobian)
+        self._is_orthonormal = jacobian is not None
+        """Whether columns are so far from dependence that their squares, which take a fraction
+        of the time of a QR, tell as much."""
+        if jacobian is None:
+            scale = column_norms(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]))
+            jacobian = shots.jacobian / np.where(scale > 0.0, scale, 1.0)
+        self._rows = np.concatenate([jacobian, shots.residual_mm[:, :, None]], axis=2)
         typical_mm = math.sqrt(float(np.trace(shots.stated_mm2, axis1=1, axis2=2).mean()) / 3.0)
         lever = math.sqrt(float(np.trace(self._through, axis1=1, axis2=2).mean()) / 3.0)
         self._units = (typical_mm, typical_mm / lever if lever > 0.0 else 1.0)
@@ -223,10 +191,6 @@ class _RestrictedLikelihood:
     def at(self, log_point: float, log_joint: float) -> float:
         """2 log L but for a constant; -∞ where a covariance is none."""
         point, joint = self._std(log_point, log_joint)
-        if self._kernel is not None:
-            of_all = self._kernel.restricted_likelihood(*self._by_component, point**2, joint**2)
-            if math.isfinite(of_all):
-                return float(of_all)
         covariance = self._shots.stated_mm2 + point**2 * np.eye(3) + joint**2 * self._through
         try:
             inverse = inverse_roots(covariance)
@@ -260,22 +224,14 @@ class _RestrictedLikelihood:
         self, place: int, other: float, low: float, high: float, tolerance: float
     ) -> tuple[float, float]:
         """Best value with the logarithm of one component between bounds, and where it is."""
-        if self._kernel is not None:
-            fixed = self._std(other, other)[1 - place] ** 2
-            found: tuple[float, float] = self._kernel.likeliest(
-                *self._by_component, place, fixed, self._units[place], low, high, tolerance
-            )
-            if math.isfinite(found[0]):
-                return found
 
-        def at(log: float) -> float:
-            return self.at(*((log, other) if place == 0 else (other, log)))
+        def less(log: float) -> float:
+            return -self.at(*((log, other) if place == 0 else (other, log)))
 
-        trial = low + GOLDEN * (high - low)
-        search, trial = next_trial(begun(low, high, trial, at(trial)), tolerance)
-        while not math.isnan(trial):
-            search, trial = next_trial(with_trial(search, trial, at(trial)), tolerance)
-        return search[5], search[2]
+        found = scipy.optimize.minimize_scalar(
+            less, bounds=(low, high), method="bounded", options={"xatol": tolerance}
+        )
+        return -float(found.fun), float(found.x)
 
     def best_pair(
         self, singles: list[tuple[float, tuple[float, float]]]
@@ -339,54 +295,3 @@ class _RestrictedLikelihood:
     @staticmethod
     def _logs(place: int, log: float) -> tuple[float, float]:
         return (log, NOWHERE) if place == 0 else (NOWHERE, log)
-
-
-def begun(low: float, high: float, place: float, value: float) -> Search:
-    """Search between two bounds by the value at a first place."""
-    return low, high, place, place, place, value, value, value, 0.0, 0.0
-
-
-def next_trial(search: Search, tolerance: float) -> tuple[Search, float]:
-    """The next place to try; not a number where the best one is known to the tolerance.
-
-    By parabolas where they lead on, else by golden sections (Brent 1973), as SciPy's bounded
-    search. Compiled loops are made of the same lines.
-    """
-    low, high, best, second, third, at_best, at_second, at_third, step, before = search
-    middle, least = 0.5 * (low + high), LEAST_STEP * abs(best) + tolerance / 3.0
-    if abs(best - middle) <= 2.0 * least - 0.5 * (high - low):
-        return search, math.nan
-    is_parabola = False
-    if abs(before) > least:
-        right = (best - second) * (at_third - at_best)
-        left = (best - third) * (at_second - at_best)
-        above, below = (best - third) * left - (best - second) * right, 2.0 * (left - right)
-        above, below = (-above if below > 0.0 else above), abs(below)
-        is_parabola = abs(above) < abs(0.5 * below * before)
-        is_parabola &= below * (low - best) < above < below * (high - best)
-        before = step
-    if is_parabola:
-        step = above / below
-        if min(best + step - low, high - best - step) < 2.0 * least:
-            step = math.copysign(least, middle - best)
-    else:
-        before = (low if best >= middle else high) - best
-        step = GOLDEN * before
-    found = low, high, best, second, third, at_best, at_second, at_third, step, before
-    return found, best + math.copysign(max(abs(step), least), step)
-
-
-def with_trial(search: Search, place: float, value: float) -> Search:
-    """The same search by the value at one more place."""
-    low, high, best, second, third, at_best, at_second, at_third, step, before = search
-    if value >= at_best:
-        low, high = (best, high) if place >= best else (low, best)
-        third, at_third, second, at_second = second, at_second, best, at_best
-        best, at_best = place, value
-    else:
-        low, high = (place, high) if place < best else (low, place)
-        if value >= at_second or second == best:
-            third, at_third, second, at_second = second, at_second, place, value
-        elif value >= at_third or third in (best, second):
-            third, at_third = place, value
-    return low, high, best, second, third, at_best, at_second, at_third, step, before

@@ -96,6 +96,35 @@ def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots):
     assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM)).outliers == ()
 
 
+class LinearProblem:
+    """Residuals r + J x."""
+
+    def __init__(self, jacobian, residual):
+        self._jacobian, self._residual, self.rows = jacobian, residual, len(residual)
+
+    def start(self):
+        return np.zeros(self._jacobian.shape[1])
+
+    def fine_unknowns(self):
+        return np.zeros(self._jacobian.shape[1], dtype=bool)
+
+    def residual(self, x):
+        return self._residual + self._jacobian @ x
+
+    def jacobian(self, x):
+        return self._jacobian
+
+
+def test_a_block_that_came_back_does_not_go_again():
+    """Beside the others it agrees, in a fit with them it does not: close to the limit of both."""
+    rng = np.random.default_rng(1244)
+    jacobian, residual = rng.standard_normal((120, 5)), rng.standard_normal(120)
+    residual[0] += rng.uniform(3, 7)
+    residual[4] += rng.uniform(3, 6)
+    problem = LeastSquaresProblem(LinearProblem(jacobian, residual), 3, Priors.none())
+    assert reject_outliers(problem).kept.all()
+
+
 def test_an_outliers_size_is_what_the_fit_of_the_others_leaves_of_it_in_its_own_deviation(shots):
     """Variance of its measurement and of the others' prediction, by the explicit inverse."""
     problem = distances_problem(shots, wrong=[17], noise_mm=10.0 * NOISE_MM)
