@@ -89,7 +89,7 @@ def test_the_rate_that_ripples_were_found_with_is_a_number_of_the_exported_set(
 ) -> None:
     ripple = {"nominal": 0.0, "value": 0.003, "delta": 0.003, "std": 0.001, "free": True}
     parameters = body(nominal)["parameters"] | {"arm2.ripple_cos_deg": ripple}
-    rate = {"key": "ripples_per_turn", "value": 29.97, "std": 0.02, "p": 1e-9}
+    rate = {"key": "ripples_per_turn", "value": 29.97}
     found = finding(nominal, parameters=parameters, ripples=rate)
     robot = compensated_robot("press 4", nominal, found).robot
     assert robot.parameters["ripples_per_turn"] == robot.kinematics.mechanism.rate == 29.97
