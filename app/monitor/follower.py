@@ -8,7 +8,7 @@ from pathlib import Path
 from app.monitor.live_state import View, Watched, live_state
 from campaigns.campaign import open_campaign
 from campaigns.errors import CampaignError
-from campaigns.estimation.incremental_fit import next_size
+from campaigns.estimation.running_fit import next_size
 from campaigns.files.lock import lock_holder
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (

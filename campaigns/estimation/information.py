@@ -20,7 +20,7 @@ from campaigns.estimation.observability import (
     project_out_nuisance,
     triangle_of,
 )
-from campaigns.estimation.point_sets import directions, distances_mm
+from campaigns.estimation.point_sets import directions
 from campaigns.estimation.residuals import (
     FRAME_COLUMNS,
     DistanceResiduals,
@@ -28,12 +28,7 @@ from campaigns.estimation.residuals import (
     PositionModel,
 )
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.tracker_noise import (
-    distance_variance_mm2,
-    inverse_roots,
-    pooled_variance_mm2,
-)
-from campaigns.estimation.variance_components import LinearizedShots
+from campaigns.estimation.tracker_noise import inverse_roots
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 
 SIGNIFICANCE = 1e-3
@@ -317,8 +312,8 @@ class Correlation:
     value: float
 
 
-Source = Literal["predicted", "running", "fitted"]
-"""What shots will tell as they are stated, told so far by linearised ones, or by a fit."""
+Source = Literal["predicted", "fitted"]
+"""By shots as they are stated, or by a fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -629,60 +624,6 @@ def _predicted(jacobian: Array, alone: Array) -> tuple[Array, Observability]:
     except np.linalg.LinAlgError:
         of_all = np.full((jacobian.shape[1],) * 2, np.inf)
     return of_all, observability(alone)
-
-
-def covariance_from_points(shots: LinearizedShots) -> tuple[Array, ChiSquareTest] | None:
-    """Covariance (F, F) of parameters by linearised shots, mm and rad, and the test of their noise.
-
-    The tracker's frame, the last of the unknowns, is one more. None while the parameters are not
-    yet known: for too few shots, a lost rank, or a covariance that cannot be.
-    """
-    try:
-        whitening = inverse_roots(shots.stated_mm2)
-    except np.linalg.LinAlgError:
-        return None
-    jacobian = (whitening @ shots.jacobian).reshape(-1, shots.jacobian.shape[-1])
-    residual = np.einsum("nij,nj->ni", whitening, shots.residual_mm).ravel()
-    return _posterior(jacobian, residual, jacobian.shape[1] - FRAME_COLUMNS, known_variance=True)
-
-
-def covariance_from_distances(
-    shots: LinearizedShots, measured_mm: Array, pairs: Index
-) -> tuple[Array, ChiSquareTest] | None:
-    """The same by distances of pairs (M, 2) of points measured (N, 3), all taken as equally sure.
-
-    None while the parameters are not yet known.
-    """
-    first, second = pairs.T
-    points_mm = measured_mm + shots.residual_mm
-    variance = distance_variance_mm2(points_mm, shots.stated_mm2, first, second)
-    if len(pairs) == 0 or not np.all(variance > 0.0):
-        return None
-    std_mm = np.sqrt(pooled_variance_mm2(variance))
-    towards = directions(points_mm, first, second)
-    apart = (shots.jacobian[second] - shots.jacobian[first])[:, :, :-FRAME_COLUMNS]
-    jacobian = np.einsum("mk,mkf->mf", towards, apart) / std_mm
-    errors_mm = distances_mm(points_mm, first, second) - distances_mm(measured_mm, first, second)
-    return _posterior(jacobian, errors_mm / std_mm, jacobian.shape[1], known_variance=False)
-
-
-def _posterior(
-    jacobian: Array, residual: Array, parameters: int, *, known_variance: bool
-) -> tuple[Array, ChiSquareTest] | None:
-    """From a whitened Jacobian (M, P) and residual (M,), the first of the P being parameters."""
-    dof = len(jacobian) - jacobian.shape[1]
-    if dof < MINIMUM_DOF:
-        return None
-    # as a last column: what of the residual no change of the unknowns explains ends in the corner
-    triangle = np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r"))
-    try:
-        of_all = covariance(triangle[:-1, :-1])
-    except np.linalg.LinAlgError:
-        return None
-    tested = chi_square_test(float(triangle[-1, -1] ** 2), dof)
-    sigma0 = variance_scale(tested.birge_ratio, tested, known_variance=known_variance)
-    assert sigma0 is not None, "there is a scatter"
-    return sigma0**2 * of_all[:parameters, :parameters], replace(tested, sigma0=sigma0)
 
 
 def _places(kinematics: Kinematics, free: tuple[str, ...]) -> Index:

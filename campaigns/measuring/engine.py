@@ -6,7 +6,7 @@ from functools import partial
 from math import dist, inf
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
-from campaigns.estimation.incremental_fit import next_size
+from campaigns.estimation.running_fit import next_size
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
@@ -34,7 +34,7 @@ from campaigns.measuring.shot_taker import (
 )
 from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
 from campaigns.measuring.station import StationMonitor
-from campaigns.measuring.stopping_rule import early_stop, in_ranges, in_words, may_stop
+from campaigns.measuring.stopping_rule import early_stop, in_ranges, in_words
 from campaigns.measuring.wishes import Wish
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
@@ -82,16 +82,12 @@ class Engine:
         self._known: ParameterUncertainty | None = None
         self._at_rest: tuple[int, ...] | None = None
         self._noise: ReferenceNoise | None = None
-        self._noise_due = self._update_due = self._fit_due = 0
-        self._update_at_once()
+        self._noise_due = self._update_due = 0
+        self._update()
 
     def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
         """The groups that shall still be measured; the others are named in the journal."""
         goal = self._session.work.goal
-        count = len(self._gate.accepted)
-        if count >= self._fit_due and may_stop(goal, self._known, left):
-            self._fit_due = next_size(count)
-            self._update_by_a_fit()
         end = early_stop(goal, self._known, left)
         if end is None:
             return tuple(left)
@@ -149,7 +145,7 @@ class Engine:
         while left:
             self._measure_once_more(left[0])
             left = self._heeded(left[1:])
-        self._update_by_a_fit()
+        self._update()
         if groups_left and (references := self._references or self._chosen_at_end()):
             change = self._stability.at_end(references)
             if change:
@@ -348,7 +344,7 @@ class Engine:
             step.planned.purpose is ShotSet.IDENTIFICATION
             and len(self._gate.accepted) >= self._update_due
         ):
-            self._update_at_once()
+            self._update()
         seconds = wall_clock.now_s() - started_s
         self._run_state.accept(seconds, outcome.residual_mm, drift_mm)
         if step.planned.purpose is ShotSet.DRIFT:
@@ -407,7 +403,7 @@ class Engine:
     def _void(self, pair: int | None, shots: tuple[int, ...], reason: str) -> None:
         self._log.write(PairVoided(pair, shots, reason))
         self._gate.reset(shots)
-        self._update_at_once()
+        self._update()
         self._run_state.void(len(shots))
 
     def _refuse_change(self) -> None:
@@ -421,23 +417,16 @@ class Engine:
             self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
             self._gate.reset([shot.shot for shot in self._gate.accepted])
             self._drift.reset()
-            self._update(None)
+            self._update()
         elif len(references) > 1:
             self._references = references
 
-    def _update_at_once(self) -> None:
-        """By the running fit of the shots that count."""
-        monitor, gate = self._uncertainty, self._gate
-        self._update_due = next_size(len(gate.accepted))
-        self._update(monitor.after(gate.accepted, gate.linearized(monitor.setup.free)))
-
-    def _update_by_a_fit(self) -> None:
-        """By a fit to the end, as `identify` will tell it, which takes a little time."""
-        self._update(self._uncertainty.fitted(self._gate.accepted))
-
-    def _update(self, known: ParameterUncertainty | None) -> None:
-        self._known = known
-        self._run_state.update(known)
+    def _update(self) -> None:
+        """Determine how surely the accepted shots tell the parameters."""
+        kept = self._gate.accepted
+        self._update_due = next_size(len(kept))
+        self._known = self._uncertainty.fitted(kept)
+        self._run_state.update(self._known)
 
 
 def _of_one_point(outcomes: Sequence[Outcome]) -> str:

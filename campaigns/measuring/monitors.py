@@ -7,8 +7,7 @@ from math import dist, isfinite
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.estimation.variance_components import LinearizedShots
+from campaigns.estimation.running_fit import RunningFit
 from campaigns.journal.records import Event, Outcome
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, Weather, vector
@@ -44,7 +43,7 @@ class InnovationGate:
     `new_fit` gives a running fit that knows no shot yet.
     """
 
-    def __init__(self, rules: GateConfig, new_fit: Callable[[], IncrementalGaussNewton]) -> None:
+    def __init__(self, rules: GateConfig, new_fit: Callable[[], RunningFit]) -> None:
         self._rules = rules
         self._new_fit = new_fit
         self._running = new_fit()
@@ -91,9 +90,7 @@ class InnovationGate:
     def without(self, shot: int) -> "InnovationGate":
         """Return a gate that knows all accepted shots but one."""
         gate = InnovationGate(self._rules, self._new_fit)
-        for number, outcome in self._accepted.items():
-            if number != shot:
-                gate.accept(outcome)
+        gate.restart(outcome for number, outcome in self._accepted.items() if number != shot)
         return gate
 
     def suspects(self, refused: Outcome) -> tuple[Outcome, ...]:
@@ -144,10 +141,6 @@ class InnovationGate:
     def accepted(self) -> tuple[Outcome, ...]:
         """The shots that count, in the order in which they came."""
         return tuple(self._accepted.values())
-
-    def linearized(self, free: tuple[str, ...]) -> LinearizedShots | None:
-        """The running fit of the first of them, or of all; None while there is none."""
-        return self._running.linearized(free)
 
     def expected_point_mm(self, joints: tuple[float, ...]) -> Vector3 | None:
         """Where to point the tracker for these joints; None while nobody can say well enough.

@@ -42,8 +42,6 @@ class ParameterUncertainty:
     """Of positions all over the workspace, on average, after the best fit of their frame."""
     scatter: float
     """What the best fit leaves of the shots, over what the tracker states of them."""
-    scale: float = 1.0
-    """Square root of the variance factor, which every σ was multiplied by; 1 where none was."""
     is_widened: bool = False
     """Whether the scatter, by that factor or as the robot's own, made σ larger than stated."""
     unit: str = "mm"
@@ -52,7 +50,7 @@ class ParameterUncertainty:
     """The parameter known worst as people call it: `forearm of arm 3`."""
     total_position_std_mm: float | None = None
     """Of the same positions with errors common to all shots, as `identify` will state them; None
-    while a run's shots are not fitted to the end."""
+    where only the tracker's noise is counted."""
 
 
 @dataclass(frozen=True, slots=True)

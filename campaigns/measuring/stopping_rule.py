@@ -61,18 +61,6 @@ def is_met(goal: UncertaintyGoal | None, known: ParameterUncertainty | None) -> 
     return goal is not None and known is not None and known.length_std_mm <= goal.std_mm
 
 
-def may_stop(
-    goal: UncertaintyGoal | None, known: ParameterUncertainty | None, left: Sequence[Group]
-) -> bool:
-    """Whether to look by a fit to the end, which leaves outliers out, if the goal is met.
-
-    It may be as soon as the shots would meet it if they scattered as their tracker states.
-    """
-    if goal is None or known is None or not any(map(_only_identifies, left)):
-        return False
-    return known.length_std_mm <= goal.std_mm * max(1.0, known.scale)
-
-
 def early_stop(
     goal: UncertaintyGoal | None, known: ParameterUncertainty | None, left: Sequence[Group]
 ) -> tuple[tuple[Group, ...], Event] | None:

@@ -1,14 +1,12 @@
 """Uncertainty monitor: how surely the parameters are known while a plan is measured."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation import information
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import Fit, PointFit, fit_shots
 from campaigns.identification.hold_out import unseen_pairs
 from campaigns.identification.observations import Inputs
@@ -19,7 +17,6 @@ from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import pairs_of
 from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     predicted_uncertainty,
@@ -27,7 +24,7 @@ from campaigns.planning.predicted_uncertainty import (
     with_common_errors,
 )
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots, outcomes_covariance_mm2, shots_of_outcomes
+from campaigns.shots.shots import Shots, shots_of_outcomes
 from drivers.values import Vector3
 
 
@@ -43,10 +40,6 @@ class UncertaintyMonitor:
     """Its uncertainty is for shots of which the tracker states none."""
     workspace: information.WorkspaceSample
     """By the nominal robot."""
-    _last: list[tuple[tuple[Outcome, ...], Inputs, Fit | None]] = field(
-        default_factory=list, init=False
-    )
-    """Shots last fitted, and their fit: at a run's end several ask for the same."""
 
     @classmethod
     def of_plan(
@@ -57,45 +50,8 @@ class UncertaintyMonitor:
         sample = sample_positions(robot, setup.free, _identifying(planned.values()))
         return cls(planned, robot.kinematics, setup, sample)
 
-    def after(
-        self, outcomes: Sequence[Outcome], seen: LinearizedShots | None
-    ) -> ParameterUncertainty | None:
-        """Uncertainty by accepted shots, as far as they are linearised; None for too few to tell.
-
-        At once, but an outlier among them makes it look larger than it is.
-        """
-        if seen is None:
-            return None
-        counted = enumerate(outcomes[: len(seen)])
-        places = [place for place, outcome in counted if self._identifies(outcome)]
-        taken, setup = [outcomes[place] for place in places], self.setup
-        covariance_mm2 = outcomes_covariance_mm2(taken, setup.uncertainty)
-        shots = replace(seen.rows(np.array(places, dtype=np.intp)), stated_mm2=covariance_mm2)
-        by_points = setup.estimator is Estimator.POINTS
-        if by_points:
-            found = information.covariance_from_points(shots)
-        else:
-            measured_mm = np.array([outcome.point_in_tracker_mm for outcome in taken])
-            pairs = pairs_of([self.planned[each.shot] for each in taken], ShotSet.IDENTIFICATION)
-            found = information.covariance_from_distances(shots, measured_mm.reshape(-1, 3), pairs)
-        if found is None:
-            return None
-        covariance, noise = found
-        known = information.Uncertainty.of(
-            setup.free,
-            self.kinematics.mechanism.parameters.units(setup.free),
-            covariance,
-            sigma0=noise.sigma0 or 1.0,
-            dof=information.variance_dof(noise, known_variance=by_points),
-            source="running",
-        )
-        return self._in_words(len(taken), known, self.workspace, noise)
-
     def fitted(self, outcomes: Iterable[Outcome]) -> ParameterUncertainty | None:
-        """Uncertainty by accepted shots as `identify` states it; None for too few.
-
-        Takes some twenty times as long.
-        """
+        """Uncertainty by accepted shots as `identify` states it; None for too few."""
         free, (inputs, fit) = self.setup.free, self._fit(outcomes)
         if fit is None:
             return None
@@ -142,17 +98,11 @@ class UncertaintyMonitor:
             found = with_common_errors(found, every, self.kinematics, at_mm, self.setup)
         return self._in_words(len(shots), found, self.workspace)
 
-    def _identifies(self, outcome: Outcome) -> bool:
-        planned = self.planned.get(outcome.shot)
-        return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
-
     def _fit(self, outcomes: Iterable[Outcome]) -> tuple[Inputs, Fit | None]:
         """Fit of those that are in the plan."""
-        taken = tuple(outcome for outcome in outcomes if outcome.shot in self.planned)
-        if not self._last or self._last[0][0] != taken:
-            inputs = self._inputs(self._shots(taken))
-            self._last[:] = [(taken, inputs, _fit(inputs))]
-        return self._last[0][1:]
+        taken = [outcome for outcome in outcomes if outcome.shot in self.planned]
+        inputs = self._inputs(self._shots(taken))
+        return inputs, _fit(inputs)
 
     def _shots(self, taken: Sequence[Outcome]) -> Shots:
         planned = [self.planned[outcome.shot] for outcome in taken]
@@ -189,7 +139,6 @@ class UncertaintyMonitor:
             known.largest("mm"),
             float(known.random.of_positions(sample).mean()),
             0.0 if noise is None else noise.birge_ratio or 0.0,
-            known.sigma0,
             known.sigma0 > 1.0 or robot_scatters,
             space[weakest].unit,
             space[weakest].words,

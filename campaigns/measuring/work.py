@@ -7,7 +7,7 @@ from math import isclose
 
 from pydantic import JsonValue
 
-from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.running_fit import RunningFit
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
@@ -177,7 +177,7 @@ class Work:
         space = kinematics.mechanism.parameters
         wanted = {*space.free_by_default, *self.setup.free}
         free = tuple(name for name in space.geometry if name in wanted)
-        gate = InnovationGate(self.gate, lambda: IncrementalGaussNewton(kinematics, free))
+        gate = InnovationGate(self.gate, lambda: RunningFit(kinematics, free))
         gate.restart(shot.outcome for shot in shots if not shot.intent.nest)
         return gate
 

@@ -6,7 +6,7 @@ from fake_cell import NOMINAL, TRACKER_FROM_BASE
 from par4_space import SPACE
 from small_plans import FOUR_PAIRS, GATE
 
-from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.running_fit import RunningFit
 from campaigns.journal.records import Outcome
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
 from drivers.values import Vector3, Weather
@@ -16,7 +16,7 @@ JOINTS = [shot.joints for shot in FOUR_PAIRS]
 
 
 def gate(rules=GATE) -> InnovationGate:
-    return InnovationGate(rules, lambda: IncrementalGaussNewton(NOMINAL, SPACE.free_by_default))
+    return InnovationGate(rules, lambda: RunningFit(NOMINAL, SPACE.free_by_default))
 
 
 def seen_mm(joints: Joints, off_mm: float = 0.0) -> Vector3:

@@ -1,4 +1,4 @@
-"""What accepted shots tell of the parameters: while they come, and by a fit of all of them."""
+"""What accepted shots tell of the parameters."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,6 @@ from par4_space import SPACE, par4
 from small_plans import SETUP
 
 from campaigns.journal.records import Outcome
-from campaigns.measuring import uncertainty_monitor
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
@@ -43,16 +42,6 @@ def fitted(measured: Sequence[Outcome], free=SPACE.free_by_default) -> Parameter
     return freeing(free).uncertainty_monitor().fitted(measured)
 
 
-def while_measured(measured: Sequence[Outcome], free=SPACE.free_by_default, reset=()):
-    """As it is told after the last of the shots, some of which were voided then."""
-    work = freeing(free)
-    gate, monitor = work.gate_taught_by([]), work.uncertainty_monitor()
-    for outcome in measured:
-        gate.accept(outcome)
-    gate.reset(reset)
-    return monitor.after(gate.accepted, gate.linearized(monitor.setup.free))
-
-
 def test_shots_that_scatter_more_than_stated_widen_what_they_tell() -> None:
     """Three times: as stated they would meet the goal."""
     known = fitted(outcomes(std_mm=3.0 * STATED_STD_MM))
@@ -68,32 +57,25 @@ def test_one_wrong_shot_does_not_keep_a_goal_from_being_met() -> None:
     assert fitted(measured).length_std_mm < GOAL_MM < worst_length_of(measured)
 
 
-def test_a_voided_shot_is_forgotten_and_a_covariance_that_cannot_be_tells_nothing() -> None:
-    measured = outcomes()[:21]
-    before, after = while_measured(measured[:-1]), while_measured(measured)
-    again = while_measured(measured, reset=[measured[-1].shot])
-    assert (before.shots, after.shots, again.shots) == (20, 21, 20)
+def test_few_shots_or_a_covariance_that_cannot_be_tell_nothing() -> None:
+    measured = outcomes()
+    before, after = fitted(measured[:20]), fitted(measured[:21])
+    assert (before.shots, after.shots) == (20, 21)
     assert after.length_std_mm < before.length_std_mm
-    assert again.length_std_mm == pytest.approx(before.length_std_mm, rel=1e-3)
-    broken = [replace(each, covariance_mm2=((-1.0, 0.0, 0.0),) * 3) for each in outcomes()]
+    assert fitted([]) is fitted(measured[:8]) is None
+    broken = [replace(each, covariance_mm2=((-1.0, 0.0, 0.0),) * 3) for each in measured]
     assert fitted(broken) is None
-    assert while_measured(broken) is None
 
 
 def test_what_is_held_at_nominal_scatters_what_is_told() -> None:
     off = par4(NOMINAL.parameters | {"arm1.forearm_mm": 700.8, "arm3.forearm_mm": 698.8})
-    measured = outcomes(truth=off)
-    by_a_fit = fitted(measured, FEWER)
-    assert by_a_fit.scatter > 2.0
-    assert while_measured(measured, FEWER).scatter == pytest.approx(by_a_fit.scatter, rel=0.1)
+    assert fitted(outcomes(truth=off), FEWER).scatter > 2.0
 
 
 def test_what_is_known_is_of_the_parameters_that_identify_will_look_for() -> None:
     measured = outcomes()
-    told = while_measured(measured, MORE)
     more, usual, fewer = (fitted(measured, free) for free in (MORE, SPACE.free_by_default, FEWER))
-    assert told.shots == more.shots == len(SHOTS)
-    assert told.length_std_mm == pytest.approx(more.length_std_mm, rel=0.05)
+    assert more.shots == len(SHOTS)
     assert more.length_std_mm > 1.02 * usual.length_std_mm
     assert fewer.length_std_mm < 0.98 * usual.length_std_mm
 
@@ -108,15 +90,3 @@ def test_parameters_held_wrongly_do_not_refuse_shots() -> None:
     for outcome in outcomes(truth=long_armed):
         assert not gate.judge(outcome.joints, outcome.point_in_tracker_mm).refusal
         gate.accept(outcome)
-
-
-def test_what_a_run_asks_of_the_same_shots_at_its_end_is_fitted_once(monkeypatch) -> None:
-    fits, fit = [], uncertainty_monitor.fit_shots
-    monkeypatch.setattr(uncertainty_monitor, "fit_shots", lambda of: fits.append(of) or fit(of))
-    work, measured = freeing(SPACE.free_by_default), outcomes()
-    known = work.uncertainty_monitor().fitted(measured)
-    assert np.isfinite(work.reference_noise([*measured]).freedom)
-    assert work.uncertainty_monitor().fitted(iter(measured)) == known == fitted(measured)
-    assert len(fits) == 2  # once more by the other work's own monitor
-    assert work.uncertainty_monitor().fitted(measured[:-1]) != known
-    assert len(fits) == 3
