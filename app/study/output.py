@@ -2,14 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from app.console import WARNING, Terminal
-from app.study.setup import Study
-from campaigns.errors import ShotsMissing
+from app.study.running import Studied
 from campaigns.files.table import Column, csv_table
-from campaigns.studies.study import CampaignRow
-from campaigns.studies.summary import ParameterSummary, StudySummary, summarise
+from campaigns.studies.summary import ParameterSummary, StudySummary
 
 SCHEMA = "pkmcal/study/2"
 NAMED = 3
@@ -40,29 +37,6 @@ TABLE: tuple[Column[ParameterSummary], ...] = (
     Column("variance_over_bound", lambda p: p.variance_over_bound),
 )
 """The same for programs."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Studied:
-    """A study's campaigns, and what they show."""
-
-    study: Study
-    rows: Sequence[CampaignRow]
-    computed: int
-    """Number of campaigns that were not in the table before."""
-    lost: int
-    reasons: tuple[str, ...]
-    """Why some were lost, each reason once."""
-
-    def summary(self) -> StudySummary:
-        """Raises `ShotsMissing` when too few campaigns gave an estimate."""
-        try:
-            return summarise(self.study.setup.free, self.rows)
-        except ShotsMissing as error:
-            if not self.lost:
-                raise
-            problem = f"{error.problem}, {self.lost} were lost"
-            raise ShotsMissing(problem, remedy=f"look into: {'; '.join(self.reasons)}") from error
 
 
 def csv(summary: StudySummary) -> str:

@@ -1,47 +1,68 @@
-"""Runs what tables of results lack: it goes to workers, and what comes back is kept."""
+"""Simulates what the table of a study lacks, and keeps what comes back."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Generic
 
 from app.progress import CountedWork
-from app.study.results import Task, Work, Workers
-from campaigns.studies.engine import ResultTable, Row
+from app.study.setup import Study
+from app.study.workers import simulated_parts
+from campaigns.errors import ShotsMissing
+from campaigns.studies.study import CampaignRow
+from campaigns.studies.summary import StudySummary, summarise
+from campaigns.studies.table import StudyTable
+
+CAMPAIGNS_A_PART = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Job(Generic[Task, Row]):
-    """Task, the table in which its rows belong, and how many they are to be."""
+class Studied:
+    """A study's campaigns, and how many were lost on the way."""
 
-    table: ResultTable[Row]
-    task: Task
-    count: int = 1
+    study: Study
+    rows: Sequence[CampaignRow]
+    computed: int
+    """Number of campaigns that were not in the table before."""
+    lost: int
+    reasons: tuple[str, ...]
+    """Why some were lost, each reason once."""
+
+    def summary(self) -> StudySummary:
+        """Raises `ShotsMissing` when too few campaigns gave an estimate."""
+        try:
+            return summarise(self.study.setup.free, self.rows)
+        except ShotsMissing as error:
+            if not self.lost:
+                raise
+            problem = f"{error.problem}, {self.lost} were lost"
+            raise ShotsMissing(problem, remedy=f"look into: {'; '.join(self.reasons)}") from error
 
 
-def run_jobs(
-    jobs: Sequence[Job[Task, Row]],
-    work: Work[Task, Row],
-    workers: Workers,
-    tables: Sequence[ResultTable[Row]],
-    counted: CountedWork,
-) -> tuple[tuple[Job[Task, Row], str], ...]:
-    """Compute jobs, keep rows as they come, sort the tables at the end; gives what is lost, why.
+def run_study(
+    study: Study,
+    table: StudyTable,
+    wanted: range,
+    workers: int,
+    counting: Callable[[int, int], CountedWork],
+) -> Studied:
+    """Simulate what a table lacks of the wanted campaigns.
 
-    Raises `WriteFailed`; what had come back until then is kept.
+    `counting` shows how many of how many are done. Raises `OutputExists` and `WriteFailed`; what
+    had come back until then is kept.
     """
-    lost: list[tuple[Job[Task, Row], str]] = []
-    results = workers([job.task for job in jobs], work=work)
-    with closing(results), counted:
-        for table in tables:
-            table.write()
-        for result in results:
-            job = jobs[result.place]
-            if result.lost:
-                lost.append((job, result.lost))
-                counted.news = f"{sum(job.count for job, _ in lost)} lost"
-            job.table.add(result.rows)
-            counted.advance(job.count)
-    for table in tables:
+    table.read()
+    left = [number for number in wanted if number not in table.by_number]
+    parts = [left[at : at + CAMPAIGNS_A_PART] for at in range(0, len(left), CAMPAIGNS_A_PART)]
+    counted, lost, reasons = counting(len(wanted), len(wanted) - len(left)), 0, dict[str, None]()
+    with closing(simulated_parts(study.simulate, parts, workers)) as results, counted:
         table.write()
-    return tuple(lost)
+        for part in results:
+            if part.lost:
+                lost += len(parts[part.place])
+                reasons[part.lost] = None
+                counted.news = f"{lost} lost"
+            table.add(part.rows)
+            counted.advance(len(parts[part.place]))
+    table.write()
+    rows = [table.by_number[number] for number in wanted if number in table.by_number]
+    return Studied(study, rows, len(left) - lost, lost, (*reasons,))

@@ -1,46 +1,49 @@
-"""Processes of this computer that compute the tasks of a study."""
+"""Processes of this computer that simulate the campaigns of a study."""
 
 import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
 
 from joblib import Parallel, delayed
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from app.study.results import Outcome, Result, Results, Task, Work, tried
+from campaigns.studies.study import CampaignRow
 
 PARENT_LOOKED_AFTER_S = 1.0
 KILLED = "a process that computed was killed"
 
+Numbers = Sequence[int]
+"""Of campaigns that one process simulates together."""
+Simulate = Callable[[Numbers], tuple[CampaignRow, ...]]
 
-def local_results(
-    tasks: Sequence[Task], processes: int, work: Work[Task, Outcome]
-) -> Results[Outcome]:
-    """Yield results as they come from so many processes.
 
-    A single one works in this process. When a process is killed, what had not come back is lost.
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Campaigns that were simulated together, or why they were lost."""
+
+    place: int
+    """Among all parts."""
+    rows: tuple[CampaignRow, ...] = ()
+    lost: str = ""
+
+
+Parts = Generator[Part, None, None]
+"""As they come; closing it ends the work."""
+
+
+def simulated_parts(simulate: Simulate, parts: Sequence[Numbers], processes: int) -> Parts:
+    """Yield parts as they come from so many processes; a single one works in this process.
+
+    When a process is killed, what had not come back is lost.
     """
-    if not tasks or processes == 1:
-        yield from (tried(work, place, task) for place, task in enumerate(tasks))
+    if processes == 1 or not parts:
+        yield from (_tried(simulate, place, numbers) for place, numbers in enumerate(parts))
         return
-    left = set(range(len(tasks)))
-    try:
-        for result in _parallel(work, tasks, processes):
-            left.remove(result.place)
-            yield result
-    except TerminatedWorkerError:
-        yield from (Result(place, lost=KILLED) for place in sorted(left))
-    finally:
-        get_reusable_executor().shutdown(wait=True)
-
-
-def _parallel(
-    work: Work[Task, Outcome], tasks: Sequence[Task], processes: int
-) -> Iterator[Result[Outcome]]:
-    """Yield results as they come."""
+    left = set(range(len(parts)))
     parallel = Parallel(
         n_jobs=processes,
         backend="loky",
@@ -50,11 +53,27 @@ def _parallel(
         initializer=_serve,
         initargs=(os.getpid(),),
     )
-    return iter(parallel(delayed(tried)(work, place, task) for place, task in enumerate(tasks)))
+    tasks = (delayed(_tried)(simulate, place, numbers) for place, numbers in enumerate(parts))
+    try:
+        for part in parallel(tasks):
+            left.remove(part.place)
+            yield part
+    except TerminatedWorkerError:
+        yield from (Part(place, lost=KILLED) for place in sorted(left))
+    finally:
+        get_reusable_executor().shutdown(wait=True)
+
+
+def _tried(simulate: Simulate, place: int, numbers: Numbers) -> Part:
+    """Simulate where the work is done: whatever goes wrong there costs this part alone."""
+    try:
+        return Part(place, simulate(numbers))
+    except Exception as error:  # noqa: BLE001 - it is reported, and can be computed again
+        return Part(place, lost=f"{type(error).__name__}: {error}")
 
 
 def _serve(parent: int) -> None:
-    """What a local process begins with: only the first one acts on Ctrl-C, and all end with it.
+    """Let only the first process act on Ctrl-C, and end with it.
 
     Workers of one that was killed would wait for ever to hand over their results.
     """

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-from collections.abc import Iterable
 from pathlib import Path
 
 from campaigns.errors import CampaignError, OutputExists, WriteFailed
@@ -55,11 +54,8 @@ def make_folder(path: Path) -> None:
         raise _not_written(path, error) from error
 
 
-def replace_text(path: Path, text: str | Iterable[str]) -> None:
-    """Write a file whole or not at all, over an older one if there is one; raises `WriteFailed`.
-
-    A text that is too long for the memory comes in parts.
-    """
+def replace_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all, over an older one if there is one; raises `WriteFailed`."""
     target = resolved(path)
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:
@@ -83,10 +79,10 @@ def resolved(path: Path) -> Path:
         ) from error
 
 
-def _write_to_disk(path: Path, text: str | Iterable[str]) -> None:
+def _write_to_disk(path: Path, text: str) -> None:
     path.unlink(missing_ok=True)
     with path.open("x", encoding="utf-8", newline="") as file:  # through no link that waits there
-        file.writelines([text] if isinstance(text, str) else text)
+        file.write(text)
         file.flush()
         os.fsync(file.fileno())
 

@@ -82,11 +82,6 @@ class CampaignRow:
     failure: str = ""
     estimate: CampaignEstimate | None = None
 
-    @property
-    def key(self) -> int:
-        """Order in a table."""
-        return self.campaign
-
 
 def simulate_campaigns(
     setup: StudySetup, numbers: Sequence[int], truths: Array

@@ -10,9 +10,8 @@ import pytest
 from par4_space import SPACE
 
 import sim.scenarios
-from app.study.results import Result
 from app.study.setup import left_out, uncertainty_of
-from app.study.workers import local_results
+from app.study.workers import Part, simulated_parts
 from campaigns.campaign import now_utc
 from campaigns.estimation.estimators import Model
 from campaigns.files.lock import campaign_lock
@@ -113,34 +112,32 @@ def test_removed_option_is_refused_with_a_remedy(folder, refused, words):
 
 
 @pytest.fixture
-def small_tasks(monkeypatch):
-    monkeypatch.setattr("app.cli.study.CAMPAIGNS_A_TASK", 4)
+def small_parts(monkeypatch):
+    monkeypatch.setattr("app.study.running.CAMPAIGNS_A_PART", 4)
 
 
-def stopped_after_one_task(tasks, *, work):
-    yield next(iter(local_results(tasks, 1, work)))
+def stopped_after_one_part(simulate, parts, processes):
+    yield next(simulated_parts(simulate, parts, 1))
     raise KeyboardInterrupt
 
 
-def loses_the_second_task(tasks, *, work):
-    yield Result(1, lost="killed")
-    for result in local_results([tasks[0], *tasks[2:]], 1, work):
-        yield Result(result.place and result.place + 1, result.rows)
+def loses_the_second_part(simulate, parts, processes):
+    yield Part(1, lost="killed")
+    for part in simulated_parts(simulate, [parts[0], *parts[2:]], 1):
+        yield Part(part.place and part.place + 1, part.rows)
 
 
 def with_workers(monkeypatch, workers):
-    monkeypatch.setattr(
-        "app.cli.study.local_results", lambda tasks, *, processes, work: workers(tasks, work=work)
-    )
+    monkeypatch.setattr("app.study.running.simulated_parts", workers)
 
 
-@pytest.mark.usefixtures("small_tasks")
+@pytest.mark.usefixtures("small_parts")
 def test_study_goes_on_where_it_was_stopped(folder, pkmcal, studied, monkeypatch):
     studied(folder, "--campaigns", 10)
     whole = table_of(folder)
     shutil.rmtree(folder / "study")
     with monkeypatch.context() as patched:
-        with_workers(patched, stopped_after_one_task)
+        with_workers(patched, stopped_after_one_part)
         code, _, err = pkmcal("study", folder, "--campaigns", 10)
     assert code == 130
     assert "interrupted" in err
@@ -152,10 +149,10 @@ def test_study_goes_on_where_it_was_stopped(folder, pkmcal, studied, monkeypatch
     assert table_of(folder) == whole
 
 
-@pytest.mark.usefixtures("small_tasks")
+@pytest.mark.usefixtures("small_parts")
 def test_lost_campaigns_make_the_study_unfinished(folder, pkmcal, studied, monkeypatch):
     with monkeypatch.context() as patched:
-        with_workers(patched, loses_the_second_task)
+        with_workers(patched, loses_the_second_part)
         code, out, err = pkmcal("study", folder, "--campaigns", 10, "--json")
     assert code == 1
     document = json.loads(out)

@@ -10,17 +10,16 @@ from pathlib import Path
 import pytest
 
 from app.main import run_command
-from app.study.results import Result
-from app.study.workers import KILLED, local_results
+from app.study.workers import KILLED, Part, simulated_parts
 
 FAULT, POISON = 3, 5
 NAME = "plan-paper-simulation"
 HERE = Path(__file__).parent
 TWO_WORKERS = """
 import json
-from test_workers import local_results, work
+from test_workers import simulated_parts, work
 if __name__ == "__main__":
-    print(json.dumps([(each.place, each.lost) for each in local_results(range(20), 2, work)]))
+    print(json.dumps([(each.place, each.lost) for each in simulated_parts(work, range(20), 2)]))
 """
 
 
@@ -37,14 +36,14 @@ def rows(results):
 
 
 def test_one_worker_works_in_this_process():
-    results = list(local_results(range(FAULT), 1, work))
+    results = list(simulated_parts(work, range(FAULT), 1))
     assert rows(results) == [0, 1, 2]
     assert [result.place for result in results] == [0, 1, 2]
 
 
 def test_failed_task_costs_itself_alone_and_says_why():
-    results = list(local_results(range(5), 1, work))
-    assert results[FAULT] == Result(FAULT, lost="ZeroDivisionError: by nothing")
+    results = list(simulated_parts(work, range(5), 1))
+    assert results[FAULT] == Part(FAULT, lost="ZeroDivisionError: by nothing")
     assert rows(results) == [0, 1, 2, 4]
 
 

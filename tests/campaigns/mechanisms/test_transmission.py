@@ -8,13 +8,13 @@ from family_cases import VECTORS, all_members, flat_in
 from par4_cases import NOMINAL, central_differences
 
 from app.new_campaign import cell_text
-from app.study.rods import geometry_of_model
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.mechanisms.transmission import approach_along
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
+from sim.geometry import geometry_of
 from sim.robot.rods import Build, Growth, Plate, RodMechanism
 from sim.scenarios.scenario import parse_scenario
 
@@ -103,7 +103,8 @@ def test_a_frame_that_grows_beside_a_cold_plate_moves_points_as_independent_rods
     section = parse_scenario(cell_text(member.shipped, "drawn-robots"), member.name).robot
     joints_mm, level = np.array(robot.mechanism.plate.joints_mm), np.zeros(member.space.arms)
     build = Build(joints_mm, section.rod_spacing_mm, np.zeros((len(level), 2)), level)
-    rods = RodMechanism(geometry_of_model(robot, section), build)
+    flat = {name: robot.parameters[name] for name in section.kind.names}
+    rods = RodMechanism(geometry_of(flat, section.kind), build)
     poses = member.reachable_poses(robot, 5, seed=6, limits=member.well_inside)
     joints = robot.inverse(poses).values_or_raise()
     starts = [Plate.level(section.kind, row[:3], float(row[3:].sum())) for row in poses]

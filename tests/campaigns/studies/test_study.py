@@ -12,7 +12,6 @@ from campaigns.estimation.estimators import Model
 from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify
-from campaigns.studies.engine import MOST_LINE_BYTES, ResultTable
 from campaigns.studies.study import (
     CampaignRow,
     indistinguishable,
@@ -20,6 +19,7 @@ from campaigns.studies.study import (
     studied_parameters,
 )
 from campaigns.studies.summary import chance, normal_scores, summarise
+from campaigns.studies.table import MOST_LINE_BYTES, StudyTable
 
 pytestmark = pytest.mark.slow
 
@@ -220,7 +220,7 @@ def test_study_of_failures_is_refused_with_their_reason(setup):
 
 def begin(table):
     """As a study begins, or goes on: what is there, taken up by a new process."""
-    fresh = replace(table, by_key={})
+    fresh = replace(table, by_number={})
     fresh.read()
     fresh.write()
     return fresh
@@ -232,7 +232,7 @@ def head(study="0123456789ab", free=SPACE.free_by_default):
 
 @pytest.fixture
 def table(tmp_path):
-    return begin(ResultTable(tmp_path / "study.jsonl", CampaignRow, "pkmcal study", head()))
+    return begin(StudyTable(tmp_path / "study.jsonl", head()))
 
 
 def test_table_gives_back_what_was_written(table, outcomes):
@@ -240,8 +240,7 @@ def test_table_gives_back_what_was_written(table, outcomes):
     table.add([outcomes[4], failed])
     table.add([outcomes[2]])
     again = begin(table)
-    assert [*again.rows([151, 2, 4])] == [failed, outcomes[2], outcomes[4]]
-    assert {*again.by_key} == {2, 4, 151}
+    assert again.by_number == {151: failed, 2: outcomes[2], 4: outcomes[4]}
 
 
 def test_table_is_the_same_in_whatever_order_rows_came(table, outcomes):
@@ -261,7 +260,7 @@ def test_row_that_was_cut_off_is_computed_again(table, outcomes):
     whole = table.path.read_text(encoding="utf-8")
     table.path.write_text(whole[:-40], encoding="utf-8")
     again = begin(table)
-    assert list(again.by_key) == [0, 1]
+    assert list(again.by_number) == [0, 1]
     again.add([outcomes[2]])
     assert table.path.read_text(encoding="utf-8") == whole
 
