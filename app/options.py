@@ -75,14 +75,6 @@ Plot = Annotated[
         metavar="FILE", help="Also draw a picture: .svg, .png or .pdf.", callback=picture_file
     ),
 ]
-WhereTracker = Annotated[
-    bool,
-    typer.Option(
-        "--where-tracker",
-        help="Also compare stands of the tracker about the robot; a plan.csv that is there is "
-        "kept, unless options of a plan are given. --plot then draws the stands.",
-    ),
-]
 Seed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Seed, instead of the scenario's.")
 ]

@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from operator import itemgetter
 
 from app.console import WARNING, Terminal
@@ -15,7 +14,6 @@ from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_uncertainty import Forecast
-from campaigns.planning.stands import Stand, best_stand
 from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
@@ -23,9 +21,6 @@ ONE_SIDED = 0.85
 
 BARELY_PPM = 100.0
 """σ of an encoder's ratio from which on wrong ratios of usual size hide."""
-
-ALIKE = 1.01
-"""Largest σ of stands over the least one, to which none is called the best."""
 
 Row = tuple[str, ...]
 
@@ -35,8 +30,7 @@ def show_forecast(terminal: Terminal, planned: PlannedCampaign) -> None:
     predicted = planned.forecast.predicted
     units = zip(predicted.std().items(), predicted.units, strict=True)
     rows = [(name, _with_unit(value, unit)) for (name, value), unit in units]
-    title = f"Predicted uncertainty, by {planned.estimator}"
-    terminal.table(title, ("parameter", "predicted σ"), rows)
+    terminal.table("Predicted uncertainty", ("parameter", "predicted σ"), rows)
     for line in told_lines(planned.forecast):
         terminal.say(line)
     for line in warnings(planned.forecast):
@@ -117,8 +111,6 @@ def forecast_document(planned: PlannedCampaign) -> dict[str, object]:
     return {
         "placement": planned.placement,
         "model": planned.model.value,
-        "estimator": planned.estimator.value,
-        "criterion": planned.criterion,
         "seed": planned.seed,
         "predicted_std": {name: finite(std) for name, std in predicted.std().items()},
         "predicted_total_std": {name: finite(std) for name, std in predicted.total_std().items()},
@@ -209,48 +201,3 @@ def plan_line(checked: CheckedPlan) -> str:
     sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
     took = interval((checked.seconds, checked.seconds))
     return f"{len(checked.shots)} shots ({sets}), about {took}"
-
-
-def stands_table(stands: Sequence[Stand]) -> tuple[str, tuple[str, ...], list[Row]]:
-    """Map of the stands: a row a direction, a column a distance."""
-    distances = sorted({round(stand.distance_mm) for stand in stands})
-    by_place = {(stand.direction_deg, round(stand.distance_mm)): stand for stand in stands}
-    rows = [
-        (f"{direction:.0f}°", *(_stand_text(by_place.get((direction, mm))) for mm in distances))
-        for direction in sorted({direction for direction, _ in by_place})
-    ]
-    title = "Stands about the workspace's centre: largest σ of a position, µm; (shots unseen)"
-    return title, ("from x to y", *(f"{mm / 1e3:g} m" for mm in distances)), rows
-
-
-def _stand_text(stand: Stand | None) -> str:
-    if stand is None:
-        return "robot"
-    if stand.unseen:
-        return f"({stand.unseen})"
-    return (
-        f"{1e3 * stand.position_std_mm:.1f}" if stand.position_std_mm < math.inf else "undetermined"
-    )
-
-
-def best_stand_lines(stands: Sequence[Stand]) -> Iterator[str]:
-    """Best stand, as it is written into campaign.yaml, or that all are as good."""
-    best = best_stand(stands)
-    place = ", ".join(f"{round(each)}" for each in best.place_mm)
-    std = f"±{best.position_std_mm:.4f} mm" if best.position_std_mm < math.inf else "undetermined"
-    unseen = f", {best.unseen} shots unseen" if best.unseen else ""
-    enough_mm = ALIKE * best.position_std_mm
-    as_good = (
-        s.unseen == best.unseen and s.position_std_mm <= enough_mm < math.inf for s in stands
-    )
-    if len(stands) > 1 and all(as_good):
-        yield f"every stand is as good: positions {std} at most{unseen}; by tracker.uncertainty in"
-        yield "campaign.yaml points are as uncertain from far away as from near"
-        return
-    yield f"best: tracker.place_mm: [{place}], positions {std} at most{unseen}"
-    yield "a plan made for that stand may tell more: write it into campaign.yaml and plan anew"
-
-
-def stand_document(stand: Stand) -> dict[str, object]:
-    """Stand for programs."""
-    return asdict(stand) | {"position_std_mm": finite(stand.position_std_mm)}

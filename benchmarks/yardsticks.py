@@ -197,7 +197,7 @@ def record_export(recorder: Recorder, folder: Path, name: str, words: Sequence[s
 
 def record_plans(recorder: Recorder, robot: str) -> None:
     """Record a plan at the boundary and an optimal one with their predicted σ."""
-    optimal = ("--placement", "optimal", "--shots", "30", "--candidates", "600")
+    optimal = ("--placement", "optimal", "--shots", "30")
     for placement, words in (("boundary", ()), ("optimal", optimal)):
         folder = recorder.work / f"plan-{robot}-{placement}"
         recorder.run("new", str(folder), "--robot", robot, "--scenario", "realistic")

@@ -162,7 +162,6 @@ def plan(
     validation_pairs: int = 20,
     drift_shots: int | None = None,
     placement: Placement | str = Placement.BOUNDARY,
-    estimator: Estimator | str = Estimator.POINTS,
     model: Model | str = Model.STANDARD,
     free: Sequence[str] | str = (),
     fix: Sequence[str] | str = (),
@@ -179,7 +178,6 @@ def plan(
     """
     place = vector(batch(tracker_mm, AXES, "tracker_mm")[0])
     placement = checked(Placement, placement, "placement")
-    estimator = checked(Estimator, estimator, "estimator")
     model = checked(Model, model, "model")
     space, centre = robot.mechanism.parameters, robot.workspace_centre
     known = select_geometry(space, model, free, fix)
@@ -189,13 +187,11 @@ def plan(
     wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted, evenly)
     instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
     if placement is Placement.OPTIMAL:
-        request = OptimalRequest(
-            plan=wanted, uncertainty=instrument, free=known, estimator=estimator
-        )
+        request = OptimalRequest(plan=wanted, uncertainty=instrument, free=known)
         made, _ = make_optimal_plan(robot, view, request, rng)
     else:
         made = make_plan(robot, view, wanted, rng)
-    setup = predicted_uncertainty.EstimationSetup(estimator, known, instrument)
+    setup = predicted_uncertainty.EstimationSetup(Estimator.POINTS, known, instrument)
     sample = predicted_uncertainty.judged_positions(robot, centre, restricted, known, made)
     forecast = predicted_uncertainty.plan_forecast(
         made, robot.kinematics, np.array(place), setup, sample
@@ -204,7 +200,7 @@ def plan(
         least = predicted_uncertainty.fewest_shots(robot, view, wanted, setup)
         raise PlanInvalid(
             f"shots is {shots}, must be even and {least} or more to determine {len(known)} "
-            f"parameters by {estimator}",
+            "parameters",
             remedy="ask for more shots, or hold parameters with fix",
         )
     return Plan(made, forecast)

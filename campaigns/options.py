@@ -1,14 +1,11 @@
 """Options of the steps of a campaign, as the command line and Python give them."""
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
 from campaigns.controllers.export import CalibrationRoute
-from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.validation import BY_DEFAULT, SET_OF
@@ -64,79 +61,21 @@ class PlanOptions(Selection):
         ),
     ] = None
     """In mm."""
-    criterion: Annotated[
-        CriterionName | None,
-        Option(
-            "What to optimise. I: positions all over the workspace, the default. D: all "
-            "parameters together. A: each of them, on average. E: what is known worst."
-        ),
-    ] = None
-    candidates: Annotated[
-        int | None,
-        Option(
-            "Optimal: number of candidate poses; default 4000.", metavar="N", least=100, most=20_000
-        ),
-    ] = None
-    estimator: Annotated[
-        Estimator,
-        Option(
-            "How identify will use the shots. points: all their coordinates. distances: "
-            "those of pairs, as in the paper."
-        ),
-    ] = Estimator.POINTS
     model: ModelToPlan = None
     free: Freed = ()
     fix: Fixed = ()
-    scatter_mm: Annotated[
-        float,
-        Option(
-            "The robot's own scatter (1 σ) where it is known, as `identify` stated it.",
-            metavar="MM",
-            name="--scatter",
-        ),
-    ] = 0.0
-    """Known from earlier campaigns; not in the tracker's σ."""
-    inaccurate: Annotated[
-        bool,
-        Option(
-            "The robot may be 5 mm and 3° off: keep further off singularities, so that it can take "
-            "all poses. Parameters are told less well."
-        ),
-    ] = False
-    after_identify: Annotated[
-        bool,
-        Option(
-            "For the robot as it was identified: poses that it can take, those that tell most of "
-            "it, σ with its own scatter."
-        ),
-    ] = False
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.scatter_mm < math.inf:
-            raise OptionsInvalid(
-                f"--scatter is {self.scatter_mm:g} mm", remedy="give 0 or more, such as 0.1"
-            )
         if self.shots is not None and self.shots % 2:
             raise OptionsInvalid(
                 f"--shots is {self.shots}, but two make a pair", remedy="give an even number"
             )
-        option = next(self.choosing, None)
-        if self.placement is Placement.BOUNDARY and option is not None:
+        if self.placement is Placement.BOUNDARY and self.until is not None:
             raise OptionsInvalid(
-                f"{option} is for shots that are chosen, but --placement boundary draws them",
-                remedy=f"give --placement optimal, or leave {option} out",
+                "--until is for shots that are chosen, but --placement boundary draws them",
+                remedy="give --placement optimal, or leave --until out",
             )
-
-    @property
-    def choosing(self) -> Iterator[str]:
-        """Options given that only choosing can heed."""
-        options = {
-            "--until": self.until,
-            "--criterion": self.criterion,
-            "--candidates": self.candidates,
-        }
-        return (option for option, value in options.items() if value is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,13 @@ from typing import Any
 _POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
+    "plan --where-tracker": "put the tracker as near as the robot allows, and plan from there",
+    "plan --criterion": "leave it out: shots are chosen for positions all over the workspace",
+    "plan --candidates": "leave it out: 4000 candidates are drawn",
+    "plan --estimator": "leave it out: shots are chosen for all their coordinates",
+    "plan --inaccurate": "leave it out; `run` skips poses that the robot cannot take",
+    "plan --after-identify": "leave it out: plans are made by the nominal robot",
+    "plan --scatter": "leave it out; `run --until` uses the scatter of the shots measured",
     "check --repair": "measure a campaign again with `pkmcal run DIR --anew`",
     "history --plot": "draw the table that `history --csv FILE` writes",
     "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",

@@ -1,22 +1,19 @@
 """pkmcal plan: where to measure."""
 
 from dataclasses import asdict
-from pathlib import Path
 
 import typer
 
 from app import plan_text
 from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
-from app.options import Folder, Json, Plot, WhereTracker
-from app.report.plots import plot_plan, plot_stands
+from app.options import Folder, Json, Plot
+from app.report.plots import plot_plan
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
-from campaigns.planning.stands import best_stand
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import PlannedCampaign, plan
-from campaigns.workflow.planning import where_tracker as compared_stands
 from campaigns.workflow.programs import write_programs
 
 
@@ -26,7 +23,6 @@ def command(
     options: PlanOptions,
     programs: ProgramOptions,
     *,
-    where_tracker: WhereTracker = False,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
@@ -44,26 +40,23 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    has_more = programs.program is not None or where_tracker
-    picture = None if where_tracker else plot  # of the plan; otherwise stands are drawn
-    if has_more and campaign.plan_path.exists() and options == PlanOptions() and not picture:
-        compared = _compare(terminal, campaign, options, plot) if where_tracker else {}
-        written = _write(terminal, campaign, programs) if programs.program else {}
-        terminal.document(compared | written | tell_next(terminal, campaign))
+    is_kept = campaign.plan_path.exists() and options == PlanOptions() and plot is None
+    if programs.program is not None and is_kept:
+        written = _write(terminal, campaign, programs)
+        terminal.document(written | tell_next(terminal, campaign))
         return
     with terminal.telling("reading the campaign") as now_at:
         planned = plan(campaign, options, now_at)
     show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
-    if picture is not None:
+    if plot is not None:
         own = planned.forecast
-        plot_plan(picture, planned.checked.shots, own, planned.curve, campaign.space)
-        terminal.say(f"drawn: {picture}")
+        plot_plan(plot, planned.checked.shots, own, planned.curve, campaign.space)
+        terminal.say(f"drawn: {plot}")
     if planned.note:
         terminal.note(planned.note, WARNING)
     written = _write(terminal, campaign, programs) if programs.program else {}
-    compared = _compare(terminal, campaign, options, plot) if where_tracker else {}
-    document = plan_document(campaign, planned) | compared | written
+    document = plan_document(campaign, planned) | written
     terminal.document(document | tell_next(terminal, campaign))
 
 
@@ -78,31 +71,6 @@ def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> d
             f"joints that it commands: {each.joints_path}"
         )
     return {"programs": [asdict(each) for each in written]}
-
-
-def _compare(
-    terminal: Terminal, campaign: Campaign, options: PlanOptions, plot: Path | None
-) -> dict[str, object]:
-    """Stands of the tracker compared for plan.csv, said and as a part of what `--json` prints.
-
-    Drawn, too, into a file `plot`.
-    """
-    with terminal.telling("comparing stands of the tracker"):
-        stands = compared_stands(campaign, campaign.read_plan(), options)
-    if not stands:
-        terminal.say("every stand that is compared lies in the robot", WARNING)
-        return {"stands": [], "best_stand": None}
-    terminal.table(*plan_text.stands_table(stands))
-    best = best_stand(stands)
-    for line in plan_text.best_stand_lines(stands):
-        terminal.say(line)
-    if plot is not None:
-        plot_stands(plot, stands)
-        terminal.say(f"drawn: {plot}")
-    return {
-        "stands": [plan_text.stand_document(each) for each in stands],
-        "best_stand": plan_text.stand_document(best),
-    }
 
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:

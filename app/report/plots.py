@@ -6,7 +6,6 @@ from pathlib import Path
 from app.report.figures.distances import pair_errors
 from app.report.figures.drawing import save
 from app.report.figures.plan import plan_picture
-from app.report.figures.stands import stands_map
 from app.report.groups import error_group
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.estimation.estimators import Estimator
@@ -14,7 +13,6 @@ from campaigns.identification.result import IdentificationResult
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
 from campaigns.planning.predicted_uncertainty import Forecast
-from campaigns.planning.stands import Stand
 
 
 def plot_plan(
@@ -27,11 +25,6 @@ def plot_plan(
     """Draw a plan and what it will tell; .svg, .png or .pdf. Raises `WriteFailed`."""
     purposes = tuple(shot.purpose for shot in shots)
     save(plan_picture(poses_of(shots), purposes, forecast, curve, space), path)
-
-
-def plot_stands(path: Path, stands: Sequence[Stand]) -> None:
-    """Draw stands of the tracker, seen from above; raises `WriteFailed`."""
-    save(stands_map(stands), path)
 
 
 def plot_residuals(path: Path, found: IdentificationResult) -> None:

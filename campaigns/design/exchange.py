@@ -5,14 +5,14 @@ it would do to each candidate follows from one product of that thin matrix with 
 touching the P x P covariance again for any of them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates
-from campaigns.design.criteria import Criterion
+from campaigns.design.criteria import Criterion, improvement
 from campaigns.estimation.observability import observability, unobservable_combinations
 
 ADD, REMOVE = 1.0, -1.0
@@ -109,8 +109,6 @@ LEAST_GAIN = 1e-7
 FRAGILE = 100.0
 """Replacing a member without which the value is so many times worse leaves rounding behind."""
 ROUNDS = 40
-PASSES = 2
-"""Times that each of a few shots is chosen anew beside the others."""
 SHORT_LIST = 600
 """Exchanges are first sought among so many candidates, or twice as many as there are members."""
 MEASUREMENTS_TRIED = 170
@@ -144,21 +142,6 @@ def optimal_design(
     Raises `ValueError` for a count above that of the candidates or below what the unknowns need,
     and `Unobservable`.
     """
-    best, *_ = exchanged_starts(candidates, criterion, count, rng, starts)
-    return _exchanged_among_all(candidates, criterion, best.chosen)
-
-
-def exchanged_starts(
-    candidates: Candidates,
-    criterion: Criterion,
-    count: int,
-    rng: np.random.Generator,
-    starts: int | None = None,
-) -> list[Design]:
-    """Designs by an exchange among few candidates from a start each, the best first.
-
-    Raises as `optimal_design`.
-    """
     _check_count(candidates, count)
     if starts is None:
         starts = int(np.clip(MEASUREMENTS_TRIED // count, 1, MOST_STARTS))
@@ -167,7 +150,8 @@ def exchanged_starts(
     others = [rng.choice(len(candidates), count, replace=False) for _ in range(starts - 1)]
     listed = _short_list(candidates, criterion, greedy)
     tried = [_exchanged_among(candidates, criterion, m, listed) for m in (greedy, *others)]
-    return sorted(tried, key=lambda design: design.value)
+    best = min(tried, key=lambda design: design.value)
+    return _exchanged_among_all(candidates, criterion, best.chosen)
 
 
 def augment_design(
@@ -198,43 +182,12 @@ def augment_greedily(
     """`chosen` and, one after the other, the candidates that tell most, (count,)."""
     members = chosen.tolist()
     covariance = _covariance(candidates, chosen, INITIAL_REGULARISATION)
-    updater = RankKUpdater.of(candidates, criterion.weight(covariance))
+    updater = RankKUpdater.of(candidates, criterion.weight)
     known = updater.evaluate(covariance)
     while len(members) < count:
-        members.append(_best(criterion, known, members))
+        members.append(_best(known, members))
         known = updater.added(known, members[-1])
     return np.array(members, dtype=np.intp)
-
-
-def choose_beside(candidates: Candidates, criterion: Criterion, known: Array, count: int) -> Index:
-    """Candidates that tell most beside what is known already, (count,), all different.
-
-    `known` is the covariance of the unknowns, in mm and rad, (P, P). Greedy, then exchanged.
-    """
-    prior = known * np.outer(candidates.scale, candidates.scale)
-    updater = RankKUpdater.of(candidates, criterion.weight(prior))
-    told, members = np.linalg.inv(prior), list[int]()
-    for turn in range((1 + PASSES) * count):
-        members = members[turn >= count :]
-        information = told + candidates.information(np.array(members, dtype=np.intp))
-        now = updater.evaluate(np.asarray(np.linalg.inv(information)))
-        members.append(_best(criterion, now, members))
-    return np.array(members, dtype=np.intp)
-
-
-def exchange_in_turn(value: Callable[[Index], Array], chosen: Index, count: int) -> Index:
-    """Members (N,) exchanged once, one after the other, for the best of `count` candidates.
-
-    `value` is of many choices (B, N) at once, (B,), and shall be small: for what depends on the
-    order of shots, or on more than their covariance.
-    """
-    members = chosen.copy()
-    for place in range(len(members)):
-        tried = np.repeat(members[None], count, axis=0)
-        tried[:, place] = np.arange(count)
-        free = np.delete(np.arange(count), np.delete(members, place))
-        members[place] = free[np.argmin(value(tried[free]))]
-    return members
 
 
 def exchange(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:
@@ -247,7 +200,7 @@ def exchange(candidates: Candidates, criterion: Criterion, chosen: Index) -> Des
 def _short_list(candidates: Candidates, criterion: Criterion, chosen: Index) -> Index:
     """The candidates that would tell most besides the chosen ones, (S,)."""
     _, known = _evaluated(candidates, criterion, chosen)
-    gains = criterion.improvement(known.predicted_covariance, known.sensitivity)
+    gains = improvement(known.predicted_covariance, known.sensitivity)
     return np.argsort(-gains)[: max(SHORT_LIST, 2 * len(chosen))]
 
 
@@ -281,7 +234,7 @@ def _exchange_pass(candidates: Candidates, criterion: Criterion, design: Design)
     updater, known = _evaluated(candidates, criterion, members)
     for place, member in enumerate(members):
         without = updater.removed(known, int(member))
-        best = _best(criterion, without, np.delete(members, place))
+        best = _best(without, np.delete(members, place))
         found = criterion.value(updater.covariance_with(without, best))
         if found >= (1.0 - LEAST_GAIN) * value:
             continue
@@ -297,27 +250,20 @@ def _evaluated(
 ) -> tuple[RankKUpdater, CandidateStatistics]:
     """Statistics from the information itself, free of the rounding of all updates before."""
     covariance = _covariance(candidates, members, EXCHANGE_REGULARISATION)
-    updater = RankKUpdater.of(candidates, criterion.weight(covariance))
+    updater = RankKUpdater.of(candidates, criterion.weight)
     return updater, updater.evaluate(covariance)
 
 
-def _best(criterion: Criterion, known: CandidateStatistics, taken: Sequence[int] | Index) -> int:
-    gains = criterion.improvement(known.predicted_covariance, known.sensitivity)
+def _best(known: CandidateStatistics, taken: Sequence[int] | Index) -> int:
+    gains = improvement(known.predicted_covariance, known.sensitivity)
     gains[np.asarray(taken, dtype=np.intp)] = -np.inf
     return int(np.argmax(gains))
 
 
 def _covariance(candidates: Candidates, chosen: Index, pretended: float) -> Array:
-    return covariance_of(candidates, candidates.jacobians[chosen], pretended)
-
-
-def covariance_of(candidates: Candidates, jacobians: Array, pretended: float) -> Array:
-    """Covariance of scaled unknowns by Jacobians (N, k, P).
-
-    As if that share of a mean candidate were known besides.
-    """
-    rows = jacobians.reshape(-1, jacobians.shape[-1])
-    return np.asarray(np.linalg.inv(rows.T @ rows + pretended * candidates.mean_information))
+    """Covariance of scaled unknowns, as if that share of a mean candidate were known besides."""
+    information = candidates.information(chosen) + pretended * candidates.mean_information
+    return np.asarray(np.linalg.inv(information))
 
 
 def minimum_measurements(candidates: Candidates) -> int:

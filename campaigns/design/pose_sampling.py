@@ -15,10 +15,6 @@ from campaigns.mechanisms.mechanism import Kinematics, Limits
 
 FURTHER = 1.05
 """A pose is near the boundary when it cannot be taken this much further from the centre."""
-DRAWN_IN = (0.001, 0.3)
-"""Least and most of the way to the centre by which a pose beyond the boundary is drawn in."""
-HALVINGS = 3
-"""Of that interval on a logarithmic scale: to a factor of two."""
 BATCH = 4000
 BATCHES = 200
 """Tried for every `FOUND` poses that are needed."""
@@ -48,8 +44,6 @@ class FeasibleRegion:
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
     space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED
-    commanded: "FeasibleRegion | None" = None
-    """Region where another model of the robot, as its nominal one, must be at the same joints."""
 
     @property
     def extent(self) -> Array:
@@ -65,39 +59,13 @@ class FeasibleRegion:
             allowed[allowed] = self._roadmap.connected(poses[allowed, :3])
         return allowed
 
-    def drawn_in(self, poses: Array) -> tuple[Array, Mask]:
-        """Poses (N, t), those beyond the boundary moved to it towards the centre, and which may be.
-
-        What lies too far beyond stays away.
-        """
-        allowed = self.allows(poses)
-        beyond = np.flatnonzero(~allowed)
-        beyond = beyond[self.allows(poses[beyond] + DRAWN_IN[1] * (self.centre - poses[beyond]))]
-        allowed[beyond] = True
-        towards = self.centre - poses[beyond]
-        near, far = (np.full(len(beyond), part) for part in DRAWN_IN)
-        for _ in range(HALVINGS):
-            middle = np.sqrt(near * far)
-            inside = self.allows(poses[beyond] + middle[:, None] * towards)
-            near, far = np.where(inside, near, middle), np.where(inside, middle, far)
-        moved = poses.copy()
-        moved[beyond] += far[:, None] * towards
-        return moved, allowed
-
     def can_measure(self, poses: Array) -> Mask:
         """Mask of the poses that can be taken and seen, wherever that is, (N,)."""
         seen = (
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
             <= self.acceptance_rad
         )
-        found = self.kinematics.feasibility(self.limits, poses)
-        allowed = np.asarray(found.feasible & seen)
-        if self.commanded is not None:
-            rows = np.flatnonzero(allowed)
-            there = self.commanded.kinematics.forward(found.joints[rows], near=poses[rows])
-            allowed[rows] = there.found
-            allowed[rows[there.found]] = self.commanded.allows(there.values[there.found])
-        return allowed
+        return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
 
     def refusals(self, count: int, rng: np.random.Generator) -> restricted_space.Refusals:
         """Refusals by the space among so many poses that can be taken and seen.

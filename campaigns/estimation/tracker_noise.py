@@ -28,8 +28,6 @@ class TrackerUncertainty:
     along_per_mm: float = 0.3e-6 / 3**0.5
     across_mm: float = 0.015 / 3**0.5
     across_per_mm: float = 6e-6 / 3**0.5
-    robot_scatter_mm: float = 0.0
-    """Scatter of the robot's point beside it, the same in every direction; known for plans."""
     scale: float = 2e-6 / 3**0.5
     """Of what all shots have in common, the share of every length: the tracker's and the air's."""
     axes_per_mm: float = 3e-6 / 3**0.5
@@ -71,9 +69,8 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
     across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
     found = beam[..., :, None] * beam[..., None, :]
     found *= (along - across)[..., None, None]
-    everywhere = across + uncertainty.robot_scatter_mm**2
     for axis in range(3):
-        found[..., axis, axis] += everywhere
+        found[..., axis, axis] += across
     return np.asarray(found)
 
 

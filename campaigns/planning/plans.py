@@ -35,9 +35,6 @@ POSE_RESERVE_RAD = float(np.radians(1.0))
 SPACE_RESERVE_MM = 2.0
 """Planned poses keep off the walls of zones by this: a robot that stands there may read itself a
 little beyond."""
-INACCURATE_MARGIN = 0.4
-"""Singularity margin of planned poses for a robot that may be 5 mm and 3° off: with the usual one
-every third such robot cannot take some of 120 poses, with this one all of them can."""
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
@@ -82,10 +79,6 @@ class PlanRequest:
     space: RestrictedSpace = UNRESTRICTED
     tells_backlash: bool = False
     """Joints come evenly from both sides: for a model that what gears do may be added to."""
-    inaccurate: bool = False
-    """The robot may be 5 mm and 3° off: poses keep further off singularities."""
-    commanded: FeasibleRegion | None = None
-    """Region by the robot's nominal model, where the plan is for another one of it."""
 
     def ordered(self, joints: Array, pairs: Index, start: Array, fitted: int) -> Index:
         """Tour of the pairs (M, 2) that this asks for, the first rows being fitted."""
@@ -95,10 +88,9 @@ class PlanRequest:
         return balance_approaches(joints, pairs, start, counted, EVENLY)
 
 
-def with_reserve(robot: RobotFile, *, inaccurate: bool = False) -> Limits:
+def with_reserve(robot: RobotFile) -> Limits:
     """Limits of a robot drawn in, for planning."""
-    least = max(robot.limits.singularity_margin, INACCURATE_MARGIN if inaccurate else 0.0)
-    return replace(robot.limits, singularity_margin=least).drawn_in(
+    return robot.limits.drawn_in(
         joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
         task=POSE_RESERVE_RAD,
         swing_rad=POSE_RESERVE_RAD,
@@ -111,7 +103,6 @@ def region_of(
     view: View,
     centre: Pose,
     space: RestrictedSpace = UNRESTRICTED,
-    commanded: FeasibleRegion | None = None,
 ) -> FeasibleRegion:
     """Region where poses may be placed."""
     facing = np.array(view.facing)
@@ -123,15 +114,13 @@ def region_of(
         facing / np.linalg.norm(facing),
         view.acceptance_rad,
         space.with_margin(SPACE_RESERVE_MM),
-        commanded,
     )
 
 
 def requested_region(robot: RobotFile, view: View, request: PlanRequest) -> FeasibleRegion:
     """Region where the poses of a plan may be placed."""
-    limits = with_reserve(robot, inaccurate=request.inaccurate)
-    own = robot.kinematics, limits, view, request.centre, request.space
-    return region_of(*own, request.commanded)
+    limits = with_reserve(robot)
+    return region_of(robot.kinematics, limits, view, request.centre, request.space)
 
 
 def make_plan(
@@ -144,7 +133,7 @@ def make_plan(
     """
     kinematics = robot.kinematics
     region = requested_region(robot, view, request)
-    _check_centre(region, inaccurate=request.inaccurate)
+    _check_centre(region)
     _check_tracker(region)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
@@ -161,7 +150,7 @@ def make_plan(
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 
 
-def _check_centre(region: FeasibleRegion, *, inaccurate: bool) -> None:
+def _check_centre(region: FeasibleRegion) -> None:
     """Raise `PlanInvalid` for a centre of the workspace that is no place for a shot."""
     centre = region.centre[None]
     if region.allows(centre)[0]:
@@ -169,10 +158,8 @@ def _check_centre(region: FeasibleRegion, *, inaccurate: bool) -> None:
     at = f"the workspace's centre {_in_words(region.centre[:3])}"
     if not region.kinematics.feasibility(region.limits, centre).feasible[0]:
         reasons = region.kinematics.feasibility(region.limits, centre).describe(0)
-        further = ", or leave --inaccurate out" if inaccurate else ""
         raise PlanInvalid(
-            f"{at} cannot be taken: {'; '.join(reasons)}",
-            remedy=f"correct validation.centre_mm{further}",
+            f"{at} cannot be taken: {'; '.join(reasons)}", remedy="correct validation.centre_mm"
         )
     if not region.can_measure(centre)[0]:
         _check_tracker(region)
@@ -192,7 +179,12 @@ def _check_centre(region: FeasibleRegion, *, inaccurate: bool) -> None:
 def _check_tracker(region: FeasibleRegion) -> None:
     """Raise `PlanInvalid` for a tracker in the robot, also where its place was given in metres."""
     place = region.view_from_mm
-    if tracker_clearance_mm(region, place[None])[0] > TRACKER_CLEARANCE_MM:
+    sample = sample_workspace(region.kinematics, region.limits, region.centre)
+    if sample is None:
+        return
+    robot_mm = np.vstack([sample[:, :3], base_mm(region.kinematics)])
+    hull = scipy.spatial.ConvexHull(robot_mm).equations
+    if (hull[:, :3] @ place + hull[:, -1]).max() > TRACKER_CLEARANCE_MM:
         return
     hint = ", as if it were given in metres" if 0.0 < np.linalg.norm(place) < FARTHEST_M else ""
     raise PlanInvalid(
@@ -200,17 +192,6 @@ def _check_tracker(region: FeasibleRegion) -> None:
         f"plate goes (limit {TRACKER_CLEARANCE_MM:g} mm away){hint}",
         remedy="correct tracker.place_mm: [x, y, z] in mm, seen from the robot's base",
     )
-
-
-def tracker_clearance_mm(region: FeasibleRegion, places_mm: Array) -> Array:
-    """Distance of places (N, 3) from the robot, (N,), below 0 in it; infinite without a pose."""
-    sample = sample_workspace(region.kinematics, region.limits, region.centre)
-    if sample is None:
-        return np.full(len(places_mm), np.inf)
-    hull = scipy.spatial.ConvexHull(
-        np.vstack([sample[:, :3], base_mm(region.kinematics)])
-    ).equations
-    return np.asarray((places_mm @ hull[:, :3].T + hull[:, -1]).max(axis=1))
 
 
 def _in_words(place_mm: Array) -> str:

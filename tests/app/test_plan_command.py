@@ -4,7 +4,6 @@ import json
 import math
 from dataclasses import replace
 from functools import cache, partial
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,17 +11,8 @@ from par4_space import SKEW_NAMES, SPACE
 
 from app.main import run_command
 from app.new_campaign import create_simulated
-from app.plan_text import (
-    best_stand_lines,
-    paying_line,
-    plate_warning,
-    stands_table,
-    told_lines,
-    warnings,
-)
-from app.report.figures.stands import stands_map
+from app.plan_text import paying_line, plate_warning, told_lines, warnings
 from campaigns.campaign import open_campaign
-from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import OptionsInvalid, PlanInvalid, WriteFailed
 from campaigns.estimation.estimators import Model
@@ -32,12 +22,8 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement
 from campaigns.planning.predicted_uncertainty import Forecast
-from campaigns.planning.stands import Stand
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan
-
-FEW = 200
-"""Candidates, for plans that are soon made."""
 
 
 @pytest.fixture
@@ -101,12 +87,7 @@ def asked_of(monkeypatch):
 
 
 def test_placement_is_by_option_or_setting_and_optimal_where_shots_are_chosen(campaign, asked_of):
-    for options in (
-        PlanOptions(until="σ=0.1"),
-        PlanOptions(criterion="D"),
-        PlanOptions(candidates=FEW),
-        PlanOptions(placement=Placement.OPTIMAL),
-    ):
+    for options in (PlanOptions(until="σ=0.1"), PlanOptions(placement=Placement.OPTIMAL)):
         assert asked_of(campaign, options)[0] is Placement.OPTIMAL
     for options in (None, PlanOptions()):
         assert asked_of(campaign, options)[0] is Placement.BOUNDARY
@@ -116,12 +97,9 @@ def test_placement_is_by_option_or_setting_and_optimal_where_shots_are_chosen(ca
     assert asked_of(campaign, near)[0] is Placement.BOUNDARY
 
 
-@pytest.mark.parametrize(
-    ("option", "value"), [("until", "σ=0.1"), ("criterion", "E"), ("candidates", FEW)]
-)
-def test_boundary_placement_with_what_asks_for_choosing_is_refused(option, value):
-    with pytest.raises(OptionsInvalid, match=rf"--{option} .* --placement boundary"):
-        PlanOptions(placement=Placement.BOUNDARY, **{option: value})
+def test_boundary_placement_with_a_goal_is_refused():
+    with pytest.raises(OptionsInvalid, match=r"--until .* --placement boundary"):
+        PlanOptions(placement=Placement.BOUNDARY, until="σ=0.1")
 
 
 def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign, asked_of):
@@ -140,21 +118,12 @@ def test_a_goal_that_is_none_or_for_lengths_that_are_held_is_refused(campaign):
         plan(campaign, PlanOptions(until="σ=0.05", fix=("*_mm",)))
 
 
-def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
-    assert run_command(["plan", "--help"]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    letters = get_args(CriterionName)
-    assert f"--criterion <{'|'.join(letters)}> " in text
-    for letter in letters:
-        assert f" {letter}: " in text
-        assert asked_of(campaign, PlanOptions(criterion=letter))[1].criterion == letter
-
-
-def test_plan_is_for_the_full_model_and_for_the_standard_one_where_shots_are_few(campaign, capsys):
-    by_distances = ("--estimator", "distances")
+def test_plan_is_for_the_full_model_and_for_the_standard_one_where_shots_are_few(tmp_path, capsys):
+    create_simulated(tmp_path / "h4", "h4", "drawn-robots")
+    campaign = open_campaign(tmp_path / "h4")
     assert plan(campaign, PlanOptions(shots=40)).model is Model.FULL
     assert {shot.model for shot in campaign.read_plan()} == {Model.FULL}
-    assert run_command(["plan", str(campaign.folder), "--shots", "50", *by_distances]) == 0
+    assert run_command(["plan", str(campaign.folder), "--shots", "10"]) == 0
     said = " ".join(capsys.readouterr().err.split())
     assert "planned for the standard model, not the full one: the shots are too few" in said
     assert {shot.model for shot in campaign.read_plan()} == {None}
@@ -186,8 +155,7 @@ TILTS = ("arm2.axis_tilt_deg", "arm3.axis_tilt_deg")
 @pytest.mark.long
 @pytest.mark.parametrize("placement", list(Placement))
 def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(plan_of, placement):
-    few = 200 if placement is Placement.OPTIMAL else None
-    plain = PlanOptions(shots=80, placement=placement, candidates=few)
+    plain = PlanOptions(shots=80, placement=placement)
     usual = plan_of(replace(plain, model=Model.STANDARD))
     tilted = plan_of(replace(plain, model=Model.FULL))
     std = predicted(tilted).std_in_file_units
@@ -205,9 +173,8 @@ def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(plan_of):
 def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
     plan(campaign, PlanOptions(shots=14))
     before = campaign.plan_path.read_text()
-    for placement, few in ((Placement.BOUNDARY, None), (Placement.OPTIMAL, FEW)):
-        free = ("arm0.z_mm",)
-        asked = PlanOptions(shots=60, placement=placement, candidates=few, free=free)
+    for placement in Placement:
+        asked = PlanOptions(shots=60, placement=placement, free=("arm0.z_mm",))
         with pytest.raises(PlanInvalid, match=r"arm0\.z_mm, .* move together.*--fix"):
             plan(campaign, asked)
     assert campaign.plan_path.read_text() == before
@@ -216,11 +183,11 @@ def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
 
 @pytest.mark.slow
 def test_the_document_says_how_the_plan_was_made_and_what_it_tells(campaign, capsys):
-    words = ("--shots", 60, "--criterion", "E", "--candidates", FEW, "--seed", 5, "--json")
+    words = ("--shots", 60, "--placement", "optimal", "--seed", 5, "--json")
     assert run_command(["plan", str(campaign.folder), *map(str, words)]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["placement"] == "optimal"
-    assert (document["criterion"], document["estimator"], document["seed"]) == ("E", "points", 5)
+    assert document["seed"] == 5
     std = document["predicted_std"]
     worst = max(value for name, value in std.items() if name.endswith("_mm"))
     assert document["worst"]["length_mm"] == pytest.approx(worst)
@@ -239,17 +206,23 @@ def test_a_plan_with_too_few_shots_is_written_and_its_document_knows_nothing(cam
     assert set(document["predicted_std"].values()) == {None}
     assert document["worst"] == {"length_mm": None, "angle_deg": None}
     assert set(document["position_error_mm"].values()) == {None}
-    assert (document["curve"], document["criterion"]) == (None, None)
+    assert document["curve"] is None
     assert "too few shots" in captured.err
 
 
 @pytest.mark.slow
 def test_what_people_read_names_the_worst_and_says_when_more_shots_stop_paying(campaign, capsys):
     picture = campaign.path("plan.svg")
-    words = ("--shots", "40", "--candidates", str(FEW), "--plot", str(picture))
+    words = ("--shots", "40", "--placement", "optimal", "--plot", str(picture))
     assert run_command(["plan", str(campaign.folder), *words]) == 0
     text = capsys.readouterr().out
-    for words in ("by points", "worst length arm", "±", "positions in the workspace", "O5"):
+    for words in (
+        "Predicted uncertainty",
+        "worst length arm",
+        "±",
+        "positions in the workspace",
+        "O5",
+    ):
         assert words in text
     assert "40 shots, this plan" in text
     assert "only average" in text
@@ -342,51 +315,3 @@ def test_a_plate_whose_size_nobody_said_is_warned_of():
     assert "space.plate_radius_mm" in plate_warning(RestrictedSpace((floor,)))
     assert plate_warning(RestrictedSpace((floor,), 100.0)) == ""
     assert plate_warning(UNRESTRICTED) == ""
-
-
-@pytest.mark.parametrize("growth", [1.005, 1.1])
-def test_a_stand_is_called_the_best_only_where_another_is_worse(growth):
-    near = Stand(270.0, 1500.0, (-3e-13, -1500.0, -500.0), 0, 0.008)
-    far = replace(near, distance_mm=6000.0, position_std_mm=growth * near.position_std_mm)
-    hidden = replace(near, unseen=3, position_std_mm=0.02)
-    best, *more = best_stand_lines((far, near))
-    told = "tracker.place_mm: [0, -1500, -500], " if growth > 1.01 else "every stand is as good: "
-    assert f"{told}positions ±0.0080 mm at most" in best
-    assert more
-    assert "tracker.place_mm: [0, -1500, -500], " in next(best_stand_lines((near, hidden)))
-    assert stands_table((near, hidden, far))[2] == [("270°", "(3)", f"{8.0 * growth:.1f}")]
-
-
-def test_stands_are_compared_for_the_plan_that_is_there(campaign, capsys, monkeypatch):
-    monkeypatch.setattr("campaigns.planning.stands.DIRECTIONS_DEG", (0, 90))
-    assert run_command(["plan", str(campaign.folder), "--shots", "40"]) == 0
-    plan = campaign.plan_path.read_bytes()
-    capsys.readouterr()
-    assert run_command(["plan", str(campaign.folder), "--where-tracker", "--json"]) == 0
-    captured = capsys.readouterr()
-    assert campaign.plan_path.read_bytes() == plan
-    assert "every stand is as good: positions ±" in captured.err
-    document = json.loads(captured.out)
-    assert len(document["stands"]) == 12
-    assert document["best_stand"] in document["stands"]
-    assert min(each["unseen"] for each in document["stands"]) == document["best_stand"]["unseen"]
-
-
-def test_stands_are_drawn_with_what_each_tells_and_the_best_ringed():
-    near = Stand(270.0, 1500.0, (0.0, -1500.0, -500.0), 0, 0.008)
-    far = Stand(90.0, 6000.0, (0.0, 6000.0, -500.0), 0, 0.021)
-    hidden = Stand(0.0, 1500.0, (1500.0, 0.0, -500.0), 3, 0.007)
-    [axes, *_] = stands_map((far, near, hidden)).axes
-    words = {text.get_text(): text.get_position() for text in axes.texts}
-    assert words == words | {"8": (0.0, -1.5), "21": (0.0, 6.0), "(3)": (1.5, 0.0)}
-    assert axes.collections[-1].get_offsets().tolist() == [[0.0, -1.5]]
-
-
-def test_the_map_of_stands_takes_the_place_of_the_plans_picture(campaign, monkeypatch, tmp_path):
-    monkeypatch.setattr("campaigns.planning.stands.DIRECTIONS_DEG", (0,))
-    assert run_command(["plan", str(campaign.folder), "--shots", "40"]) == 0
-    plan, picture = campaign.plan_path.read_bytes(), tmp_path / "stands.svg"
-    words = ["plan", str(campaign.folder), "--where-tracker", "--plot", str(picture)]
-    assert run_command(words) == 0
-    assert campaign.plan_path.read_bytes() == plan
-    assert "Stands of the tracker" in picture.read_text()

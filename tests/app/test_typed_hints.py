@@ -24,10 +24,6 @@ VALUES = {
         "seed": ("3",),
         "until": ("σ=5",),
         "placement": ("boundary",),
-        "criterion": ("D",),
-        "candidates": ("100",),
-        "scatter_mm": ("0.1",),
-        "after_identify": (),
     },
     "RunOptions": {"until": ("σ=5",), "skip": ("3",), "retry": ("1",)},
     "IdentificationOptions": {

@@ -139,7 +139,7 @@ def test_a_plan_of_too_few_shots_is_refused_with_the_least_number(shots):
     robot, tracker_mm = find_robot("par4-prototype"), (2400.0, -300.0, -450.0)
     with pytest.raises(PlanInvalid) as caught:
         plan(robot, tracker_mm, shots=shots)
-    words = f"shots is {shots}, must be even and 14 or more to determine 22 parameters by points"
+    words = f"shots is {shots}, must be even and 14 or more to determine 22 parameters"
     assert str(caught.value).startswith(words)
     assert plan(robot, tracker_mm, shots=14).precision.position_std_mm.max() < 1.0
 

@@ -16,7 +16,7 @@ PLAN_KEYS = {
     *("model", "fitting_lines_mm"),
     *("shots", "pairs", "predicted_std", "predicted_total_std", "observability"),
     *("seconds_estimated", "path"),
-    *("placement", "estimator", "criterion", "seed", "worst", "position_error_mm"),
+    *("placement", "seed", "worst", "position_error_mm"),
     *("from_below", "curve", "space"),
 }
 IDENTIFICATION_KEYS = {

@@ -6,16 +6,11 @@ import numpy as np
 from par4_cases import NOMINAL, TRACKER_STD_MM, region
 from par4_space import SPACE
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array
 from campaigns.design.candidates import Candidates
-from campaigns.design.criteria import Criterion, CriterionName, make_criterion
-from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
-from campaigns.estimation.information import (
-    distance_jacobian,
-    marginalise_frame,
-    point_jacobian,
-    whitened,
-)
+from campaigns.design.criteria import Criterion
+from campaigns.design.pose_sampling import boundary_poses, interior_poses
+from campaigns.estimation.information import point_jacobian, whitened
 
 VARIANCE_MM2 = TRACKER_STD_MM**2
 
@@ -27,10 +22,10 @@ class Case:
     candidates: Candidates
     workspace: Array
     workspace_rows: Array
-    pairs: Index | None = None
 
-    def criterion(self, name: CriterionName) -> Criterion:
-        return make_criterion(name, self.candidates, self.workspace_rows)
+    @property
+    def criterion(self) -> Criterion:
+        return Criterion.of(self.candidates, self.workspace_rows)
 
 
 def rows_at(poses, free=SPACE.free_by_default):
@@ -60,21 +55,6 @@ def shots(count=600, seed=1, free=SPACE.free_by_default, noise=None):
 def shot_candidates(free, joints, poses, noise):
     seen = whitened(point_jacobian(NOMINAL, free, joints, poses), noise)
     return Candidates.from_jacobians(seen, free, ~SPACE.is_angle[SPACE.places(free)])
-
-
-def pairs(count=800, seed=1):
-    poses, workspace = drawn(count, seed)
-    joints = NOMINAL.inverse(poses).values_or_raise()
-    rows = random_pairs(poses, np.random.default_rng(seed))
-    variance = np.full(len(rows), 2.0 * VARIANCE_MM2)
-    apart = distance_jacobian(NOMINAL, SPACE.free_by_default, joints, poses, rows)
-    in_std = apart / np.sqrt(variance)[:, None]
-    candidates = Candidates.from_jacobians(
-        in_std[:, None, :],
-        SPACE.free_by_default,
-        ~SPACE.is_angle[SPACE.places(SPACE.free_by_default)],
-    )
-    return Case(poses, joints, candidates, workspace, marginalise_frame(rows_at(workspace)), rows)
 
 
 def anything(count, k, unknowns, seed, parameters=None):

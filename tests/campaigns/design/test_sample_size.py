@@ -22,7 +22,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def criterion(case):
-    return case.criterion("I")
+    return case.criterion
 
 
 def rng():

@@ -9,13 +9,8 @@ from small_plans import VIEW, of
 
 from campaigns.design import pose_sampling, tours
 from campaigns.errors import PlanInvalid
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import predict_distances, predict_points
-from campaigns.estimation.tracker_noise import (
-    TrackerUncertainty,
-    distance_variance_mm2,
-    point_covariance_mm2,
-)
+from campaigns.estimation.information import predict_points
+from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
@@ -51,15 +46,6 @@ def worst_length_mm(shots, view=VIEW):
     noise = point_covariance_mm2(poses[:, :3] - view.tracker_mm, TrackerUncertainty())
     found, _ = predict_points(GEOMETRY, SPACE.free_by_default, joints_of(shots), poses, noise)
     return np.sqrt(np.diag(found)[: len(LENGTH)])[LENGTH].max()
-
-
-def worst_length_by_distances_mm(shots):
-    poses, pairs = poses_of(shots), pairs_of(shots, ShotSet.IDENTIFICATION)
-    noise = point_covariance_mm2(poses[:, :3] - VIEW.tracker_mm, TrackerUncertainty())
-    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    joints = joints_of(shots)
-    found, _ = predict_distances(GEOMETRY, SPACE.free_by_default, joints, poses, pairs, variance)
-    return np.sqrt(np.diag(found))[LENGTH].max()
 
 
 def travel(shots):
@@ -103,16 +89,6 @@ def test_plan_can_be_run_and_is_the_same_by_the_same_seed(plan):
 def test_plan_tells_more_and_travels_less_than_the_boundary_plan(plan, boundary_plan):
     assert worst_length_mm(plan) < 0.8 * worst_length_mm(boundary_plan)
     assert travel(plan) < 0.9 * travel(boundary_plan)  # 0.82 to 0.89 by the seed
-    best = worst_length_by_distances_mm(plan)
-    assert best < worst_length_by_distances_mm(boundary_plan)
-
-
-def test_plan_for_distances_tells_most_by_distances(plan):
-    by_distances, _ = planned(request(60, estimator=Estimator.DISTANCES))
-    assert len(of(by_distances, ShotSet.IDENTIFICATION)) == 60
-    least = worst_length_by_distances_mm(plan)
-    assert worst_length_by_distances_mm(by_distances) < least
-    check_plan(by_distances, ROBOT_MODEL, VIEW, Pace(1.0, 0.2, 1.0))
 
 
 def test_plan_needs_no_validation_pairs_nor_a_tracker_that_sees_the_whole_workspace():
@@ -143,14 +119,6 @@ def test_goal_takes_as_few_shots_as_it_needs():
     assert worst_length_mm(found) <= 0.05
 
 
-def test_goal_for_distances_takes_whole_pairs():
-    found, curve = planned(request(150, until_mm=0.1, estimator=Estimator.DISTANCES))
-    pairs = pairs_of(found, ShotSet.IDENTIFICATION)
-    assert 22 <= len(pairs) < 60
-    assert worst_length_by_distances_mm(found) <= 0.1
-    assert 2 * len(pairs) in {count for count, _ in curve}
-
-
 def test_goals_out_of_reach_or_of_too_few_candidates_are_refused():
     asked = request(40, until_mm=0.001, candidates=100)
     with pytest.raises(PlanInvalid, match=r"σ=0\.001 .* 40 shots, .* leave ±0\.0") as refused:
@@ -161,16 +129,14 @@ def test_goals_out_of_reach_or_of_too_few_candidates_are_refused():
         planned(request(1000, until_mm=0.001, candidates=50))
 
 
-@pytest.mark.parametrize("estimator", Estimator)
-def test_fewer_candidates_than_shots_are_refused(estimator):
-    with pytest.raises(PlanInvalid, match=r"120 shots .* only 100 candidates → .*--candidates"):
-        planned(request(120, candidates=100, estimator=estimator))
+def test_fewer_candidates_than_shots_are_refused():
+    with pytest.raises(PlanInvalid, match=r"120 shots .* only 100 candidates → ask for fewer"):
+        planned(request(120, candidates=100))
 
 
-@pytest.mark.parametrize(("estimator", "fewest"), [("points", 14), ("distances", 44)])
-def test_fewer_shots_than_tell_all_are_refused(estimator, fewest):
-    with pytest.raises(PlanInvalid, match=f"12 shots .* 22 parameters .* {estimator}, {fewest} or"):
-        planned(request(12, estimator=Estimator(estimator)))
+def test_fewer_shots_than_tell_all_are_refused():
+    with pytest.raises(PlanInvalid, match=r"12 shots .* 22 parameters .* 14 or"):
+        planned(request(12))
 
 
 def test_parameters_that_move_with_the_frame_are_refused():

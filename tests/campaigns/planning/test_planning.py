@@ -17,7 +17,6 @@ from campaigns.planning import plans
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
-from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
@@ -46,31 +45,6 @@ def test_default_plan_has_what_was_asked_for_in_pairs_with_drift_shots_between(
         assert (np.diff(pairs, axis=1) == 1).all()
     assert [shot.shot for shot in of(default_plan, ShotSet.DRIFT)] == [0, 81, 162]
     assert {shot.pose for shot in of(default_plan, ShotSet.DRIFT)} == {MIDDLE}
-
-
-def test_a_plan_for_an_inaccurate_robot_holds_poses_that_one_far_off_can_take(
-    default_plan: tuple[PlannedShot, ...],
-) -> None:
-    careful = plan(replace(REQUEST, inaccurate=True))
-    rng = np.random.default_rng(1)
-    free = PAR4.parameters.places(PAR4.parameters.free_by_default)
-    most = np.where(PAR4.parameters.is_angle[free], np.radians(3.0), 5.0)
-    lost = {"usual": 0, "careful": 0}
-    for _ in range(20):
-        p = NOMINAL.p.copy()
-        p[free] += rng.uniform(-most, most)
-        robot = replace(NOMINAL, p=p)
-        for name, shots in (("usual", default_plan), ("careful", careful)):
-            lost[name] += not robot.forward(plans.joints_of(shots)).found.all()
-    assert lost["usual"] > 2
-    assert lost["careful"] == 0
-
-
-def test_a_robot_whose_middle_is_near_a_singularity_is_told_to_plan_as_usual() -> None:
-    request = plans.PlanRequest(40, 4, 2, Pose(0.0, 0.0, -450.0, 0.0), inaccurate=True)
-    with pytest.raises(PlanInvalid, match=r"margin 0\.\d+ \(limit 0\.4\)") as refused:
-        plans.make_plan(find_robot("i4l").robot, VIEW, request, np.random.default_rng(1))
-    assert refused.value.remedy == "correct validation.centre_mm, or leave --inaccurate out"
 
 
 @pytest.mark.parametrize(("pairs", "visits"), [(5, 3), (20, 3), (80, 9)])
