@@ -40,7 +40,7 @@ class Arms(ABC):
     words: ClassVar[ArmWords]
 
     forearm_mm: Array
-    """L_i, (n, 1 or N)."""
+    """L_i, (n, 1)."""
     elbows_mm: Array
     """A_i in the base frame, (3, n, N)."""
 
@@ -63,10 +63,7 @@ class Arms(ABC):
     @classmethod
     @abstractmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
-        """Arms of fields (n, k, C) and extensions (n, e, C) of C robots at readings (N, n).
-
-        N / C rows are of each robot in turn.
-        """
+        """Arms of fields (n, k, 1) and extensions (n, e, 1) at readings (N, n)."""
 
     @staticmethod
     @abstractmethod
@@ -123,11 +120,11 @@ class RotaryArms(Arms):
     words = ("its elbow's circle", "out of its arm's plane", "elbow")
 
     arm_mm: Array
-    """l_i, (n, 1 or N)."""
+    """l_i, (n, 1)."""
     axis_tilt_rad: Array
-    """τ_i, (n, 1 or N)."""
+    """τ_i, (n, 1)."""
     frames: Array
-    """u_i, the motor's axis and w_i, of unit length in the base frame, (3, 3, n, 1 or N)."""
+    """u_i, the motor's axis and w_i, of unit length in the base frame, (3, 3, n, 1)."""
     cos: Array
     """Cosines of the arms' angles, (n, N)."""
     sin: Array
@@ -136,10 +133,10 @@ class RotaryArms(Arms):
     @override
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
-        """Cranks of (n, 7, C) fields and (n, 1, C) axis tilts of C robots at angles (N, n)."""
-        rows, azimuth, tilt = len(joints), values[:, 3], of_rows(extensions[:, 0], len(joints))
-        frames = of_rows(crank_frames(azimuth, extensions[:, 0]), rows)
-        motor, _, offset, arm, forearm = _columns(of_rows(values, rows))
+        """Cranks of (n, 7, 1) fields and (n, 1, 1) axis tilts at angles (N, n)."""
+        tilt = extensions[:, 0]
+        motor, azimuth, offset, arm, forearm = _columns(values)
+        frames = crank_frames(azimuth, tilt)
         angle = np.ascontiguousarray(joints.T) + offset
         cos, sin = np.cos(angle), np.sin(angle)
         outward, _, lowered = arm * frames
@@ -214,12 +211,6 @@ class RotaryArms(Arms):
         return np.full(3, values[:, 6].max())
 
 
-def of_rows(values: Array, rows: int) -> Array:
-    """Values (…, C) of robots for each of the rows, (…, 1 or N), which are of each in turn."""
-    robots = values.shape[-1]
-    return values if robots == 1 else np.repeat(values, rows // robots, axis=-1)
-
-
 def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:
     """u_i, the motor's axis, and w_i, of unit length in the base frame, (3, 3, n, …).
 
@@ -235,7 +226,7 @@ def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:
 
 
 def in_frames(frames: Array, vectors: Array) -> Array:
-    """Vectors of the arms (3, …, n, N) along their frames' axes (a, 3, n, 1 or N), (a, …, n, N)."""
+    """Vectors of the arms (3, …, n, N) along their frames' axes (a, 3, n, 1), (a, …, n, N)."""
     return np.asarray(np.einsum("akin,k...in->a...in", frames, vectors))
 
 

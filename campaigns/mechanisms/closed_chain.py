@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import Arms, of_rows
+from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.configuration import AZIMUTH, COORDINATES, Configuration, Limbs
 from campaigns.mechanisms.mechanism import (
     Axis,
@@ -299,34 +299,20 @@ class ClosedChain:
     def configuration(
         self, p: Array, joints: Array, approach: Array | None = None
     ) -> Configuration:
-        """Arms at encoder readings (N, n), for whoever needs both poses and Jacobian.
+        """Arms at encoder readings (N, n), for whoever needs both poses and Jacobian."""
+        values, platform, extensions = self._split(p[:, None])
+        true_joints = self.true_joints(p, joints, approach)
+        arms = self._arms.at(values, extensions[:, :-1], true_joints)
+        pairs = self._rod_pairs(values, extensions)
+        return Configuration(self, platform, arms, pairs, self.assembly_sign(p))
 
-        `p` (G,) may be those of C robots, (G, C), without a transmission: N / C rows are of each in
-        turn.
-        """
-        robots = p.reshape(len(p), -1)
-        values, platform, extensions = self._split(robots)
-        arms = self.arms_at(p, joints, approach)
-        tilting = extensions[:, -2:].any()
-        of = (of_rows(each, len(joints)) if tilting else each for each in (values, extensions))
-        pairs = self._rod_pairs(*of)
-        platform, signs = (
-            of_rows(each, len(joints)) for each in (platform, self.assembly_sign(robots))
-        )
-        return Configuration(self, platform, arms, pairs, signs, robots.shape[1])
-
-    def arms_at(self, p: Array, joints: Array, approach: Array | None = None) -> Arms:
-        """Arms of a configuration alone."""
-        values, _, extensions = self._split(p.reshape(len(p), -1))
-        return self._arms.at(values, extensions[:, :-1], self.true_joints(p, joints, approach))
-
-    def assembly_sign(self, robots: Array) -> Array:
-        """Signs of the closures' determinant of robots (G, C), (C,), at home.
+    def assembly_sign(self, p: Array) -> Array:
+        """Sign of the closures' determinant at home, (1,).
 
         That is at joints 0, the platform well below the elbows.
         """
-        values, platform, extensions = self._split(robots)
-        home = np.zeros((robots.shape[1], len(self.joints)))
+        values, platform, extensions = self._split(p[:, None])
+        home = np.zeros((1, len(self.joints)))
         arms = self._arms.at(values, extensions[:, :-1], home)
         limbs = Limbs(arms.elbows_mm, arms.forearm_mm, platform, np.ones(len(home)))
         _, determinant, _ = self.newton_step(limbs, self._guess(limbs, 0.0, -WELL_BELOW_MM))

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from campaigns.arrays import Array, Index, Mask
-from campaigns.mechanisms.arms import Arms, of_rows
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.mechanism import KinematicSolution
 from campaigns.mechanisms.parasitic_rotation import (
     TYPICAL_JOINT_MM,
@@ -61,35 +61,29 @@ TiltElimination: TypeAlias = tuple[Array, Elimination]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limbs:
-    """Elbows by component (3, n, N), forearm lengths (n, 1 or N), platform fields (f, 1 or N)."""
+    """Elbows by component (3, n, N), forearm lengths (n, 1), platform fields (f, 1)."""
 
     elbows_mm: Array
     forearm_mm: Array
     platform: Array
     assembly_sign: Array
-    """Sign of the determinant of the closures' Jacobian at home, (1 or N,): the assembly mode."""
+    """Sign of the determinant of the closures' Jacobian at home, (1,): the assembly mode."""
 
     def rows(self, chosen: Mask) -> "Limbs":
         """Limbs of some of the rows."""
-        one = self.assembly_sign.shape == (1,)  # robot of all rows
-        own = (self.forearm_mm, self.platform, self.assembly_sign)
-        return Limbs(
-            self.elbows_mm[:, :, chosen], *(own if one else (each[..., chosen] for each in own))
-        )
+        return replace(self, elbows_mm=self.elbows_mm[:, :, chosen])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Configuration:
-    """Arms of a closed chain at joints (N, n), and the platform's fields, (f, 1 or N)."""
+    """Arms of a closed chain at joints (N, n), and the platform's fields, (f, 1)."""
 
     chain: "ClosedChain"
     platform: Array
     arms: Arms
     pairs: RodPairs
     assembly_sign: Array
-    """(1 or N,)"""
-    robots: int = 1
-    """N / robots rows are of each in turn."""
+    """(1,)"""
     _assembled: list[tuple[Array, Array]] = field(default_factory=list)
     """Poses last assembled, and the plate's tilt there."""
     _eliminated: list[TiltElimination] = field(default_factory=list)
@@ -119,9 +113,9 @@ class Configuration:
             level = self.chain.assemble(limbs, None, NEARLY_MM)
             return self._tilted(level, gibbs, settled_mm)
         with suppress(np.linalg.LinAlgError):
-            found, _ = self.follow(near, converged_mm, about)
-            if found.found.all():
-                return found
+            followed = self._followed(limbs, near, converged_mm, about)
+            if followed.found.all():
+                return followed
         moved, gibbs = self._moved(limbs, near, gibbs)
         level = self.chain.assemble(moved, near, NEARLY_MM)
         return self._tilted(level, gibbs, settled_mm)
@@ -150,23 +144,14 @@ class Configuration:
         jacobian *= 2.0
         return jacobian.transpose(2, 0, 1)
 
-    def jacobian(
-        self,
-        poses: Array,
-        *,
-        extended: bool = True,
-        azimuths: bool = True,
-        gibbs: Array | None = None,
-    ) -> Array:
+    def jacobian(self, poses: Array, *, extended: bool = True, azimuths: bool = True) -> Array:
         """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
 
         Columns that are not asked for say nothing: those of extensions are 0 of a level plate,
-        those of azimuths may be anything of a tilted one. `gibbs` (3, N) are the tilts at the
-        poses, where they are known.
+        those of azimuths may be anything of a tilted one.
         """
         if not self.pairs.are_level:
-            tilts = self.tilt(poses) if gibbs is None else gibbs
-            return self._tilting_jacobian(poses, tilts, azimuths=azimuths)
+            return self._tilting_jacobian(poses, self.tilt(poses), azimuths=azimuths)
         forearms, by_closure, own, by_platform = self._level(poses)
         by_all, beyond = self._by_all(by_closure, own, by_platform)
         if extended:
@@ -176,20 +161,6 @@ class Configuration:
         else:
             beyond[:] = 0.0
         return by_all.transpose(2, 0, 1)
-
-    def level_columns(self, poses: Array, places: Index) -> Array:
-        """Columns (t, F, N) of the Jacobian of a level plate, by no extensions."""
-        _, by_closure, own, by_platform = self._level(poses)
-        (arms, fields, _), columns = own.shape, np.empty((len(by_closure), len(places), len(poses)))
-        fields -= len(self.chain.parameters.extension_fields) - 1
-        for column, place in enumerate(places.tolist()):
-            arm, field = divmod(place, fields)
-            if arm < arms:
-                np.multiply(by_closure[:, arm], own[arm, field], out=columns[:, column])
-            else:
-                moved = by_platform[place - arms * fields]
-                (by_closure * moved).sum(axis=1, out=columns[:, column])
-        return columns
 
     def _level(self, poses: Array) -> tuple[Array, Array, Array, Array]:
         """Forearms of a level plate (3, n, N), and its d(pose)/dF (t, n, N).
@@ -208,9 +179,6 @@ class Configuration:
         """
         pairs, offsets_mm = self.pairs, forearms_mm + (self.arms.elbows_mm - _at(poses))
         seen = self.chain.plate.seen_mm(offsets_mm)
-        if self.robots > 1:
-            own = pairs.plate_bars, pairs.motor_axes, pairs.skew, pairs.forearm_mm
-            pairs = RodPairs(*(of_rows(each, len(poses)) for each in own))
         weights = pairs.crossed(forearms_mm)
         inverse = inverse_of_three(np.einsum("kin,lin->kln", weights, weights))
         eliminated = _product(2.0 * cross(forearms_mm, seen).swapaxes(0, 1), inverse)
@@ -311,76 +279,49 @@ class Configuration:
         return replace(limbs, elbows_mm=limbs.elbows_mm - displacement(gibbs, seen)), gibbs
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def follow(
-        self, near: Array, converged_mm: float, about: TiltElimination | None = None
-    ) -> tuple[KinematicSolution, Array]:
-        """Poses (N, t) from poses near them, and the plate's tilts there, (3, N), as `assemble`.
+    def _followed(
+        self, limbs: Limbs, near: Array, converged_mm: float, about: TiltElimination | None
+    ) -> KinematicSolution:
+        """Poses (N, t) of a tilted plate from poses near them, as `assemble`; all or none.
 
-        By Newton's steps of both; of a robot that is lost on its way none is found. Derivatives are
-        those of the robot about which they are known, or the last ones, while steps shrink fast:
-        then no pose on their way is singular, and the assembly mode stays. What a robot gives
-        depends on no other. Raises `LinAlgError` at a singular pose.
+        By Newton's steps of poses and tilts. Derivatives are those of the robot about which they
+        are known, or the last ones, while steps shrink fast: then no pose on their way is singular,
+        and the assembly mode stays. Raises `LinAlgError` at a singular pose.
         """
-        limbs, shots = self._limbs(), len(near) // self.robots
-        if self.pairs.are_level:
-            level = self.chain.assemble(limbs, near, converged_mm)
-            return level, np.zeros((COORDINATES, len(near)))
-        settled_mm = np.full(self.robots, TILT_SETTLED_PER_MM * converged_mm**2)
+        settled_mm = TILT_SETTLED_PER_MM * converged_mm**2
         gibbs = np.zeros((COORDINATES, len(near)))
         if about is not None:
             gibbs, elimination = about
         poses, determinant = np.ascontiguousarray(near.T), limbs.assembly_sign
-        last_mm: Array | None = None
-        known = np.full(self.robots, about is not None)
-        active, settled = np.ones_like(known), np.zeros_like(known)
-        for _ in range(FOLLOWED_ROUNDS):
-            fresh = active & ~known
+        last_mm, is_known, is_settled = 0.0, about is not None, False
+        for rounds in range(FOLLOWED_ROUNDS):
             forearms, seen = self._seen(limbs.elbows_mm, poses.T)
             state = self.pairs.state(forearms, seen, gibbs)
-            if fresh.any():
-                anew = self._elimination(state, poses.T)
+            if not is_known:
+                elimination = self._elimination(state, poses.T)
                 moved = replace(limbs, elbows_mm=limbs.elbows_mm + forearms - state.forearms_mm)
-                _, renewed, _ = self.chain.newton_step(moved, poses)
-                if fresh.all():
-                    elimination, determinant = anew, renewed
-                else:
-                    rows = np.repeat(fresh, shots)
-                    by_closure, eliminated, by_turn, by_pose = (
-                        np.where(rows, new, old) for new, old in zip(anew, elimination, strict=True)
-                    )
-                    elimination = by_closure, eliminated, by_turn, by_pose
-                    determinant = np.where(rows, renewed, determinant)
+                _, determinant, _ = self.chain.newton_step(moved, poses)
             by_closure, eliminated, by_turn, by_pose = elimination
             normal = state.normal_equations()
             step = _applied(by_closure, state.closures() + _applied(eliminated, normal))
             turn = -_applied(by_turn, normal + _applied(by_pose, step))
-            if not active.all():  # others stay exactly where they settled
-                rows = np.repeat(active, shots)
-                step, turn = np.where(rows, step, 0.0), np.where(rows, turn, 0.0)
             poses, gibbs = poses + step, turned_further(gibbs, turn)
             moved_mm = np.concatenate([step[:COORDINATES], TYPICAL_JOINT_MM * turn])
-            size_mm = self._largest(moved_mm)
-            if last_mm is not None:
+            size_mm = float(np.abs(moved_mm).max())
+            if rounds:
                 contraction = size_mm / last_mm
             else:
-                contraction = np.minimum(FIRST_CONTRACTION, FIRST_CONTRACTION_PER_MM * size_mm)
+                contraction = min(FIRST_CONTRACTION, FIRST_CONTRACTION_PER_MM * size_mm)
                 if about is not None:
-                    settled_mm = np.maximum(settled_mm, SETTLED_SHARE * size_mm)
-            at_end = active & (size_mm * contraction <= settled_mm)
-            settled |= at_end
-            active &= ~at_end & np.isfinite(size_mm)
-            if not active.any():
+                    settled_mm = max(settled_mm, SETTLED_SHARE * size_mm)
+            is_settled = size_mm * contraction <= settled_mm
+            if is_settled or not np.isfinite(size_mm):
                 break
-            known, last_mm = fresh | (contraction < CONTRACTION), size_mm
+            is_known, last_mm = not is_known or contraction < CONTRACTION, size_mm
         values = np.ascontiguousarray(poses.T)
         self._assembled[:] = [(values, gibbs)]
-        wanted = self.chain.is_wanted(limbs, poses, determinant) & np.repeat(settled, shots)
-        return KinematicSolution.where(wanted, values), gibbs
-
-    def _largest(self, vectors: Array) -> Array:
-        """Largest component of vectors (k, N) by robot, (robots,)."""
-        by_robot = vectors.reshape(len(vectors), self.robots, -1)
-        return np.asarray(np.abs(by_robot).max(axis=(0, 2)))
+        wanted = self.chain.is_wanted(limbs, poses, determinant)
+        return KinematicSolution.where(wanted & is_settled, values)
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _tilted(

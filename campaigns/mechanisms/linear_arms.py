@@ -10,7 +10,7 @@ import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import Arms, in_frames, of_rows
+from campaigns.mechanisms.arms import Arms, in_frames
 from campaigns.mechanisms.mechanism import MM_PER_RAD, Limits
 from campaigns.mechanisms.parameters import FOREARM, ParameterField
 from campaigns.mechanisms.transmission import OF_CARRIAGES
@@ -56,16 +56,15 @@ class LinearArms(Arms):
     words = ("its carriage's rail", "away from its rail", "carriage")
 
     rails: Array
-    """e_i and its derivatives by azimuth, elevation and tilt, (4, 3, n, 1 or N)."""
+    """e_i and its derivatives by azimuth, elevation and tilt, (4, 3, n, 1)."""
     travel_mm: Array
     """q_i + δq_i, (n, N)."""
 
     @override
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
-        """Carriages of (n, 7, C) fields and (n, 1, C) rail tilts of C robots at (N, n), mm."""
-        rails = of_rows(rail_directions(values, extensions), len(joints))
-        values = of_rows(values, len(joints))
+        """Carriages of (n, 7, 1) fields and (n, 1, 1) rail tilts at (N, n), mm."""
+        rails = rail_directions(values, extensions)
         travel = np.ascontiguousarray(joints.T) + values[:, 5]
         elbows = values[:, :3].swapaxes(0, 1) + rails[0] * travel
         return cls(values[:, 6], elbows, rails, travel)

@@ -23,11 +23,11 @@ class Par4(ClosedChain):
             held_fields=("azimuth_deg",),  # hypothesis (iii) of the paper
         )
 
-    def assembly_sign(self, robots: Array) -> Array:
-        """Signs of the determinant at home, (C,): positive, as the elimination below forms it."""
+    def assembly_sign(self, p: Array) -> Array:
+        """Sign of the determinant at home, (1,): positive, as the elimination below forms it."""
         if self.platform.at_point == FIRST_HALF:
-            return np.ones(robots.shape[1])
-        return super().assembly_sign(robots)
+            return np.ones(1)
+        return super().assembly_sign(p)
 
     def newton_step(self, limbs: Limbs, poses: Array) -> tuple[Array, Array, Array]:
         """Step (4, N), the determinant (N,) and by how much forearms are too long, (4, N).

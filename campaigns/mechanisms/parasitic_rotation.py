@@ -81,18 +81,18 @@ class RodPairs:
     """Directions of the bars and skews that tilt the plate, of all arms."""
 
     plate_bars: Array
-    """v_i (3, n, 1 or N): horizontal, across the arm."""
+    """v_i (3, n, 1): horizontal, across the arm."""
     motor_axes: Array
-    """a_i (3, n, 1 or N): v_i turned by the axis tilt."""
+    """a_i (3, n, 1): v_i turned by the axis tilt."""
     skew: Array
-    """κ_i (n, 1 or N): half the difference of the rods' lengths over half their parallelogram's
+    """κ_i (n, 1): half the difference of the rods' lengths over half their parallelogram's
     width."""
     forearm_mm: Array
-    """L_i (n, 1 or N)."""
+    """L_i (n, 1)."""
 
     @classmethod
     def of(cls, azimuths_rad: Array, tilts_rad: Array, skew: Array, forearm_mm: Array) -> Self:
-        """Pairs of rods by azimuths, axis tilts, skews and forearm lengths, (n, 1 or N) each."""
+        """Pairs of rods by azimuths, axis tilts, skews and forearm lengths, (n, 1) each."""
         level = np.zeros_like(azimuths_rad)
         bars = np.stack([-np.sin(azimuths_rad), np.cos(azimuths_rad), level])
         axes = np.cos(tilts_rad) * bars
@@ -106,22 +106,22 @@ class RodPairs:
 
     @cached_property
     def bars(self) -> Array:
-        """Horizontal components of v_i / L_i, (2, n, 1 or N)."""
+        """Horizontal components of v_i / L_i, (2, n, 1)."""
         return np.asarray(self.plate_bars[:2] / self.forearm_mm)
 
     @cached_property
     def rises(self) -> Array:
-        """Of the vertical component of v_i × y_i / L_i over that of y_i, (2, n, 1 or N)."""
+        """Of the vertical component of v_i × y_i / L_i over that of y_i, (2, n, 1)."""
         return np.stack([-self.bars[1], self.bars[0]])
 
     @cached_property
     def axes(self) -> Array:
-        """a_i / L_i, (3, n, 1 or N)."""
+        """a_i / L_i, (3, n, 1)."""
         return np.asarray(self.motor_axes / self.forearm_mm)
 
     @cached_property
     def axes_by_tilt(self) -> Array:
-        """Derivatives of a_i / L_i by the axis tilts, (3, n, 1 or N)."""
+        """Derivatives of a_i / L_i by the axis tilts, (3, n, 1)."""
         x, y, rise = self.axes
         by_tilt = np.empty_like(self.axes)
         by_tilt[:2], by_tilt[2] = -rise * self.plate_bars[:2], np.hypot(x, y)
@@ -129,7 +129,7 @@ class RodPairs:
 
     @cached_property
     def level_across(self) -> Array:
-        """(v_i - a_i) / L_i, (3, n, 1 or N)."""
+        """(v_i - a_i) / L_i, (3, n, 1)."""
         return np.asarray((self.plate_bars - self.motor_axes) / self.forearm_mm)
 
     def tilt(self, forearms_mm: Array, seen_mm: Array, start: Array | None = None) -> Array:

@@ -43,7 +43,7 @@ HINGE_STEP_RAD, HINGE_LIMIT_RAD = 0.35, 0.5 * math.pi
 class Platform(ABC):
     """Kind of platform: task axes, fields in files, and the forearms' lower ends.
 
-    Values are (f,), or (f, 1 or N) where every row may be of a robot of its own.
+    Values are (f,) or (f, 1).
     """
 
     arms: int

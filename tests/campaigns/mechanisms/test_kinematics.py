@@ -328,9 +328,6 @@ class TestJacobian:
         known = len(member.space.names)
         assert plain[:, :, :known] == pytest.approx(whole[:, :, :known], rel=1e-9, abs=1e-9)
         assert not plain[:, :, known:].any()
-        some = np.arange(known)[::-2]
-        columns = there.level_columns(poses, some)
-        assert columns.transpose(2, 0, 1) == pytest.approx(plain[:, :, some], rel=1e-12, abs=1e-12)
 
     def test_predicts_but_for_the_square_of_the_parameters_errors(self):
         joints = reachable_joints(NOMINAL, 50, seed=2)
