@@ -111,7 +111,7 @@ def test_a_run_states_what_is_identified(case: str, request: pytest.FixtureReque
     assert run.length_std_mm == pytest.approx(found.covariance.largest("mm"), rel=1e-9)
     assert run.position_std_mm == pytest.approx(found.position_std_mm.mean, rel=1e-9)
     assert run.total_position_std_mm == pytest.approx(found.position_std_mm.total_mean, rel=1e-9)
-    assert run.scale == found.chi2.scale == found.covariance.sigma0
+    assert found.chi2.scale == found.covariance.sigma0
 
 
 def test_unseen_pairs_that_contradict_widen_positions_by_their_ratio(
