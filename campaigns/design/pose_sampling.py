@@ -3,13 +3,11 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design import restricted_space
-from campaigns.design.roadmap import Roadmap
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.mechanisms.mechanism import Kinematics, Limits
 
@@ -52,11 +50,16 @@ class FeasibleRegion:
         return mechanism.search_extent(p, self.limits, self.centre)
 
     def allows(self, poses: Array) -> Mask:
-        """Mask of the poses that can be taken and seen, and come to in the space, (N,)."""
+        """Mask of the poses that can be taken, seen, and come to straight from the centre, (N,).
+
+        In a space with obstacles any two of them are then joined by way of the centre.
+        """
         allowed = self.space.allows(poses[:, :3])
         allowed[allowed] = self.can_measure(poses[allowed])
         if self.space.has_obstacles:
-            allowed[allowed] = self._roadmap.connected(poses[allowed, :3])
+            ends = poses[allowed, :3]
+            starts = np.broadcast_to(self.centre[:3], ends.shape)
+            allowed[allowed] = (self.space.line_clearance_mm(starts, ends) >= 0.0).all(axis=1)
         return allowed
 
     def can_measure(self, poses: Array) -> Mask:
@@ -74,10 +77,6 @@ class FeasibleRegion:
         """
         poses = _rejection_sample(self.centre, self.extent, count, rng, self.can_measure)
         return restricted_space.count_refusals(self.space, poses[:, :3])
-
-    @cached_property
-    def _roadmap(self) -> Roadmap:
-        return Roadmap.of(self.kinematics, self.limits, self.space, self.centre)
 
 
 def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:

@@ -177,18 +177,6 @@ class RestrictedSpace:
         told = " and ".join(f"{name} {size:g} mm" for name, size in parts if size)
         return f" ({told})" if told else ""
 
-    def bounds_mm(self) -> tuple[Array, Array]:
-        """Lowest and highest (3,) measured points that zones to keep in leave; may be infinite."""
-        low, high = np.full(3, -math.inf), np.full(3, math.inf)
-        radius_mm = self.plate_radius_mm + self.margin_mm
-        inwards = np.array([radius_mm, radius_mm, self.margin_mm])
-        for zone in self.zones:
-            if zone.keeps_in:
-                ends = np.array([*zone.footprint.bounds_mm(), zone.z_mm])
-                low = np.maximum(low, ends[:, 0] + inwards)
-                high = np.minimum(high, ends[:, 1] - inwards)
-        return low, high
-
 
 UNRESTRICTED = RestrictedSpace()
 

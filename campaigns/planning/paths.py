@@ -1,4 +1,4 @@
-"""Paths between poses: whether a joint move is safe, a way round where not, each leg of a plan.
+"""Paths between poses: whether a joint move is safe, a detour where not, each leg of a plan.
 
 In a restricted space a move is safe if the plate stays in it on the joints' coordinated way, and
 on the straight line to the pose as well, or on straight parts of the way: which of them a move to a
@@ -7,14 +7,12 @@ pose takes is the controller's choice.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
-from campaigns.design.roadmap import Roadmap
 from campaigns.design.tours import travel_rad
 from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits, Violation, outside
 
@@ -40,7 +38,6 @@ TOLERANCE_MM = 0.01
 """For poses on a zone's very wall."""
 STANDING_MM = 1.0
 """By so much a robot may read itself beyond a wall at which it stood; no way leads it further."""
-MOST_REROUTES = 40
 WAYS_AHEAD = 100
 """Ways of a plan worked out at once."""
 WAYS_TOLD = 2000
@@ -58,7 +55,7 @@ REASONS = {
 }
 PASSING_VIOLATIONS = sum(REASONS)
 STRAIGHT_PARTS = (4, 8, 16)
-"""Of the straight line between two poses, as the last way that is tried."""
+"""Of the straight lines between two poses and the centre, as the last ways that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +108,7 @@ class RobotModel:
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
         """Joint targets of a safe way, the last being `end`; None when none was found.
 
-        Straight if that is safe, else by poses between the two ends and the workspace's centre, or
-        round obstacles.
+        Straight if that is safe, else by poses between the two ends and the workspace's centre.
         """
         return self.safe_paths(np.stack([start, end]))[0]
 
@@ -133,8 +129,6 @@ class RobotModel:
             for place in np.flatnonzero(safe):
                 found[left[place]] = list(ways[1:, place])
             left = left[~safe]
-        for row in left if self.space.has_obstacles else ():
-            found[row] = self._way_round(stops[row], stops[row + 1], poses.values[row : row + 2])
         return found
 
     def _ways_by(self, starts: Array, via: Array, ends: Array) -> tuple[Array, Mask]:
@@ -245,47 +239,8 @@ class RobotModel:
             steps[some[~fine]] *= 2
             left = np.setdiff1d(left, some[fine | ~assembled])
 
-    @cached_property
-    def _roadmap(self) -> Roadmap:
-        return Roadmap.of(self.kinematics, self.limits, self.space, self.centre)
-
-    def _way_round(self, start: Array, end: Array, ends: Array) -> list[Array] | None:
-        """Way by the roadmap, lines on which the robot cannot move left out one after another.
-
-        `ends` are the poses (2, t) at its ends.
-        """
-        if not self._lets_stand(ends[:, :3]):
-            return None
-        between = self.kinematics.inverse(self._roadmap.poses).values_or_raise()
-        joints = np.vstack([between, start, end])
-        here, there = ends[:, :3]
-        blocked: set[tuple[int, int]] = set()
-        for _ in range(MOST_REROUTES):
-            rows = self._roadmap.way(here, there, frozenset(blocked))
-            if rows is None:
-                return None
-            legs = self._legs_along([joints[row] for row in rows])
-            if legs[-1] == len(rows) - 1:
-                return [joints[rows[place]] for place in legs[1:]]
-            held = rows[legs[-1]], rows[legs[-1] + 1]
-            blocked.add((min(held), max(held)))
-        return None
-
     def _lets_stand(self, points: Array) -> bool:
         return bool((self.space.clearance_mm(points) >= -STANDING_MM).all())
-
-    def _legs_along(self, way: Sequence[Array]) -> list[int]:
-        """Places of a way at which to stop, as few as are safe, as far as it can be followed."""
-        legs = [0]
-        while legs[-1] < len(way) - 1:
-            here = legs[-1]
-            ahead = range(len(way) - 1, here, -1)
-            safe = (there for there in ahead if self.fault(way[here], way[there]) is None)
-            there = next(safe, None)
-            if there is None:
-                break
-            legs.append(there)
-        return legs
 
 
 def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
@@ -297,6 +252,8 @@ def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
         detours += [np.stack([first, last]), np.stack([first, centres, last])]
     for parts in STRAIGHT_PARTS:  # where a coordinated move leaves the straight line far behind
         detours.append(np.linspace(starts, ends, parts + 1)[1:-1])
+        inwards = np.linspace(starts, centres, parts + 1)[1:]
+        detours.append(np.concatenate([inwards, np.linspace(centres, ends, parts + 1)[1:-1]]))
     return detours
 
 

@@ -102,11 +102,3 @@ def test_refusals_are_counted_by_zone():
     counted = count_refusals(RestrictedSpace((FLOOR, BOX)), points)
     assert (counted.tried, counted.refused) == (3, 2)
     assert dict(counted.by_zone) == {FLOOR.name: 1, "box": 1}
-
-
-def test_bounds_hold_all_that_is_allowed():
-    low, high = EVERY.bounds_mm()
-    points = np.random.default_rng(3).uniform(-1000.0, 1000.0, (4000, 3))
-    allowed = points[EVERY.allows(points)]
-    assert len(allowed) > 20
-    assert ((allowed >= low) & (allowed <= high)).all()

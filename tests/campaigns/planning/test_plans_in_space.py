@@ -161,14 +161,22 @@ def test_a_needle_that_no_sample_meets_is_found_wherever_a_controller_may_pass(p
     assert missed == 0
 
 
-def test_a_thin_sheet_between_two_poses_is_gone_round():
-    here, there = joints_at(40, 0, -600, 0), joints_at(160, 0, -600, 0)
+def test_a_pillar_between_two_poses_is_passed_by_way_of_the_centre():
+    here, there = joints_at(-120, 170, -600, 0), joints_at(60, 180, -600, 0)
     fault = FENCED.fault(here, there)
-    assert "beyond the wall of sheet" in fault[0]
+    assert "beyond the wall of pillar" in fault[0]
     way = [here, *FENCED.safe_path(here, there)]
     assert len(way) > 2
     assert min(least_mm(FENCED.space, a, b) for a, b in pairwise(way)) > -0.02
     assert (way[-1] == there).all()
+
+
+def test_a_pose_behind_a_sheet_is_planned_by_none_and_has_no_way_to_it():
+    region = region_of(NOMINAL, with_reserve(ROBOT), VIEW, MIDDLE, FENCED.space)
+    poses = np.array([[40.0, 0.0, -600.0, 0.0], [160.0, 0.0, -600.0, 0.0]])
+    assert FENCED.space.allows(poses[:, :3]).all()
+    assert region.allows(poses).tolist() == [True, False]
+    assert FENCED.safe_path(*(joints_at(*pose) for pose in poses)) is None
 
 
 def test_a_way_out_of_a_forbidden_place_is_none():
