@@ -44,6 +44,8 @@ INSTEAD: Mapping[str, str] = {
     "--program vplus": "use --program csv; a loop in docs/your-controller.md reads it",
     "plan --targets": "leave it out: the table has poses and joints",
     "plan --dwell": "change the column dwell_s, or settle.time_s in campaign.yaml",
+    "export --temperature": "leave it out: parameters are those of the robot as it was measured",
+    "correct --temperature": "leave it out: parameters are those of the robot as it was measured",
     "identify --loss": "leave it out: shots that contradict all others are left out by name",
     "identify --loss-scale": "leave it out: there is no loss to scale",
     "identify --weights": "leave it out; --model paper --estimator distances weighs all alike",
@@ -55,7 +57,11 @@ INSTEAD: Mapping[str, str] = {
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
 
 _TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
+_WARM = "delete it: let the robot warm up before it is measured"
 KEYS: Mapping[str, tuple[object, str]] = {
+    "expansion_ppm_per_degC": (None, _WARM),
+    "part_temperatures": ({}, _WARM),
+    "reference_temperature_degC": (20.0, _WARM),
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
     "tracker.faces": (2, _TWO_FACES),
     "tracker.two_face_arcsec": ([0.0, 0.0], _TWO_FACES),

@@ -10,12 +10,9 @@ from app.next import tell_next
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.model_reduction import ResidualError
-from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
-from campaigns.settings.option import require_finite
 from campaigns.workflow import files
-from campaigns.workflow.correction import Warm
 from campaigns.workflow.reduced_export import ReducedExport, export_plain
 
 Format = Literal["yaml", "linuxcnc", "plain"]
@@ -43,7 +40,6 @@ def command(
             "without tilts, skews and gears, of the nearest values.",
         ),
     ] = "yaml",
-    temperature: Warm = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -59,12 +55,6 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    if temperature is not None:
-        require_finite("--temperature", temperature)
-        if shots or format_ == "plain":
-            raise OptionsInvalid(
-                "--temperature goes with --format yaml or linuxcnc", remedy="leave the other out"
-            )
     with terminal.refusals_documented():
         if format_ == "plain" and not shots:
             _show(terminal, campaign, export_plain(campaign, to, overwrite=overwrite))
@@ -74,9 +64,9 @@ def command(
             if halves:
                 terminal.note(f"left out because their pair is incomplete: shots {halves}")
         elif format_ == "linuxcnc":
-            path = files.export_hal(campaign, to, temperature, overwrite=overwrite)
+            path = files.export_hal(campaign, to, overwrite=overwrite)
         else:
-            path, robot = files.export(campaign, to, temperature, overwrite=overwrite)
+            path, robot = files.export(campaign, to, overwrite=overwrite)
             if robot.is_extended:
                 terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from campaigns.estimation.information import Correlation
 from campaigns.evaluation.decision import COVERAGE
-from campaigns.evaluation.diagnostics import PPM, Doubt, grown_text
+from campaigns.evaluation.diagnostics import PPM, Doubt
 from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words
@@ -18,13 +18,11 @@ from campaigns.identification.result import (
     IdentifiedParameter,
     PositionStd,
 )
-from campaigns.mechanisms.parameters import EXPANSIONS, ParameterSpace
+from campaigns.mechanisms.parameters import ParameterSpace
 
 DECIMALS = 4
 """Of parameters, and of what models leave."""
 STRONGEST = 8
-PARTS = ("arms", "forearms", "frame")
-"""That grow together, as expansions have them; of robots on rails the first are those."""
 Named = tuple[str, IdentifiedParameter]
 
 
@@ -112,24 +110,6 @@ def scale_in_words(found: KnownLengths) -> str:
     return f"the tracker's scale by known lengths: {ppm:+.1f} ± {std:.1f} ppm (1 σ)"
 
 
-def warmth_in_words(found: IdentificationResult) -> str:
-    """By how much each group of parts grew with warmth; "" for a model that lets none grow."""
-    warmth = found.warmth
-    if not warmth:
-        return ""
-    grown = ", ".join(
-        grown_text(parts, each.value, each.std or 0.0)
-        for field, parts in zip(EXPANSIONS, PARTS, strict=True)
-        if (each := found.parameters.get(field.name)) and each.free
-    )
-    if warmth["source"] == "temperature":
-        reference = warmth.get("reference_degC")
-        stated = "the reference" if reference is None else f"{reference:g} °C"
-        return f"{grown} ppm/°C (k = 2), by temperatures of parts; parameters are those at {stated}"
-    by = warmth["source"]
-    return f"{grown} ppm over the run (k = 2), by {by}; parameters are those at its end"
-
-
 def positions_in_words(found: PositionStd) -> tuple[str, ...]:
     """Uncertainty of positions: of the random part, and of the whole."""
     random = (
@@ -154,7 +134,6 @@ def uncertainty_in_words(found: IdentificationResult) -> Iterator[str]:
     """Sentences on how well parameters and positions are known, without capitals and full stops."""
     if found.chi2 is not None:
         yield found.chi2.says
-    yield from filter(None, (warmth_in_words(found),))
     if found.position_std_mm is not None:
         yield from positions_in_words(found.position_std_mm)
 

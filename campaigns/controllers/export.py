@@ -8,13 +8,12 @@ from typing import Any, Literal, Self
 from pydantic import JsonValue, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
-from campaigns.estimation.information import Uncertainty
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding, adapter_of
-from campaigns.mechanisms.parameters import Parameters, ParameterSpace
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm
-from campaigns.robots.robot import RobotDocument, RobotFile, at_temperature, compensated
+from campaigns.robots.robot import RobotDocument, compensated
 from campaigns.version import VERSION
 from drivers.values import Identity
 
@@ -86,34 +85,8 @@ def compensated_robot(
     """
     require_usable(nominal, found)
     own, provenance = nominal.robot, _provenance(campaign, nominal, found, controller)
-    name = f"{own.name}-compensated"
-    space, values = own.mechanism.parameters, found.flat()
-    parameters, warmth = Parameters.of(space, values, found.std()), found.warmth or {}
-    reference = warmth.get("reference_degC")
-    if not isinstance(reference, float):
-        return compensated(nominal, name, parameters, provenance)
-    expansions = {each: values[each] for each in space.thermal if each in found.free}
-    return compensated(nominal, name, parameters, provenance, expansions, reference)
-
-
-def warm_robot(
-    nominal: RobotDocument, robot: RobotFile, degC: float, known: Uncertainty | None
-) -> RobotDocument:
-    """Identified robot with parts of a temperature; raises `ConfigInvalid`."""
-    warm = at_temperature(robot, degC)
-    std = warm_uncertainty(robot, degC, known).std() if known else robot.parameters.std
-    parameters = Parameters.of(robot.mechanism.parameters, warm.parameters, std)
-    return compensated(nominal, robot.name, parameters, warm.provenance, warm.expansions, degC)
-
-
-def warm_uncertainty(robot: RobotFile, degC: float, known: Uncertainty) -> Uncertainty:
-    """Uncertainty of a robot's parameters at another temperature: what grows adds its own."""
-    cold, grown = robot.parameters, robot.mechanism.grown
-    rise = degC - (degC if robot.reference_degC is None else robot.reference_degC)
-    by = {each: grown(cold, {each: 1.0}) for each in robot.expansions}
-    return known.carried(
-        {each: {n: rise * (v - cold.get(n, 0.0)) for n, v in by[each].items()} for each in by}
-    )
+    parameters = Parameters.of(own.mechanism.parameters, found.flat(), found.std())
+    return compensated(nominal, f"{own.name}-compensated", parameters, provenance)
 
 
 def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
@@ -146,16 +119,4 @@ def _provenance(
         "identified_utc": found.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
         **({"ripples": document["ripples"]} if found.ripples else {}),
-        **_warmth(nominal.robot.mechanism.parameters, found),
     }
-
-
-def _warmth(space: ParameterSpace, found: RecordedIdentification) -> dict[str, JsonValue]:
-    """What a model with warmth found of growth, and which state its parameters are of."""
-    if found.warmth is None:
-        return {}
-    reference = found.warmth.get("reference_degC")
-    state = "as at the end of the run" if reference is None else f"at {reference:g} °C"
-    own = {name: found.parameters[name] for name in space.thermal if name in found.free}
-    grown: dict[str, JsonValue] = {n: {"value": p.value, "std": p.std} for n, p in own.items()}
-    return {"warmth": {**found.warmth, "stated": state, **grown}}

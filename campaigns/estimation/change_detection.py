@@ -59,8 +59,6 @@ class Cause:
     columns: Array
     log_prior: float = 0.0
     """Logarithm of how often it happens, beside others that few shots don't tell from it."""
-    time_constants: tuple[float, ...] = (math.inf,)
-    """Of a drift that slows down, in parts of the campaign; by the last it goes on evenly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,20 +74,11 @@ class Change:
     std: Array
     log_p: float
     """Logarithm of the chance of good shots to show as much anywhere; 0 where one alone does."""
-    time_constant: float = math.inf
-    """Of a drift."""
 
     @property
     def p(self) -> float:
         """Chance of good shots to show as much anywhere."""
         return math.exp(self.log_p)
-
-
-def drifted(passed: Array, time_constant: float) -> Array:
-    """Part of a drift that has come about, from 0 to 1, as parts of its time have passed, (N,)."""
-    if math.isinf(time_constant):
-        return passed
-    return np.asarray(np.expm1(-passed / time_constant) / math.expm1(-1.0 / time_constant))
 
 
 def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
@@ -136,23 +125,6 @@ def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
         one[alone] = np.eye(3)
         shots = shots.fitted(one)
     return None
-
-
-def likeliest_drift(shots: FittedShots, drifts: Sequence[Cause]) -> Change | None:
-    """Drift that is most significant among some, wherever the shots show it; None by chance."""
-    chi2, freedom = shots.chi2, shots.freedom
-    if freedom < 2 * FEWEST_BEYOND or chi2 <= EXACT**2 * freedom:
-        return None
-    tests = [_Tests.of(cause, shots) for cause in drifts]
-    chances = [each.log_p(freedom, chi2) for each in tests]
-    least, test, found = min(
-        ((float(found.min()), test, found) for test, found in zip(tests, chances, strict=True)),
-        key=lambda each: each[0],
-    )
-    chance = least + math.log(sum(len(each) for each in chances))
-    if chance >= math.log(SIGNIFICANCE):
-        return None
-    return test.change(int(np.argmin(found)), chi2, freedom, chance)
 
 
 def outlier_as_step(shots: FittedShots, causes: Sequence[Cause], at: int) -> Change | None:
@@ -248,18 +220,18 @@ class _Tests:
         if cause.kind == "drift":
             turned = np.ascontiguousarray(columns.swapaxes(1, 2))
             by_shot, basis = shots.left.reshape(count, 3, 1), shots.basis.reshape(count, 3, -1)
-            courses = _courses(cause, count)
+            passed = np.linspace(0.0, 1.0, count)[None]
             own, shared, gained = (
                 np.tensordot(part, each, axes=1)
                 for part, each in (
-                    (courses**2, turned @ columns),
-                    (courses, turned @ basis),
-                    (courses, (turned @ by_shot)[:, :, 0]),
+                    (passed**2, turned @ columns),
+                    (passed, turned @ basis),
+                    (passed, (turned @ by_shot)[:, :, 0]),
                 )
             )
             normal = own - shared @ shared.swapaxes(1, 2)
-            places, gain = np.zeros(len(courses), dtype=np.intp), _gains(normal, gained)
-            return cls(cause, places, normal, gained, gain, np.empty(0))
+            gain = _gains(normal, gained)
+            return cls(cause, np.zeros(1, dtype=np.intp), normal, gained, gain, np.empty(0))
         # sums from the last shot on, of those steps that leave enough shots before and after them
         last, some = np.ascontiguousarray(columns[::-1]), slice(FEWEST_BEYOND - 1, -FEWEST_BEYOND)
         turned, by_shot = (
@@ -279,10 +251,6 @@ class _Tests:
             correlation = together[::-1] * unit[:-1] * unit[1:]
         after = np.arange(FEWEST_BEYOND - 1, count - FEWEST_BEYOND)
         return cls(cause, after, normal, gained, _gains(normal, gained), correlation)
-
-    def log_p(self, freedom: int, chi2: float) -> Array:
-        """Logarithm of the chance of each place's gain, (K,)."""
-        return log_p(self.gained.shape[1], freedom, self.gain, chi2)
 
     def solved(self, place: int) -> tuple[Array, Array]:
         """Step (m,) at a place, and its unit covariance (m, m)."""
@@ -313,7 +281,7 @@ class _Tests:
         count, moved = len(self.cause.columns), self.cause.columns @ self.solved(place)[0]
         course = (np.arange(count) > self.after[place]).astype(np.float64)
         if self.cause.kind == "drift":
-            course = _courses(self.cause, count)[place]
+            course = np.linspace(0.0, 1.0, count)
         by_all = np.einsum("nk,nk->n", moved, left.reshape(-1, 3))
         if abs(by_all.sum()) < FITTED * self.gain[place]:
             course = course - course.mean()  # the fit says where all are: half of it is before
@@ -337,14 +305,7 @@ class _Tests:
         rest = max(chi2 - float(self.gain[place]), 0.0) / (freedom - len(size))
         std = np.sqrt(np.abs(rest * np.diag(covariance)))
         cause, after = self.cause, int(self.after[place])
-        slowing = cause.time_constants[place] if cause.kind == "drift" else math.inf
-        return Change(cause.kind, cause.name, after, -size, std, logarithm, slowing)
-
-
-def _courses(cause: Cause, count: int) -> Array:
-    """Courses of a drift, (K, N)."""
-    passed = np.linspace(0.0, 1.0, count)
-    return np.stack([drifted(passed, each) for each in cause.time_constants])
+        return Change(cause.kind, cause.name, after, -size, std, logarithm)
 
 
 def _gains(normal: Array, gained: Array) -> Array:

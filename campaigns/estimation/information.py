@@ -172,16 +172,6 @@ def common_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shi
     return np.asarray(covariance_matrix @ (jacobian.T @ shift) / sigma0**2)
 
 
-def told_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shift: Array) -> Array:
-    """Changes of the unknowns, (P,), by one σ of an error that the residuals tell as well.
-
-    As `common_changes`; `shift` (M,) is by one σ of what is known of the error before.
-    """
-    changes = common_changes(jacobian, covariance_matrix, sigma0, shift)
-    beside = float(shift @ (shift - jacobian @ changes)) / sigma0**2
-    return np.asarray(changes / np.sqrt(1.0 + max(beside, 0.0)))
-
-
 def column_effect(fit: FittedShots, columns: Array) -> tuple[Array, Array, float]:
     """Sizes (k,) of columns (N, 3, k) beside a fit of unit variance, covariance and gain in χ²."""
     beside = fit.beside(columns)
@@ -348,14 +338,12 @@ class Uncertainty:
         hold_out_ratio: float = 1.0,
         source: Source = "fitted",
         common: Mapping[str, Array] | None = None,
-        beside: Iterable[Array] = (),
     ) -> "Uncertainty":
         """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,).
 
-        Changes (F,): `common` by what all shots have in common, `beside` by one σ of other errors.
+        Changes (F,): `common` by what all shots have in common.
         """
-        matrix = sum((np.outer(each, each) for each in beside), covariance_matrix)
-        matrix = matrix / np.outer(units, units)
+        matrix = covariance_matrix / np.outer(units, units)
         rows = tuple(map(tuple, matrix.tolist()))
         words = tuple("mm" if unit == 1.0 else "deg" for unit in units.tolist())
         shared = {name: tuple((each / units).tolist()) for name, each in (common or {}).items()}
@@ -385,17 +373,6 @@ class Uncertainty:
             name: tuple(changes[place] for place in places) for name, changes in self.common.items()
         }
         return replace(self, names=kept, matrix=rows, units=units, common=common)
-
-    def carried(self, by: Mapping[str, Mapping[str, float]]) -> "Uncertainty":
-        """The same once some have been added to others: by a name, others' derivatives by it."""
-        if not self.full_rank:
-            return self
-        whole = np.eye(len(self.names))
-        for column, name in enumerate(self.names):
-            whole[:, column] += [by.get(name, {}).get(each, 0.0) for each in self.names]
-        rows = tuple(map(tuple, (whole @ self.array @ whole.T).tolist()))
-        common = {name: tuple((whole @ changes).tolist()) for name, changes in self.common.items()}
-        return replace(self, matrix=rows, common=common)
 
     @property
     def random(self) -> "Uncertainty":

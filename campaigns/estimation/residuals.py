@@ -33,9 +33,8 @@ Assembled: TypeAlias = tuple[Array, Configuration, Array]
 class PositionModel:
     """Positions of the controlled point as functions of the free parameters, at fixed encoders.
 
-    `free` are places in the mechanism's `parameters.model`. `approach` (N, n) says how each joint
-    came: +1 from smaller values, -1 from larger ones, 0 for all that nobody knows of; `regressor`
-    (N,) how warm each shot was: by so many expansions the robot has grown, to first order.
+    `free` are places in the mechanism's `parameters.of_robot`. `approach` (N, n) says how each
+    joint came: +1 from smaller values, -1 from larger ones, 0 for all that nobody knows of.
 
     Keeps its last answer, which residual and Jacobian share, and its last Jacobian, which predicts
     the next answer so well that the forward model has little left to do.
@@ -49,21 +48,17 @@ class PositionModel:
         start: Array | None = None,
         *,
         approach: Array | None = None,
-        regressor: Array | None = None,
     ) -> None:
         self._mechanism = nominal.mechanism
         self._space = nominal.mechanism.parameters
-        self._of_robot = slice(0, len(self._space.of_robot))
-        self._vector = np.zeros(len(self._space.model))
+        self._vector = np.zeros(len(self._space.of_robot))
         self._vector[: len(nominal.p)] = nominal.p
-        self._thermal = self._space.places(self._space.thermal)
         self.free = free
         self._extensions = self._space.places(self._space.extensions)
         self._is_extended = bool(np.isin(free, self._extensions).any())
         self._has_azimuths = bool(np.isin(free, self._mechanism.azimuths).any())
         self._joints = joints
         self._approach = approach
-        self._regressor = np.zeros(len(joints)) if regressor is None else regressor
         self._start = start
         self._last: Assembled | None = None
         self._whole: tuple[Assembled, Array] | None = None
@@ -87,16 +82,12 @@ class PositionModel:
         return np.asarray(np.isin(self.free, self._extensions) & level)
 
     def kinematics(self, x: Array) -> Kinematics:
-        """Kinematic model with the free parameters replaced, of the cold robot."""
-        return Kinematics(self._mechanism, self._replaced(x)[self._of_robot])
+        """Kinematic model with the free parameters replaced."""
+        return Kinematics(self._mechanism, self._replaced(x))
 
     def poses(self, x: Array) -> Array:
-        """(N, t), mm and rad, as warm as each shot was; raises `NoSolution`."""
-        (*_, poses), expansions = self._assembled_at(x), self._replaced(x)[self._thermal]
-        if not expansions.any():
-            return poses
-        _, by_geometry = self._expanded(x)
-        return np.asarray(poses + self._by_expansions(x, by_geometry) @ expansions)
+        """(N, t), mm and rad; raises `NoSolution`."""
+        return self._assembled_at(x)[2]
 
     def positions_mm(self, x: Array) -> Array:
         """(N, 3); raises `NoSolution`."""
@@ -123,13 +114,6 @@ class PositionModel:
             self._whole = there, configuration.jacobian(poses)
         return self._whole[1]
 
-    def by_expansions(self, x: Array) -> Array:
-        """∂(X, Y, Z)/∂(growth of arms, forearms and frame, a share of their lengths), (N, 3, 3)."""
-        grown = self._mechanism.by_expansions(
-            self._replaced(x), self._expanded(x)[1], self.arm_joints(x)
-        )
-        return np.asarray(grown[:, :3])
-
     def by_joints(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
         return self.by_geometry(x, self._space.offsets)
@@ -146,22 +130,15 @@ class PositionModel:
             if self.free.size and self.free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
                 own = self._mechanism.transmission.columns(by_offset, self._joint_terms)
-                grown = self._by_expansions(x, by_all)
-                by_all = np.concatenate([by_all, own, grown], axis=-1)
+                by_all = np.concatenate([by_all, own], axis=-1)
             # shot by shot in memory, as it is read from here on
             by_free = np.ascontiguousarray(by_all[:, :, self.free])
             self._expansion = there, by_free, geometry
         return self._expansion[1:]
 
-    def _by_expansions(self, x: Array, by_geometry: Array) -> Array:
-        """∂poses/∂expansions, (N, t, 3)."""
-        p, joints = self._replaced(x), self.arm_joints(x)
-        grown = self._mechanism.by_expansions(p, by_geometry, joints)
-        return np.asarray(self._regressor[:, None, None] * grown)
-
     def arm_joints(self, x: Array) -> Array:
         """Joints of the arms: encoder values as the transmission changes them, (N, n)."""
-        lost = self._replaced(x)[len(self._space.geometry) : self._of_robot.stop]
+        lost = self._replaced(x)[len(self._space.geometry) :]
         if not lost.any():
             return self._joints
         values = lost.reshape(-1, self._joints.shape[1])
@@ -190,7 +167,7 @@ class PositionModel:
         return self._start if self._last is None else self._last[2]
 
     def _replaced(self, x: Array) -> Array:
-        """All parameters in the order of the mechanism's `parameters.model`."""
+        """All parameters in the order of the mechanism's `parameters.of_robot`."""
         vector = self._vector.copy()
         vector[self.free] = x
         return vector

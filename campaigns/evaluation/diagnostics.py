@@ -156,7 +156,7 @@ def noise_doubts(noise: ChiSquareTest) -> Iterator[Doubt]:
 def change_doubt(
     change: Change, numbers: tuple[int, int], nominal: Parameters, play: float = 0.0
 ) -> Doubt:
-    """Doubt of a change between two shots, by their numbers; growth is told of nominal lengths.
+    """Doubt of a change between two shots, by their numbers; lengths' is told of nominal ones.
 
     An encoder's that is smaller than the play of the gears (rad, mm) is only told. Of one that a
     single shot shows, near the end, it is not decided whether it is one.
@@ -178,14 +178,8 @@ def change_doubt(
         per_mm = PPM / float(np.mean(links))
         values |= {"size": size, "std": std, "ppm": per_mm * size, "std_ppm": per_mm * std}
         grown = f"{space[space.arm_lengths[0]].field.stem}s"
-        what = f"{grown_text(grown, per_mm * size, per_mm * std)} ppm over the run, {size:+.2g} mm"
-        remedy = WARM_UP
-    elif change.name == "growth":
-        parts = [f"{space[name].field.stem.removesuffix('_expansion')}s" for name in space.thermal]
-        sizes = zip(parts, (PPM * change.size).tolist(), (PPM * change.std).tolist(), strict=True)
-        told = [grown_text(*each) for each in sizes]
-        values |= {"ppm": PPM * size, "std_ppm": PPM * float(change.std[0])}
-        what = f"{', '.join(told)} ppm over the run"
+        grew = f"{grown} {'grew' if size >= 0.0 else 'shrank'} by {abs(per_mm * size):.3g}"
+        what = f"{grew} ± {COVERAGE * per_mm * std:.2g} ppm over the run, {size:+.2g} mm"
         remedy = WARM_UP
     elif change.kind in ("frame", "drift", "mount"):
         moved_mm = float(np.linalg.norm(change.size[-3:]))
@@ -223,12 +217,6 @@ def change_doubt(
 
 
 WARM_UP = "let the robot warm up first, or measure again when it is warm"
-
-
-def grown_text(parts: str, ppm: float, std_ppm: float) -> str:
-    """`arms grew by 48 ± 9`, U with k = 2, to which the unit is added."""
-    verb = "grew" if ppm >= 0.0 else "shrank"
-    return f"{parts} {verb} by {abs(ppm):.3g} ± {COVERAGE * std_ppm:.2g}"
 
 
 def late_doubt(off: int, first: int) -> Doubt:

@@ -25,7 +25,7 @@ from campaigns.mechanisms.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
-from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
+from drivers.values import DISTANCE, JOINT_ANGLE, SIGMA, TEMPERATURE, Vector3
 
 UNITS: Mapping[LengthUnit, str] = {
     "m": "metres",
@@ -165,7 +165,6 @@ def _check_values(shots: Shots, where: str) -> None:
         (far_mm, DISTANCE, "its point's distance from the tracker"),
         (sigma_mm, SIGMA, "the stated σ of its point"),
         (air, TEMPERATURE, "its air's temperature"),
-        (shots.part_temperature_degC, PART_TEMPERATURE, "its parts' temperature"),
     ):
         wrong = np.isfinite(values) & ((values < bounds.least) | (values > bounds.most))
         if wrong.any():

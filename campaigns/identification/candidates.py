@@ -26,7 +26,6 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.mechanisms.transmission import YIELDING
 from campaigns.shots.shots import Shots
-from campaigns.shots.warmth import Course
 
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
@@ -40,7 +39,6 @@ class Candidate:
     known: ParameterSelection
     nominal: Kinematics
     shots: Shots
-    """As warm as each was, by the course of warmth."""
     options: IdentificationOptions
     found: IdentificationResult | None = None
     """What it is compared by; None where there is a problem."""
@@ -49,12 +47,8 @@ class Candidate:
     shown: Callable[[], Tested] = Tested
     """Gives what these tests show, with what is worth a trial where nothing is significant."""
     problem: str = ""
-    course: Course | None = None
-    """Of warmth, by which it lets the robot grow."""
     added: tuple[tuple[str, frozenset[str]], ...] = ()
     """Causes whose terms were added to a model of the geometry, with the names of these."""
-    alike: float = math.inf
-    """Schwarz's criterion where pitches of carriages are off alike, averaged over the courses."""
 
     @property
     def space(self) -> ParameterSpace:
@@ -88,9 +82,7 @@ class Candidate:
 
     def instead(self, name: str, known: ParameterSelection) -> "Candidate":
         """Another one of the same shots, identified."""
-        other = replace(
-            self, name=name, known=known, found=None, tested=None, problem="", alike=math.inf
-        )
+        other = replace(self, name=name, known=known, found=None, tested=None, problem="")
         backlash = {*known.free} & {*self.nominal.mechanism.parameters.backlashes}
         if backlash and not self.shots.knows_approach:
             return replace(other, problem="the shots do not say how their joints came")
@@ -105,19 +97,16 @@ class Candidate:
         """The same with the terms of a cause too, and with what is known of them before."""
         wanted = {*self.known.free, *names}
         of_terms = {name: std for name, std in terms.priors.items() if name in names}
-        free = tuple(name for name in self.space.model if name in wanted)
+        free = tuple(name for name in self.space.of_robot if name in wanted)
         known = ParameterSelection(free, {**self.known.priors, **of_terms})
         other = self.instead(f"{self.name}+{cause}", known)
         return replace(other, added=(*self.added, (cause, frozenset(names))))
 
     def without(self, place: int) -> "Candidate":
-        """The same without the terms of one of its causes, but for those of the others."""
+        """The same without the terms of one of its causes."""
         _, names = self.added[place]
         added = self.added[:place] + self.added[place + 1 :]
-        others = frozenset[str]().union(*(own for _, own in added))
-        if names <= others:
-            return self.named_by(added)
-        known = narrowed(self.known, {*self.known.free} - (names - others))
+        known = narrowed(self.known, {*self.known.free} - names)
         yields = any(cause.startswith(YIELDING) for cause, _ in added)
         options = replace(self.options, yielding=yields)
         like = replace(self, options=options)
@@ -127,14 +116,6 @@ class Candidate:
         """The same by its model of the geometry and these causes."""
         causes = (cause for cause, _ in added)
         return replace(self, name="+".join([self.name.partition("+")[0], *causes]), added=added)
-
-    def warmed(self, course: Course) -> "Candidate":
-        """The same with shots as warm as a course says."""
-        shots = replace(self.shots, warmth=course.values)
-        errors = () if course.errors is None else course.errors.tolist()
-        errors_by_number = dict(zip(shots.numbers, errors, strict=False))
-        options = replace(self.options, course_errors=errors_by_number)
-        return replace(self, shots=shots, course=course, options=options)
 
 
 def bic(found: IdentificationResult) -> float:
@@ -167,11 +148,6 @@ def price_of(candidate: Candidate) -> float:
     return math.inf if candidate.bic is None else candidate.bic
 
 
-def likely_price_of(candidate: Candidate) -> float:
-    """Price by what is known before: pitches are off each by itself, or alike."""
-    return min(price_of(candidate), candidate.alike)
-
-
 def objection_to(candidate: Candidate, standard: Candidate) -> str:
     """Why a larger model is not kept; empty when nothing speaks against it."""
     found = candidate.found
@@ -185,7 +161,7 @@ def objection_to(candidate: Candidate, standard: Candidate) -> str:
         return f"the data cannot tell apart: {', '.join(found.unobservable[0])}"
     if candidate.unseen_rms_mm is None or standard.unseen_rms_mm is None:
         return "no hold-out pairs to support it"
-    price = likely_price_of(candidate) if math.isinf(standard.alike) else price_of(candidate)
+    price = price_of(candidate)
     lost = _lost_unseen(candidate, standard)
     if lost >= 0.0 and price + lost >= price_of(standard):
         return "hold-out pairs are no better with it"

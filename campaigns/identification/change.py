@@ -17,9 +17,7 @@ from campaigns.estimation.change_detection import (
     Cause,
     Change,
     detect_change,
-    drifted,
     last_together,
-    likeliest_drift,
     memory,
     outlier_as_step,
     without_memory,
@@ -34,7 +32,6 @@ from campaigns.identification.fit import linearized as linearized_shots
 from campaigns.identification.observations import Inputs, Observations, all_observations
 from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
 from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
-from campaigns.shots.warmth import TIME_CONSTANTS
 
 Columns = TypeVar("Columns", lack_of_fit.Group, Cause)
 
@@ -58,8 +55,6 @@ class Tested:
     possible: lack_of_fit.LackOfFit | None = None
     """Where nothing is significant: what is worth a trial."""
     change: Change | None = None
-    grows: bool = False
-    """Whether tests of growth alone show it, which a change or chance over all tests may hide."""
     between: tuple[int, int] | None = None
     """Shots before and after the change."""
     swapped: tuple[tuple[int, int], ...] = ()
@@ -101,19 +96,7 @@ def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
         change, rows = shown
         between = numbers[rows[change.after]], numbers[rows[change.after + 1]]
     named = tuple((numbers[one], numbers[other]) for one, other in swapped)
-    grows = not lacks and _shows_growth(steps)
-    return Tested(lacks, possible, change, grows, between, named, off)
-
-
-def _shows_growth(steps: "_Rows") -> bool:
-    """Whether growth is significant among drifts, beside noise with a memory too."""
-    drifts = tuple(_drifts(steps.shots))
-    change = likeliest_drift(steps.fit, steps.of(drifts))
-    if change is None or change.name == "drift":
-        return False
-    left = steps.fit.fitted(steps.white(_changed(drifts, change, steps))).left
-    again = replace(steps, phi=memory(left.reshape(-1, 3)))
-    return not len(again.phi) or likeliest_drift(again.fit, again.of(drifts)) is not None
+    return Tested(lacks, possible, change, between, named, off)
 
 
 def _shown_by_one(shots: "_AllShots", gross: Mask, apart: Index) -> tuple[Change, Index] | None:
@@ -178,11 +161,6 @@ class _AllShots:
         data = self.everything.points
         by_names = data.model.by_geometry(self.parameters, self.space.places(names))
         return np.asarray(data.rotations(self.x) @ by_names)
-
-    def by_expansions(self) -> Array:
-        """∂point/∂(growth of arms, forearms and frame) in the tracker's axes, (N, 3, 3)."""
-        data = self.everything.points
-        return np.asarray(data.rotations(self.x) @ data.model.by_expansions(self.parameters))
 
     def reweighed(self, rows: Index, columns: Array) -> "_AllShots":
         """The same by the scatter that some of them show beside further columns (N, 3, k)."""
@@ -322,7 +300,7 @@ def _changed(causes: tuple[Cause, ...], change: Change, steps: _Rows) -> Array:
     places = np.arange(len(cause.columns))
     since = (places >= steps.rows[change.after + 1]).astype(np.float64)
     if change.kind == "drift":
-        since = drifted(places / len(places), change.time_constant)
+        since = places / len(places)
     return np.asarray(cause.columns * since[:, None, None])
 
 
@@ -356,8 +334,7 @@ def _drifts(shots: _AllShots) -> Iterator[Cause]:
     """Those that go on all the time: of the tracker's stand, and as parts grow warm."""
     yield Cause("drift", "drift", shots.linearized.jacobian[:, :, -FRAME_COLUMNS:])
     lengths = shots.by_parameters(shots.space.arm_lengths).sum(axis=2, keepdims=True)
-    yield Cause("drift", "lengths", lengths, time_constants=TIME_CONSTANTS)
-    yield Cause("drift", "growth", shots.by_expansions(), time_constants=TIME_CONSTANTS)
+    yield Cause("drift", "lengths", lengths)
 
 
 def _swapped(shots: _AllShots) -> Iterator[tuple[int, int]]:

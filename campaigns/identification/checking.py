@@ -93,8 +93,8 @@ def check_calibration(
 ) -> CalibrationCheck:
     """Judgement on shots of a robot whose parameters were identified; raises `ShotsInvalid`.
 
-    Where a length or offset changed they are linearised anew about the change. Parts count as warm
-    as the parameters are stated for. The shots have one frame.
+    Where a length or offset changed they are linearised anew about the change. The shots
+    have one frame.
     """
     shots, moved = shots.rows(shots.order_of_time()).on_robot(), dict[str, float]()
     for _ in range(ROUNDS):
@@ -108,10 +108,6 @@ def check_calibration(
         moved = {each.name: each.size for each in judged.changed if each.kind in BY_ONE}
         if not moved:
             break
-    degC = (stored.found.warmth or {}).get("reference_degC")
-    if judged.decision == "fail" and degC is not None:
-        says = f"{judged.says} (the set is of parts at {degC:g} °C: warmer ones have grown)"
-        judged = replace(judged, says=says)
     return judged
 
 

@@ -5,7 +5,7 @@ them are wrong and how much the robot scatters: three times as many numbers as d
 frame is no concern of theirs.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -79,12 +79,10 @@ class Fit:
         free: tuple[str, ...],
         hold_out: information.HoldOut | None = None,
         instrument: TrackerUncertainty | None = None,
-        told_mm: Iterable[Array] = (),
     ) -> information.Uncertainty | None:
         """Uncertainty of the parameters that were looked for; None where nothing tells it.
 
-        With what all shots have in common where the `instrument` is given. `told_mm`: shifts of
-        the shots, (N, 3), by one σ of what is known before of an error that they tell too.
+        With what all shots have in common where the `instrument` is given.
         """
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
@@ -100,25 +98,17 @@ class Fit:
             dof=self.variance_dof,
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
             common={name: each[:count] for name, each in zip(shifts, common, strict=True)},
-            beside=(each[:count] for each in self._beside(found.covariance, told_mm)),
         )
 
-    def _beside(self, covariance: Array, told_mm: Iterable[Array]) -> Iterator[Array]:
-        yield from self._changes(covariance, told_mm, information.told_changes)
-
-    def _changes(
-        self,
-        covariance: Array,
-        shifts_mm: Iterable[Array],
-        of: Callable[[Array, Array, float, Array], Array] = information.common_changes,
-    ) -> Iterator[Array]:
+    def _changes(self, covariance: Array, shifts_mm: Iterable[Array]) -> Iterator[Array]:
         """Changes of all unknowns, (P,), by shifts of the fitted shots (N, 3)."""
         fitted, found = self.observations, self.found
         kept = np.repeat(found.kept, fitted.problem.block)
         jacobian = fitted.residuals.jacobian(found.x) * kept[:, None]
         for each in shifts_mm:
             shift = fitted.whitened_shifts(each) * kept
-            yield of(jacobian, covariance, found.noise.sigma0 or 1.0, shift)
+            sigma0 = found.noise.sigma0 or 1.0
+            yield information.common_changes(jacobian, covariance, sigma0, shift)
 
     @property
     def scatter(self) -> variance_components.VarianceComponents:

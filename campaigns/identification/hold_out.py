@@ -38,10 +38,6 @@ def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
     usable, excluded = inputs.usable_pairs(ShotSet.VALIDATION)
     model = inputs.model_of(shots)
     solution = model.kinematics(x).forward(shots.joints, approach=shots.approach)
-    if shots.warmth.any():  # as warm as each was
-        rows = np.flatnonzero(solution.found)
-        warm = inputs.model_of(shots.rows(rows), solution.values[rows])
-        solution.values[rows] = warm.poses(x)
     whole = solution.found[usable].all(axis=1)
     lost = without_assembly(shots, usable[~whole], solution.found, "identified")
     kept = usable[whole]

@@ -6,7 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
@@ -140,8 +140,7 @@ def _result(
     instrument = options.instrument
     if lengths is not None:
         instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
-    course_mm = _course_shifts_mm(inputs, fit)
-    uncertainty = fit.uncertainty(free, held_out.tested, instrument, course_mm)
+    uncertainty = fit.uncertainty(free, held_out.tested, instrument)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
     parameters = _parameters(inputs, found, covariance)
@@ -225,21 +224,6 @@ def _result(
         reasons=reasons,
         obstacles=obstacles,
     )
-
-
-def _course_shifts_mm(inputs: Inputs, fit: Fit) -> Iterator[Array]:
-    """Shifts of the fitted shots, (N, 3), by what is not known of the course of warmth."""
-    errors, observations = inputs.options.course_errors, fit.observations
-    if not errors or observations.kind != "shots":
-        return
-    points, x = observations.points, fit.found.x
-    values = dict(zip(inputs.selection.free, x.tolist(), strict=False))
-    thermal = inputs.nominal.mechanism.parameters.thermal
-    grown_mm = points.model.by_expansions(points.parameters(x)) @ [
-        values.get(name, 0.0) for name in thermal
-    ]
-    off = np.array([errors[number] for number in observations.shots.numbers])
-    yield off[:, None] * np.einsum("nij,nj->ni", points.rotations(x), grown_mm)
 
 
 def _residuals(fit: Fit) -> result.ResidualTable:

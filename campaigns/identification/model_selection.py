@@ -48,7 +48,7 @@ def candidate_models(
     priors: Sequence[str] = (),
 ) -> dict[str, ParameterSelection]:
     """Parameters of each model to compare, the standard one first; raises `OptionsInvalid`."""
-    usual = select_parameters(space, freed, fixed, names=space.model).free
+    usual = select_parameters(space, freed, fixed, names=space.of_robot).free
     whole = _whole(space, model, freed, fixed, priors)
     models = {STANDARD: (), **extensions(space, model)}
     return {name: narrowed(whole, {*usual, *more}) for name, more in models.items()}
@@ -61,23 +61,23 @@ def terms_to_add(
     fixed: Sequence[str] = (),
     priors: Sequence[str] = (),
 ) -> ParameterSelection:
-    """Terms of joints' transmission and of warmth that a choice may add; as `candidate_models`."""
-    added = _added(space, model) - {*select_parameters(space, freed, fixed, names=space.model).free}
+    """Terms of joints' transmission that a choice may add; raises as `candidate_models`."""
+    added = _added(space, model) - {
+        *select_parameters(space, freed, fixed, names=space.of_robot).free
+    }
     return narrowed(_whole(space, model, freed, fixed, priors), added)
 
 
 def _added(space: ParameterSpace, model: Model) -> set[str]:
-    if model is Model.AUTO:
-        return {*space.transmission, *space.thermal}
-    return {*space.thermal} if model is Model.EXTENDED else set()
+    return {*space.transmission} if model is Model.AUTO else set()
 
 
 def _whole(space: ParameterSpace, model: Model, *chosen: Sequence[str]) -> ParameterSelection:
     """Parameters of all that a model may end with."""
     more = {name for each in extensions(space, model).values() for name in each}
     more |= {*space.free_by_default} | _added(space, model)
-    by_default = tuple(name for name in space.model if name in more)
-    return select_parameters(space, *chosen, names=space.model, by_default=by_default)
+    by_default = tuple(name for name in space.of_robot if name in more)
+    return select_parameters(space, *chosen, names=space.of_robot, by_default=by_default)
 
 
 def asked_of(model: Model) -> str | None:
@@ -142,9 +142,9 @@ def select_model(
 ) -> IdentificationResult:
     """Identify by each of the models, the first being the standard one, and keep the best.
 
-    `terms`: of the joints' transmission and of warmth, that may be added to it, a cause after the
-    other, as the shots show them and the same rules allow; None: those of warmth. The model that
-    was `asked` for by name is kept whatever speaks against it. Raises as `identify` does for the
+    `terms`: of the joints' transmission, that may be added to it, a cause after the other, as the
+    shots show them and the same rules allow. The model that was `asked` for by name is kept
+    whatever speaks against it. Raises as `identify` does for the
     standard model, or for that one.
     """
     options = options or IdentificationOptions()
@@ -156,7 +156,7 @@ def select_model(
     larger = [standard.instead(name, known) for name, known in others]
     if asked is None:
         worthy = [each for each in larger if not objection_to(each, standard)]
-        terms = terms or ParameterSelection(nominal.mechanism.parameters.thermal)
+        terms = terms or ParameterSelection(())
         best = with_terms(min(worthy, key=price_of, default=standard), terms, larger)
         wider = [*with_more_parts(best, models, terms)]
         larger += wider
@@ -168,8 +168,7 @@ def select_model(
         return identify(nominal, shots, best.known, options)
     named = (best if each.found is best.found else each for each in (standard, *larger))
     compared = tuple(_compared(each, standard, best) for each in named)
-    warmth = None if best.course is None else best.course.told
-    return replace(best.tested(), models=compared, warmth=warmth)
+    return replace(best.tested(), models=compared)
 
 
 def _compared(each: Candidate, standard: Candidate, best: Candidate) -> ComparedModel:

@@ -63,14 +63,7 @@ class Inputs:
     def model_of(self, shots: Shots, near: Array | None = None) -> PositionModel:
         """Positions of shots by the parameters to be found, from poses (N, t) near theirs."""
         places = self.nominal.mechanism.parameters.places(self.selection.free)
-        return PositionModel(
-            self.nominal,
-            places,
-            shots.joints,
-            near,
-            approach=shots.approach,
-            regressor=shots.warmth,
-        )
+        return PositionModel(self.nominal, places, shots.joints, near, approach=shots.approach)
 
     def usable_pairs(self, purpose: ShotSet) -> tuple[Index, tuple[Excluded, ...]]:
         """Rows (M, 2) of the whole pairs of a set, and by name those that cannot be used.

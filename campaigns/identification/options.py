@@ -131,16 +131,12 @@ class IdentificationOptions(Selection):
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker stated nothing."""
     tolerance: Tolerance = field(default_factory=Tolerance)
-    course_errors: Mapping[int, float] = field(default_factory=dict)
-    """Changes of warmth by one σ of what is known of its course before, by the shots' numbers."""
     yielding: bool = False
     """Whether terms of eccentric encoders stand for gears that yield under the plate's weight."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     known_lengths: tuple[KnownLengthConfig, ...] = ()
     """Calibrated lengths that the set known-length measures."""
-    reference_degC: float = 20.0
-    """Temperature of parts for which parameters are stated."""
     workspace: Array | None = None
     """Poses (N, t) at which the position's uncertainty is asked for."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import Array
+from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty, WorkspaceSample
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
@@ -288,10 +289,6 @@ class IdentificationResult:
     known_by_priors_alone: tuple[Combination, ...] = ()
     models: tuple[ComparedModel, ...] = ()
     """Those that it was chosen from, the standard one first; empty without a choice."""
-    warmth: dict[str, float | str | None] | None = None
-    """By what the robot grew, where a model lets it: temperature of parts, °C above the reference;
-    drift pose or time, from -1 at the start to 0 at the end, in whose state parameters are stated.
-    """
     ripples: RippleRate | None = None
     """None where the set has no ripples."""
     chi2: NoiseTest | None = None
@@ -429,6 +426,8 @@ class RecordedIdentification(IdentificationResult):
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     remedy = "identify again: another version of the software wrote it"
+    if body.get("warmth"):
+        raise FindingUnreadable("the journal's identification lets parts grow", remedy=remedy)
     found = read_body(body, RecordedIdentification, "identification", remedy)
     return _completed(found)
 

@@ -14,7 +14,7 @@ How a plate tilts that imperfect parts hold is in `configuration.py` and `parasi
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Self
 
@@ -31,13 +31,7 @@ from campaigns.mechanisms.mechanism import (
     Violation,
     outside,
 )
-from campaigns.mechanisms.parameters import (
-    FOREARM,
-    PARALLELOGRAM_SKEW,
-    Parameters,
-    ParameterSpace,
-    Role,
-)
+from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace, Role
 from campaigns.mechanisms.parasitic_rotation import (
     PlateGeometry,
     RodPairs,
@@ -45,7 +39,7 @@ from campaigns.mechanisms.parasitic_rotation import (
     rotation_vectors,
 )
 from campaigns.mechanisms.platforms import Platform
-from campaigns.mechanisms.transmission import GAIN, Transmission
+from campaigns.mechanisms.transmission import Transmission
 
 CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
@@ -74,8 +68,6 @@ FIRST_CRANK = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZ
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
 
-GROWING = ("arm_mm",), (FOREARM,), ("x_mm", "y_mm", "z_mm")
-"""Fields of arms, forearms and frame that grow as they get warm, arm by arm."""
 INITIAL_GUESSES = (
     (0.0, 0.0),
     (0.6, -40.0),
@@ -111,9 +103,6 @@ class ClosedChain:
             arms.transmission,
             dict.fromkeys(held_fields, Role.HELD) | dict.fromkeys(arms.leaning, Role.LEANING),
             datum,
-        )
-        self._growing = tuple(
-            self.parameters.places(self.parameters.of_field(*fields)) for fields in GROWING
         )
         self.azimuths = len(arms.fields) * np.arange(platform.arms) + AZIMUTH
         """Places of the arms' azimuths, (n,)."""
@@ -210,52 +199,6 @@ class ClosedChain:
     def steepest_error(self, p: Array) -> float:
         """Bound of the change of any joint's error over its motion."""
         return self.transmission.steepest(self._lost(p))
-
-    def by_expansions(self, p: Array, by_geometry: Array, true_joints: Array) -> Array:
-        """Columns (N, t, 3) of arms, forearms and frame that grow, from those of the geometry.
-
-        Each is the sum of lengths times the columns by them; of a carriage's rail, what it moved.
-        """
-        space, (*rigid, frame) = self.parameters, self._growing
-        columns = [by_geometry[:, :, each] @ p[each] for each in rigid]
-        columns += [by_geometry[:, :, frame] @ (p[frame] + np.ravel(self.plate.joints_mm))]
-        if not self.joints[0].is_revolute:
-            moved = true_joints + p[space.offsets]
-            columns[0] = np.einsum("ktn,kn->kt", by_geometry[:, :, space.offsets], moved)
-        return np.stack(columns, axis=2)
-
-    def grown(self, values: Parameters, ppm: Mapping[str, float]) -> Parameters:
-        """Values whose arms, forearms and frame have grown by their expansions, ppm by name.
-
-        A carriage's rail carries its scale and zero along, so that joints have another gain.
-        """
-        space, share = self.parameters, [1e-6 * ppm.get(each, 0.0) for each in values.space.thermal]
-        rail = 0.0 if self.joints[0].is_revolute else share[0]
-        on_rail = {*space.of_unit("mm", space.transmission), *space.of_field("joint_offset_mm")}
-        found = {n: v * (1.0 + rail if n in on_rail else 1.0) for n, v in values.items()}
-        for lengths, each in zip(self._growing_mm(values), share, strict=True):
-            for name, length in lengths.items():
-                found[name] += each * length
-        for name in space.of_field(GAIN.name) if rail else ():
-            gain = values.get(name, 0.0)
-            found[name] = gain + rail * (1e6 + gain)
-        return replace(Parameters.of(space, found), covariance=values.covariance)
-
-    def _growing_mm(self, values: Mapping[str, float]) -> tuple[dict[str, float], ...]:
-        """Lengths of arms, of forearms and of the frame that grow, by the parameters they change.
-
-        A rail has no length of its own. The frame grows from its origin to where its arms really
-        are: the plate's joints, which are contracted into the arms' places, stay as they are.
-        """
-        arms, forearms, frame = (
-            [self.parameters.geometry[place] for place in each] for each in self._growing
-        )
-        places = zip(frame, np.ravel(self.plate.joints_mm).tolist(), strict=True)
-        return (
-            {name: values[name] for name in arms},
-            {name: values[name] for name in forearms},
-            {name: values[name] + joint for name, joint in places},
-        )
 
     def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
         """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""
@@ -380,14 +323,13 @@ class ClosedChain:
         return max(FEWEST_SHOTS, by_two, len(names) - own + by_rest)
 
     def sensitivity_scale_mm(self, p: Array) -> Array:
-        """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
+        """Lengths that turn errors of `parameters.of_robot` into errors of place, (M,)."""
         values, platform, extensions = self._split(p)
         scale, fields = self._arms.sensitivity_scale_mm(values), values.shape[1]
         last = fields + extensions.shape[1] - 1
         scale = np.insert(scale, last, SKEW_SCALE_MM, axis=1)
         own, beyond = scale[:, :fields].ravel(), scale[:, fields:].T.ravel()
-        grown = np.full(len(self.parameters.thermal), values[:, -1].max())
-        return np.concatenate([own, np.ones(len(platform)), beyond, grown])
+        return np.concatenate([own, np.ones(len(platform)), beyond])
 
     def _split(self, p: Array) -> tuple[Array, Array, Array]:
         """Fields of the arms (n, k, …), of the platform (f, …), extensions of the arms (n, e, …).

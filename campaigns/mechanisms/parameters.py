@@ -73,19 +73,9 @@ class Role(Enum):
     LEANING = "held unless imperfect parts are looked for: which way they lean"
     EXTENSION = "of imperfect parts, nominally 0: not every controller has it"
     TRANSMISSION = "of a joint's gear and encoder, nominally 0: not every controller has it"
-    THERMAL = "of a run's warmth: it belongs to what is measured and is in no file"
     RATE = "of ripples, how often they come: no entry of a vector, and of sets that have ripples"
 
 
-EXPANSIONS = tuple(
-    ParameterField(f"{group}_expansion_ppm", f"the growth of {words}, ppm of their length", "ratio")
-    for group, words in (
-        ("arm", "the arms or rails"),
-        ("forearm", "the forearms"),
-        ("frame", "the frame that carries the arms"),
-    )
-)
-"""Of the whole robot, for a regressor of 1."""
 RIPPLES_PER_TURN = ParameterField(
     "ripples_per_turn", "periods of a gear's ripple in a turn of its crank", "count"
 )
@@ -148,7 +138,7 @@ class ParameterSpace:
     """Parameters of a mechanism, in the order of its vectors.
 
     First those of each arm, then the platform's, then extensions and the joints' transmission,
-    which a robot file holds where they are not 0, then expansions. Selections are by name.
+    which a robot file holds where they are not 0. Selections are by name.
     """
 
     every: tuple[Parameter, ...]
@@ -171,7 +161,6 @@ class ParameterSpace:
             *((None, each, Role.FREE) for each in platform_fields),
             *((arm, each, Role.EXTENSION) for each in extensions for arm in numbers),
             *((arm, each, Role.TRANSMISSION) for each in transmission for arm in numbers),
-            *((None, each, Role.THERMAL) for each in EXPANSIONS),
         )
         every = (Parameter(arm, each, roles.get(each.name, role)) for arm, each, role in named)
         return cls(tuple(replace(each, fixes_datum=each.name in datum) for each in every))
@@ -241,11 +230,6 @@ class ParameterSpace:
         return self._of_roles(Role.TRANSMISSION)
 
     @cached_property
-    def thermal(self) -> tuple[str, ...]:
-        """Names of what grows with a regressor of a run."""
-        return self._of_roles(Role.THERMAL)
-
-    @cached_property
     def optional(self) -> tuple[str, ...]:
         """Names of what is nominally 0 and not known to every controller; the rate is last."""
         return (*self.extensions, *self.transmission, self.rate.name)
@@ -275,11 +259,6 @@ class ParameterSpace:
     def of_robot(self) -> tuple[str, ...]:
         """Names of the entries of a vector p, (P,): all that a robot file may hold."""
         return self.geometry + self.transmission
-
-    @cached_property
-    def model(self) -> tuple[str, ...]:
-        """Names of all that a fit may free."""
-        return self.of_robot + self.thermal
 
     @cached_property
     def datum(self) -> tuple[str, ...]:
@@ -325,8 +304,8 @@ class ParameterSpace:
         return tuple(name for name in names if self[name].unit == unit)
 
     def places(self, names: Sequence[str]) -> Index:
-        """Places of parameters in `model`; raises `ValueError` for an unknown name."""
-        return np.array([self.model.index(name) for name in names], dtype=np.intp)
+        """Places of parameters in `of_robot`; raises `ValueError` for an unknown name."""
+        return np.array([self.of_robot.index(name) for name in names], dtype=np.intp)
 
     def units(self, names: Sequence[str]) -> Array:
         """Factors from the units of files to inner ones, of the named parameters."""

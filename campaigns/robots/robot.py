@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -24,7 +24,6 @@ from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.mechanisms.parasitic_rotation import PlateGeometry
 from campaigns.mechanisms.transmission import STEEPEST
 from campaigns.robots.reach import middle_of_reach_mm
-from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
 from drivers.texts import nearest_word
@@ -36,8 +35,6 @@ FOR_SOME_CONTROLLERS = (
     "`pkmcal correct`"
 )
 """Remark where such a set is found and where it is written."""
-EXPANSION, EXPANSIONS = "_expansion_ppm", "expansion_ppm_per_degC"
-REFERENCE = "reference_temperature_degC"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +51,6 @@ class RobotFile:
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
-    expansions: Mapping[str, float] = field(default_factory=dict)
-    """By the names of `parameters.thermal`, ppm/°C, where the file says."""
-    reference_degC: float | None = None
-    """Temperature of parts for which parameters are stated, where the file says."""
 
     def __repr__(self) -> str:
         kind = "identified" if self.provenance else "nominal"
@@ -150,32 +143,11 @@ def shipped_of(mechanism: ClosedChain) -> RobotDocument:
     return next(each for each in found if each.robot.mechanism.name == mechanism.name)
 
 
-def at_temperature(robot: RobotFile, degC: float) -> RobotFile:
-    """The same robot with parts of this temperature, σ of its parameters as they were.
-
-    Raises `ConfigInvalid` where the file does not say how its parts grow.
-    """
-    if not robot.expansions or robot.reference_degC is None:
-        raise ConfigInvalid(
-            f"{robot.name}: --temperature {degC:g}: it is not known how its parts grow with it",
-            remedy="identify shots with part temperatures that change by some °C, --model auto",
-        )
-    grown = {name: ppm * (degC - robot.reference_degC) for name, ppm in robot.expansions.items()}
-    warm = robot.mechanism.grown(robot.parameters, grown)
-    known = form_of(robot.provenance, robot.name)
-    of = known.of if known else robot.digest()
-    form = ReducedForm(of, 0.0, 0.0, 0.0, f"at {degC:g} °C")
-    stated = {**(robot.provenance or {}), FORM: asdict(form)}
-    return replace(robot, parameters=warm, reference_degC=degC, provenance=stated)
-
-
 def compensated(
     nominal: RobotDocument,
     name: str,
     parameters: Mapping[str, float],
     provenance: Mapping[str, JsonValue] | None = None,
-    expansions: Mapping[str, float] | None = None,
-    reference_degC: float | None = None,
 ) -> RobotDocument:
     """Put other parameters, with their 1 σ, into a copy of the nominal's document.
 
@@ -186,11 +158,6 @@ def compensated(
     tree = nominal.document.editable_tree()
     _set_values(tree["geometry"], own)
     tree["name"] = name
-    stated = {name.removesuffix(EXPANSION): ppm for name, ppm in (expansions or {}).items()}
-    for key, told in ((EXPANSIONS, stated), (REFERENCE, reference_degC if stated else None)):
-        tree.pop(key, None)  # the nominal's are of other lengths
-        if told not in ({}, None):
-            tree[key] = told
     if (rate := own.space.rate.name) in own and own.rate != nominal.robot.mechanism.rate:
         tree[rate] = own.rate
     tree["uncertainty"] = known or {}
@@ -285,8 +252,6 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
-        {f"{n}{EXPANSION}": v for n, v in (contents.expansion_ppm_per_degC or {}).items()},
-        contents.reference_temperature_degC,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(

@@ -104,16 +104,6 @@ class RobotContents(FileModel):
         description="of robots with cranks: periods of a gear's error in a turn of the arm, as its "
         "ratio is; may be left out",
     )
-    expansion_ppm_per_degC: dict[Literal["arm", "forearm", "frame"], Expansion] | None = Field(
-        default=None,
-        description="growth of arms or rails, forearms and frame, ppm/°C; may be left out",
-    )
-    reference_temperature_degC: float | None = Field(
-        default=None,
-        ge=-50.0,
-        le=150.0,
-        description="the parts' temperature for which the geometry is stated, °C",
-    )
     tolerance: Tolerance = Field(
         default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",

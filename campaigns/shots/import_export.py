@@ -180,7 +180,6 @@ def _outcome(number: int, row: ShotRow) -> records.Outcome:
         import_note(row.temperature_degC, row.time),
         None,
         approach=row.approach or None,
-        part_temperature_degC=row.part_temperature_degC,
     )
 
 
@@ -218,5 +217,4 @@ def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
         temperature_degC=air,
         time=time,
         nest=intent.nest,
-        part_temperature_degC=outcome.part_temperature_degC,
     )

@@ -57,22 +57,12 @@ class Shots:
     """Name of the fixed place that each is of; empty, or "", of the robot's reflector."""
     session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Which session of the series each was measured in, (N,); 0 where nobody told."""
-    part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
-    """Temperature of the robot's parts, (N,); NaN where it is not known."""
-    warmth: Array = field(default_factory=lambda: np.zeros(0))
-    """Regressor by which parts grow, (N,), as `Course` has it; 0 where parameters are stated."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
         count, (_, joints) = len(self.numbers), self.joints.shape
-        unsaid = {
-            "session": np.zeros(count, dtype=np.intp),
-            "part_temperature_degC": np.full(count, np.nan),
-            "warmth": np.zeros(count),
-        }
-        for name, column in unsaid.items():
-            if not len(getattr(self, name)):
-                object.__setattr__(self, name, column)
+        if not len(self.session):
+            object.__setattr__(self, "session", np.zeros(count, dtype=np.intp))
         shapes = {
             "joints": (self.joints.shape, (count, joints)),
             "points_in_tracker_mm": (self.points_in_tracker_mm.shape, (count, 3)),
@@ -80,7 +70,7 @@ class Shots:
             "approach": (self.approach.shape, (count, joints)),
             "commanded": (self.commanded.shape[:1], (count,)),
             "temperature_degC": (self.temperature_degC.shape, (count,)),
-            **{name: (getattr(self, name).shape, (count,)) for name in unsaid},
+            "session": (self.session.shape, (count,)),
             "purposes": ((len(self.purposes),), (count,)),
             "pairs": ((len(self.pairs),), (count,)),
             "measured_utc": ((len(self.measured_utc),), (count,)),
@@ -357,7 +347,6 @@ def shots_of_outcomes(
         records=in_journal,
         nests=tuple(nests),
         session=np.array(sessions, dtype=np.intp),
-        part_temperature_degC=_or_nan(each.part_temperature_degC for each in outcomes),
     )
 
 
@@ -379,7 +368,6 @@ def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
             time=shots.measured_utc[row] or None,
             nest=shots.nests[row] if shots.nests else "",
             approach=tuple(shots.approach[row].astype(int).tolist()),
-            part_temperature_degC=known(shots.part_temperature_degC[row]),
         )
         for row, (purpose, joints) in enumerate(zip(shots.purposes, shots.joints, strict=True))
     )
@@ -418,7 +406,6 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         measured_utc=tuple(row.time or "" for row in rows),
         nests=tuple(row.nest for row in rows),
         temperature_degC=_or_nan(row.temperature_degC for row in rows),
-        part_temperature_degC=_or_nan(row.part_temperature_degC for row in rows),
     )
 
 

@@ -21,7 +21,7 @@ from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
-TEMPERATURES = ("temperature_degC", "part_temperature_degC")
+TEMPERATURES = ("temperature_degC",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,6 @@ class ShotRow:
     nest: str = ""
     approach: tuple[int, ...] = ()
     """+1 where a joint last moved towards larger values, -1 smaller, 0 unknown; (): of none."""
-    part_temperature_degC: float | None = None
-    """Of the robot's parts."""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
-from campaigns.controllers.export import CalibrationRoute, WrittenSet, warm_robot
+from campaigns.controllers.export import CalibrationRoute, WrittenSet
 from campaigns.errors import VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
@@ -20,11 +20,10 @@ from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
-DegC = float | None
 
 
-def identified_robot(campaign: Campaign, degC: DegC = None) -> RobotDocument:
-    """Nominal robot with the parameters of the latest identification, its parts so warm.
+def identified_robot(campaign: Campaign) -> RobotDocument:
+    """Nominal robot with the parameters of the latest identification.
 
     Raises `ShotsMissing` without one, and `VerdictBad` for one that did not pass.
     """
@@ -38,24 +37,20 @@ def identified_robot(campaign: Campaign, degC: DegC = None) -> RobotDocument:
             remedy="identify again, or write it as it was",
         )
     controller = measured.started.robot if measured else None
-    identified = parameter_file.compensated_robot(
+    return parameter_file.compensated_robot(
         campaign.config.name, campaign.nominal, found, controller
-    )
-    known = found.covariance
-    return (
-        identified if degC is None else warm_robot(campaign.nominal, identified.robot, degC, known)
     )
 
 
 def export(
-    campaign: Campaign, to: Path | None = None, degC: DegC = None, *, overwrite: bool = False
+    campaign: Campaign, to: Path | None = None, *, overwrite: bool = False
 ) -> tuple[Path, RobotFile]:
-    """Write the latest identification as a robot file, of a robot so warm.
+    """Write the latest identification as a robot file.
 
     Raises `ConfigInvalid`, `VerdictBad`, `OutputExists` or `WriteFailed`.
     """
     path = to or campaign.path(parameter_file.FILE_NAME)
-    identified = identified_robot(campaign, degC)
+    identified = identified_robot(campaign)
     form = form_of(identified.robot.provenance, str(path))
     with recorded(campaign, path, identified.robot.parameters, form=form):
         write_text_unless_there(path, identified.document.text, overwrite=overwrite)
@@ -88,13 +83,11 @@ def recorded(
             journal.append(Finding("export", asdict(written)))
 
 
-def export_hal(
-    campaign: Campaign, to: Path | None = None, degC: DegC = None, *, overwrite: bool = False
-) -> Path:
+def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = False) -> Path:
     """Write the same for LinuxCNC's kinematics; raises likewise."""
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
     # a plate tilts as the nominal robot's drawing has it, also where a file says nothing of it
-    identified = identified_robot(campaign, degC).robot
+    identified = identified_robot(campaign).robot
     mechanism = campaign.robot.mechanism.with_ripples(identified.mechanism.rate)
     robot = replace(identified, mechanism=mechanism)
     form = form_of(robot.provenance, str(path))

@@ -12,7 +12,6 @@ from campaigns.journal.records import Finding
 from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
-from campaigns.shots.warmth import with_readings
 
 
 def identify(
@@ -35,7 +34,6 @@ def identify(
         if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
             measured = (*measured, *campaign.known_length_shots(journal))
         shots = shots_of_journal(measured, robot.mechanism)
-        shots = with_readings(shots, campaign.config.part_temperatures)
         shots = asked_shots(shots, options)
         started_s = time.perf_counter()
         found = identify_model(robot.kinematics, shots, replace(how, model=model))
@@ -79,5 +77,4 @@ def identification_options(
         limits_mm=campaign.config.acceptance.distances_mm,
         known_lengths=campaign.config.known_lengths,
         workspace=campaign.workspace_sample(),
-        reference_degC=campaign.config.reference_temperature_degC,
     )

@@ -127,21 +127,3 @@ def test_a_set_of_another_nominal_robot_is_refused(correct, folder, poses):
     code, _, err = correct("--poses", poses)
     assert code == 2
     assert "rests on another nominal robot" in err
-
-
-def test_targets_for_a_robot_whose_parts_are_so_warm(correct, poses, folder, pkmcal):
-    code, _, err = correct("--poses", poses, "--temperature", "30")
-    assert code == 2
-    assert "it is not known how its parts grow" in err
-    assert pkmcal("export", folder, "--temperature", "30", "--overwrite")[0] == 2
-    path = folder / "robot-compensated.yaml"
-    text = path.read_text(encoding="utf-8")
-    stated = "expansion_ppm_per_degC: {arm: 23.0, frame: 12.0}\nreference_temperature_degC: 20.0\n"
-    path.write_text(text + stated, encoding="utf-8")
-    found = {}
-    for degC in ("20", "30"):
-        assert correct("--poses", poses, "--temperature", degC, "--overwrite")[0] == 0
-        text = poses.with_name("targets-corrected.csv").read_text(encoding="utf-8")
-        rows = csv.DictReader(text.splitlines())
-        found[degC] = np.array([float(row["commanded_z_mm"]) for row in rows])
-    assert 0.01 < np.abs(found["30"] - found["20"]).max() < 0.5

@@ -20,7 +20,7 @@ PLAN_KEYS = {
     *("from_below", "curve", "space"),
 }
 IDENTIFICATION_KEYS = {
-    *("warmth", "ripples"),
+    "ripples",
     *("coverage_factor_95", "doubts", "hold_out", "robot_scatter", "schema", "estimator"),
     *("converged", "iterations", "rank", "condition", "dof", "parameters", "residuals_mm"),
     *("unseen_mm", "excluded", "unobservable", "known_by_priors_alone", "priors"),

@@ -352,7 +352,6 @@ def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampai
         (tilts, (axes, level)),
         (space.skews, (rods, level)),
         (space.backlashes, (play,)),
-        (space.thermal, (heat,)),
     ):
         kept = {heat, play, rods, axes, level} - {*gone}
         text = assumed(*names)

@@ -10,19 +10,12 @@ from recorded_identifications import SPREAD
 from tested_journal import plain_journal
 
 from campaigns import errors
-from campaigns.controllers.export import (
-    compensated_robot,
-    latest_identification,
-    warm_robot,
-    written_sets,
-)
-from campaigns.estimation.information import Uncertainty
+from campaigns.controllers.export import compensated_robot, latest_identification, written_sets
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4 as MECHANISM
-from campaigns.robots.reduced_form import form_of
-from campaigns.robots.robot import RobotDocument, at_temperature, find_robot, read_robot
+from campaigns.robots.robot import RobotDocument, find_robot, read_robot
 from campaigns.version import VERSION
 from drivers.values import Identity
 
@@ -84,9 +77,7 @@ def test_axis_tilts_and_backlash_are_exported(nominal: RobotDocument) -> None:
         assert (robot.parameters.std or {})[name] == 0.001
 
 
-def test_the_rate_that_ripples_were_found_with_is_a_number_of_the_exported_set(
-    nominal: RobotDocument,
-) -> None:
+def test_the_rate_of_ripples_is_a_number_of_the_exported_set(nominal: RobotDocument) -> None:
     ripple = {"nominal": 0.0, "value": 0.003, "delta": 0.003, "std": 0.001, "free": True}
     parameters = body(nominal)["parameters"] | {"arm2.ripple_cos_deg": ripple}
     rate = {"key": "ripples_per_turn", "value": 29.97}
@@ -163,48 +154,6 @@ def test_latest_identification_that_cannot_be_read_is_said_and_none_before_it_co
         journal.append(Finding("identification", {"verdict": "pass"}))
         with pytest.raises(errors.FindingUnreadable, match="identify again"):
             latest_identification(journal)
-
-
-def warm_finding(nominal: RobotDocument, **warmth: object) -> RecordedIdentification:
-    """Arms that were found to grow by 20 ± 2 ppm for a warmth of 1."""
-    found = body(nominal, warmth=warmth)
-    grown = {"nominal": 0.0, "value": 20.0, "delta": 20.0, "std": 2.0, "free": True}
-    found["parameters"]["arm_expansion_ppm"] = grown
-    return read_identification(found)
-
-
-def test_expansions_are_stated_for_a_temperature_and_give_a_warm_robot(
-    tmp_path: Path, nominal: RobotDocument
-) -> None:
-    by = {"source": "temperature", "time_constant": None, "reference_degC": 20.0}
-    path, found = tmp_path / "out.yaml", warm_finding(nominal, **by)
-    path.write_text(compensated_robot("press 4", nominal, found).document.text, encoding="utf-8")
-    robot = read_robot(path).robot
-    assert robot.digest() == compensated_robot("press 4", nominal, finding(nominal)).robot.digest()
-    assert (robot.expansions, robot.reference_degC) == ({"arm_expansion_ppm": 20.0}, 20.0)
-    assert robot.provenance["warmth"]["stated"] == "at 20 °C"
-    assert robot.provenance["warmth"]["arm_expansion_ppm"] == {"value": 20.0, "std": 2.0}
-    assert at_temperature(robot, 20.0).digest() == robot.digest()
-    known = Uncertainty(("arm1.arm_mm", "arm_expansion_ppm"), ((1e-4, 0.0), (0.0, 4.0)))
-    warm, length = warm_robot(nominal, robot, 120.0, known).robot, robot.parameters["arm1.arm_mm"]
-    changed = {n for n in warm.parameters if warm.parameters[n] != robot.parameters[n]}
-    assert changed == {f"arm{arm}.arm_mm" for arm in range(4)}
-    assert warm.parameters["arm1.arm_mm"] == pytest.approx(length * 1.002, rel=1e-12)
-    std = (1e-4 + (100.0 * 2e-6 * length) ** 2) ** 0.5
-    assert warm.parameters.std["arm1.arm_mm"] == pytest.approx(std)
-    form = form_of(warm.provenance, warm.name)
-    assert (form.of, form.name) == (robot.digest(), "at 120 °C")
-    assert form.says == "a form of the identified parameters (at 120 °C)"
-    assert at_temperature(warm, 20.0).parameters["arm1.arm_mm"] == pytest.approx(length, rel=1e-5)
-
-
-def test_without_temperatures_parameters_are_those_of_the_end(nominal: RobotDocument) -> None:
-    found = warm_finding(nominal, source="time", time_constant=0.6)
-    robot = compensated_robot("press 4", nominal, found).robot
-    assert robot.provenance["warmth"]["stated"] == "as at the end of the run"
-    assert (robot.expansions, robot.reference_degC) == ({}, None)
-    with pytest.raises(errors.ConfigInvalid, match="not known how its parts grow"):
-        at_temperature(robot, 25.0)
 
 
 def test_written_set_of_an_older_version_with_joint_tables_is_read(tmp_path: Path) -> None:

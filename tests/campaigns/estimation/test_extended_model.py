@@ -28,7 +28,7 @@ from sim.robot.section import Thermal
 from sim.robot.transmission import Transmission
 
 ARCSEC = np.radians(1.0 / 3600.0)
-ALL = SPACE.places(SPACE.model)
+ALL = SPACE.places(SPACE.of_robot)
 FREE = SPACE.places(SPACE.free_if_extended)
 OF_FULL = SPACE.places(SPACE.free_in_full)
 OF_GEOMETRY = slice(0, len(SPACE.geometry))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import latest_identification
+from campaigns.errors import FindingUnreadable
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.residual_budget import ResidualBudget
@@ -163,6 +164,8 @@ def test_an_identification_of_older_software_can_be_read_and_evaluated(
     assert found.errors.shots is None
     assert found.errors.fitted.after_mm == pytest.approx(evaluation.errors.fitted.after_mm)
     assert read_identification(body).covariance.names == older.free
+    with pytest.raises(FindingUnreadable, match="lets parts grow → identify again"):
+        read_identification(body | {"warmth": {"source": "time"}})
 
 
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:

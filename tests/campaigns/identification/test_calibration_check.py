@@ -1,6 +1,5 @@
 """Checks of a calibration: unchanged robots are good, and what changed is named."""
 
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -108,15 +107,6 @@ def test_a_change_is_told_with_its_uncertainty():
     assert {each.decision for each in judged} == {"fail"}
     assert sum(abs(each.size - 0.05) < each.expanded_uncertainty for each in parts) >= 10
     assert judged[0].says.startswith("not good: arm 2's encoder by +0.0")
-
-
-def test_a_check_of_a_set_for_one_temperature_says_which():
-    rng = np.random.default_rng(2)
-    shots = measured(planned(), robot(rng, **{"arm2.joint_offset_deg": 0.05}), rng)
-    for warmth in ({"source": "temperature", "reference_degC": 20.0}, {"source": "drift"}, None):
-        found = replace(stored().found, warmth=warmth)
-        says = check_calibration(StoredCalibration(NOMINAL, found), shots, TRACKER).says
-        assert ("parts at 20 °C" in says) is ("reference_degC" in (warmth or ()))
 
 
 def of_a_rail(rng, moved_mm):

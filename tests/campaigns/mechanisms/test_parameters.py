@@ -51,19 +51,18 @@ def test_a_missing_parameter_is_named_and_an_unknown_one_has_no_place():
 
 
 def test_what_lies_beyond_the_29_stands_after_them_and_22_of_them_are_free():
-    """A place by name is the same whether one thinks of 29, 37, 61 or 64 parameters."""
-    beyond = SPACE.transmission + SPACE.thermal
-    assert tuple(SPACE.model) == SPACE.names + AXIS_TILT_NAMES + SKEW_NAMES + beyond
+    """A place by name is the same whether one thinks of 29, 37, or 61 parameters."""
+    beyond = AXIS_TILT_NAMES + SKEW_NAMES + SPACE.transmission
+    assert tuple(SPACE.of_robot) == SPACE.names + beyond
     assert SPACE.transmission[-4:] == SPACE.backlashes
     assert [SPACE[name].unit for name in SPACE.transmission] == ["ppm"] * 4 + ["deg"] * 20
-    assert SPACE.thermal == ("arm_expansion_ppm", "forearm_expansion_ppm", "frame_expansion_ppm")
     assert SPACE.places(SPACE.names).tolist() == list(range(29))
     assert SPACE.names[PLATE] == "plate_mm"
     assert [SPACE.names[place] for place in SPACE.offsets] == [
         f"arm{i}.joint_offset_deg" for i in range(4)
     ]
-    assert [SPACE.model[place] for place in TILTS] == list(AXIS_TILT_NAMES)
-    assert [SPACE.model[place] for place in BACKLASHES] == list(SPACE.backlashes)
+    assert [SPACE.of_robot[place] for place in TILTS] == list(AXIS_TILT_NAMES)
+    assert [SPACE.of_robot[place] for place in BACKLASHES] == list(SPACE.backlashes)
     held = {f"arm{arm}.azimuth_deg" for arm in range(4)} | {f"arm0.{axis}_mm" for axis in "xyz"}
     assert len(SPACE.free_by_default) == 22
     assert set(SPACE.names) - set(SPACE.free_by_default) == held
