@@ -66,13 +66,6 @@ def stop_on_signals(wish: StopRequest) -> Iterator[None]:
 
 
 @contextmanager
-def end_on_signals(wish: StopRequest) -> Iterator[None]:
-    """The same where no robot moves: Ctrl-Z suspends at once, as it always does."""
-    with _handled(wish.ask, ENDING):
-        yield
-
-
-@contextmanager
 def asking() -> Iterator[None]:
     """Within `stop_on_signals`, a time in which Ctrl-Z suspends and the others mean no.
 

@@ -51,12 +51,6 @@ def farthest_apart(points_mm: Array) -> tuple[int, int]:
     return int(first), int(second)
 
 
-def diameter_mm(points_mm: Array) -> float:
-    """The largest distance between two of the points."""
-    first, second = farthest_apart(points_mm)
-    return float(np.linalg.norm(points_mm[first] - points_mm[second]))
-
-
 def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:
     """The rigid transform that brings points best to others (eqs. 22-25).
 

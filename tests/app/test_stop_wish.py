@@ -79,12 +79,6 @@ def test_ctrl_c_is_heard_although_a_run_was_started_in_the_background(wish, igno
     assert wish()
 
 
-def test_where_no_robot_moves_ctrl_z_does_what_it_always_does():
-    with interrupt.end_on_signals(interrupt.StopRequest()):
-        assert signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL
-        assert all(callable(signal.getsignal(number)) for number in interrupt.ENDING)
-
-
 def test_afterwards_signals_do_what_they_did_before():
     before = [signal.getsignal(number) for number in interrupt.WATCHED]
     with pytest.raises(ZeroDivisionError), interrupt.stop_on_signals(interrupt.StopRequest()):
