@@ -8,7 +8,7 @@ from campaigns.evaluation.diagnostics import NESTS, Doubt
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
-from campaigns.identification.nests import FEWEST, Nest
+from campaigns.identification.nests import FEWEST
 from campaigns.identification.result import Excluded, IdentificationResult
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
@@ -63,15 +63,6 @@ MOTIONS: tuple[Column[Doubt], ...] = (
     words("between shots", lambda doubt: _between(doubt)),
     words("what followed", lambda doubt: MOVED[str(doubt.numbers["kind"])][1]),
 )
-NEST_PLACES: tuple[Column[tuple[str, Nest]], ...] = (
-    words("nest", lambda row: row[0]),
-    Column("x", lambda row: row[1].x_mm, "mm"),
-    Column("y", lambda row: row[1].y_mm, "mm"),
-    Column("z", lambda row: row[1].z_mm, "mm"),
-    Column("σ", lambda row: row[1].std_mm, "mm", 4),
-)
-
-
 FEWEST_NESTS = FEWEST
 """From which on they tell of motion."""
 

@@ -12,7 +12,6 @@ from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
-from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
@@ -21,7 +20,7 @@ from campaigns.identification.change import Tested, tested
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit, unknown_at
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
-from campaigns.identification.nests import nest_doubts, nest_places, stand_motion
+from campaigns.identification.nests import nest_doubts, stand_motion
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -68,7 +67,7 @@ def fitted(
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     stand = None if options.sessions else stand_motion(shots, options.instrument)
-    every, shots = shots, shots.on_robot()
+    shots = shots.on_robot()
     inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
     _check(inputs)
     constant: tuple[float, float] | None = None
@@ -87,11 +86,7 @@ def fitted(
     held_out = unseen_pairs(inputs, fit)
     tests = cache(partial(_tested, inputs, fit, held_out))
     found = partial(_result, inputs, fit, held_out, lengths, constant)
-    return (
-        lambda: found((None, Tested())),
-        cache(lambda: _with_nests(found(tests()), every, inputs, fit)),
-        lambda: tests()[1],
-    )
+    return (lambda: found((None, Tested())), cache(lambda: found(tests())), lambda: tests()[1])
 
 
 def _tested(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> tuple[PointFit | None, Tested]:
@@ -100,19 +95,6 @@ def _tested(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> tuple[PointFit |
     if judged is None and inputs.options.outliers is not Outliers.KEEP:
         judged = plain_fit(inputs)  # also where coordinates take no part in the fit
     return judged, Tested() if judged is None else tested(inputs, judged, held_out.identified)
-
-
-def _with_nests(
-    found: result.IdentificationResult, every: Shots, inputs: Inputs, fit: Fit
-) -> result.IdentificationResult:
-    """The same, and where the nests of all shots stand in its base frame."""
-    options = inputs.options
-    if options.sessions or fit.observations.kind != "shots":
-        return found
-    points, of_all = fit.observations.points, fit.found.covariance
-    of_frame = None if of_all is None else of_all[-FRAME_COLUMNS:, -FRAME_COLUMNS:]
-    nests = nest_places(every, points, fit.found.x, of_frame, options.instrument)
-    return replace(found, nests=nests)
 
 
 def _check(inputs: Inputs) -> None:

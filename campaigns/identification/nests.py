@@ -1,4 +1,4 @@
-"""Nests: whether the tracker's stand moved, by fixed reflectors; their places in the base frame."""
+"""Nests: whether the tracker's stand moved, by fixed reflectors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from campaigns.arrays import Array, Index
 from campaigns.estimation import information
 from campaigns.estimation.information import ChiSquareTest, chi_square_test, length_with_std
 from campaigns.estimation.point_sets import away_from_best_line, longest_mm
-from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
-from campaigns.estimation.rigid_transforms import frame_jacobian, small_rotation
+from campaigns.estimation.residuals import FRAME_COLUMNS
+from campaigns.estimation.rigid_transforms import frame_jacobian
 from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
 from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.shots.shot_sets import ShotSet
@@ -21,16 +21,6 @@ FEWEST = 3
 """Number of nests that tell a turn and a shift."""
 OFF_LINE_MM = 100.0
 """Way of the farthest nest from the best line through all, below which they tell no turn."""
-
-
-@dataclass(frozen=True, slots=True)
-class Nest:
-    """Nest in the base frame, mm; root of its summed variances, the frame's included, if known."""
-
-    x_mm: float
-    y_mm: float
-    z_mm: float
-    std_mm: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,29 +93,3 @@ def nest_doubts(stand: StandMotion | None, shots: Shots, left_mm: float) -> Iter
     std_mm, size_mm = 2.0**0.5 * left_mm, float(np.linalg.norm(ways[far : far + 1]))
     if chi_square_test((size_mm / std_mm) ** 2, 3).beyond and not stand.rigid.beyond:
         yield nests_told("robot", size_mm, std_mm, (drift.numbers[0], drift.numbers[far]))
-
-
-def nest_places(
-    shots: Shots,
-    fitted: PointResiduals,
-    x: Array,
-    of_frame: Array | None,
-    instrument: TrackerUncertainty,
-) -> dict[str, Nest]:
-    """Nests by name, by the frame that was estimated, the last six of `x`.
-
-    Their σ by that of the frame, (6, 6); None without it.
-    """
-    base_from_tracker = fitted.tracker_from_base(x).inverted()
-    turn, found = base_from_tracker.rotation, dict[str, Nest]()
-    by_angle = fitted.guess.rotation @ small_rotation(x[-FRAME_COLUMNS:-3])[1]
-    for name in sorted({*shots.nests} - {""}):
-        some, std_mm = shots.rows(np.flatnonzero([each == name for each in shots.nests])), None
-        place_mm = base_from_tracker.apply(some.points_in_tracker_mm).mean(axis=0)
-        if of_frame is not None:
-            by_frame = turn @ np.hstack([(by_angle @ place_mm).T, np.eye(3)])
-            own = turn @ some.covariance_mm2(instrument).sum(axis=0) @ turn.T / len(some) ** 2
-            std_mm = float(np.sqrt(np.trace(by_frame @ of_frame @ by_frame.T + own)))
-        x_mm, y_mm, z_mm = place_mm.tolist()
-        found[name] = Nest(x_mm, y_mm, z_mm, std_mm)
-    return found

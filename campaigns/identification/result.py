@@ -25,7 +25,6 @@ from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.files.table import Column, html_table
 from campaigns.identification.known_lengths import KnownLengths
-from campaigns.identification.nests import Nest
 from campaigns.journal.records import adapter_of, read_body
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.shot_sets import ShotSet
@@ -301,8 +300,6 @@ class IdentificationResult:
     """Part of the workspace that it is valid for; None where σ of positions is not known."""
     known_lengths: KnownLengths | None = None
     """None where none was measured."""
-    nests: dict[str, Nest] = field(default_factory=dict)
-    """By name; empty where none was measured or no frame estimated."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
     hold_out: HoldOut | None = None

@@ -28,7 +28,7 @@ IDENTIFICATION_KEYS = {
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
     *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
     "settings",
-    *("series", "model", "asked", "obstacles", "known_lengths", "region", "nests"),
+    *("series", "model", "asked", "obstacles", "known_lengths", "region"),
 }
 DRY_RUN_KEYS = {
     *NEXT,

@@ -27,4 +27,3 @@ def test_nests_tell_of_a_stand_that_creeps(pkmcal, tmp_path):
     assert doubt["numbers"]["kind"] == "stand"
     assert doubt["numbers"]["moved_mm"] > 10.0 * doubt["numbers"]["std_mm"]
     assert found["verdict"] == "fail"
-    assert set(found["nests"]) == set(PLACES)

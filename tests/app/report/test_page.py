@@ -19,11 +19,10 @@ from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.evidence import Evaluation, MeasuredSeries, evaluate, gather
 from campaigns.files.table import texts
-from campaigns.identification.nests import Nest
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected, SeriesStarted
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
+from campaigns.settings.sections import AcceptanceConfig, NestConfig, PeopleConfig
 from campaigns.shots.import_export import ImportedFile, append_import
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
@@ -440,31 +439,26 @@ def test_every_doubt_stands_with_its_name_sentence_and_numbers(whole: PaperCampa
 
 
 def test_what_nests_tell_stands_with_its_deviation(whole: PaperCampaign) -> None:
-    places = {"A": Nest(900.0, 800.1, -900.0, 0.0123), "B<i>": Nest(1.0, 2.0, 3.0, None)}
     doubts = (
         nests_told("stand", 0.314, 0.0074, (163, 177)),
         nests_told("robot", 0.5, 0.1, (0, 84)),
     )
-    found = identified(whole, nests=places, doubts=doubts)
-    rows = rows_in(found, "tracker")
-    assert rows[-4:] == [
-        [
-            "the tracker's stand",
-            "0.314",
-            "0.0074",
-            "163 and 177",
-            record_sections.MOVED["stand"][1],
-        ],
-        ["the robot, at its drift pose", "0.500", "0.1000", "0 and 84", rows[-3][-1]],
-        ["A", "900.000", "800.100", "−900.000", "0.0123"],
-        ["B<i>", "1.000", "2.000", "3.000", "–"],
+    rows = rows_in(identified(whole, doubts=doubts), "tracker")
+    what_to_do = [record_sections.MOVED[kind][1] for kind in ("stand", "robot")]
+    assert rows[-2:] == [
+        ["the tracker's stand", "0.314", "0.0074", "163 and 177", what_to_do[0]],
+        ["the robot, at its drift pose", "0.500", "0.1000", "0 and 84", what_to_do[1]],
     ]
-    assert "no motion of stand or robot" not in words_on(found, "tracker")
-    told = "The nests show no significant motion of stand or robot."
-    assert told not in words_on(identified(whole, nests=places, doubts=()), "tracker")
-    three = {**places, "C": places["A"]}
-    assert told in words_on(identified(whole, nests=three, doubts=()), "tracker")
-    assert "Nests" not in words_on(page(whole), "tracker")
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_three_nests_that_tell_of_no_motion_are_named(whole: PaperCampaign, count: int) -> None:
+    evidence = gather(whole.campaign)
+    nests = tuple(NestConfig(name=name) for name in "ABC"[:count])
+    config = whole.campaign.config.model_copy(update={"nests": nests})
+    with_nests = replace(evidence, campaign=replace(evidence.campaign, config=config))
+    text = words_on(page_of(Evaluation(with_nests), MADE_UTC), "tracker")
+    assert ("The nests show no significant motion of stand or robot." in text) is (count == 3)
 
 
 def test_the_robots_scatter_and_the_hold_out_test_stand_in_words(whole: PaperCampaign) -> None:
