@@ -75,9 +75,9 @@ run DIR --dry
 load DIR --dry
 load DIR --rollback --yes
 load DIR --yes
-validate DIR --stage after --only rotation --anyway --yes
+validate DIR --stage after --only rotation --anyway --yes --retry 5
 check DIR --dry
-check DIR --yes
+check DIR --yes --retry 5
 study DIR --campaigns 4 --workers 1
 report DIR
 robot delta --base 200 --platform 45 --arm 300 --forearm 800
