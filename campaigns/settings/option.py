@@ -1,6 +1,5 @@
 """Options of a step of the work: a field each, whose annotation says how a command offers it."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -112,9 +111,3 @@ def _typed(value: object) -> str:
     if isinstance(value, tuple):
         return "-".join("" if end is None else str(end) for end in value)
     return str(value.value if isinstance(value, Enum) else value)
-
-
-def require_finite(option: str, value: float) -> None:
-    """Raise `OptionsInvalid` for what is no number that can be meant."""
-    if not math.isfinite(value):
-        raise OptionsInvalid(f"{option} is {value}", remedy="give a finite number")
