@@ -52,7 +52,7 @@ EXPORTED = ("par4-prototype", "delta", "linear-delta")
 """Robots whose dry run on `gears` is exported in every form."""
 FAULTS = (
     *(f"at_measurement: 4, kind: {kind}, seconds: 3" for kind in ("beam_break", "wrong_target")),
-    *(f"at_move: 4, kind: {kind}, seconds: 5" for kind in ("drive_fault", "stall")),
+    *(f"at_move: 4, kind: {kind}, seconds: 500" for kind in ("drive_fault", "stall")),
     "at_move: 4, kind: emergency_stop",
     *(
         f"device: {device}, at_answer: {at}, kind: {kind}, seconds: 8000"
