@@ -19,15 +19,14 @@ if TYPE_CHECKING:
         find_robot,
         identify,
         plan,
-        point_residuals,
         read_shots,
         sample_workspace,
         study,
     )
     from campaigns.campaign import open_campaign
-    from campaigns.estimation.tracker_noise import TrackerUncertainty
     from campaigns.evidence import evaluate
-    from campaigns.mechanisms.mechanism import Kinematics
+    from campaigns.fit.tracker_noise import TrackerUncertainty
+    from campaigns.kinematics.mechanism import Kinematics
     from campaigns.shots.shots import Shots
     from campaigns.workflow import campaign_steps as workflow
 
@@ -37,10 +36,10 @@ BAD_INPUT = 2
 """Exit code, as `app.exits` has it."""
 
 HOMES = {
-    "Kinematics": "campaigns.mechanisms.mechanism",
+    "Kinematics": "campaigns.kinematics.mechanism",
     "NewOptions": "app.new_campaign",
     "Shots": "campaigns.shots.shots",
-    "TrackerUncertainty": "campaigns.estimation.tracker_noise",
+    "TrackerUncertainty": "campaigns.fit.tracker_noise",
     "connected_cell": "app.wiring",
     "create_campaign": "app.new_campaign",
     "create_simulated": "app.new_campaign",
@@ -64,7 +63,6 @@ __all__ = [
     "identify",
     "open_campaign",
     "plan",
-    "point_residuals",
     "prepare",
     "read_shots",
     "sample_workspace",

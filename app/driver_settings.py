@@ -90,7 +90,7 @@ def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterFile | HalPa
     space, pins = nominal.mechanism.parameters, export.parameter_pins(nominal.mechanism)
     drawn = export.drawing_flat(nominal.mechanism)
     drawing = {export.pin_of(name): value for name, value in drawn.items()}
-    required = frozenset((*drawing, *(pins[name] for name in space.geometry)))
+    required = frozenset((*drawing, *(pins[name] for name in space.names)))
     return HalParameters(
         export.CalibrationFile(path, whose),
         HalPins((*pins.values(), *drawing), command_prefix(section.beside), required=required),

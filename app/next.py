@@ -1,7 +1,5 @@
 """Next command, named at the end of every command, and who else works on a campaign meanwhile."""
 
-from collections.abc import Sequence
-
 from app.console import TALK, WARNING, Terminal
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import present_state, state_of
@@ -9,7 +7,7 @@ from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import Evaluation
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import NextStep, WayOn, next_step
+from campaigns.next_step import NextStep, next_step
 
 
 def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
@@ -43,21 +41,11 @@ def tell_next(
         step = next_step(state)
     except CampaignError:
         return {"next": None, "before_next": None}
-    ways = state.ways if state.verdict == "not decided" else ()
-    for way in ways:
-        terminal.note(way.says, TALK)
     if step is not None:
         terminal.note(f"next: {step.says}", TALK)
-    document = next_document(step, ways)
-    if not ways:
-        del document["ways"]
-    return document
+    return next_document(step)
 
 
-def next_document(step: NextStep | None, ways: Sequence[WayOn]) -> dict[str, object]:
-    """The next step and the ways on for programs."""
-    return {
-        "next": step and step.text,
-        "before_next": (step and step.first) or None,
-        "ways": [way.document for way in ways],
-    }
+def next_document(step: NextStep | None) -> dict[str, object]:
+    """Return the next step for programs."""
+    return {"next": step and step.text, "before_next": (step and step.first) or None}

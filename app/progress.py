@@ -13,9 +13,8 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from app.run_screen import answer_to, run_screen
-from campaigns.evaluation.decision import COVERAGE
-from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress, RunObserver
+from app.run_screen import answer_to, certainty, run_screen
+from campaigns.measuring.run_state import EngineState, Progress, RunObserver
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
 
@@ -304,15 +303,6 @@ def summary(progress: Progress) -> str:
     return " · ".join([shots, progress.state.value, *_figures(progress)])
 
 
-def certainty(known: ParameterUncertainty) -> str:
-    """Uncertainty of the parameters: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
-    std = f"{known.weakest_std:.3f} mm" if known.unit == "mm" else f"{known.weakest_std:.4f}°"
-    told = f"weakest {known.weakest} ±{std} · position ±{known.position_std_mm:.3f} mm"
-    if known.total_position_std_mm is None:
-        return told
-    return f"{told} (1 σ), U {COVERAGE * known.total_position_std_mm:.3f} mm (k = 2)"
-
-
 def _figures(progress: Progress) -> list[str]:
     figures = (("residual", progress.residual_mm), ("drift", progress.drift_mm))
     return [f"{name} {value:.3f} mm" for name, value in figures if value is not None]
@@ -325,8 +315,8 @@ def _known(progress: Progress) -> list[str]:
 def _goal(progress: Progress) -> list[str]:
     if progress.goal_mm is None:
         return []
-    now = "not yet known" if progress.known is None else f"{progress.known.length_std_mm:.3g}"
-    return [f"goal σ={progress.goal_mm:g}: {now}"]
+    now = "not yet known" if progress.known is None else f"{progress.known.position_std_mm:.3g}"
+    return [f"goal {progress.goal_mm:g} mm: {now}"]
 
 
 def _state(progress: Progress) -> str:

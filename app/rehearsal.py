@@ -11,7 +11,7 @@ from campaigns.campaign_state import state_of
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
-from campaigns.options import LoadOptions, PlanOptions, ValidationOptions, ValidationStage
+from campaigns.options import LoadOptions, ValidationOptions, ValidationStage
 from campaigns.workflow.files import export
 from campaigns.workflow.identification import identify
 from campaigns.workflow.loading import load
@@ -25,13 +25,13 @@ STAGES = 8
 def rehearse(
     campaign: Campaign, terminal: Terminal, options: IdentificationOptions
 ) -> tuple[dict[str, object], tuple[str, ...]]:
-    """The whole workflow but its report; gives what `--json` prints, and what speaks against it.
+    """Take all steps but the report; return what `--json` prints, and what speaks against it.
 
-    `options` say how to identify, and their model what to plan for.
+    `options` say how to identify.
     """
     document = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
-    checked = plan(campaign, PlanOptions(model=options.model)).checked
+    checked = plan(campaign).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
     before = _validated(campaign, terminal, "before")

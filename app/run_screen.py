@@ -7,7 +7,7 @@ from statistics import median
 from rich.console import Group
 from rich.text import Text
 
-from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
+from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress
 from drivers.texts import printable
 
 GOOD, BAD, OPEN, QUIET = "bold green", "bold red", "bold yellow", "dim"
@@ -110,7 +110,7 @@ def shots_and_end(progress: Progress, now: datetime) -> str:
 
 
 def figures(progress: Progress, residuals_mm: Sequence[float]) -> Iterator[str]:
-    """Last residual and whether it is good, drift, and what is known least."""
+    """Yield the last residual and whether it is good, drift, uncertainty and the goal."""
     told = []
     if progress.residual_mm is not None:
         told.append(f"last residual {progress.residual_mm:.3f} mm{_judged(residuals_mm)}")
@@ -119,17 +119,19 @@ def figures(progress: Progress, residuals_mm: Sequence[float]) -> Iterator[str]:
     if told:
         yield " · ".join(told)
     if progress.known is not None:
-        yield least_certain(progress.known)
+        yield certainty(progress.known)
     if progress.goal_mm is not None:
-        reached = "not known yet" if progress.known is None else _mm(progress.known.length_std_mm)
-        yield f"goal: every length to ±{progress.goal_mm:g} mm, now {reached}"
+        known = progress.known
+        reached = "not known yet" if known is None else f"±{known.position_std_mm:.3f} mm"
+        yield f"goal: positions to ±{progress.goal_mm:g} mm, now {reached}"
 
 
-def least_certain(known: ParameterUncertainty) -> str:
-    """`least certain: forearm of arm 3, ±0.021 mm · positions ±0.006 mm`."""
-    std = _mm(known.weakest_std) if known.unit == "mm" else f"±{known.weakest_std:.4f}°"
-    name = known.weakest_words or known.weakest
-    return f"least certain: {name}, {std} · positions {_mm(known.position_std_mm)}"
+def certainty(known: PositionUncertainty) -> str:
+    """Return `positions ±0.006 mm (1 σ) · weakest length arm2.z_mm ±0.021 mm`."""
+    positions = f"positions ±{known.position_std_mm:.3f} mm (1 σ)"
+    if not known.weakest:
+        return positions
+    return f"{positions} · weakest length {known.weakest} ±{known.weakest_std_mm:.3f} mm"
 
 
 def what_to_do(progress: Progress) -> Iterable[str]:
@@ -147,10 +149,6 @@ def _judged(residuals_mm: Sequence[float]) -> str:
         return ""
     usual = median(before)
     return ": good" if last <= LARGE * usual else f": large, {usual:.3f} mm is usual"
-
-
-def _mm(std_mm: float) -> str:
-    return f"±{std_mm:.3f} mm"
 
 
 def _lasted(seconds: float) -> str:

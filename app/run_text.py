@@ -4,15 +4,17 @@ from dataclasses import asdict
 from typing import TypeAlias
 
 from app.console import BAD, GOOD, WARNING, Terminal
-from app.progress import certainty, interval
+from app.progress import interval
+from app.run_screen import certainty
 from campaigns.campaign import Campaign
-from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.stopping_rule import in_words
 from campaigns.measuring.work import Work
 from campaigns.workflow.running import RunPreview
 from drivers.values import Identity
 
+SCATTER_SHOWN_MM = 0.005
+"""Scatter of the robot's point from which it is named as a cause."""
 DeviceIdentities: TypeAlias = tuple[Identity, Identity]
 """Controller and tracker that answer at the addresses of a cell."""
 
@@ -40,9 +42,9 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
     if ran.goal is None:
         return
     if ran.good:
-        terminal.say(f"good: goal {ran.goal} is met: {_reached(ran)}", GOOD)
+        terminal.say(f"good: goal {ran.goal} mm is met: {_reached(ran)}", GOOD)
     else:
-        terminal.say(f"not good: goal {ran.goal} is not met: {_reached(ran)}{_why(ran)}", BAD)
+        terminal.say(f"not good: goal {ran.goal} mm is not met: {_reached(ran)}{_why(ran)}", BAD)
 
 
 def run_document(ran: RunResult) -> dict[str, object]:
@@ -50,15 +52,14 @@ def run_document(ran: RunResult) -> dict[str, object]:
     goal = ran.goal and {
         "std_mm": ran.goal.std_mm,
         "met": ran.good,
-        "reached_mm": ran.known and ran.known.length_std_mm,
+        "reached_mm": ran.known and ran.known.position_std_mm,
         "left_out": ran.left_out,
     }
-    known = ran.known and knowledge(ran.known)
     return {
         "series": ran.series,
         "shots": ran.shots,
         "goal": goal,
-        "knowledge": known,
+        "knowledge": ran.known and asdict(ran.known),
         "settling": ran.settling and {"visits": ran.settling.shots, "says": ran.settling.text},
         "skipped": [{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
     }
@@ -73,18 +74,13 @@ def preview_line(preview: RunPreview, work: Work) -> str:
             f"{len(preview.left)} are left"
         )
     skipped = f", {in_words(preview.skipped)} left out" if preview.skipped else ""
-    goal = "" if work.goal is None else f", fewer once {work.goal} is met"
+    goal = "" if work.goal is None else f", fewer once positions are known to {work.goal} mm"
     return f"{shots}{skipped}{goal}, about {interval((preview.seconds, preview.seconds))}"
 
 
 def preview_document(preview: RunPreview) -> dict[str, object]:
     """The same as part of a document."""
     return {**asdict(preview), "seconds_left_estimated": preview.seconds}
-
-
-def knowledge(known: ParameterUncertainty) -> dict[str, object]:
-    """Uncertainty of the parameters, as a part of a document."""
-    return {**asdict(known), "std": known.weakest_std}
 
 
 def _count(ran: RunResult) -> str:
@@ -99,13 +95,12 @@ def _count(ran: RunResult) -> str:
 
 def _reached(ran: RunResult) -> str:
     if ran.known is None:
-        return "the shots to identify from are too few, or cannot determine all parameters"
-    std_mm, shots = ran.known.length_std_mm, ran.known.shots
-    return f"the worst length is known to ±{std_mm:.3g} mm by {shots} shots"
+        return "the shots to identify from are too few"
+    return f"positions to ±{ran.known.position_std_mm:.3g} mm by {ran.known.shots} shots"
 
 
 def _why(ran: RunResult) -> str:
-    """What made σ larger than it was predicted."""
-    if ran.known is None or not ran.known.is_widened:
+    """Return what made σ larger than predicted: the forecast is of a robot without scatter."""
+    if ran.known is None or ran.known.scatter_mm < SCATTER_SHOWN_MM:
         return ""
-    return f", which scatter {ran.known.scatter:.2g} times what the tracker states"
+    return f"; the robot's point scatters by ±{ran.known.scatter_mm:.2g} mm an axis"

@@ -53,8 +53,8 @@ def time_commands(program: Path, folder: str) -> None:
 def time_work() -> None:
     robot = find_robot("par4-prototype")
     shots = read_shots(SHOTS, robot)
-    solving_s = processor_s(lambda: identify(shots, robot, model="standard"))
-    print(f"identify, 22 by 120   {1e3 * solving_s:10.1f} ms")
+    solving_s = processor_s(lambda: identify(shots, robot))
+    print(f"identify, 120 shots   {1e3 * solving_s:10.1f} ms")
     planning_s = processor_s(lambda: plan(robot, TRACKER_MM, placement="optimal"))
     print(f"optimal plan, 120     {planning_s:10.1f} s")
     poses = np.resize(sample_workspace(robot, 2000, seed=1), (POSES, 4))

@@ -13,30 +13,23 @@ from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design import pose_sampling
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
-from campaigns.estimation.estimators import MAY_HAVE_GEARS, Estimator, Model
-from campaigns.estimation.residuals import PointResiduals, PositionModel
-from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.model_selection import asked_shots, identify_model, select_geometry
-from campaigns.identification.options import IdentificationOptions
+from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.tracker_noise import TrackerUncertainty
+from campaigns.identification.identify import identify as identify_shots
+from campaigns.identification.observations import asked_shots, error_model
+from campaigns.identification.options import IdentificationOptions, ModelWord
 from campaigns.identification.result import IdentificationResult
-from campaigns.planning import predicted_uncertainty
+from campaigns.planning.forecast import Forecast, forecast, judged_positions
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import Placement, PlanRequest, View, make_plan
+from campaigns.planning.plans import Placement, PlanRequest, View, make_plan, poses_of
 from campaigns.robots import robot as robots
 from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.settings.option import checked, options_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
-from campaigns.studies.study import (
-    Noise,
-    StudySetup,
-    identification_shots,
-    planned_shots,
-    simulate_campaigns,
-    studied_parameters,
-)
+from campaigns.studies.study import SPREAD, Noise, StudySetup, planned_shots, simulate_campaigns
 from campaigns.studies.summary import StudySummary, summarise
 from drivers.values import vector
 
@@ -64,17 +57,17 @@ def identify(
     shots: Shots,
     robot: RobotFile,
     *,
+    model: ModelWord | None = None,
     free: Sequence[str] | str = (),
     fix: Sequence[str] | str = (),
     priors: Sequence[str] | str | Mapping[str, float] = (),
-    model: Model | str | None = None,
     options: IdentificationOptions | Mapping[str, object] | None = None,
 ) -> IdentificationResult:
-    """Identify a nominal robot's parameters from shots, as `pkmcal identify` does by itself.
+    """Identify a nominal robot's parameters from shots, as `pkmcal identify` does.
 
     `options` are those of `pkmcal identify` by name, with `_` for `-`, in its words or as values;
-    `free`, `fix`, `priors` and `model` take precedence over them. Priors may also be σ by pattern,
-    mm and deg. Raises `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    the other arguments take precedence over them. Priors may also be σ by pattern, in mm, deg and
+    ppm. Raise `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
     """
     if isinstance(priors, Mapping):
         priors = [f"{pattern}={std}" for pattern, std in priors.items()]
@@ -83,37 +76,10 @@ def identify(
     else:
         reach = robot.kinematics, robot.limits, robot.workspace_centre
         sample = pose_sampling.sample_workspace(*reach)
-        words = {"tolerance": robot.tolerance, "workspace": sample} | dict(options or {})
+        words = {"tolerances": robot.tolerances, "workspace": sample} | dict(options or {})
     given = {"free": free, "fix": fix, "prior": priors, "model": model}
     wanted = options_of(IdentificationOptions, words | {k: v for k, v in given.items() if v})
-    return identify_model(robot.kinematics, asked_shots(shots, wanted), wanted)
-
-
-def point_residuals(
-    shots: Shots,
-    robot: RobotFile,
-    *,
-    model: Model | str = Model.STANDARD,
-    free: Sequence[str] | str = (),
-    fix: Sequence[str] | str = (),
-    uncertainty: TrackerUncertainty | None = None,
-) -> PointResiduals:
-    """Whitened residuals of points with their analytic Jacobian, for an estimator of one's own.
-
-    Its `start()`, `residual(x)` and `jacobian(x)` are what a least-squares solver takes; x holds
-    the free parameters, mm and rad, then six of the tracker's frame.
-    `model.kinematics(parameters(x))` is the robot at x. Raises `OptionsInvalid`, `NoSolution`, and
-    `ValueError` for points that fix no frame.
-    """
-    space = robot.mechanism.parameters
-    names = select_geometry(space, checked(Model, model, "model"), free, fix)
-    nominal, places = robot.kinematics, space.places(names)
-    near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
-    return PointResiduals.from_points(
-        PositionModel(nominal, places, shots.joints, near, approach=shots.approach),
-        shots.points_in_tracker_mm,
-        shots.covariance_mm2(uncertainty or TrackerUncertainty()),
-    )
+    return identify_shots(robot.kinematics, asked_shots(shots, wanted), wanted)
 
 
 def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:
@@ -133,7 +99,7 @@ class Plan:
     """Planned shots, and what they will tell."""
 
     shots: tuple[PlannedShot, ...]
-    precision: predicted_uncertainty.Forecast
+    precision: Forecast
 
     def __repr__(self) -> str:
         worst_mm = self.precision.position_std_mm.max()
@@ -162,48 +128,39 @@ def plan(
     validation_pairs: int = 20,
     drift_shots: int | None = None,
     placement: Placement | str = Placement.BOUNDARY,
-    model: Model | str = Model.STANDARD,
-    free: Sequence[str] | str = (),
     fix: Sequence[str] | str = (),
     acceptance_deg: float = 25.0,
     uncertainty: TrackerUncertainty | None = None,
     seed: int = 1,
     restricted: RestrictedSpace = UNRESTRICTED,
 ) -> Plan:
-    """Plan of identification shots, validation pairs and drift shots, and its predicted σ.
+    """Plan identification shots, validation pairs and drift shots, with the predicted σ.
 
     `tracker_mm` is the tracker's place in the base frame; the reflector faces it, and is seen
-    within `acceptance_deg`. Poses keep to the `restricted` space. Raises `PlanInvalid` and
+    within `acceptance_deg`. Poses keep to the `restricted` space. Raise `PlanInvalid` and
     `OptionsInvalid`.
     """
     place = vector(batch(tracker_mm, AXES, "tracker_mm")[0])
     placement = checked(Placement, placement, "placement")
-    model = checked(Model, model, "model")
-    space, centre = robot.mechanism.parameters, robot.workspace_centre
-    known = select_geometry(space, model, free, fix)
+    if shots % 2:
+        raise PlanInvalid(f"shots is {shots}, must be even", remedy="ask for one more")
+    instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
+    how = options_of(
+        IdentificationOptions,
+        {"fix": fix, "instrument": instrument, "tolerances": robot.tolerances},
+    )
+    model, centre = error_model(robot.kinematics, None, how), robot.workspace_centre
     x_mm, y_mm, z_mm = (np.array(place) - centre[:3]).tolist()
     view = View(place, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
-    evenly = model in MAY_HAVE_GEARS
-    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted, evenly)
-    instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
+    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted)
     if placement is Placement.OPTIMAL:
-        request = OptimalRequest(plan=wanted, uncertainty=instrument, free=known)
-        made, _ = make_optimal_plan(robot, view, request, rng)
+        request = OptimalRequest(plan=wanted, model=model, uncertainty=instrument)
+        made = make_optimal_plan(robot, view, request, rng)
     else:
         made = make_plan(robot, view, wanted, rng)
-    setup = predicted_uncertainty.EstimationSetup(Estimator.POINTS, known, instrument)
-    sample = predicted_uncertainty.judged_positions(robot, centre, restricted, known, made)
-    forecast = predicted_uncertainty.plan_forecast(
-        made, robot.kinematics, np.array(place), setup, sample
-    )
-    if shots % 2 or not forecast.predicted.full_rank:
-        least = predicted_uncertainty.fewest_shots(robot, view, wanted, setup)
-        raise PlanInvalid(
-            f"shots is {shots}, must be even and {least} or more to determine {len(known)} "
-            "parameters",
-            remedy="ask for more shots, or hold parameters with fix",
-        )
-    return Plan(made, forecast)
+    planner = RobotModel(robot.kinematics, robot.limits, centre, restricted)
+    judged = judged_positions(model, planner, poses_of(made))
+    return Plan(made, forecast(made, model, np.array(place), instrument, judged))
 
 
 def study(
@@ -212,35 +169,32 @@ def study(
     tracker_mm: Sequence[float],
     *,
     campaigns: int = 100,
-    model: Model | str = Model.STANDARD,
-    free: Sequence[str] | str = (),
     fix: Sequence[str] | str = (),
     uncertainty: TrackerUncertainty | None = None,
     noise: Noise | None = None,
-    spread: tuple[float, float] = (1.0, 0.1),
+    spread: tuple[float, float] = SPREAD,
     seed: int = 1,
 ) -> StudySummary:
-    """Monte Carlo study of a plan: errors, stated σ and Cramér-Rao bounds of drawn campaigns.
+    """Simulate campaigns of a plan and compare errors with the stated σ.
 
-    The free parameters of each true robot are drawn about the nominal ones with standard deviations
-    `spread`, in mm and deg. `uncertainty` is what the instrument states of its points, `noise` what
-    it really does, by default that. Raises `OptionsInvalid`, `WorkspaceTooSmall`, and
-    `ShotsMissing` when fewer than two campaigns can be identified.
+    The geometry of each true robot is drawn about the nominal one with standard deviations
+    `spread`, in mm and deg, its other sources of error with their tolerances. `uncertainty` is what
+    the instrument states of its points, `noise` what it really does, by default that. Raise
+    `OptionsInvalid`, `WorkspaceTooSmall`, `PlanInvalid`, and `ShotsMissing` when fewer than two
+    campaigns can be identified.
     """
-    space = robot.mechanism.parameters
-    known = studied_parameters(space, checked(Model, model, "model"), free, fix)
+    instrument = uncertainty or TrackerUncertainty()
     setup = StudySetup(
         nominal=robot.kinematics,
-        shots=planned_shots(identification_shots(shots)),
-        free=known,
-        instrument=uncertainty or TrackerUncertainty(),
+        shots=planned_shots(shots),
+        options=options_of(
+            IdentificationOptions,
+            {"fix": fix, "instrument": instrument, "tolerances": robot.tolerances},
+        ),
         tracker_from_base=Transform(np.eye(3), -batch(tracker_mm, AXES, "tracker_mm")[0]),
         workspace=sample_workspace(robot),
         seed=seed,
+        spread=spread,
         noise=noise,
     )
-    places = space.places(known)
-    std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])
-    truths = np.tile(robot.kinematics.p, (campaigns, 1))
-    truths[:, places] += std * np.random.default_rng(seed).standard_normal((campaigns, len(std)))
-    return summarise(known, simulate_campaigns(setup, range(campaigns), truths))
+    return summarise(setup.model().parameters, simulate_campaigns(setup, range(campaigns)))

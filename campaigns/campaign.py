@@ -14,13 +14,14 @@ from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion, sample_workspace
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.digest_chain import ChainEnd
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.own_file import rescued_copies, take_rescued
 from campaigns.journal.views import AcceptedShot, Series
+from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, Pace, PlanLimits, check_plan
 from campaigns.planning.plan_file import PlannedShot, read_plan
@@ -122,7 +123,7 @@ class Campaign:
     def space(self) -> RestrictedSpace:
         """Space that is left to the plate."""
         robot = self.robot
-        radius_mm = robot.mechanism.platform_radius_mm(robot.kinematics.p, robot.limits)
+        radius_mm = platform_radius_mm(robot.mechanism, robot.kinematics.p, robot.limits)
         return restricted_space(self.config.space, radius_mm)
 
     @property

@@ -6,15 +6,12 @@ What judges is imported where there is something to judge: a new campaign's firs
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from datetime import datetime
-from itertools import pairwise
-from statistics import median
 from typing import TYPE_CHECKING, Literal
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import PLAIN_FILE
 from campaigns.errors import CampaignError
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters
 from campaigns.next_step import After, Answer, CampaignState, Held
 from campaigns.shots.shot_sets import ShotSet
 
@@ -108,21 +105,13 @@ def state_of(
     if found.verdict == "pass":
         passed = replace(state, verdict="pass", check=_to_answer(evidence, found))
         return _calibrated(evaluation, found, passed, held)
-    from campaigns.ways_on import Unusable
+    from campaigns.way_on import way_on
 
-    run = evidence.run.series.shots if evidence.run else ()
-    purposes = [shot.intent.purpose for shot in latest.shots]
-    unusable = Unusable(
-        found=found,
-        shots=purposes.count(ShotSet.IDENTIFICATION.value),
-        limits_mm=campaign.config.acceptance.distances_mm,
-        sessions={shot.outcome.shot: shot.session for shot in run},
-        folder=state.folder,
-        imported=imported,
-        shot_s=_shot_seconds(latest),
-    )
-    ways = tuple(unusable.ways_on())
-    return replace(state, verdict=found.verdict, way_on=unusable.way_on(), ways=ways)
+    shots = [
+        shot.number for shot in latest.shots if shot.intent.purpose == ShotSet.IDENTIFICATION.value
+    ]
+    step = way_on(found, shots, state.folder, imported=imported)
+    return replace(state, verdict=found.verdict, way_on=step)
 
 
 def _to_answer(evidence: "Evidence", found: "RecordedIdentification") -> Answer:
@@ -133,16 +122,9 @@ def _to_answer(evidence: "Evidence", found: "RecordedIdentification") -> Answer:
     space = evidence.campaign.robot.mechanism.parameters
     if check.of != Parameters.of(space, found.flat()).digest():
         return "again"
-    return "firm" if check.decision == "not decided" else "anew"
-
-
-def _shot_seconds(series: "Series") -> float | None:
-    """Median time from a shot to the next; None for too few."""
-    at = sorted(
-        datetime.fromisoformat(shot.measured_utc) for shot in series.shots if shot.measured_utc
-    )
-    gaps = [(after - before).total_seconds() for before, after in pairwise(at)]
-    return median(gaps) if gaps else None
+    if check.decision == "not decided":
+        return "again"
+    return "update" if check.parts else "anew"
 
 
 def _left(evidence: "Evidence", latest: "Series") -> Literal["", "run", "anew"]:

@@ -22,7 +22,6 @@ from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.controllers.programs import is_plan_program_there, is_program_there
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
-from campaigns.evaluation.calibration_check import RecordedCheck, read_check
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
     Check,
@@ -31,9 +30,9 @@ from campaigns.evaluation.campaign_verdict import (
     same_digest,
 )
 from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
-from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
 from campaigns.evaluation.simulated_devices import simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
+from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
@@ -46,8 +45,8 @@ from campaigns.journal.records import (
     Stage,
 )
 from campaigns.journal.views import Entry, Series
-from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot, is_plan_file, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
@@ -302,16 +301,6 @@ class Evaluation:
         )
 
     @cached_property
-    def budget(self) -> ResidualBudget | None:
-        """Causes of what the model leaves."""
-        found, errors, stage = self.evidence.identification, self.errors, self.after or self.before
-        if found is None or errors is None:
-            return None
-        repeated_mm = stage.repeatability.scatter_mm if stage and stage.repeatability else None
-        chi2 = None if found.chi2 is None else found.chi2.value
-        return residual_budget(errors, found.estimator, found.dof, chi2, repeated_mm)
-
-    @cached_property
     def checks(self) -> tuple[Check, ...]:
         """Checks of whether the files belong together."""
         return tuple(_checks(self.evidence))
@@ -540,12 +529,13 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     else:
         model = Kinematics.of(nominal.mechanism, found.flat())
         shots, before, after = _as_identified(shots, found) or _by_parameters(shots, found, model)
-    poses = before if after is None else after
+    assembly = model.mechanism.assemble(model.p, shots.joints, before if after is None else after)
+    tilt_rad = assembly.unknowns[:, assembly.poses.shape[1] :]
     return model_errors.ModelledShots(
         shots=shots,
         before=before,
         after=after,
-        plate_tilt_rad=model.mechanism.plate_tilt(model.p, shots.joints, poses),
+        plate_tilt_rad=tilt_rad if tilt_rad.size else np.zeros((len(shots), 3)),
         sessions=found is not None and bool(found.sessions),
     )
 

@@ -11,7 +11,7 @@ from campaigns.controllers.export import PLAIN, PLAIN_FILE
 from campaigns.evaluation.decision import Decision
 
 Held = Literal["", "identified", "form"]
-Answer = Literal["", "firm", "again", "anew"]
+Answer = Literal["", "again", "update", "anew"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
 
 
@@ -31,25 +31,6 @@ class NextStep:
     def says(self) -> str:
         """What to do first and the command, in one line."""
         return f"{self.first}, then: {self.text}" if self.first else self.text
-
-
-@dataclass(frozen=True, slots=True)
-class WayOn:
-    """Way on from an identification that is not decided, and what it costs."""
-
-    by: Literal["model", "limits", "shots"]
-    step: NextStep
-    cost: str
-
-    @property
-    def document(self) -> dict[str, str]:
-        """The way for programs."""
-        return {"by": self.by, "next": self.step.text, "before": self.step.first, "cost": self.cost}
-
-    @property
-    def says(self) -> str:
-        """The way and its cost in a line."""
-        return f"by {self.by}: {self.step.says} ({self.cost})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,11 +56,9 @@ class CampaignState:
     """Of an identification from what was measured last."""
     way_on: NextStep | None = None
     """Next step after an identification that did not pass."""
-    ways: tuple[WayOn, ...] = ()
-    """All ways on from one that is not decided."""
     check: Answer = ""
-    """What answers a check of it that is not good: a firm stand, a check of what was identified
-    meanwhile, or a new campaign."""
+    """What answers a check of it that is not good: another check, an update by the shots of this
+    one, or a new campaign."""
     file: Literal["", "other", "identified"] = ""
     form: Literal["", "needed", "exported"] = ""
     """Plain parameters, of which a controller without plate tilt takes the file."""
@@ -134,10 +113,9 @@ def _to_measure(state: CampaignState) -> NextStep:
 
 
 def _to_answer_a_check(state: CampaignState) -> NextStep | None:
-    check = ("check", state.folder)
     steps = {
-        "firm": NextStep(check, "make the tracker's stand firm"),
-        "again": NextStep(check),
+        "again": NextStep(("check", state.folder)),
+        "update": NextStep(("identify", state.folder, "--update")),
         "anew": _measured_anew(state),
     }
     return steps.get(state.check)

@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 
 from campaigns.controllers.export import CalibrationRoute
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.validation import BY_DEFAULT, SET_OF
-from campaigns.identification.options import Fixed, Freed, ModelChoice, ModelToPlan, Selection
+from campaigns.identification.options import Fixed
 from campaigns.planning.plans import Placement
 from campaigns.settings.option import Option, typed_words
 from campaigns.shots.shot_sets import ShotSet
@@ -35,7 +34,7 @@ Retry = Annotated[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlanOptions(Selection):
+class PlanOptions:
     """Options of a plan; None: as campaign.yaml says. Raises `OptionsInvalid`."""
 
     shots: Annotated[
@@ -50,19 +49,16 @@ class PlanOptions(Selection):
         Placement | None,
         Option(
             "boundary: near the limits of the workspace, as in the paper. optimal: those of "
-            "thousands of candidates that together carry most information."
+            "thousands of candidates after which positions are known best."
         ),
     ] = None
     until: Annotated[
         str | None,
         Option(
-            "Optimal, with as few shots as bring every length to this σ: σ=0.02 (mm).",
-            metavar="GOAL",
+            "Optimal, with as few shots as bring positions to this mean σ, in mm: 0.02.",
+            metavar="MM",
         ),
     ] = None
-    """In mm."""
-    model: ModelToPlan = None
-    free: Freed = ()
     fix: Fixed = ()
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
 
@@ -102,23 +98,17 @@ class ProgramOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunOptions(Selection):
-    """Options of a run: when it ends, and what `identify` will be asked for."""
+class RunOptions:
+    """Options of a run: when it ends, and what it leaves out."""
 
     until: Annotated[
         str | None,
         Option(
-            "End early, once every length is known to this standard uncertainty: σ=0.02 (mm). "
-            "Validation and drift shots are taken all the same.",
-            metavar="GOAL",
+            "End early, once positions are known to this mean σ, in mm: 0.02. Validation and drift "
+            "shots are taken all the same.",
+            metavar="MM",
         ),
     ] = None
-    estimator: Annotated[Estimator, Option("The estimator that `identify` will use.")] = (
-        Estimator.POINTS
-    )
-    model: ModelChoice = None
-    free: Freed = ()
-    fix: Fixed = ()
     skip: Skip = ()
     retry: Retry = None
     anyway: Annotated[
@@ -173,7 +163,7 @@ class CheckOptions:
     """Options of a check."""
 
     shots: Annotated[
-        int | None, Option("Shots to take.", metavar="N", least=6, most=20, default="10")
+        int | None, Option("Shots to take.", metavar="N", least=6, most=20, default="8")
     ] = None
     retry: Retry = None
 

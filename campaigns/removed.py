@@ -9,16 +9,16 @@ from itertools import pairwise
 from typing import Any
 
 _POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
+_ONE_MODEL = "leave it out: one model has every source of error, each as large as the shots say"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
+    "check --repair": "use `pkmcal identify DIR --update` after the check",
     "plan --where-tracker": "put the tracker as near as the robot allows, and plan from there",
     "plan --criterion": "leave it out: shots are chosen for positions all over the workspace",
-    "plan --candidates": "leave it out: 4000 candidates are drawn",
-    "plan --estimator": "leave it out: shots are chosen for all their coordinates",
+    "plan --candidates": "leave it out",
     "plan --inaccurate": "leave it out; `run` skips poses that the robot cannot take",
     "plan --after-identify": "leave it out: plans are made by the nominal robot",
-    "plan --scatter": "leave it out; `run --until` uses the scatter of the shots measured",
-    "check --repair": "measure a campaign again with `pkmcal run DIR --anew`",
+    "plan --scatter": "leave it out: the scatter of the shots measured is estimated",
     "history --plot": "draw the table that `history --csv FILE` writes",
     "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
@@ -44,24 +44,33 @@ INSTEAD: Mapping[str, str] = {
     "--program vplus": "use --program csv; a loop in docs/your-controller.md reads it",
     "plan --targets": "leave it out: the table has poses and joints",
     "plan --dwell": "change the column dwell_s, or settle.time_s in campaign.yaml",
-    "export --temperature": "leave it out: parameters are those of the robot as it was measured",
-    "correct --temperature": "leave it out: parameters are those of the robot as it was measured",
     "identify --loss": "leave it out: shots that contradict all others are left out by name",
     "identify --loss-scale": "leave it out: there is no loss to scale",
-    "identify --weights": "leave it out; --model paper --estimator distances weighs all alike",
+    "identify --weights": "leave it out; --model paper weighs all pairs alike",
     "study --effects": "add the fault to a cell file and simulate campaigns with `pkmcal dry-run`",
-    "study --estimator": "leave it out: the campaigns of a study are identified from points",
     "study --weights": "leave it out: the campaigns of a study are identified from points",
+    "--estimator": "leave it out; `identify --model paper` uses distances, all else coordinates",
+    "--model standard": _ONE_MODEL,
+    "--model rods": _ONE_MODEL,
+    "--model auto": _ONE_MODEL,
+    "--model extended": _ONE_MODEL,
+    "identify --outliers": "leave it out, or leave shots out with --shots",
+    "identify --accept-scale": "enter the air's and the reflector's constants in the tracker",
+    "plan --model": "leave it out; hold parameters with --fix",
+    "plan --free": "leave it out: all parameters are fitted",
+    "run --model": _ONE_MODEL,
+    "run --free": "leave it out: all parameters are fitted",
+    "run --fix": "leave it out, and give it to `pkmcal identify`",
+    "dry-run --model": _ONE_MODEL,
+    "study --model": _ONE_MODEL,
+    "study --free": "leave it out: all parameters are fitted",
+    "--temperature": "leave it out: parameters are those at campaign.yaml's reference temperature",
 }
 """Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
 
 _TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
-_WARM = "delete it: let the robot warm up before it is measured"
 KEYS: Mapping[str, tuple[object, str]] = {
-    "expansion_ppm_per_degC": (None, _WARM),
-    "part_temperatures": ({}, _WARM),
-    "reference_temperature_degC": (20.0, _WARM),
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
     "tracker.faces": (2, _TWO_FACES),
     "tracker.two_face_arcsec": ([0.0, 0.0], _TWO_FACES),

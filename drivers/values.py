@@ -49,6 +49,7 @@ JOINT_LENGTH = Bounds("joint length", -1e5, 1e5, " mm")
 DISTANCE = Bounds("distance of a point from the tracker", 0.0, 200_000.0, " mm")
 SIGMA = Bounds("standard deviation of a coordinate", 0.0, 100.0, " mm")
 TEMPERATURE = Bounds("air temperature", -40.0, 70.0, " °C")
+PART_TEMPERATURE = Bounds("temperature of the robot's parts", -40.0, 150.0, " °C")
 PRESSURE = Bounds("air pressure", 300.0, 1200.0, " hPa")
 HUMIDITY = Bounds("air humidity", 0.0, 110.0, " %")
 """Above 100 % for what a sensor says in wet air."""

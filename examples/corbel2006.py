@@ -6,7 +6,7 @@ ours beside the printed ones. Three experiments, each seed a whole campaign:
 
     python examples/corbel2006.py [SEEDS]
 
-One seed takes about 20 s; docs/reproduction.md has the figures of 20 seeds and says why ours
+One seed takes about 40 s; docs/reproduction.md has the figures of 20 seeds and says why ours
 differ. Lengths in mm, angles in deg.
 """
 
@@ -27,7 +27,7 @@ from app.console import Terminal
 from app.rehearsal import rehearse
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
-from campaigns.identification.options import AS_THE_PAPER
+from campaigns.identification.options import IdentificationOptions
 from pkmcal import create_simulated, evaluate, open_campaign
 from sim.scenarios.scenario import load_scenario
 
@@ -82,7 +82,8 @@ def measured(experiment: Experiment, seed: int) -> tuple[Evaluation, Mapping[str
         changed(folder / "campaign.yaml", settings)
         campaign = open_campaign(folder)
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            _, against = rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
+            how = IdentificationOptions(model="paper")
+            _, against = rehearse(campaign, Terminal(as_json=False), how)
         if against:
             raise SystemExit(f"{experiment.scenario}, seed {seed}: {'; '.join(against)}")
         evaluation = evaluate(campaign)

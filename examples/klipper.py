@@ -13,7 +13,7 @@ import sys
 import numpy as np
 from scipy.optimize import least_squares
 
-from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.fit.rigid_transforms import fit_transform
 from pkmcal import Kinematics, find_robot, sample_workspace
 
 ROTARY = {"delta": True, "linear-delta": False}

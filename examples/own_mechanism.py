@@ -1,19 +1,17 @@
 # %% [markdown]
 # # A mechanism of one's own
-# A Par4 whose tool sits a quarter of the way along the plate. Arms and platforms combine freely;
+# A Par4 whose tool sits a quarter of the way along the plate. Limbs and platforms combine freely;
 # kinematics, Jacobians, plan and identification follow.
 
 # %%
 import numpy as np
 
-from campaigns.mechanisms.arms import RotaryArms
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.platforms import HingedPlate
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.limbs import Crank
+from campaigns.kinematics.platforms import HingedPlate
 from pkmcal import find_robot, plan, study
 
-OWN = ClosedChain(
-    "quarter-par4", RotaryArms, HingedPlate(shares=(-0.25, 0.75)), held_fields=("azimuth_deg",)
-)
+OWN = ClosedChain("quarter-par4", Crank(), HingedPlate(shares=(-0.25, -0.25, 0.75, 0.75)))
 
 # %% [markdown]
 # A package that offers it by an entry point has it in robot files and commands, by its word

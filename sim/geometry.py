@@ -40,8 +40,9 @@ CARRIAGE_FIELDS = (
     *(*PLACES, AZIMUTH, Field("elevation", "deg")),
     *(Field("joint_offset", "mm"), FOREARM),
 )
-CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg")
+CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg")
 CARRIAGE_EXTENSIONS = ("rail_tilt_deg", *CRANK_EXTENSIONS)
+SAG = ("sag_x_mm", "sag_y_mm", "sag_reach_mm", "sag_z_mm")
 RIPPLES = ("encoder_gain_ppm", "ripple_sin_{}", "ripple_cos_{}", "backlash_{}")
 ECCENTRICITIES = ("eccentricity_sin_deg", "eccentricity_cos_deg")
 CRANK_MM = 300.0
@@ -104,9 +105,9 @@ class Kind:
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
-        """Flat names of what tilts its plate, or a rail aside: 0 of perfect parts."""
+        """Flat names of what tilts or lowers its plate, or a rail aside: 0 of perfect parts."""
         fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
-        return self._of_arms(fields)
+        return (*self._of_arms(fields), *SAG)
 
     @cached_property
     def transmission(self) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ settings.register_profile(
 )
 settings.load_profile("brief")
 DEEP_IN_CI = tuple(
-    TESTS / name for name in ("campaigns/mechanisms", "campaigns/files", "drivers/wire")
+    TESTS / name for name in ("campaigns/kinematics", "campaigns/files", "drivers/wire")
 )
 """Properties of mechanisms, files and wires are what a rare case hides in."""
 

@@ -1,30 +1,22 @@
 """pkmcal check: whether the robot is still calibrated, by a few shots."""
 
 from dataclasses import asdict
-from functools import partial
 
 import typer
 
-from app.console import DECISIONS, Terminal, terminal_of
+from app.console import DECISIONS, terminal_of
 from app.exits import Exit
 from app.measuring import measure
 from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.run_text import DeviceIdentities, briefing
-from campaigns.campaign import Campaign, open_campaign
-from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange
-from campaigns.files.table import Column, words
+from campaigns.campaign import open_campaign
+from campaigns.identification.checking import RecordedCheck
+from campaigns.journal.journal import Journal
 from campaigns.options import CheckOptions
 from campaigns.workflow.checking import check_work, record_check
 from campaigns.workflow.running import run_preview
 from campaigns.workflow.validation import seconds_of
-
-PARTS: tuple[Column[PartChange], ...] = (
-    words("", lambda part: part.part),
-    Column("changed by", lambda part: part.size, decimals=4, signed=True),
-    Column("U", lambda part: part.expanded_uncertainty, decimals=4),
-    words("unit", lambda part: part.unit),
-)
 
 
 def command(
@@ -40,10 +32,9 @@ def command(
 ) -> None:
     """Test with a few shots whether the robot is still calibrated.
 
-    Measures identification shots of plan.csv again, spread evenly over it. The tracker may stand
-    anywhere, but must not move during the check. If the shots disagree with the stored parameters,
-    the part that changed is named, with its size and U (k = 2): an encoder, an arm, a forearm, a
-    mount, warmth, or the tracker's stand.
+    The shots are spread over those of the plan. The tracker may stand anywhere, but must not move
+    during the check. The last identification is their prior: if they contradict it, the parts that
+    most likely changed are named. `pkmcal identify --update` then makes a new set of it.
 
     Exit code 1: not good, or not decided.
     """
@@ -60,10 +51,13 @@ def command(
         preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
         return f"{work.stage.capitalize()}: {briefing(campaign, work, preview, devices)}"
 
-    found = measure(
+    def finish(journal: Journal, series: int) -> RecordedCheck:
+        return record_check(campaign, journal, series)
+
+    judged = measure(
         campaign,
         lambda _: work,
-        partial(record_check, campaign),
+        finish,
         terminal,
         title=work.stage,
         stage=work.stage,
@@ -73,17 +67,7 @@ def command(
         anew=anew,
         plain=plain,
     )
-    _show_check(terminal, campaign, found)
-    if found.decision != "pass":
+    terminal.say(judged.says, DECISIONS[judged.decision])
+    terminal.document(asdict(judged) | tell_next(terminal, campaign))
+    if judged.decision != "pass":
         raise typer.Exit(Exit.NOT_GOOD)
-
-
-def _show_check(terminal: Terminal, campaign: Campaign, found: CalibrationCheck) -> None:
-    """Judgement for people and for programs, and the next command."""
-    terminal.rows("Each part, if it alone had changed", PARTS, found.parts)
-    terminal.say(
-        f"{found.shots} shots: coordinates misfit by {found.misfit_mm:.4f} mm rms, expected "
-        f"{found.expected_mm:.4f} (χ² {found.chi2:.0f} with {found.dof} degrees of freedom)"
-    )
-    terminal.say(found.says, DECISIONS[found.decision])
-    terminal.document(asdict(found) | tell_next(terminal, campaign))

@@ -15,10 +15,9 @@ from app.options import Json, Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Model
 from campaigns.evaluation.gains import JUDGED
 from campaigns.evidence import evaluate
-from campaigns.identification.options import IdentificationOptions, ModelToFind
+from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there
 
 BETTER = "the loaded parameters make the robot better at poses that were not fitted"
@@ -49,7 +48,6 @@ def command(
     *,
     scenario: Scenario = None,
     robot: Robot = None,
-    model: ModelToFind = None,
     seed: Seed = None,
     json: Json = False,
 ) -> None:
@@ -57,16 +55,16 @@ def command(
 
     Plan, validate before, run, identify, export, load, validate after. Controller and tracker are
     simulated, but reached through the same drivers, protocols and sockets as real ones, and the
-    identification has to find the simulated robot's errors. Unless --model is the paper's, the new
-    cell's controller computes plate tilt and the errors of gears.
+    identification has to find the simulated robot's errors. The controller of a new cell computes
+    plate tilt and the errors of gears.
 
     DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing has been
     measured: then its settings apply.
     """
     terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()
-    campaign = prepared(folder or _free_folder(), scenario, seed, robot, model)
-    document, against = rehearse(campaign, terminal, IdentificationOptions(model=model))
+    campaign = prepared(folder or _free_folder(), scenario, seed, robot)
+    document, against = rehearse(campaign, terminal, IdentificationOptions())
     heading(terminal, STAGES, "report")
     _, path = report(campaign)
     terminal.say(path.name)
@@ -85,15 +83,11 @@ def command(
 
 
 def prepared(
-    folder: Path,
-    scenario: str | None,
-    seed: int | None,
-    robot: str | None = None,
-    model: Model | None = None,
+    folder: Path, scenario: str | None, seed: int | None, robot: str | None = None
 ) -> Campaign:
-    """New campaign on a simulated cell, or one that stands ready.
+    """Make a new campaign on a simulated cell, or open one that stands ready.
 
-    Raises `OptionsInvalid` for one on real devices, with measurements, or of another scenario.
+    Raise `OptionsInvalid` for one on real devices, with measurements, or of another scenario.
     """
     if not is_there(folder / "campaign.yaml"):
         create_simulated(
@@ -102,7 +96,7 @@ def prepared(
             scenario or DEFAULT_SCENARIO,
             seed,
             with_limits=True,
-            computes_all=model not in {Model.PAPER, Model.STANDARD},
+            computes_all=True,
             unattended=True,
         )
         return open_campaign(folder)

@@ -1,5 +1,7 @@
 """pkmcal identify: the geometry from the measured shots."""
 
+from typing import Annotated
+
 import typer
 
 from app.console import terminal_of
@@ -10,6 +12,7 @@ from app.report.identification_text import show
 from app.report.plots import plot_residuals
 from campaigns.campaign import open_campaign
 from campaigns.identification.options import IdentificationOptions
+from campaigns.workflow.checking import update_by_check
 from campaigns.workflow.identification import identify
 
 
@@ -18,22 +21,26 @@ def command(
     folder: Folder,
     options: IdentificationOptions,
     *,
+    update: Annotated[
+        bool,
+        typer.Option("--update", help="Update the last result by the shots of the latest check."),
+    ] = False,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
     """Find the parameters that explain the measured shots.
 
     Uses the latest run or import. The fit uses the shots of the set "identification" and is judged
-    by the pairs of the set "validation", which it never uses. The place of the first motor, which
-    defines the base frame, and the azimuths stay nominal by default. A PATTERN is a parameter's
-    name or a shell pattern; a whole name takes precedence.
+    by the pairs of the set "validation", which it never uses. Every source of error is fitted, with
+    its tolerance as a prior; what no shot determines stays at nominal. A NAME is a parameter, a
+    shell pattern of them, or a group of error sources, such as backlash.
 
     Exit code 1: computed, but must not be used; the reasons are given.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     with terminal.telling("identifying"):
-        found = identify(campaign, options)
-    terminal.detail(f"estimator: {options.estimator.value}, {found.seconds} s")
+        found = update_by_check(campaign) if update else identify(campaign, options)
+    terminal.detail(f"model {found.model}, {found.seconds:.2f} s")
     show(terminal, found, campaign.robot.mechanism.parameters)
     if plot is not None:
         plot_residuals(plot, found)

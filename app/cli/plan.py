@@ -10,6 +10,7 @@ from app.next import tell_next
 from app.options import Folder, Json, Plot
 from app.report.plots import plot_plan
 from campaigns.campaign import Campaign, open_campaign
+from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
@@ -31,32 +32,27 @@ def command(
     Pairs for the identification, hold-out pairs all over the workspace that the fit never uses, and
     one pose at start, middle and end that shows drift. Every pose and every path is checked.
 
-    Predicts, before anything moves, the uncertainty of parameters and positions and, if shots are
-    chosen, when more of them no longer help. Defaults: `plan` in campaign.yaml. plan.csv may be
-    edited and is checked again; an older one is kept.
+    Predicts, before anything moves, the uncertainty of positions and parameters. Defaults: `plan`
+    in campaign.yaml. plan.csv may be edited and is checked again; an older one is kept.
 
     --program csv writes it as a table of poses and joints, by safe paths, for a controller that is
     not connected.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    is_kept = campaign.plan_path.exists() and options == PlanOptions() and plot is None
-    if programs.program is not None and is_kept:
-        written = _write(terminal, campaign, programs)
-        terminal.document(written | tell_next(terminal, campaign))
+    if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
+        terminal.document(_write(terminal, campaign, programs) | tell_next(terminal, campaign))
         return
     with terminal.telling("reading the campaign") as now_at:
         planned = plan(campaign, options, now_at)
-    show(terminal, campaign, planned)
+    until_mm = None if options.until is None else read_goal(options.until).std_mm
+    show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:
-        own = planned.forecast
-        plot_plan(plot, planned.checked.shots, own, planned.curve, campaign.space)
+        plot_plan(plot, planned.checked.shots, planned.forecast, campaign.space)
         terminal.say(f"drawn: {plot}")
-    if planned.note:
-        terminal.note(planned.note, WARNING)
     written = _write(terminal, campaign, programs) if programs.program else {}
-    document = plan_document(campaign, planned) | written
+    document = plan_document(campaign, planned, until_mm) | written
     terminal.document(document | tell_next(terminal, campaign))
 
 
@@ -73,13 +69,16 @@ def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> d
     return {"programs": [asdict(each) for each in written]}
 
 
-def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:
-    """Plan as `--json` prints it."""
+def plan_document(
+    campaign: Campaign, planned: PlannedCampaign, until_mm: float | None = None
+) -> dict[str, object]:
+    """Return the plan as `--json` prints it."""
     pairs, found = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION)), planned.refusals
+    table = campaign.robot.mechanism.parameters
     return {
         "shots": 2 * pairs,
         "pairs": pairs,
-        **plan_text.forecast_document(planned),
+        **plan_text.forecast_document(planned, table, until_mm),
         "fitting_lines_mm": planned.lines_mm,
         "space": found and {**asdict(found), "by_zone": dict(found.by_zone)},
         "seconds_estimated": planned.checked.seconds,
@@ -87,7 +86,9 @@ def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, obj
     }
 
 
-def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> None:
+def show(
+    terminal: Terminal, campaign: Campaign, planned: PlannedCampaign, until_mm: float | None = None
+) -> None:
     """Show the plan: refusals, predicted uncertainty, duration."""
     if planned.refusals is not None:
         for line in plan_text.refusals_lines(campaign.space, planned.refusals):
@@ -101,6 +102,7 @@ def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> No
             f"third; [{fitting}] fit about validation.centre_mm",
             WARNING,
         )
-    plan_text.show_forecast(terminal, planned)
+    plan_text.show_forecast(terminal, campaign, planned, until_mm)
     detours = planned.checked.detours
-    terminal.say(f"{plan_text.plan_line(planned.checked)}; {detours} ways go round something")
+    round_ = f"; {detours} ways go round something" if detours else ""
+    terminal.say(f"{plan_text.plan_line(planned.checked)}{round_}")

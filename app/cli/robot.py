@@ -10,8 +10,8 @@ from app.console import terminal_of
 from app.options import Json
 from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import suggestion
-from campaigns.mechanisms.catalog import MECHANISMS
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import write_new_robot
 from campaigns.robots.symmetrical import Sizes, symmetrical_robot
 

@@ -1,5 +1,7 @@
 """pkmcal run: measure the plan, or as much of it as the goal takes."""
 
+from dataclasses import asdict
+
 import typer
 
 from app.console import Terminal, terminal_of
@@ -8,8 +10,8 @@ from app.measuring import found_measured, measure_plan
 from app.next import tell_next, tell_who_works
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.plan_text import plan_line
-from app.progress import certainty
-from app.run_text import knowledge, preview_document, preview_line, run_document, show_run
+from app.run_screen import certainty
+from app.run_text import preview_document, preview_line, run_document, show_run
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
@@ -41,9 +43,9 @@ def command(
     back; then the pair is measured again. A pose that cannot be measured is deferred, tried once
     more at the end, and otherwise skipped. --dry shows what is left and what would stop the run.
 
-    The screen shows the least known parameter with its σ. --until ends the run when all are known
-    well enough; a later run without it measures the rest. Give it the --estimator, --model, --free
-    and --fix that you will give to identify.
+    The screen shows how surely positions are known by the shots so far (1 σ on average, by the
+    model that identify fits). --until ends the run when that is enough; a later run without it
+    measures the rest.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
@@ -81,7 +83,7 @@ def show_preview(
     *,
     anew: bool,
 ) -> None:
-    """Say what a run would do, and what the plan will tell if a goal asks for it."""
+    """Say what a run would do, and the predicted uncertainty if there is a goal."""
     answer: dict[str, object] = {"shots": len(checked.shots), "seconds_estimated": checked.seconds}
     predicted = predicted_end(campaign, work) if ran is None else None
     if ran is None:
@@ -94,7 +96,7 @@ def show_preview(
     if predicted is not None and work.goal is not None:
         whole, shots = predicted
         terminal.say(f"predicted for the whole plan: {certainty(whole)}")
-        terminal.say(f"for goal {work.goal}, {shots} shots to identify from will do")
+        terminal.say(f"goal {work.goal} mm: {shots} shots to identify from will do")
         answer["goal"] = {"std_mm": work.goal.std_mm, "shots": shots}
-        answer["knowledge"] = knowledge(whole)
+        answer["knowledge"] = asdict(whole)
     terminal.document(answer | tell_next(terminal, campaign))

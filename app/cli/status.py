@@ -29,7 +29,7 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
         if number == 0 and held_by is not None:
             terminal.say(f"now: {held_by.says}", WARNING)
     document: dict[str, object] = {each.name: getattr(found, each.name) for each in fields(found)}
-    terminal.document(document | next_document(found.next, found.ways) | {"measuring": held_by})
+    terminal.document(document | next_document(found.next) | {"measuring": held_by})
 
 
 def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
@@ -40,5 +40,4 @@ def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
     yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)
     if found.decision is not None:
         yield f"verdict: {found.answer}", DECISIONS[found.decision]
-    yield from ((way.says, "") for way in found.ways)
     yield f"next: {found.next.says}" if found.next else "nothing is left to do", ""

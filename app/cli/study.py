@@ -7,7 +7,7 @@ import typer
 from joblib import cpu_count
 from rich.console import Console
 
-from app.console import WARNING, terminal_of
+from app.console import terminal_of
 from app.exits import Exit
 from app.options import Folder, Json, Plot
 from app.progress import CountedWork
@@ -15,7 +15,7 @@ from app.report.figures.drawing import save
 from app.study import output
 from app.study.pictures import study_picture
 from app.study.running import run_study
-from app.study.setup import StudyOptions, left_out, study_of
+from app.study.setup import StudyOptions, study_of
 from campaigns.campaign import now_utc, open_campaign
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
@@ -35,18 +35,15 @@ def command(
 ) -> None:
     """Simulate many campaigns of a plan, and compare what they identify with the truth.
 
-    Each campaign draws a robot and the tracker's noise, nothing else: effects that no parameter
-    describes (rods, backlash, warm arms) are shown by `pkmcal dry-run`. The study shows whether
-    the stated σ are true, how close they come to the least that the shots allow, and the error
-    of positions that remains.
+    Each campaign draws a robot with every source of error at its tolerance, and the tracker's
+    noise, and is identified as `pkmcal identify` does. The study shows whether the stated σ are
+    true, and the error of positions that remains. Faults and heat are for `pkmcal dry-run`.
 
     The same command resumes; a larger N adds campaigns. Results depend on the seed, not on the
     workers. Exit code 1: campaigns were lost with their workers.
     """
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
     began_s, study = time.monotonic(), study_of(opened, options)
-    if effects := left_out(study.scenario, study.model):
-        terminal.note(f"{study.scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
     to = options.to or opened.path(OUTPUTS)
     table = StudyTable(to / f"{study.file_name}.jsonl", study.table_head())
     make_folder(to)

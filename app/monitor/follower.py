@@ -8,7 +8,6 @@ from pathlib import Path
 from app.monitor.live_state import View, Watched, live_state
 from campaigns.campaign import open_campaign
 from campaigns.errors import CampaignError
-from campaigns.estimation.running_fit import next_size
 from campaigns.files.lock import lock_holder
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
@@ -20,7 +19,8 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.journal.views import Entry, Series
-from campaigns.measuring.run_state import ParameterUncertainty
+from campaigns.measuring.run_state import PositionUncertainty
+from campaigns.measuring.running_fit import next_size
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.settings.config import FILE_NAME
@@ -44,7 +44,7 @@ class Follower:
         self._files: object = None
         """Which settings and journal are read."""
         self._seen: object = None
-        self._known: list[ParameterUncertainty] = []
+        self._known: list[PositionUncertainty] = []
         self._monitor: UncertaintyMonitor | None = None
         self._monitored: object = None
         self._status_of: object = None
@@ -151,8 +151,8 @@ class Follower:
             "now_utc": self._now_utc().isoformat(timespec="milliseconds"),
         }
 
-    def _uncertainty(self, series: Series | None) -> tuple[ParameterUncertainty, ...]:
-        """Uncertainty after every few shots of a run; nothing where the plan cannot be read."""
+    def _uncertainty(self, series: Series | None) -> tuple[PositionUncertainty, ...]:
+        """Return the uncertainty after every few shots of a run; () if the plan cannot be read."""
         if series is None or series.started.stage != "run":
             return ()
         of = (self._files, series.number, self._plan_time())

@@ -17,8 +17,8 @@ from campaigns.evaluation.time_series import time_series
 from campaigns.files.lock import Holder
 from campaigns.journal import records
 from campaigns.journal.views import AcceptedShot, Entry, Series
-from campaigns.measuring.run_state import LATEST_SHOTS, ParameterUncertainty, time_left_s
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.measuring.run_state import LATEST_SHOTS, PositionUncertainty, time_left_s
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
@@ -79,7 +79,7 @@ class Watched:
     """The one begun last; another one is watched anew."""
     plan: tuple[PlannedShot, ...] = ()
     held_by: Holder | None = None
-    known: tuple[ParameterUncertainty, ...] = ()
+    known: tuple[PositionUncertainty, ...] = ()
     """Uncertainty after growing numbers of shots."""
     phase: str = ""
     next: str = ""

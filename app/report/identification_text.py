@@ -4,18 +4,15 @@ from collections.abc import Iterator
 
 from app.console import DECISIONS, WARNING, Terminal
 from app.report import model_sections
-from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.files.table import Column, words
-from campaigns.identification.result import STRONG, IdentificationResult
-from campaigns.mechanisms.parameters import ParameterSpace
-from campaigns.robots.robot import FOR_SOME_CONTROLLERS
+from campaigns.identification.result import RecordedIdentification
+from campaigns.kinematics.parameters import ParameterTable
 
-CORRELATIONS = 5
-"""So many of the strongest are shown."""
-
-
-NAME: Column[model_sections.Named] = words("", lambda row: row[0])
+COLUMNS: tuple[Column[model_sections.Named], ...] = (
+    words("", lambda row: row[0]),
+    *model_sections.VALUES,
+)
 ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
     words("", lambda row: row[0]),
     Column("mean before", lambda row: row[1].before.mean_abs),
@@ -25,63 +22,53 @@ ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
 )
 
 
-def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace) -> None:
-    """Result for people: parameters, errors, what is uncertain, the verdict last."""
-    columns = (NAME, *model_sections.values(found.coverage_factor_95))
-    free = [(name, each) for name, each in found.parameters.items() if each.free]
-    terminal.rows("Parameters (mm, deg)", columns, free)
+def show(terminal: Terminal, found: RecordedIdentification, table: ParameterTable) -> None:
+    """Show parameters, errors, budget, findings, and the verdict last.
+
+    Of imperfect parts and drives only those that differ from nominal beyond U are listed.
+    """
+    free = [(name, found.parameters[name]) for name in found.free]
+    listed = [(n, own) for n, own in free if n in table.names or model_sections.is_shown(own)]
+    terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
+    if others := len(free) - len(listed):
+        terminal.say(f"{others} parameters of imperfect parts and drives are within U of nominal")
     terminal.rows("Errors (mm)", ERRORS, list(_errors(found)))
-    if found.models:
-        terminal.rows("Models (mm)", model_sections.MODELS, found.models)
-    if found.known_lengths is not None:
-        lengths = found.known_lengths.lengths
-        terminal.rows("Known lengths", model_sections.KNOWN_LENGTHS, lengths)
-    terminal.say(_remaining(found), "bold")
-    terminal.say("")
-    for line in _uncertainty_lines(found):
-        terminal.say(line)
+    if found.budget:
+        title = "Uncertainty of positions, 1 σ, rms over the workspace"
+        terminal.rows(title, model_sections.BUDGET, model_sections.budget_rows(found))
+    if found.tracker:
+        columns = model_sections.TRACKER_ERRORS
+        terminal.rows("Errors of the tracker", columns, found.tracker.items())
+    for line in _sentences(found):
+        if line not in found.reasons:
+            terminal.say(line)
     for line in _warnings(found):
         terminal.say(line, WARNING)
     terminal.say(f"verdict: {found.verdict}", DECISIONS[found.verdict])
     for reason in found.reasons:
         terminal.say(f"  {reason}")
-    if any(name in space.extensions for name in found.free):
-        terminal.say(FOR_SOME_CONTROLLERS, WARNING)
 
 
-def _remaining(found: IdentificationResult) -> str:
-    if found.estimator is Estimator.DISTANCES:
-        return "Residuals of the fitted distances"
-    return "Residuals of the fitted coordinates"
+def _sentences(found: RecordedIdentification) -> Iterator[str]:
+    yield from model_sections.in_words(found)
+    if found.hold_out is not None:
+        yield model_sections.hold_out_in_words(found.hold_out)
+    yield from model_sections.positions_in_words(found)
+    yield from model_sections.undetermined_in_words(found)
 
 
-def _errors(found: IdentificationResult) -> Iterator[tuple[str, BeforeAfter]]:
-    distances = found.estimator is Estimator.DISTANCES
-    fitted = "distances of fitted pairs" if distances else "positions of fitted shots"
+def _errors(found: RecordedIdentification) -> Iterator[tuple[str, BeforeAfter]]:
+    """Yield the sizes of the errors of what was fitted and of hold-out pairs."""
+    of_pairs = found.fitted is not None and found.fitted.of == "pairs"
+    fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
     both = {fitted: found.residuals_mm, "distances of hold-out pairs": found.unseen_mm}
     return ((name, errors) for name, errors in both.items() if errors is not None)
 
 
-def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
-    condition = "infinite" if found.condition is None else f"{found.condition:.0f}"
-    yield (
-        f"{found.message}; rank {found.rank}, condition {condition}, {found.dof} degrees of freedom"
-    )
-    yield from model_sections.uncertainty_in_words(found)
-    if words := model_sections.interval_in_words(found.coverage_factor_95):
-        yield words
-    if found.known_lengths is not None:
-        yield model_sections.scale_in_words(found.known_lengths)
-    known = found.covariance
-    for each in known.strongest(CORRELATIONS, STRONG) if known else ():
-        yield f"  correlated: {each.a} and {each.b}, {each.value:+.2f}"
-
-
-def _warnings(found: IdentificationResult) -> Iterator[str]:
+def _warnings(found: RecordedIdentification) -> Iterator[str]:
+    """Yield what was left out, and the findings that the verdict does not give as reasons."""
     for left in found.excluded:
         yield f"left out: {left.what}: {left.reason}"
-    for names in found.known_by_priors_alone:
-        yield f"known by the priors alone: {', '.join(names)}"
-    for doubt in found.doubts:
-        if not doubt.affects_verdict:
-            yield f"{doubt.says}{' (accepted)' if doubt.accepted else ''}"
+    for finding in found.findings:
+        if not finding.affects_verdict:
+            yield f"{finding.says}{' (accepted)' if finding.accepted else ''}"

@@ -1,178 +1,173 @@
-"""Tables on the model: its parameters, how surely they are known, what is left over.
+"""Tables and sentences on an identification, alike on the terminal and on the page.
 
-The terminal shows some of them too, so nothing here needs matplotlib.
+Nothing here needs matplotlib.
 """
 
+import math
 from collections.abc import Iterator
 
-from campaigns.estimation.information import Correlation
 from campaigns.evaluation.decision import COVERAGE
-from campaigns.evaluation.diagnostics import PPM, Doubt
-from campaigns.evaluation.gains import NO_CHANGE
-from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words
-from campaigns.identification.known_lengths import KnownLengths, MeasuredKnownLength
+from campaigns.fit.error_sources import SOURCES
+from campaigns.identification.findings import Finding
+from campaigns.identification.hold_out_test import HoldOut
 from campaigns.identification.result import (
-    ComparedModel,
+    Correlation,
     IdentificationResult,
     IdentifiedParameter,
-    PositionStd,
+    ParameterCovariance,
+    RecordedIdentification,
 )
-from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.kinematics.parameters import ParameterTable
 
 DECIMALS = 4
-"""Of parameters, and of what models leave."""
+"""Decimals of parameters and of shares in a budget."""
 STRONGEST = 8
+"""Number of correlations that are listed."""
+TRACKER_UNITS = {"constant": "mm", "transit": "deg", "scale": "ppm"}
+"""Units in which results give the tracker's errors."""
 Named = tuple[str, IdentifiedParameter]
 
-
-def parameters(interval: float | None, space: ParameterSpace) -> tuple[Column[Named], ...]:
-    """Columns of parameters. `interval`: half-width of 95 % intervals in σ; None: not known."""
-    return (
-        words("parameter", lambda row: space[row[0]].label),
-        words("unit", lambda row: space[row[0]].sign.strip()),
-        *values(interval),
-        Column("Δ ÷ σ", lambda row: _change_in_sigma(row[1]), decimals=1, signed=True),
-        words("", lambda row: _shown(row[1], interval)),
-    )
-
-
-def values(interval: float | None) -> tuple[Column[Named], ...]:
-    """Columns of parameters' values: nominal, identified, Δ, σ, ± 95 % with what is common."""
-
-    def delta(row: Named) -> float | str:
-        return row[1].delta if row[1].free else "held"
-
-    def half_width(row: Named) -> float | None:
-        std = _total_std(row[1])
-        return None if std is None or interval is None else interval * std
-
-    return (
-        Column("nominal", lambda row: row[1].nominal, decimals=DECIMALS),
-        Column("identified", lambda row: row[1].value, decimals=DECIMALS),
-        Column("Δ", delta, decimals=DECIMALS, signed=True),
-        Column("σ", lambda row: _std(row[1]), decimals=DECIMALS),
-        Column("± 95 %", half_width, decimals=DECIMALS),
-    )
-
-
-DOUBTS: tuple[Column[Doubt], ...] = (
-    words("doubt", lambda doubt: doubt.name),
-    words("finding", lambda doubt: doubt.says),
-    words("numbers", lambda doubt: _numbers_of(doubt)),
-    words("what follows", lambda doubt: _consequence(doubt)),
+VALUES: tuple[Column[Named], ...] = (
+    Column("nominal", lambda row: row[1].nominal, decimals=DECIMALS),
+    Column("identified", lambda row: row[1].value, decimals=DECIMALS),
+    Column("Δ", lambda row: row[1].delta, decimals=DECIMALS, signed=True),
+    Column("σ", lambda row: row[1].std, decimals=DECIMALS),
+    words("", lambda row: _remark(row[1])),
 )
 
-MODELS: tuple[Column[ComparedModel], ...] = (
-    words("model", lambda model: model.name),
-    Column("parameters", lambda model: model.parameters),
-    Column("BIC", lambda model: model.bic, decimals=0),
-    Column("hold-out rms", lambda model: model.unseen_rms_mm, "mm", DECIMALS),
-    words("", lambda model: model.outcome),
+
+def parameters(table: ParameterTable) -> tuple[Column[Named], ...]:
+    """Return the columns of parameters with their units."""
+    return (
+        words("parameter", lambda row: table[row[0]].label),
+        words("unit", lambda row: table[row[0]].sign.strip()),
+        *VALUES,
+    )
+
+
+def is_shown(parameter: IdentifiedParameter) -> bool:
+    """Return whether a parameter differs from nominal by more than U (k = 2)."""
+    std = parameter.std
+    return std is not None and abs(parameter.delta) > COVERAGE * std
+
+
+def _remark(parameter: IdentifiedParameter) -> str:
+    if not parameter.free:
+        return "held"
+    if parameter.std is None:
+        return "not determined"
+    return "" if is_shown(parameter) else "within U"
+
+
+FINDINGS: tuple[Column[Finding], ...] = (
+    words("finding", lambda finding: finding.name),
+    words("", lambda finding: finding.says),
+    words("consequence", lambda finding: _consequence(finding)),
+)
+
+
+def _consequence(finding: Finding) -> str:
+    if finding.accepted:
+        return "accepted"
+    return "reported only" if finding.decision is None else f"verdict: {finding.decision}"
+
+
+BudgetRow = tuple[str, str, float]
+"""Source, type A or B, and 1 σ of positions in mm."""
+BUDGET: tuple[Column[BudgetRow], ...] = (
+    words("source", lambda row: row[0]),
+    Column("σ", lambda row: row[2], "mm", DECIMALS),
+    words("type", lambda row: row[1]),
+)
+
+
+def budget_rows(found: IdentificationResult) -> tuple[BudgetRow, ...]:
+    """Return the uncertainty budget of positions, the largest share first, and its combination."""
+    shares = sorted(found.budget, key=lambda share: -share.mm)
+    combined = math.sqrt(sum(share.mm**2 for share in shares))
+    rows = [(share.words, share.kind, share.mm) for share in shares]
+    return (*rows, ("combined", "", combined)) if rows else ()
+
+
+TrackerError = tuple[str, tuple[float, float]]
+TRACKER_ERRORS: tuple[Column[TrackerError], ...] = (
+    words("error of the tracker", lambda row: SOURCES[row[0]].words),
+    Column("estimate", lambda row: row[1][0], decimals=DECIMALS, signed=True),
+    Column("σ", lambda row: row[1][1], decimals=DECIMALS),
+    words("unit", lambda row: TRACKER_UNITS[row[0]]),
 )
 
 CORRELATIONS: tuple[Column[Correlation], ...] = (
-    words("", lambda each: each.a),
-    words("", lambda each: each.b),
-    Column("ρ", lambda each: each.value, decimals=2, signed=True),
+    words("", lambda own: own.first),
+    words("", lambda own: own.second),
+    Column("ρ", lambda own: own.value, decimals=2, signed=True),
 )
 
 
-def budget(left: ResidualBudget) -> tuple[Column[tuple[str, float | str]], ...]:
-    """Columns of residuals and their known causes."""
-    return words(f"one {left.of}, 1 σ", lambda row: row[0]), Column("", lambda row: row[1], "mm")
-
-
-def budget_rows(left: ResidualBudget) -> tuple[tuple[str, float | str], ...]:
-    """Residuals and their known causes, mm."""
-    repeated = left.repeatability_mm
-    return (
-        (f"residuals of the fitted {left.of}s, √(Σ r² / ν)", left.residual_mm),
-        ("the tracker's stated uncertainty alone", left.instrument_mm),
-        ("the robot's repeatability alone", "not measured" if repeated is None else repeated),
-        ("left beyond the larger of the two", left.unexplained_mm),
-    )
-
-
-KNOWN_LENGTHS: tuple[Column[MeasuredKnownLength], ...] = (
-    words("known length", lambda each: each.name),
-    Column("pair", lambda each: each.pair),
-    Column("known", lambda each: each.known_mm, "mm"),
-    Column("measured", lambda each: each.measured_mm, "mm"),
-    Column("residual", lambda each: each.residual_mm, "mm", DECIMALS, signed=True),
-    Column("σ", lambda each: each.std_mm, "mm", DECIMALS),
+UNDETERMINED: tuple[Column[tuple[str, ...]], ...] = (
+    words("parameter, or combination of parameters", lambda names: ", ".join(names)),
 )
 
 
-def scale_in_words(found: KnownLengths) -> str:
-    """The tracker's scale by known lengths."""
-    ppm, std = PPM * found.scale.share, PPM * found.scale.std
-    return f"the tracker's scale by known lengths: {ppm:+.1f} ± {std:.1f} ppm (1 σ)"
+def of_geometry(known: ParameterCovariance, table: ParameterTable) -> ParameterCovariance:
+    """Return the covariance of the parameters that every robot file has."""
+    places = [place for place, name in enumerate(known.names) if name in table.names]
+    names = tuple(known.names[place] for place in places)
+    rows = tuple(tuple(known.matrix[row][column] for column in places) for row in places)
+    return ParameterCovariance(names, rows)
 
 
-def positions_in_words(found: PositionStd) -> tuple[str, ...]:
-    """Uncertainty of positions: of the random part, and of the whole."""
-    random = (
-        f"predicted error of position (1 σ): {found.mean:.4f} mm on average over the workspace, "
-        f"{found.max:.4f} mm at most"
-    )
-    if found.left_out:
-        random += f", but for {found.left_out} of its poses, which this robot cannot take"
-    if found.total_mean is None or found.total_max is None:
-        return (random,)
-    parts = ", ".join(f"{name} {mm:.4f}" for name, mm in found.common.items())
-    mean, most = COVERAGE * found.total_mean, COVERAGE * found.total_max
-    whole = f"U of position (k = 2), errors common to all shots included: {mean:.4f} mm on average"
+def positions_in_words(found: IdentificationResult) -> Iterator[str]:
+    """Yield the uncertainty of positions and the region that it is valid for."""
+    std = found.position_std_mm
+    if std is not None:
+        says = (
+            f"predicted σ of positions over the workspace: {std.mean:.4f} mm on average, "
+            f"{std.rms:.4f} mm rms, {std.max:.4f} mm at most"
+        )
+        if std.left_out:
+            says += f", without {std.left_out} of its poses, which this robot cannot take"
+        yield says
+    if found.region is not None:
+        yield found.region.says
+
+
+def hold_out_in_words(test: HoldOut) -> str:
+    """Return what the test of hold-out pairs showed."""
+    verdict = "agrees with" if test.believable else "contradicts"
     return (
-        random,
-        f"{whole}, {most:.4f} mm at most",
-        f"errors common to all shots (1 σ, mm): {parts}",
+        f"{test.pairs} hold-out pairs are {test.ratio:.2f} times as far off as their σ predict "
+        f"(χ² {test.chi2:.1f}, p = {test.p:.2g}): that {verdict} these σ"
     )
 
 
-def uncertainty_in_words(found: IdentificationResult) -> Iterator[str]:
-    """Sentences on how well parameters and positions are known, without capitals and full stops."""
-    if found.chi2 is not None:
-        yield found.chi2.says
-    if found.position_std_mm is not None:
-        yield from positions_in_words(found.position_std_mm)
+def undetermined_in_words(found: IdentificationResult) -> Iterator[str]:
+    """Yield which parameters no shot determines, and how many combinations of others."""
+    alone = [names[0] for names in found.undetermined if len(names) == 1]
+    if alone:
+        yield f"no shot determines {', '.join(alone)}: kept at nominal"
+    together = len(found.undetermined) - len(alone)
+    if together:
+        yield (
+            f"no shot determines {together} combinations of parameters, such as motions of the "
+            "base frame: kept at nominal (the report lists them)"
+        )
 
 
-def interval_in_words(interval: float | None) -> str:
-    """How 95 % intervals are formed of σ; empty where nothing tells them."""
-    if interval is None:
-        return ""
-    why = "" if interval < COVERAGE else ", Student's factor: σ themselves are known a little only"
-    return f"95 % intervals are ± {interval:.2f} σ{why}; σ includes errors common to all shots"
-
-
-def _numbers_of(doubt: Doubt) -> str:
-    return ", ".join(
-        f"{name} {each}" if isinstance(each, str) else f"{name} {each:.4g}".replace("-", "−")
-        for name, each in doubt.numbers.items()
-    )
-
-
-def _consequence(doubt: Doubt) -> str:
-    if doubt.accepted:
-        return "accepted all the same"
-    return "no effect" if doubt.decision is None else f"verdict: {doubt.decision}"
-
-
-def _std(found: IdentifiedParameter) -> float | None:
-    return found.std if found.free else None
-
-
-def _total_std(found: IdentifiedParameter) -> float | None:
-    return _std(found) if found.total_std is None else found.total_std
-
-
-def _shown(found: IdentifiedParameter, interval: float | None) -> str:
-    if (std := _total_std(found)) is None:
-        return ""
-    return NO_CHANGE if abs(found.delta) <= max(COVERAGE, interval or 0.0) * std else ""
-
-
-def _change_in_sigma(found: IdentifiedParameter) -> float | None:
-    std = _std(found)
-    return found.delta / std if std else None
+def in_words(found: RecordedIdentification) -> Iterator[str]:
+    """Yield sentences on model, noise and origin, without capitals and full stops."""
+    settled = "settled" if found.converged else "did not settle"
+    yield f"model {found.model}: the fit {settled} after {found.iterations} rounds"
+    if found.scatter is not None:
+        yield found.scatter.says
+    if found.reference_degC is not None:
+        yield f"parameters are those at {found.reference_degC:g} °C"
+    if found.pedigree is not None:
+        before_mm = found.pedigree.position_std_before_mm
+        before = "" if before_mm is None else f"; σ of positions was {before_mm:.4f} mm on average"
+        series = ", ".join(map(str, found.pedigree.series))
+        yield (
+            f"made of the set {found.pedigree.updates[:12]} by {found.pedigree.shots} shots of a "
+            f"check (series {series}){before}"
+        )

@@ -49,6 +49,5 @@ def page_of(
     key_figures = results_sections.key_figure_rows(evaluation)
     own = {"evaluation": evaluation, "key_figures": key_figures}
     state = state_of(evaluation, reported=True)
-    following = {"next": next_step(state), "ways": state.ways}
-    values = {**MAKERS, **own, **following, "made_utc": made_utc, "rule": RULE}
+    values = {**MAKERS, **own, "next": next_step(state), "made_utc": made_utc, "rule": RULE}
     return Page(evaluation, *rendered("page.html.jinja", values, tell=tell))

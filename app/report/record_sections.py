@@ -4,12 +4,10 @@ from collections.abc import Iterator
 
 from app.report.rendering import moment
 from campaigns.evaluation.campaign_verdict import Check
-from campaigns.evaluation.diagnostics import NESTS, Doubt
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
-from campaigns.identification.nests import FEWEST
-from campaigns.identification.result import Excluded, IdentificationResult
+from campaigns.identification.result import Excluded, Frame, IdentificationResult
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
 from campaigns.shots.import_export import imported_files
@@ -50,30 +48,27 @@ def beam_losses(evidence: Evidence) -> int:
     return sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
 
 
-MOVED = {
-    "stand": ("the tracker's stand", "measure again, or identify with --sessions"),
-    "loose": ("nests, and not as one body", "fasten the loose one"),
-    "robot": ("the robot, at its drift pose", "it is not the tracker"),
-}
-"""What nests tell of, and what followed, by the kind of their doubt."""
-MOTIONS: tuple[Column[Doubt], ...] = (
-    words("what moved", lambda doubt: MOVED[str(doubt.numbers["kind"])][0]),
-    Column("by", lambda doubt: float(doubt.numbers["moved_mm"]), "mm"),
-    Column("σ", lambda doubt: float(doubt.numbers["std_mm"]), "mm", 4),
-    words("between shots", lambda doubt: _between(doubt)),
-    words("what followed", lambda doubt: MOVED[str(doubt.numbers["kind"])][1]),
+Placed = tuple[str, Frame]
+FRAMES: tuple[Column[Placed], ...] = (
+    words("shots", lambda row: row[0]),
+    Column("x", lambda row: row[1].x_mm, "mm"),
+    Column("y", lambda row: row[1].y_mm, "mm"),
+    Column("z", lambda row: row[1].z_mm, "mm"),
+    Column("φ", lambda row: row[1].phi_deg, "°", 4),
+    Column("γ", lambda row: row[1].gamma_deg, "°", 4),
+    Column("ψ", lambda row: row[1].psi_deg, "°", 4),
 )
-FEWEST_NESTS = FEWEST
-"""From which on they tell of motion."""
 
 
-def motions(found: IdentificationResult) -> list[Doubt]:
-    """Motions of stand, nests or robot that nests tell of."""
-    return [doubt for doubt in found.doubts if doubt.name == NESTS]
+def frame_rows(found: IdentificationResult) -> list[Placed]:
+    """Return the fitted frames and the shots of each, a row for each session that has its own."""
+    if not found.sessions:
+        return [("all", found.frame)] if found.frame else []
+    return [(_range(own.shots), own.frame) for own in found.sessions if own.frame]
 
 
-def _between(doubt: Doubt) -> str:
-    return f"{doubt.numbers['after_shot']:.0f} and {doubt.numbers['before_shot']:.0f}"
+def _range(shots: tuple[int, ...]) -> str:
+    return f"{min(shots)} to {max(shots)}"
 
 
 EXCLUDED: tuple[Column[Excluded], ...] = (

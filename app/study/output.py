@@ -8,14 +8,11 @@ from app.study.running import Studied
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.summary import ParameterSummary, StudySummary
 
-SCHEMA = "pkmcal/study/2"
+SCHEMA = "pkmcal/study/3"
 NAMED = 3
 """Parameters whose σ is wrong, and failures, that are named in a line."""
 PERCENT = 100.0
-EXPLAINED = (
-    "ratio: σ found over σ stated; 95 %: share of intervals that hold the truth; "
-    "bound: variance found over the least that the shots allow (Cramér-Rao)"
-)
+EXPLAINED = "ratio: σ found over σ stated; 95 %: share of intervals that hold the truth"
 SHOWN: tuple[Column[ParameterSummary], ...] = (
     Column("", lambda p: p.name, kind="words"),
     Column("bias", lambda p: p.bias, decimals=5, signed=True),
@@ -23,7 +20,6 @@ SHOWN: tuple[Column[ParameterSummary], ...] = (
     Column("stated", lambda p: p.stated_std, decimals=5),
     Column("ratio", lambda p: p.ratio),
     Column("95 %", lambda p: PERCENT * p.covered, decimals=1),
-    Column("bound", lambda p: p.variance_over_bound),
 )
 """A row a parameter, mm and deg."""
 TABLE: tuple[Column[ParameterSummary], ...] = (
@@ -33,8 +29,6 @@ TABLE: tuple[Column[ParameterSummary], ...] = (
     Column("stated_std", lambda p: p.stated_std),
     Column("ratio", lambda p: p.ratio),
     Column("covered_95", lambda p: p.covered),
-    Column("bound_std", lambda p: p.bound_std),
-    Column("variance_over_bound", lambda p: p.variance_over_bound),
 )
 """The same for programs."""
 
@@ -45,7 +39,7 @@ def csv(summary: StudySummary) -> str:
 
 
 def document(studied: Studied, summary: StudySummary) -> dict[str, object]:
-    """What is in `pkmcal/study/2`."""
+    """What is in `pkmcal/study/3`."""
     setup, head = studied.study.setup, studied.study.table_head()
     return {
         "schema": SCHEMA,
@@ -60,11 +54,7 @@ def document(studied: Studied, summary: StudySummary) -> dict[str, object]:
         "parameters": {
             p.name: {column.head: column.of(p) for column in TABLE[1:]} for p in summary.parameters
         },
-        "chance": {
-            "ratio": summary.chance.ratio,
-            "covered_95": summary.chance.covered,
-            "variance_over_bound": summary.chance.variance_over_bound,
-        },
+        "chance": {"ratio": summary.chance.ratio, "covered_95": summary.chance.covered},
         "position_mm": summary.position_mm,
         "stated_mm": summary.stated_mm,
     }

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from app.report.figures.drawing import in_house_style, new_figure
 from app.report.figures.picture import AFTER, GRID, INK
 from campaigns.arrays import Array
-from campaigns.estimation.information import CONFIDENCE
-from campaigns.studies.summary import StudySummary
+from campaigns.studies.summary import CONFIDENCE, StudySummary
 
 SCORES = np.linspace(-4.0, 4.0, 65)
 """Edges of the histogram of normal scores."""

@@ -30,7 +30,7 @@ class Studied:
     def summary(self) -> StudySummary:
         """Raises `ShotsMissing` when too few campaigns gave an estimate."""
         try:
-            return summarise(self.study.setup.free, self.rows)
+            return summarise(self.study.parameters, self.rows)
         except ShotsMissing as error:
             if not self.lost:
                 raise

@@ -3,37 +3,32 @@
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
 from app.new_campaign import SCENARIO, cell_text
-from app.study.rods import told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.estimation.datum import DatumSample, datum_parameters
-from campaigns.estimation.estimators import Model
-from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.options import Fixed, Freed
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.tracker_noise import TrackerUncertainty
+from campaigns.identification.options import Fixed, IdentificationOptions
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
 from campaigns.settings.option import Option
 from campaigns.studies import study
 from campaigns.version import VERSION
-from sim.factory import build_of, true_geometry
-from sim.geometry import geometry_of
+from campaigns.workflow.identification import identification_options
 from sim.scenarios.scenario import load_scenario, parse_scenario
 from sim.scenarios.schema import Scenario
-from sim.tracker.optics import Noise
 
 MOST_CAMPAIGNS = 100_000
-TABLE_SCHEMA = "pkmcal/study-table/2"
+TABLE_SCHEMA = "pkmcal/study-table/3"
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
 
 
@@ -57,8 +52,6 @@ class StudyOptions:
         str | None,
         Option("What robots and noise to draw, if not by the campaign's own cell.", metavar="NAME"),
     ] = None
-    model: Annotated[Model, Option("What the fits find.")] = Model.STANDARD
-    free: Freed = ()
     fix: Fixed = ()
     seed: Annotated[int, Option("Seed of all that is drawn.", metavar="N", least=0)] = 1
     workers: Annotated[
@@ -71,71 +64,67 @@ class StudyOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
-    """Plan, scenario and model of a study, and what its campaigns share."""
+    """Plan and scenario of a study, and what its campaigns share."""
 
     plan: str
     scenario: Scenario
-    model: Model
     setup: study.StudySetup
 
     @property
     def words(self) -> dict[str, str]:
         """What distinguishes it from others, by the names of documents."""
-        return {"plan": self.plan, "scenario": self.scenario.name, "model": self.model.value}
+        return {"plan": self.plan, "scenario": self.scenario.name}
 
     @property
     def file_name(self) -> str:
-        """Name of its files without their endings; of the usual model nothing."""
-        words = [self.plan, self.scenario.name]
-        words += [self.model.value] * (self.model is not Model.STANDARD)
-        return UNFIT_FOR_FILES.sub("_", "-".join(words))
+        """Name of its files without their endings."""
+        return UNFIT_FOR_FILES.sub("_", "-".join(self.words.values()))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the robot's parameters that every campaign finds."""
+        return self.setup.model().parameters
 
     def table_head(self) -> dict[str, object]:
-        """First line of its table, with twelve characters that differ between studies."""
-        setup, robot = self.setup, self.scenario.robot.model_dump_json()
-        words = (VERSION, robot, setup.nominal.mechanism.name, setup.free, setup.seed)
-        hashed = hashlib.sha256(repr((*words, setup.instrument)).encode())
+        """Return the first line of its table, with twelve characters that differ by study."""
+        setup, model = self.setup, self.setup.model()
+        words = (VERSION, setup.nominal.mechanism.name, model.names, setup.seed, setup.spread)
+        hashed = hashlib.sha256(repr((*words, setup.options.instrument)).encode())
         frame = setup.tracker_from_base
         arrays = (frame.rotation, frame.translation_mm, setup.shots.joints, setup.workspace)
-        for array in (setup.nominal.p, *arrays):
+        for array in (setup.nominal.p, model.tolerance, *arrays):
             hashed.update(np.ascontiguousarray(array).tobytes())
         digest = hashed.hexdigest()[:12]
-        return {"schema": TABLE_SCHEMA, "parameters": list(setup.free), "study": digest}
+        return {"schema": TABLE_SCHEMA, "parameters": list(model.parameters), "study": digest}
 
     def simulate(self, numbers: Sequence[int]) -> tuple[study.CampaignRow, ...]:
         """Draw, measure and identify the campaigns of these numbers."""
-        sample = DatumSample(self.setup.nominal)
-        robots = (drawn_robot(self.setup, self.scenario, number) for number in numbers)
-        truths = [datum_parameters(self.setup.nominal, robot, sample).p for robot in robots]
-        return tuple(study.simulate_campaigns(self.setup, numbers, np.array(truths)))
+        return tuple(study.simulate_campaigns(self.setup, numbers))
 
 
 def study_of(campaign: Campaign, asked: StudyOptions) -> Study:
-    """Study of a campaign by these options.
+    """Return the study of a campaign by these options.
 
-    Raises `ConfigInvalid` for a robot that cannot be simulated, `PlanInvalid`, `ScenarioInvalid`,
-    and `OptionsInvalid` for shots that cannot give the free parameters.
+    Raise `ConfigInvalid` for a robot that cannot be simulated, `PlanInvalid`, `ScenarioInvalid` and
+    `OptionsInvalid`.
     """
     plan, scenario = asked.plan or campaign.plan_path, study_scenario(campaign, asked.scenario)
     require_same_mechanism(campaign, scenario)
     robot = campaign.robot
-    shots = study.identification_shots(read_plan(plan, robot.mechanism))
+    shots = read_plan(plan, robot.mechanism)
     _check_assembled(plan, robot.kinematics, shots)
     station = scenario.tracker.station.pose()
     base_from_tracker = Transform(station.base_from_tracker, station.origin_in_base_mm)
+    options = identification_options(campaign, IdentificationOptions(fix=asked.fix))
     setup = study.StudySetup(
         nominal=robot.kinematics,
         shots=study.planned_shots(shots),
-        free=study.studied_parameters(
-            robot.mechanism.parameters, asked.model, asked.free, asked.fix
-        ),
-        instrument=_noise_of(scenario),
+        options=replace(options, instrument=_noise_of(scenario, campaign)),
         tracker_from_base=base_from_tracker.inverted(),
         workspace=_workspace_of(campaign),
         seed=asked.seed,
     )
-    _check_enough(setup, plan)
-    return Study(plan.stem, scenario, asked.model, setup)
+    return Study(plan.stem, scenario, setup)
 
 
 def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
@@ -151,60 +140,21 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
     )
 
 
-def left_out(scenario: Scenario, model: Model) -> tuple[str, ...]:
-    """What the scenario has and a study has not: whatever no parameter of the model describes."""
-    robot = scenario.robot
-    gears = robot.transmission
-    rods = (robot.tolerances.rod_mm, *robot.rod_errors_mm)
-    tilts = (robot.tolerances.axis_tilt_mrad, *robot.axis_tilts_mrad)
-    effects = {
-        "rods of unequal length": () if model in {Model.RODS, Model.FULL} else rods,
-        "tilted axes": () if model is Model.FULL else tilts,
-        "backlash": robot.backlash_arcmin,
-        "repeatability": (robot.repeatability.joint_arcsec, robot.repeatability.position_mm),
-        "errors of encoders and gears": (
-            gears.eccentricity_um,
-            gears.ripple_arcsec,
-            gears.ripple_mm,
-        ),
-        "ratios of gears": (gears.ratio_ppm,),
-        "gears that yield": (robot.weight.gear_nm_per_arcmin, robot.weight.drive_n_per_um),
-        "warm parts": [part.rise_degC for part in robot.thermal.parts.values()],
-        "faults": scenario.faults,
-    }
-    return tuple(name for name, sizes in effects.items() if any(sizes))
+def _noise_of(scenario: Scenario, campaign: Campaign) -> TrackerUncertainty:
+    """Return the simulated tracker's noise, with the common errors that the campaign expects.
 
-
-def uncertainty_of(noise: Noise) -> TrackerUncertainty:
-    """The simulated tracker's, as its data sheet would have it."""
-    return TrackerUncertainty.of_limits(**noise.data_sheet)
-
-
-def drawn_robot(setup: study.StudySetup, scenario: Scenario, number: int) -> Kinematics:
-    """Draw the robot of one campaign, as the simulated cell would.
-
-    With its unequal rods and tilted axes as far as free parameters describe them.
+    Raise `OptionsInvalid` when there is none.
     """
-    own_seed = int(np.random.SeedSequence([setup.seed, number]).generate_state(1, np.uint64)[0])
-    section, mechanism = scenario.robot, setup.nominal.mechanism
-    flat = true_geometry(section, own_seed)
-    level = Kinematics.of(mechanism, flat)
-    if not {*setup.free} & {*mechanism.parameters.extensions}:
-        return level
-    geometry = geometry_of(flat, section.kind)
-    build = told_by(build_of(section, geometry, own_seed), mechanism.parameters, setup.free)
-    return Kinematics(mechanism, vector_of_parts(level, geometry, build))
-
-
-def _noise_of(scenario: Scenario) -> TrackerUncertainty:
-    """Raises `OptionsInvalid` when there is none."""
-    noise = uncertainty_of(scenario.tracker.noise)
+    noise = TrackerUncertainty.of_limits(**scenario.tracker.noise.data_sheet)
     if min(noise.along_mm + noise.along_per_mm, noise.across_mm + noise.across_per_mm) <= 0.0:
         raise OptionsInvalid(
             f"scenario {scenario.name}: its tracker has no noise, so every σ would be 0",
             remedy="give tracker.noise in the cell file values above 0",
         )
-    return noise
+    known = campaign.instrument
+    return replace(
+        noise, scale=known.scale, axes_per_mm=known.axes_per_mm, reflector_mm=known.reflector_mm
+    )
 
 
 def _workspace_of(campaign: Campaign) -> Array:
@@ -228,24 +178,3 @@ def _check_assembled(plan: Path, nominal: Kinematics, shots: Sequence[PlannedSho
                 f"{plan}: shot {shot.shot}: the nominal robot cannot be assembled at its joints",
                 remedy="correct the shot, or make a new plan with `pkmcal plan`",
             )
-
-
-def _check_enough(setup: study.StudySetup, plan: Path) -> None:
-    """Raise `OptionsInvalid` when the shots cannot give the parameters and something to spare."""
-    if setup.dof < 1:
-        raise OptionsInvalid(
-            f"{plan}: {len(setup.shots)} shots are too few for {len(setup.free)} parameters",
-            remedy="plan more shots, or fix parameters with --fix",
-        )
-    if together := study.indistinguishable(setup):
-        raise OptionsInvalid(
-            f"{plan}: {', '.join(together[0])} cannot be distinguished: they move together",
-            remedy=f"fix one of them, as with --fix {together[0][0]}, or plan other shots",
-        )
-    held = setup.nominal.mechanism.parameters.datum
-    if shifted := [name for name in setup.free if name in held]:
-        raise OptionsInvalid(
-            f"{', '.join(shifted)} cannot be free in a study: true robots are told in the frame "
-            "that the first motor holds",
-            remedy="leave it out of --free; what another motor holds is told as well by this one",
-        )

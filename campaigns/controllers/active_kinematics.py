@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Axis, Kinematics, KinematicSolution
-from campaigns.mechanisms.transmission import STANDS
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.transmission import STANDS
 from campaigns.robots.robot import pose_of, pose_row
 from drivers.errors import LimitViolation
 from drivers.values import Pose

@@ -11,7 +11,7 @@ from campaigns.controllers.load import differing
 from campaigns.errors import ConfigInvalid, FindingUnreadable
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm, form_of
 from campaigns.robots.robot import RobotFile
 
@@ -96,7 +96,7 @@ class KnownSets:
         for known in self.sets:
             if not differing(values, known):
                 return known
-        return Parameters.of(self.nominal.space, values)
+        return Parameters.of(self.nominal.table, values)
 
     def are_one(self, digest: str, other: str) -> bool:
         """Whether two sets are the same to a controller, which may keep them in other units."""

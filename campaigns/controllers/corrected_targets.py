@@ -14,9 +14,11 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import TargetsInvalid
-from campaigns.estimation.information import Uncertainty, WorkspaceSample
-from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
-from campaigns.mechanisms.transmission import approach_along
+from campaigns.identification.positions import std_of_positions
+from campaigns.identification.result import ParameterCovariance
+from campaigns.kinematics.feasibility import Limits
+from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.transmission import approach_along
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +29,7 @@ class TargetCorrection:
     nominal: Kinematics
     limits: Limits
     space: RestrictedSpace = UNRESTRICTED
-    uncertainty: Uncertainty | None = None
+    uncertainty: ParameterCovariance | None = None
     """Of the identified parameters; None: nobody knows it."""
     measured: Array | None = None
     """Poses (M, t) of the shots, whose best fit is the frame."""
@@ -82,9 +84,7 @@ class TargetCorrection:
         """1 σ of the position at wanted poses (N, t), (N,); NaN where it is not known."""
         if self.uncertainty is None or self.measured is None:
             return np.full(len(wanted), np.nan)
-        names = self.uncertainty.names
-        sample = WorkspaceSample.of(self.identified, names, wanted, self.measured)
-        return self.uncertainty.of_positions(sample)
+        return std_of_positions(self.identified, self.uncertainty, wanted, self.measured)
 
 
 @dataclass(frozen=True, slots=True)

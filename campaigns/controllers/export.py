@@ -11,7 +11,7 @@ from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding, adapter_of
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters, Role
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, compensated
 from campaigns.version import VERSION
@@ -28,7 +28,7 @@ KEPT_AS_PROVENANCE = (
     "plan_digest",
     "journal_digest",
     "journal_records",
-    "estimator",
+    "model",
     "shots",
     "residuals_mm",
     "unseen_mm",
@@ -85,8 +85,15 @@ def compensated_robot(
     """
     require_usable(nominal, found)
     own, provenance = nominal.robot, _provenance(campaign, nominal, found, controller)
-    parameters = Parameters.of(own.mechanism.parameters, found.flat(), found.std())
-    return compensated(nominal, f"{own.name}-compensated", parameters, provenance)
+    name = f"{own.name}-compensated"
+    table, values = own.mechanism.parameters, found.flat()
+    if own.mechanism.rate:
+        values[table.rate.name] = own.mechanism.rate
+    parameters = Parameters.of(table, values, found.std())
+    growth = table.select(Role.GROWTH)
+    expansions = {each: values[each] for each in growth if each in found.free}
+    reference = found.reference_degC if expansions else None
+    return compensated(nominal, name, parameters, provenance, expansions, reference)
 
 
 def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
@@ -118,5 +125,5 @@ def _provenance(
         "controller_serial": controller.serial or None if controller else None,
         "identified_utc": found.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
-        **({"ripples": document["ripples"]} if found.ripples else {}),
+        **({"pedigree": document["pedigree"]} if found.pedigree else {}),
     }

@@ -18,7 +18,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.files.text_file import read_text, replace_text, write_text_unless_there
 from campaigns.files.wording import shown
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
@@ -46,12 +46,14 @@ def parameter_pins(mechanism: ClosedChain) -> dict[str, str]:
     """Pins of all parameters of a mechanism by name, the optional ones among them."""
     space = mechanism.parameters
     pins = {name: pin_of(name) for name in (*space.of_robot, space.rate.name)}
-    return pins | {name: f"ini.{space[name].arm}.backlash" for name in space.backlashes}
+    backlashes = space.select(group="backlash")
+    return pins | {name: f"ini.{space[name].arm}.backlash" for name in backlashes}
 
 
 def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
     """Values of the plate's drawing by name, mm and deg."""
     plate = mechanism.seen_from(None).plate
+    assert plate is not None, "a robot file's mechanism has its plate"
     flat = {
         f"arm{arm}.plate_{axis}_mm": value
         for arm, place in enumerate(plate.joints_mm)
@@ -92,7 +94,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
     values = dict(robot.parameters)
     if robot.is_extended:
         values |= drawing_flat(robot.mechanism)
-    for name in robot.mechanism.parameters.backlashes:
+    for name in robot.mechanism.parameters.select(group="backlash"):
         values.pop(name, None)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])
@@ -131,14 +133,14 @@ def _notes(robot: RobotFile) -> Iterator[str]:
 def _backlashes(robot: RobotFile) -> Iterator[str]:
     """Lines of the INI file that the set asks for, one for each joint that has a backlash."""
     space, values = robot.mechanism.parameters, robot.parameters
-    for name in space.backlashes:
+    for name in space.select(group="backlash"):
         if name in values:
             yield f"[JOINT_{space[name].arm}]BACKLASH = {number_text(values[name])}"
 
 
 def _backlash(mechanism: ClosedChain, arm: int, word: str, where: str) -> dict[str, float]:
     space = mechanism.parameters
-    own = [name for name in space.backlashes if space[name].arm == arm]
+    own = [name for name in space.select(group="backlash") if space[name].arm == arm]
     return {name: _number(word, where, is_length=False) for name in own}
 
 

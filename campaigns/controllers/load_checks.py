@@ -24,7 +24,7 @@ def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iter
     yield from _provenance_objections(robot, campaign, nominal)
     old, new = nominal.parameters, robot.parameters
     changes = {name: new[name] - old[name] for name in old if name in new}
-    for text in beyond_tolerance(old.space, nominal.tolerance, changes):
+    for text in beyond_tolerance(old.table, nominal.tolerance, changes):
         yield ConfigInvalid(text, remedy="look for the mistake in the file or in what was measured")
 
 
@@ -44,7 +44,7 @@ def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[C
     """Objections to a controller's own parameters, which are to be kept as the old ones."""
     old = nominal.parameters
     changes = {name: held[name] - old[name] for name in old if name in held}
-    for text in beyond_tolerance(old.space, nominal.tolerance, changes):
+    for text in beyond_tolerance(old.table, nominal.tolerance, changes):
         yield ConfigInvalid(
             f"what the controller holds is far from nominal: {text}",
             remedy="check the controller: the load would keep this as its old parameters",

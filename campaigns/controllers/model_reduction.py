@@ -8,17 +8,23 @@ best fit of the controller's frame, which its user may place as he likes (model.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
-from campaigns.estimation.information import LEAST_SHARE
-from campaigns.estimation.observability import project_out_nuisance
-from campaigns.estimation.rigid_transforms import Transform, fit_transform, frame_jacobian
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.fit.rigid_transforms import Transform, fit_transform
+from campaigns.fit.uncertainty import without_frame
+from campaigns.kinematics.mechanism import Kinematics, NoSolution
 
-CONVERGED = 1e-14
-"""Relative change of the sum of squares and of the parameters at which the search ends."""
+LEAST_SHARE = 0.9
+"""Share of the workspace that the identified robot must be able to take."""
+ROUNDS = 20
+SETTLED_MM = 1e-10
+"""Largest change of a position that ends the search."""
+HIDDEN = 1e-9
+"""Singular value, over the largest, of a combination of parameters that no position shows."""
+NEAR_START = 1e-4
+"""Weight of a parameter's distance from where the search starts, mm a mm or rad: it decides between
+sets that move the frame alone."""
 CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
 
 
@@ -84,36 +90,33 @@ def left_as_commanded(
 
 
 def project_plain(identified: Kinematics, workspace: Workspace) -> ModelReduction:
-    """Nearest parameters of those that every controller knows; the others are 0, held ones stay.
+    """Nearest parameters of those that every controller knows; the others are 0.
 
     They leave the least mean square error of position. Raises `IdentificationRefused` when the
     controller's robot cannot take the joints.
     """
     space, fixed = identified.mechanism.parameters, identified.p.copy()
     fixed[len(space.names) :] = 0.0
-    places = space.places(space.free_by_default)
+    places = space.places(space.names)
 
     def controller(values: Array) -> Kinematics:
         p = fixed.copy()
         p[places] = values
         return Kinematics(identified.mechanism, p)
 
-    def jacobian(values: Array) -> Array:
+    # Gauss-Newton by the shortest step, which leaves alone what no position shows, such as motions
+    # of the base frame. The errors are small, so a few rounds end it.
+    values = fixed[places]
+    for _ in range(ROUNDS):
         robot = controller(values)
         poses, frame, errors = _fitted(robot, workspace)
         by_values = frame.rotation @ robot.jacobian(workspace.joints, poses)[:, :3, places]
-        points = workspace.poses[:, :3] + errors
-        columns = np.concatenate([by_values, frame_jacobian(points)], axis=2)
-        return project_out_nuisance(columns.reshape(-1, columns.shape[2]), len(values))
-
-    def residual(values: Array) -> Array:
-        return _fitted(controller(values), workspace)[2].ravel()
-
-    start = fixed[places]
-    found = scipy.optimize.least_squares(
-        residual, start, jac=jacobian, x_scale="jac", ftol=CONVERGED, xtol=CONVERGED, gtol=CONVERGED
-    )
-    kinematics = controller(found.x)
+        rows = without_frame(by_values, workspace.poses[:, :3] + errors).reshape(errors.size, -1)
+        step = np.linalg.lstsq(rows, -errors.ravel(), rcond=HIDDEN)[0]
+        values = values + step
+        if np.abs(rows @ step).max() < SETTLED_MM:
+            break
+    kinematics = controller(values)
     return ModelReduction(kinematics, ResidualError.of(_fitted(kinematics, workspace)[2]))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from campaigns.arrays import Array
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.shots.columns import axis_columns, axis_texts
 from campaigns.version import VERSION

@@ -9,8 +9,8 @@ from campaigns.arrays import Array
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
 from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvForm, csv_text, number_text, parse_csv
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Axis
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.shots.columns import axis_columns, axis_texts, axis_values
 
 NAME = "name"

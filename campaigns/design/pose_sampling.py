@@ -8,8 +8,9 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design import restricted_space
-from campaigns.estimation.point_sets import distances_mm
-from campaigns.mechanisms.mechanism import Kinematics, Limits
+from campaigns.fit.point_sets import distances_mm
+from campaigns.kinematics.feasibility import Limits, search_extent
+from campaigns.kinematics.mechanism import Kinematics
 
 FURTHER = 1.05
 """A pose is near the boundary when it cannot be taken this much further from the centre."""
@@ -47,7 +48,7 @@ class FeasibleRegion:
     def extent(self) -> Array:
         """Half size (t,) of a box about the centre that holds it."""
         mechanism, p = self.kinematics.mechanism, self.kinematics.p
-        return mechanism.search_extent(p, self.limits, self.centre)
+        return search_extent(mechanism, p, self.limits, self.centre)
 
     def allows(self, poses: Array) -> Mask:
         """Mask of the poses that can be taken, seen, and come to straight from the centre, (N,).
@@ -125,7 +126,7 @@ def workspace_poses(
         allowed[allowed] = kinematics.feasibility(limits, poses[allowed]).feasible
         return allowed
 
-    extent = kinematics.mechanism.search_extent(kinematics.p, limits, centre)
+    extent = search_extent(kinematics.mechanism, kinematics.p, limits, centre)
     return _rejection_sample(centre, extent, count, rng, within_reach)
 
 

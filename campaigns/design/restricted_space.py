@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.mechanism import Interval
+from campaigns.kinematics.axes import Interval
 
 ANYWHERE: Interval = (-math.inf, math.inf)
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0

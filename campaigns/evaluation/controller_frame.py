@@ -16,9 +16,9 @@ import numpy as np
 
 from campaigns.arrays import AXES, Array
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.rigid_transforms import best_rotation
 from campaigns.files.csv_file import CsvForm, parse_csv
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.fit.rigid_transforms import best_rotation
+from campaigns.kinematics.mechanism import Kinematics
 
 FEWEST = 3
 FLAT = 0.02

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.point_sets import SHOTS_FOR_A_FRAME, distances_mm
-from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty, distance_variance_mm2
+from campaigns.fit.point_sets import SHOTS_FOR_A_FRAME, distances_mm
+from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.fit.tracker_noise import TrackerUncertainty, distance_variance_mm2
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 

@@ -6,26 +6,23 @@ joints read must be the measured points up to a rigid motion, and nearly so befo
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
-import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.information import Uncertainty
-from campaigns.estimation.rigid_transforms import best_rotation, fit_transform
-from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution
-from campaigns.mechanisms.parameters import Parameters, ParameterSpace
-from campaigns.mechanisms.platforms import TwoPartPlatform
+from campaigns.fit.rigid_transforms import best_rotation, fit_transform
+from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.parameters import ParameterTable
+from campaigns.kinematics.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
-from drivers.values import DISTANCE, JOINT_ANGLE, SIGMA, TEMPERATURE, Vector3
+from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 
 UNITS: Mapping[LengthUnit, str] = {
     "m": "metres",
@@ -71,12 +68,11 @@ FAR_MM = 1000.0
 """Distance from a rough place, below which that is right."""
 PLACES = ("x_mm", "y_mm", "z_mm")
 SCALE_FREEDOM = 3
-SCALE_SIGNIFICANCE = 0.005
+
 """So often chance alone raises it, half of what is promised."""
 AGREEMENT = 0.05
 """One-sided chance below which lengths of other kinds count as changed likewise."""
 LEAST_SHARE = 5e-4
-UNKNOWN = Uncertainty()
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +89,7 @@ class Reading:
 
 
 def beyond_tolerance(
-    space: ParameterSpace, tolerance: Tolerance, changes: Mapping[str, float]
+    space: ParameterTable, tolerance: Tolerance, changes: Mapping[str, float]
 ) -> Iterator[str]:
     """Changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
     limits = {name: tolerance.of(space[name]) for name in changes}
@@ -165,6 +161,7 @@ def _check_values(shots: Shots, where: str) -> None:
         (far_mm, DISTANCE, "its point's distance from the tracker"),
         (sigma_mm, SIGMA, "the stated σ of its point"),
         (air, TEMPERATURE, "its air's temperature"),
+        (shots.part_temperature_degC, PART_TEMPERATURE, "its parts' temperature"),
     ):
         wrong = np.isfinite(values) & ((values < bounds.least) | (values > bounds.most))
         if wrong.any():
@@ -225,15 +222,15 @@ def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) 
     And the other way about. Of two halves `_half_words` tells.
     """
     controlled = nominal.mechanism.seen_from(None)
-    if controlled.platform.at_point or not isinstance(controlled.platform, TwoPartPlatform):
+    if controlled.platform.arms_at_point or not isinstance(controlled.platform, TwoPartPlatform):
         return
-    said = nominal.mechanism.platform.at_point
+    said = nominal.mechanism.platform.arms_at_point
     costs = {said: cost}
     for seen in map(controlled.seen_from, (None, 1, 2)):
-        if seen.platform.at_point != said:
+        if seen.platform.arms_at_point != said:
             robot = replace(nominal, mechanism=seen)
             found = _unchanged(robot, shots.joints, shots.points_in_tracker_mm)
-            costs[seen.platform.at_point] = found.cost
+            costs[seen.platform.arms_at_point] = found.cost
     on = min(costs, key=costs.__getitem__)
     if costs[on] > min(BETTER * cost, NEAR) or (on and said):
         return
@@ -273,14 +270,14 @@ def _all_readings(
             continue
         words = " and ".join(_joint_words(axes_order=order, sign=sign))
         read, remedy = some[:, order] * np.array(sign), COLUMNS
-        if order == SWAPPED and min(sign) > 0.0 and nominal.mechanism.platform.at_point:
+        if order == SWAPPED and min(sign) > 0.0 and nominal.mechanism.platform.arms_at_point:
             words, remedy = _half_words(nominal, words, read, where, place_mm)
         yield from _readings(nominal, read, where, words, remedy)
 
 
 def _on_other_half(nominal: Kinematics) -> tuple[str, str]:
     """Cause and remedy of a reflector on the half that the robot file does not say."""
-    return _on_half(2 if nominal.mechanism.platform.at_point[0] == 0 else 1)
+    return _on_half(2 if nominal.mechanism.platform.arms_at_point[0] == 0 else 1)
 
 
 def _on_half(half: int) -> tuple[str, str]:
@@ -325,7 +322,8 @@ def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3
             continue
         order = tuple((arm - step) % arms for arm in range(arms))
         cause, remedy = " and ".join(_joint_words(axes_order=order, sign=(1.0,) * arms)), COLUMNS
-        if nominal.mechanism.platform.at_point:
+        platform = nominal.mechanism.platform
+        if isinstance(platform, TwoPartPlatform) and platform.arms_at_point:
             half, remedy = _on_other_half(nominal)
             cause = f"{half} and columns swapped"
         elif min(each.cost for each in _readings(nominal, joints[:, order], points, "")) > NEAR:
@@ -450,77 +448,3 @@ def _similarity(
     scale = float(np.sum(spread)) / size if scaled and size > 0.0 else 1.0
     scale = max(scale, np.finfo(np.float64).tiny)
     return scale, np.asarray(b - scale * a @ rotation.T)
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleTest:
-    """Common share by which all lengths changed, and how likely chance does as much."""
-
-    share: float
-    p: float
-    agreed: bool = True
-    """Whether lengths of other kinds than the longest changed likewise."""
-
-    @property
-    def significant(self) -> bool:
-        """Significance: more than robots' errors make of chance, and large enough to matter."""
-        return self.agreed and self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
-
-
-def common_scale(
-    nominal: Parameters, changes: Mapping[str, float], known: Uncertainty = UNKNOWN
-) -> ScaleTest:
-    """Test of found changes of lengths, mm: are they "everything longer by the same share".
-
-    A batch of forearms may be longer, and they tell most: the others must say so without them.
-    """
-    lengths = {
-        name: _from_first(name, nominal) for name in nominal.space.of_unit("mm", tuple(changes))
-    }
-    squares: defaultdict[str, float] = defaultdict(float)
-    for name, length in lengths.items():
-        squares[_kind(name, nominal)] += length**2
-    longest = max(squares, key=squares.__getitem__, default="")
-    others = {name: each for name, each in lengths.items() if _kind(name, nominal) != longest}
-    found, beside = (_scale_of(some, changes, known) for some in (lengths, others))
-    agreed = found.share * beside.share > 0.0 and beside.p < 2.0 * AGREEMENT
-    return ScaleTest(found.share, found.p, agreed)
-
-
-def _scale_of(
-    lengths: Mapping[str, float], changes: Mapping[str, float], known: Uncertainty
-) -> ScaleTest:
-    """Test of lengths, mm, by name.
-
-    Regression of the changes on the lengths themselves, places being counted from the first arm's,
-    which holds the frame. They scatter about it by the robot's own errors, all of one variance,
-    and by what the fit leaves uncertain: where little tells lengths, least of all tells their
-    scale. The robot's variance is what scatters more than the fit explains (method of moments).
-    """
-    along = np.array([lengths[name] for name in lengths])
-    changed = np.array([changes[name] for name in lengths])
-    freedom = len(lengths) - 1
-    if freedom < SCALE_FREEDOM or not np.any(along):
-        return ScaleTest(0.0, 1.0)
-    square = float(along @ along)
-    share = float(along @ changed) / square
-    left = changed - share * along
-    fitted, told = np.zeros((len(lengths),) * 2), [name in known.names for name in lengths]
-    fitted[np.ix_(told, told)] = known.only(name for name in lengths if name in known.names).array
-    by_fit = float(along @ fitted @ along) / square
-    robot = max(float(left @ left) - (float(np.trace(fitted)) - by_fit), 0.0) / freedom
-    std = math.sqrt((robot + by_fit) / square)
-    if std == 0.0:
-        return ScaleTest(share, 0.0 if share else 1.0)
-    return ScaleTest(share, float(2.0 * scipy.special.stdtr(freedom, -abs(share) / std)))
-
-
-def _kind(name: str, nominal: Parameters) -> str:
-    field = nominal.space[name].field.name
-    return "place" if field in PLACES else field
-
-
-def _from_first(name: str, nominal: Parameters) -> float:
-    field = nominal.space[name].field.name
-    value = nominal.get(name, 0.0)
-    return value - nominal[nominal.space.of_field(field)[0]] if field in PLACES else value

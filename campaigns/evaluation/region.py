@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.mechanism import Axis
+from campaigns.kinematics.axes import Axis
 
 FARTHER_OFF = 3.0
 """Factor on the largest σ at the shots, up to which σ of a position counts as measured."""

@@ -1,5 +1,6 @@
 """Summaries of errors: how large a set of them is."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,3 +77,9 @@ def _sizes(errors_mm: Array) -> Array:
     return np.asarray(
         np.linalg.norm(errors_mm, axis=1) if errors_mm.ndim > 1 else np.abs(errors_mm)
     )
+
+
+def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
+    """Return whether there are acceptance limits of distances and all of them are met."""
+    reached = {"mean": after.mean_abs, "max": after.max_abs}
+    return bool(limits_mm) and all(reached[name] <= limit for name, limit in limits_mm.items())

@@ -7,10 +7,11 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array
-from campaigns.estimation.information import SIGNIFICANCE
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
+SIGNIFICANCE = 1e-3
+"""Probability of a larger χ² below which scatter alone does not explain visits of a pose."""
 FEWEST_VISITS = 3
 """Of the drift pose, at rest, from which on the robot counts as settled."""
 

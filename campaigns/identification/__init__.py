@@ -1,1 +1,1 @@
-"""The kinematics from the shots: what is known before, what is fitted, what came of it."""
+"""Identification: a robot's parameters from measured shots, with uncertainty and a verdict."""

@@ -1,192 +1,187 @@
-"""Checking of an identified robot by a few new shots."""
+"""Check and update: a few new shots judged by the last result, which is their prior.
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+The posterior of the last identification, widened by the usual drift of each part, is the prior of
+the new shots, whose frame is free: the tracker may stand elsewhere. If the robot is unchanged, a
+Bayes factor for a change of each part stays low. The same fit, taken as it is, is the updated set.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from pydantic import JsonValue
+from scipy import special
 
 from campaigns.arrays import Array
-from campaigns.errors import ShotsInvalid
-from campaigns.estimation.change_detection import Cause
-from campaigns.estimation.f_test import FittedShots
-from campaigns.estimation.information import Uncertainty
-from campaigns.estimation.least_squares import Priors
-from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.estimation.variance_components import VarianceComponents
-from campaigns.evaluation.calibration_check import CalibrationCheck, judge_check
-from campaigns.identification.change import part_causes
-from campaigns.identification.fit import covariance_of, linearized
-from campaigns.identification.observations import Observations
-from campaigns.identification.result import RecordedIdentification
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
-from campaigns.mechanisms.parameters import FOREARM, ParameterSpace
+from campaigns.errors import IdentificationRefused
+from campaigns.evaluation.decision import Decision
+from campaigns.fit.changes import ALARM, ENCODER_RAD, STEP_MM, since_before
+from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
+from campaigns.fit.posterior import Posterior, Prior, fit
+from campaigns.fit.uncertainty import NullDirections
+from campaigns.identification.observations import error_model, observations_of
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.result import StoredPosterior
+from campaigns.journal.records import read_body
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.shots.shots import Shots
 
-ROUNDS = 3
-"""Of linearising about the change that was found."""
-FEWEST_TURNED = 3
-"""Shots before and after a step of the tracker's stand by which its turn is told too."""
-BY_ONE = frozenset({"joint", "length"})
-"""Kinds of causes that are a parameter each."""
+FEWEST_SHOTS = 6
+"""Shots of a check: six coordinates place its frame, the others judge the robot."""
+MISFIT_LEVEL = 1e-3
+"""Probability of a larger χ² below which the shots contradict the former result."""
+PART_OF = {
+    "joint_offset": "encoder", "arm": "arm", "forearm": "forearm",
+    "x": "mount", "y": "mount", "z": "mount",
+}  # fmt: skip
+"""Part of an arm by the stem of its parameter."""
+INDISTINCT = 4.0
+"""Difference of log Bayes factors within which parts explain a change as well as the best one."""
 
 
-@dataclass(frozen=True, eq=False)
-class StoredCalibration:
-    """Identified robot as the journal has it, on which a check rests."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckResult:
+    """Verdict on a stored calibration by a few shots."""
 
-    nominal: Kinematics
-    found: RecordedIdentification
+    decision: Decision
+    says: str
+    shots: int
+    chi2: float
+    dof: int
+    p: float
+    parts: tuple[str, ...] = ()
+    """Parts that may have changed, the likeliest first; empty for an unchanged robot."""
+    log_factors: Mapping[str, float]
+    """Log Bayes factor of a change of each part."""
 
-    @property
-    def space(self) -> ParameterSpace:
-        """Space of its parameters."""
-        return self.nominal.mechanism.parameters
 
-    @property
-    def known(self) -> Uncertainty:
-        """Uncertainty that was stated of it."""
-        assert self.found.covariance is not None, "a result that passed has one"
-        return self.found.covariance
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedCheck(CheckResult):
+    """Check with what it rests on, as the journal holds it."""
 
-    @cached_property
-    def kinematics(self) -> Kinematics:
-        """Identified robot."""
-        return Kinematics.of(self.nominal.mechanism, self.found.flat())
+    series: int
+    of: str
+    """Digest of the parameters that were checked."""
+    at_utc: str
 
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance of the known parameters as positions turned out to have it, mm and rad."""
-        units = self.space.units(self.known.names)
-        return self.known.as_turned_out(self.known.array * np.outer(units, units))
 
-    @property
-    def scatter(self) -> VarianceComponents:
-        """The robot's own scatter as it was identified."""
-        own, axis = self.found.robot_scatter, self.nominal.mechanism.joints[0]
-        return own.components(axis) if own else VarianceComponents()
+def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
+    """Read the check of a journal's finding; raise `FindingUnreadable`."""
+    remedy = "run `pkmcal check` again: another version of the software wrote it"
+    return read_body(body, RecordedCheck, "check", remedy)
 
-    def observations(
-        self, shots: Shots, instrument: TrackerUncertainty, at: Mapping[str, float]
-    ) -> tuple[Observations, Array]:
-        """Coordinates of shots by parameters `at`, mm and deg, weighed with the robot's scatter.
 
-        With the unknowns there, (F + 6,). Raises `NoSolution` and `LinAlgError`.
-        """
-        names = self.known.names
-        robot = Kinematics.of(self.nominal.mechanism, at)
-        model = PositionModel(
-            robot, self.space.places(names), shots.joints, approach=shots.approach
+def former_prior(former: StoredPosterior, model: ErrorModel, changed: Sequence[str] = ()) -> Prior:
+    """Return a former result as the prior of new shots, widened by the usual drift of each part.
+
+    Parts that a check found `changed` may have changed by as much as such parts do. Raise
+    `IdentificationRefused` if it was found with other unknowns.
+    """
+    if set(former.names) != set(model.names):
+        raise IdentificationRefused(
+            "the last result has other unknowns than this robot",
+            remedy="run `pkmcal identify` again, without --fix, and check by that result",
         )
-        stated = self.known.sigma0**2 * shots.covariance_mm2(instrument)
-        points = PointResiduals.from_points(model, shots.points_in_tracker_mm, stated)
-        values = np.array([at[name] for name in names]) * self.space.units(names)
-        x = np.concatenate([values, np.zeros(points.frames)])
-        fitted = Observations(points, Priors.none(), shots, shots.numbers, stated, ())
-        weighed = points.with_covariance(covariance_of(fitted, x, self.scatter))
-        return replace(fitted, residuals=weighed), x
+    order = [former.names.index(name) for name in model.names]
+    scale = np.array(former.tolerances)[order] / model.tolerance
+    covariance = np.array(former.covariance)[np.ix_(order, order)] * np.outer(scale, scale)
+    covariance = covariance + np.diag((_drift(model, changed) / model.tolerance) ** 2)
+    mean = np.array(former.mean)[order] * scale
+    return Prior(mean=mean, precision=np.asarray(np.linalg.inv(covariance)), factors=former.factors)
 
 
-def check_calibration(
-    stored: StoredCalibration, shots: Shots, instrument: TrackerUncertainty
-) -> CalibrationCheck:
-    """Judgement on shots of a robot whose parameters were identified; raises `ShotsInvalid`.
-
-    Where a length or offset changed they are linearised anew about the change. The shots
-    have one frame.
-    """
-    shots, moved = shots.rows(shots.order_of_time()).on_robot(), dict[str, float]()
-    for _ in range(ROUNDS):
-        try:
-            judged = _judged(stored, shots, instrument, moved)
-        except (NoSolution, np.linalg.LinAlgError) as error:
-            raise ShotsInvalid(
-                "the check's shots lead to no robot that could be assembled",
-                remedy="look at joints and encoders, then check again with --anew",
-            ) from error
-        moved = {each.name: each.size for each in judged.changed if each.kind in BY_ONE}
-        if not moved:
-            break
-    return judged
+def former_datum(former: StoredPosterior, model: ErrorModel) -> NullDirections:
+    """Return the directions that stay at nominal in a former result: an update keeps its datum."""
+    order = [former.names.index(name) for name in model.names]
+    scale = np.array(former.tolerances)[order] / model.tolerance
+    vectors = np.array(former.undetermined).reshape(-1, len(order)).T[order] * scale[:, None]
+    return NullDirections.spanned_by(np.linalg.qr(vectors)[0], model.names)
 
 
-def _judged(
-    stored: StoredCalibration,
+def _drift(model: ErrorModel, changed: Sequence[str]) -> Array:
+    """Return the usual change of each unknown since the former result, (P,), mm, rad or ratio."""
+    table = model.nominal.mechanism.parameters
+    drift = np.zeros(len(model.names))
+    for place, (name, group) in enumerate(zip(model.names, model.groups, strict=True)):
+        if name in TRACKER_SOURCES:
+            continue
+        parameter, source = table[name], SOURCES[group]
+        in_mm = parameter.unit == "mm"
+        drift[place] = source.drift_of_lengths if in_mm else source.drift_of_angles
+        part = f"{PART_OF.get(parameter.field.stem, '')} {parameter.arm}"
+        if part in changed:
+            drift[place] = STEP_MM if in_mm else ENCODER_RAD
+    return drift
+
+
+def fit_with_former(
+    nominal: Kinematics,
     shots: Shots,
-    instrument: TrackerUncertainty,
-    moved: Mapping[str, float],
-) -> CalibrationCheck:
-    """Judgement by shots linearised about parameters moved by so much, mm and deg.
-
-    They are brought back by the same columns: a change of that size is then told exactly.
-    """
-    space, flat = stored.space, stored.found.flat()
-    at = flat | {name: flat[name] + by for name, by in moved.items()}
-    fitted, x = stored.observations(shots, instrument, at)
-    about, points = linearized(fitted, x), fitted.points
-    rotations = points.rotations(x)
-
-    def by_parameters(names: tuple[str, ...]) -> Array:
-        by_names = fitted.model.by_geometry(points.parameters(x), space.places(names))
-        return np.asarray(rotations @ by_names)
-
-    frame = about.jacobian[:, :, -FRAME_COLUMNS:]
-    back = np.array([*moved.values()]) * space.units(tuple(moved))
-    misfit = -about.residual_mm + by_parameters(tuple(moved)) @ back
-    own = about.jacobian[:, :, :-FRAME_COLUMNS].reshape(misfit.size, -1)
-    expected = own @ stored.covariance @ own.T
-    noise = stored.scatter.covariance_mm2(fitted.stated_mm2, about.by_joints)
-    for row, each in zip(range(0, misfit.size, 3), noise, strict=True):
-        expected[row : row + 3, row : row + 3] += each
-    root = np.linalg.cholesky(expected)
-
-    def white(columns: Array) -> Array:
-        rows = columns.reshape(misfit.size, -1)
-        return np.asarray(np.linalg.solve(root, rows).reshape(len(shots), 3, -1))
-
-    fit = FittedShots.of(white(misfit), white(frame))
-    flat_frame = frame.reshape(misfit.size, -1)
-    beside = np.eye(misfit.size) - flat_frame @ np.linalg.pinv(flat_frame)
-    rms_mm = np.sqrt(np.mean((beside @ misfit.ravel()) ** 2))
-    expected_mm = np.sqrt(np.trace(beside @ expected) / misfit.size)
-    causes = [*causes_in_robot(stored.kinematics, about.by_joints, by_parameters)]
-    causes += causes_in_setup(frame)
-    whitened = [replace(each, columns=white(each.columns)) for each in causes]
-    return judge_check(fit, whitened, space, float(rms_mm), float(expected_mm))
+    former: StoredPosterior,
+    options: IdentificationOptions,
+    changed: Sequence[str] = (),
+) -> Posterior:
+    """Fit new shots of the same robot with a former result as prior, some parts changed."""
+    model = error_model(nominal, shots, options)
+    near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
+    prior = former_prior(former, model, changed)
+    return fit(model, observations_of(shots, near, options), prior)
 
 
-def causes_in_robot(
-    kinematics: Kinematics, by_joints: Array, by_parameters: Callable[[tuple[str, ...]], Array]
-) -> Iterator[Cause]:
-    """Causes in the robot that a check looks for, with their columns (N, 3, k) of shots."""
-    space, values = kinematics.mechanism.parameters, kinematics.parameters
-    yield from part_causes(space, by_joints, by_parameters)
-    for name, names in grown(space).items():
-        by_share = by_parameters(names) @ np.array([values[each] for each in names])
-        yield Cause("growth", name, by_share[:, :, None])
+def check(
+    nominal: Kinematics, shots: Shots, former: StoredPosterior, options: IdentificationOptions
+) -> CheckResult:
+    """Judge whether a robot is still the one of a former result, by new shots at any stand."""
+    if len(shots) < FEWEST_SHOTS:
+        says = f"{len(shots)} shots are too few to judge by, limit {FEWEST_SHOTS}: measure more"
+        return CheckResult(
+            decision="not decided", says=says, shots=len(shots), chi2=0.0, dof=0, p=1.0,
+            log_factors={},
+        )  # fmt: skip
+    posterior = fit_with_former(nominal, shots, former, options)
+    factors = since_before(posterior)
+    values = np.array(list(factors.values()))
+    log_mean = float(special.logsumexp(values) - np.log(len(values)))
+    chi2, dof, p = goodness(posterior, former)
+    parts = tuple(
+        part
+        for part in sorted(factors, key=factors.__getitem__, reverse=True)
+        if factors[part] > max(values) - INDISTINCT
+    )
+    is_changed = log_mean > -np.log(ALARM)
+    decision: Decision = "fail" if is_changed or p < MISFIT_LEVEL else "pass"
+    words = {
+        "pass": "the robot is as it was identified, within what these shots show",
+        "fail": f"the robot has changed: most likely {' or '.join(parts)}",
+    }
+    if decision == "fail" and not is_changed:
+        words["fail"] = "the shots contradict the last result, and no single part explains them"
+    return CheckResult(
+        decision=decision,
+        says=f"{words[decision]} (χ² {chi2:.1f} of {dof}, p = {p:.2g})",
+        shots=len(shots),
+        chi2=chi2,
+        dof=dof,
+        p=p,
+        parts=parts if decision == "fail" else (),
+        log_factors=factors,
+    )
 
 
-def causes_in_setup(frame: Array) -> Iterator[Cause]:
-    """Causes beside the robot, with their columns (…, N, 3, k) of shots in the order of time.
-
-    By ∂point/∂frame (…, N, 3, 6): the stand from a shot on, and each shot alone.
-    """
-    count = frame.shape[-3]
-    places = np.arange(count)[:, None, None]
-    for shot in range(1, count):
-        name = f"the tracker's stand before shot {shot + 1} of the check"
-        yield Cause("frame", name, frame[..., 3:] * (places >= shot))
-        if FEWEST_TURNED <= shot <= count - FEWEST_TURNED:
-            yield Cause("frame", name, frame * (places >= shot))
-    for shot in range(1, count - 1):  # of the first and the last it is the stand, or the shot
-        alone = np.broadcast_to(np.eye(3) * (places == shot), frame[..., :3].shape)
-        yield Cause("shot", f"shot {shot + 1} of the check alone", alone)
+def goodness(posterior: Posterior, former: StoredPosterior) -> tuple[float, int, float]:
+    """Return χ² of the shots and of the former result together, its dof, and its probability."""
+    residual = posterior.at.residual
+    deviation = posterior.x - _mean(former, posterior.model)
+    chi2 = float(np.einsum("ni,nij,nj->", residual, posterior.weights, residual))
+    size = len(deviation)
+    chi2 += float(deviation @ posterior.prior[:size, :size] @ deviation)
+    dof = 3 * len(residual) - 6
+    return chi2, dof, float(special.chdtrc(dof, chi2))
 
 
-def grown(space: ParameterSpace) -> dict[str, tuple[str, ...]]:
-    """Names of the lengths that grow together by warmth."""
-    forearms, offsets = space.of_field(FOREARM), space.of_field("joint_offset_mm")
-    lengths = tuple(name for name in space.of_unit("mm", space.names) if name not in offsets)
-    groups = {"arms": space.arm_lengths, "forearms": forearms, "lengths": lengths}
-    return {name: names for name, names in groups.items() if (name, names) != ("arms", forearms)}
+def _mean(former: StoredPosterior, model: ErrorModel) -> Array:
+    order = [former.names.index(name) for name in model.names]
+    return np.asarray(
+        np.array(former.mean)[order] * np.array(former.tolerances)[order] / model.tolerance
+    )

@@ -1,94 +1,110 @@
-"""Hold-out: pairs that were never fitted, and what they say of the fit's uncertainty."""
+"""Hold-out pairs: shots that were never fitted, whose distances test the whole result."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation.information import HoldOut
-from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residuals import DistanceResiduals, PositionModel
-from campaigns.estimation.tracker_noise import distance_variance_mm2
-from campaigns.identification.fit import Fit
-from campaigns.identification.observations import Inputs, without_assembly
+from campaigns.fit.innovations import innovations
+from campaigns.fit.point_sets import distances_mm
+from campaigns.fit.posterior import Posterior
+from campaigns.identification.hold_out_test import HoldOut
+from campaigns.identification.observations import observations_of
+from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import Excluded, ResidualTable
-from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
+from campaigns.kinematics.mechanism import KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
+
+WORSE_LEVEL = 0.99
+"""Probability that errors of equal models stay below, from which hold-out pairs got worse."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnseenPairs:
-    """Pairs that were never fitted: their errors, and what of them could not be used."""
+    """Validation pairs: their rows, errors and test, and pairs that the identified robot lost."""
 
-    errors: ResidualTable | None
-    tested: HoldOut | None
-    """None without pairs, or where no σ is known."""
-    unusable: tuple[Excluded, ...]
-    lost: tuple[Excluded, ...]
-    """By the identified robot."""
     rows: Index
-    """Of the shots of the pairs that could be used, (M, 2)."""
-    identified: KinematicSolution
-    """The identified robot's poses at all shots."""
+    """(M, 2)"""
+    errors: ResidualTable | None
+    test: HoldOut | None
+    lost: tuple[Excluded, ...]
+
+    @property
+    def got_worse(self) -> bool:
+        """Whether errors grew beyond chance, pair by pair (Student's t)."""
+        if self.errors is None:
+            return False
+        more = self.errors.after[:, 0] ** 2 - self.errors.before[:, 0] ** 2
+        count, mean = len(more), float(more.mean())
+        if count < 3:
+            return mean > 0.0
+        limit = float(special.stdtrit(count - 1, WORSE_LEVEL))
+        return bool(mean > limit * float(more.std(ddof=1)) / count**0.5)
 
 
-def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
-    """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
-    shots, x = inputs.shots, fit.found.x[: len(inputs.selection.free)]
-    usable, excluded = inputs.usable_pairs(ShotSet.VALIDATION)
-    model = inputs.model_of(shots)
-    solution = model.kinematics(x).forward(shots.joints, approach=shots.approach)
-    whole = solution.found[usable].all(axis=1)
-    lost = without_assembly(shots, usable[~whole], solution.found, "identified")
-    kept = usable[whole]
-    if len(kept) == 0:
-        return UnseenPairs(None, None, excluded, lost, kept, solution)
-    measured_mm = shots.measured_distances_mm(kept)
-    before, after = (
-        (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
-        for values in (inputs.at_nominal.values, solution.values)
+def unseen_pairs(
+    posterior: Posterior,
+    shots: Shots,
+    at_nominal: KinematicSolution,
+    identified: KinematicSolution,
+    options: IdentificationOptions,
+) -> UnseenPairs:
+    """Compare the distances of the validation pairs with the identified robot's.
+
+    `at_nominal` and `identified` hold the poses of all shots by both robots. With a frame for each
+    session, both shots of a pair must be of one session that was fitted.
+    """
+    pairs = shots.whole_pairs(ShotSet.VALIDATION).rows
+    usable = at_nominal.found[pairs].all(axis=1)
+    if options.sessions:
+        session = shots.session[pairs]
+        is_fitted = [purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes]
+        known = shots.session[np.array(is_fitted, dtype=bool)]
+        usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], known)
+    taken = identified.found[pairs].all(axis=1)
+    lost = tuple(
+        Excluded("the identified robot cannot be assembled there", pair=shots.pairs[row])
+        for row in pairs[usable & ~taken][:, 0].tolist()
     )
-    pairs = tuple(shots.pairs[row] or 0 for row in kept[:, 0].tolist())
-    errors = ResidualTable.from_arrays("pairs", pairs, before, after)
-    rows, places = np.unique(kept, return_inverse=True)
-    some = replace(inputs, shots=shots.rows(rows))
-    tested = _tested(some, solution.values[rows], places.reshape(kept.shape), fit)
-    return UnseenPairs(errors, tested, excluded, lost, kept, solution)
+    rows = pairs[usable & taken]
+    if not len(rows):
+        return UnseenPairs(rows, None, None, lost)
+    measured = shots.measured_distances_mm(rows)
+    before, after = (
+        (distances_mm(solution.values[:, :3], rows[:, 0], rows[:, 1]) - measured)[:, None]
+        for solution in (at_nominal, identified)
+    )
+    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
+    table = ResidualTable.from_arrays("pairs", numbers, before, after)
+    test = _tested(posterior, shots, at_nominal.values, rows, options)
+    return UnseenPairs(rows, table, test, lost)
 
 
-def _tested(inputs: Inputs, near: Array, pairs: Index, fit: Fit) -> HoldOut | None:
-    """Test of hold-out pairs (M, 2) against the covariance of parameters and shots."""
-    found, shots, parameters = fit.found, inputs.shots, len(inputs.selection.free)
-    if found.covariance is None or found.noise.sigma0 is None:
-        return None
-    x = found.x[:parameters]
-    model = inputs.model_of(shots, near)
-    try:
-        unseen = DistanceResiduals.in_mm(
-            model, pairs[:, 0], pairs[:, 1], shots.measured_distances_mm(pairs)
-        )
-        error_mm, by_x = unseen.errors_mm(x), unseen.jacobian(x)
-        variance = _pair_variance_mm2(inputs, pairs, model, x, fit)
-    except (NoSolution, np.linalg.LinAlgError):
-        return None
-    covariance = found.covariance[:parameters, :parameters]
-    return HoldOut.of(error_mm, variance, by_x, covariance, fit.variance_dof)
-
-
-def _pair_variance_mm2(
-    inputs: Inputs, pairs: Index, model: PositionModel, x: Array, fit: Fit
-) -> Array:
-    """Variance of each measured distance, the robot's own scatter included, (M,)."""
-    shots, sigma0 = inputs.shots, fit.found.noise.sigma0 or 1.0
-    if isinstance(fit.observations.residuals, DistanceResiduals) and fit.points is None:
-        own = fit.observations.residuals.whitening
-        return np.full(len(pairs), sigma0**2 / float(np.mean(own**2)))
-    first, second = pairs.T
-    points_mm, stated = shots.points_in_tracker_mm, shots.covariance_mm2(inputs.options.instrument)
-    variance = distance_variance_mm2(points_mm, stated, first, second)
-    if fit.points is not None:
-        # in the base frame: the robot's scatter is along the distance there, too
-        own = fit.points.scatter.covariance_mm2(np.zeros_like(stated), model.by_joints(x))
-        variance = variance + distance_variance_mm2(model.positions_mm(x), own, first, second)
-        sigma0 = fit.points.found.noise.sigma0 or 1.0
-    return sigma0**2 * variance
+def _tested(
+    posterior: Posterior, shots: Shots, near: Array, rows: Index, options: IdentificationOptions
+) -> HoldOut:
+    """Test the distances of pairs (M, 2) by their covariance: of parameters, and of both points."""
+    used, places = np.unique(rows, return_inverse=True)
+    some = shots.rows(used)
+    observations = observations_of(some, near[used], options)
+    if options.sessions:
+        is_fitted = [purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes]
+        known = np.unique(shots.session[np.array(is_fitted, dtype=bool)])
+        observations = replace(observations, frame=np.searchsorted(known, some.session))
+    unseen = innovations(posterior, observations)
+    first, second = places.reshape(rows.shape).T
+    apart = some.points_in_tracker_mm[second] - some.points_in_tracker_mm[first]
+    along = apart / np.linalg.norm(apart, axis=1, keepdims=True)
+    by_points = np.zeros((len(rows), len(used), 3))
+    pair = np.arange(len(rows))
+    by_points[pair, second] += along
+    by_points[pair, first] -= along
+    by_errors = by_points.reshape(len(rows), -1)
+    errors = by_errors @ unseen.errors
+    covariance = by_errors @ unseen.covariance @ by_errors.T
+    chi2 = float(errors @ np.linalg.solve(covariance, errors))
+    p = float(special.chdtrc(len(rows), chi2))
+    ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
+    return HoldOut(len(rows), chi2, p, ratio)

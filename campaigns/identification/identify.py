@@ -1,409 +1,376 @@
-"""Identification: a robot's kinematics from measured shots, with its uncertainty and a verdict."""
+"""Identify a robot: fit all sources of error, test what was not fitted, and decide.
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
-from functools import cache, partial
+1. Check that the shots can be this robot's (`evaluation/plausibility.py`).
+2. Fit the identification shots, changes in time and wrong shots included (`campaigns/fit`).
+3. Predict the hold-out pairs, and compare (`hold_out.py`).
+4. State the uncertainty of parameters and positions, and its budget (`positions.py`).
+5. Collect the findings (`findings.py`), and decide: pass, fail or not decided.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Index
+from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.estimate import Estimate
-from campaigns.estimation.estimators import Outliers
-from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
-from campaigns.estimation.observability import unobservable_combinations
-from campaigns.evaluation import diagnostics, identification
+from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
-from campaigns.identification import result
-from campaigns.identification.change import Tested, tested
-from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit, unknown_at
+from campaigns.evaluation.summary import limits_met
+from campaigns.fit.changes import SHOT, Change, fit_with_changes
+from campaigns.fit.error_sources import (
+    SCATTER_TOLERANCE_JOINT_MM,
+    SCATTER_TOLERANCE_MM,
+    SCATTER_TOLERANCE_RAD,
+)
+from campaigns.fit.posterior import Posterior, Prior
+from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.fit.uncertainty import NullDirections, null_directions
+from campaigns.identification import findings
+from campaigns.identification.checking import MISFIT_LEVEL, fit_with_former, former_datum, goodness
+from campaigns.identification.findings import NOTHING_UNSEEN, Finding
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
-from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
-from campaigns.identification.nests import nest_doubts, stand_motion
-from campaigns.identification.observations import Inputs, Observations
+from campaigns.identification.known_lengths import KnownLengths, known_lengths
+from campaigns.identification.observations import error_model, observations_of, rows_to_fit
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
-from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.identification.paper import identify_as_paper
+from campaigns.identification.positions import uncertainty_of_positions
+from campaigns.identification.result import (
+    Excluded,
+    Frame,
+    IdentificationResult,
+    IdentifiedParameter,
+    ModelledTable,
+    ParameterCovariance,
+    ResidualTable,
+    Scatter,
+    SessionFrame,
+    StoredPosterior,
+)
+from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
-Fitted = tuple[
-    Callable[[], result.IdentificationResult],
-    Callable[[], result.IdentificationResult],
-    Callable[[], Tested],
-]
-NO_EFFECT = 1e-6
-"""What a lost combination may leave of its parameters' single effects to be a change of frame."""
-
 
 def identify(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions | None = None,
-) -> result.IdentificationResult:
-    """Parameters from the identification shots, judged by the validation pairs.
+    nominal: Kinematics, shots: Shots, options: IdentificationOptions | None = None
+) -> IdentificationResult:
+    """Identify a robot from its identification shots, judged by the validation pairs.
 
-    Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
-    for shots that no robot explains.
-    """
-    _, tested_for_causes, _ = fitted(nominal, shots, selection, options)
-    return tested_for_causes()
-
-
-def fitted(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions | None = None,
-) -> Fitted:
-    """As `identify`: what models are compared by, and what tests all shots for causes too.
-
-    The tests take nearly as long as the fit; without them doubts by causes and by changes lack.
-    Last what they show, with what is worth a trial where nothing is significant.
+    Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
     options = options or IdentificationOptions()
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
-    stand = None if options.sessions else stand_motion(shots, options.instrument)
     shots = shots.on_robot()
-    inputs = replace(Inputs.of(nominal, shots, selection, options), stand=stand)
-    _check(inputs)
-    constant: tuple[float, float] | None = None
+    at_nominal = nominal.forward(shots.joints, approach=shots.approach)
+    _check(nominal, shots, at_nominal, sessions=options.sessions)
+    if options.model == "paper":
+        return identify_as_paper(nominal, shots, at_nominal, options)
+    model = error_model(nominal, shots, options)
+    rows, excluded = rows_to_fit(shots, at_nominal, options)
+    fitted = shots.rows(rows)
+    observations = observations_of(fitted, at_nominal.values[rows], options)
+    prior = Prior() if lengths is None else Prior(lengths={"scale": lengths.scale})
     try:
-        fit = fit_shots(inputs)
-        if options.frees_reflector_constant:
-            constant = unknown_at(fit.found, len(selection.free))
-            inputs = replace(inputs, shots=shots.with_shorter_ranges(constant[0]))
-            fit = fit_shots(inputs)
-    except NoSolution as error:
+        posterior, changes = fit_with_changes(model, observations, prior)
+    except (ValueError, np.linalg.LinAlgError) as error:
         raise ShotsInvalid(
-            "the shots lead to no robot that could be assembled",
+            f"the shots lead to no robot ({error})",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
-            "covariances",
+            "covariances; measure all over the workspace",
         ) from error
-    held_out = unseen_pairs(inputs, fit)
-    tests = cache(partial(_tested, inputs, fit, held_out))
-    found = partial(_result, inputs, fit, held_out, lengths, constant)
-    return (lambda: found((None, Tested())), cache(lambda: found(tests())), lambda: tests()[1])
+    case = _Case(nominal, shots, at_nominal, fitted, options, posterior, changes)
+    return case.result(excluded, lengths)
 
 
-def _tested(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> tuple[PointFit | None, Tested]:
-    """Tests of all shots for causes, by a fit of points."""
-    judged = fit.points
-    if judged is None and inputs.options.outliers is not Outliers.KEEP:
-        judged = plain_fit(inputs)  # also where coordinates take no part in the fit
-    return judged, Tested() if judged is None else tested(inputs, judged, held_out.identified)
-
-
-def _check(inputs: Inputs) -> None:
-    """Refusal of shots that cannot be this robot's, those of each session for themselves."""
-    shots, solution = inputs.shots, inputs.at_nominal
-    known = shots.rows_of(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    own = shots.session[known] if inputs.options.sessions else np.zeros(len(known))
+def _check(
+    nominal: Kinematics, shots: Shots, at_nominal: KinematicSolution, *, sessions: bool
+) -> None:
+    """Refuse shots that cannot be this robot's, each session by itself where each has a frame."""
+    own = shots.session if sessions else np.zeros(len(shots))
     for each in np.unique(own).tolist():
-        rows = known[own == each]
-        modelled = KinematicSolution(solution.values[rows], solution.found[rows])
-        check_shots(inputs.nominal, shots.rows(rows), "the shots", modelled=modelled)
+        rows = np.flatnonzero(own == each)
+        modelled = KinematicSolution(at_nominal.values[rows], at_nominal.found[rows])
+        check_shots(nominal, shots.rows(rows), "the shots", modelled=modelled)
 
 
-def _result(
-    inputs: Inputs,
-    fit: Fit,
-    held_out: UnseenPairs,
-    lengths: KnownLengths | None,
-    constant_mm: tuple[float, float] | None,
-    tests: tuple[PointFit | None, Tested],
-) -> result.IdentificationResult:
-    """Findings of the fitted and the unseen shots, and of known lengths, together."""
-    found, fitted, options = fit.found, fit.observations, inputs.options
-    free, space = inputs.selection.free, inputs.nominal.mechanism.parameters
-    instrument = options.instrument
-    if lengths is not None:
-        instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
-    uncertainty = fit.uncertainty(free, held_out.tested, instrument)
-    identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
-    covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
-    parameters = _parameters(inputs, found, covariance)
-    ripples = _ripples(inputs, parameters)
-    position_std, region = _positions(uncertainty, inputs, fit)
-    errors, unseen = _residuals(fit), held_out.errors
-    unobservable = tuple(unobservable_combinations(found.seen, free))
-    is_sampled = options.workspace is not None and uncertainty is not None
-    cannot_take_poses = is_sampled and position_std is None and not unobservable
-    doubts = (
-        *_doubts(inputs, fit, held_out, parameters, covariance, tests),
-        *diagnostics.region_doubts(region),
-        *([diagnostics.unknown_positions_doubt()] if cannot_take_poses else []),
-        *known_length_doubts(lengths, options.known_lengths),
-        *nest_doubts(inputs.stand, inputs.shots, errors.summary().after.rms),
-        *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
-    )
-    outliers = fit.left_out.found if fit.left_out else found
-    verdict, reasons, obstacles = identification.identification_verdict(
-        identification.IdentificationEvidence(
-            space=space,
-            kind=fitted.kind,
-            fit=found.fit,
-            unobservable=unobservable,
-            outliers=len(outliers.outliers) / len(outliers.kept),
-            residuals=errors.summary(),
-            std=covariance.std(),
-            contradicted=tuple(_contradicted(found, free, space)),
-            doubts=doubts,
-            unseen=None if unseen is None else unseen.summary(),
-            is_worse=unseen is not None
-            and identification.worse_beyond_chance(
-                unseen.before[:, 0], unseen.after[:, 0], held_out.tested
-            ),
-            lost=tuple(f"hold-out {each.what}: {each.reason}" for each in held_out.lost),
-            region=None if region is None else region.says,
-        )
-    )
-    scatter, noise = _robot_scatter(fit, inputs.nominal), fit.stated_noise
-    says = identification.noise_in_words(
-        noise,
-        options.estimator,
-        by_scatter=fit.points is None,
-        robot="" if scatter is None else scatter.says,
-    )
-    frames = tuple(map(result.Frame.of, fitted.tracker_from_base(found.x)))
-    by_data = unobservable_combinations(found.data_seen, free)
-    return result.IdentificationResult(
-        estimator=options.estimator,
-        outliers=options.outliers,
-        priors={**inputs.selection.priors},
-        converged=found.fit.converged,
-        message=found.fit.message,
-        iterations=found.fit.evaluations,
-        rank=found.seen.rank,
-        condition=result.finite(found.seen.condition),
-        dof=found.noise.dof,
-        parameters=parameters,
-        residuals_mm=errors.summary(),
-        unseen_mm=None if unseen is None else unseen.summary(),
-        fitted=errors,
-        unseen=unseen,
-        modelled=_modelled(inputs, fit, held_out),
-        excluded=_excluded(inputs, fit) + held_out.unusable + held_out.lost,
-        unobservable=unobservable,
-        ripples=ripples,
-        known_by_priors_alone=tuple(each for each in by_data if each not in unobservable),
-        chi2=result.NoiseTest.of(noise, says),
-        covariance=covariance,
-        # Student's where the residuals tell their own variance, else normal
-        coverage_factor_95=None if found.covariance is None else coverage_factor(fit.variance_dof),
-        position_std_mm=position_std,
-        region=region,
-        known_lengths=lengths,
-        robot_scatter=scatter,
-        hold_out=held_out.tested,
-        doubts=doubts,
-        frame=frames[0] if frames else None,
-        sessions=_sessions(inputs.shots, fitted, frames) if options.sessions else (),
-        verdict=verdict,
-        reasons=reasons,
-        obstacles=obstacles,
-    )
+def update(
+    nominal: Kinematics,
+    shots: Shots,
+    former: StoredPosterior,
+    options: IdentificationOptions,
+    changed: Sequence[str] = (),
+) -> IdentificationResult:
+    """Update a former result by the shots of a check, after parts that it found `changed`.
 
-
-def _residuals(fit: Fit) -> result.ResidualTable:
-    """Of what was fitted and kept."""
-    fitted, kept = fit.observations, fit.found.kept
-    numbers = tuple(np.array(fitted.numbers)[kept].tolist())
-    before, after = fitted.nominal_misfits_mm(kept), fitted.misfits_mm(fit.found.x)[kept]
-    return result.ResidualTable.from_arrays(fitted.kind, numbers, before, after)
-
-
-def _kept_rows(fit: Fit) -> Index:
-    """Rows of the fitted shots that were kept."""
-    shots, numbers = fit.observations.shots, fit.observations.numbers
-    return np.arange(len(shots)).reshape(len(numbers), -1)[fit.found.kept].ravel()
-
-
-def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.ModelledTable:
-    """Shots that were fitted and kept, and those of the hold-out pairs, by both models."""
-    counted = {fit.observations.shots.numbers[row] for row in _kept_rows(fit).tolist()}
-    own = np.isin(inputs.shots.numbers, sorted(counted))
-    rows = np.union1d(np.flatnonzero(own), held_out.rows.ravel())
-    before, after = inputs.at_nominal.values[rows], held_out.identified.values[rows]
-    return result.ModelledTable.of(inputs.shots.rows(rows), before, after)
-
-
-def _contradicted(found: Estimate, free: tuple[str, ...], space: ParameterSpace) -> Iterator[str]:
-    """Priors that the shots alone speak against."""
-    units = space.units(free)
-    for place, value, std, sigmas in found.conflicts:
-        unit = units[place]
-        yield (
-            f"the shots contradict the prior of {free[place]}: they alone give "
-            f"{value / unit:.4f} ± {std / unit:.4f}, {sigmas:.1f} σ off: leave it out or widen it"
-        )
-
-
-def _sessions(
-    shots: Shots, fitted: Observations, frames: tuple[result.Frame, ...]
-) -> tuple[result.SessionFrame, ...]:
-    """Shots of each session by its own frame."""
-    own, numbers = shots.session, np.array(shots.numbers)
-    of_fit = np.unique(own[np.isin(numbers, fitted.shots.numbers)]).tolist()
-    known = dict(zip(of_fit, frames, strict=True)) if frames else {}
-    return tuple(
-        result.SessionFrame(tuple(numbers[own == each].tolist()), known.get(each))
-        for each in np.unique(own).tolist()
-    )
-
-
-def _excluded(inputs: Inputs, fit: Fit) -> tuple[result.Excluded, ...]:
-    outliers = tuple(_named_outliers(fit.observations, fit.found))
-    if fit.left_out is not None:
-        pairs = dict(zip(inputs.shots.numbers, inputs.shots.pairs, strict=True))
-        named = _named_outliers(fit.left_out.observations, fit.left_out.found)
-        outliers += tuple(
-            replace(each, pair=pairs[each.shot]) for each in named if each.shot is not None
-        )
-    return fit.observations.excluded + outliers
-
-
-def _doubts(
-    inputs: Inputs,
-    fit: Fit,
-    held_out: UnseenPairs,
-    parameters: dict[str, result.IdentifiedParameter],
-    covariance: Uncertainty,
-    tests: tuple[PointFit | None, Tested],
-) -> Iterator[diagnostics.Doubt]:
-    """All that speak against the result, by name."""
-    options, free = inputs.options, inputs.selection.free
-    changes = {name: parameters[name].delta for name in free}
-    yield from diagnostics.parameter_doubts(
-        inputs.nominal.parameters, changes, covariance, options.tolerance, options.accepted
-    )
-    yield from diagnostics.noise_doubts(fit.stated_noise)
-    hold_out, unseen = held_out.tested, held_out.errors
-    met = unseen is not None and diagnostics.limits_met(unseen.summary().after, options.limits_mm)
-    judged, told = tests
-    if options.yielding:
-        yield diagnostics.yielding_doubt(limits_met=met)
-    if judged is not None:
-        yield from _tested_doubts(inputs, judged, told, met=met)
-    if hold_out is not None and not hold_out.believable:
-        yield diagnostics.hold_out_doubt(hold_out.ratio, hold_out.p, hold_out.pairs, limits_met=met)
-
-
-def _tested_doubts(
-    inputs: Inputs, judged: PointFit, told: Tested, *, met: bool
-) -> Iterator[diagnostics.Doubt]:
-    """Doubts by all shots: changes in time, and what the model lacks."""
-    space = inputs.nominal.mechanism.parameters
-    if told.change is not None and told.between is not None:
-        yield diagnostics.change_doubt(
-            told.change, told.between, inputs.nominal.parameters, _play(inputs, judged, told)
-        )
-    if told.off_from is not None:
-        yield diagnostics.late_doubt(*told.off_from)
-    for pair in told.swapped:
-        yield diagnostics.swapped_doubt(*pair)
-    for lack in told.lacks:
-        yield diagnostics.lack_doubt(lack, space, limits_met=met)
-
-
-def _play(inputs: Inputs, judged: PointFit, told: Tested) -> float:
-    """Largest lost motion of a gear that the shots show: as scatter, as a lack or fitted."""
-    backlashes, free = inputs.nominal.mechanism.parameters.backlashes, inputs.selection.free
-    values = zip(free, judged.found.x.tolist(), strict=False)
-    lacking = (each.size for each in told.lacks if each.name == "backlash")
-    found = [diagnostics.PLAY * judged.scatter.joint]
-    found += [abs(value) for name, value in values if name in backlashes]
-    found += [float(np.abs(size).max()) for size in lacking]
-    return max(found)
-
-
-def _robot_scatter(fit: Fit, nominal: Kinematics) -> result.RobotScatter | None:
-    found, axis = fit.scatter, nominal.mechanism.joints[0]
-    if not found.any:
-        return None
-    return result.RobotScatter(
-        point_mm=found.point_mm,
-        point_mm_std=found.point_mm_std,
-        joint=axis.to_file(found.joint),
-        joint_std=axis.to_file(found.joint_std),
-        says=identification.scatter_in_words(found, axis.unit, axis.from_file(1.0)),
-    )
-
-
-def _parameters(
-    inputs: Inputs, found: Estimate, uncertainty: Uncertainty
-) -> dict[str, result.IdentifiedParameter]:
-    """All of files, what is optional and not 0, and whatever else was free."""
-    std, total = uncertainty.std(), uncertainty.total_std()
-    free, known = inputs.selection.free, inputs.nominal.parameters
-    old = known | dict.fromkeys((name for name in free if name not in known), 0.0)
-    values = found.x[: len(free)] / inputs.nominal.mechanism.parameters.units(free)
-    new = old | dict(zip(free, values.tolist(), strict=True))
-    return {
-        name: result.IdentifiedParameter(
-            nominal=old[name],
-            value=new[name],
-            std=std.get(name),
-            free=name in free,
-            total_std=total.get(name),
-        )
-        for name in old
-    }
-
-
-def _ripples(
-    inputs: Inputs, found: Mapping[str, result.IdentifiedParameter]
-) -> result.RippleRate | None:
-    """How often ripples come, where any were found."""
-    mechanism = inputs.nominal.mechanism
-    space, rate = mechanism.parameters, mechanism.rate
-    if not rate or not any(space[name].is_ripple and each.value for name, each in found.items()):
-        return None
-    return result.RippleRate(space.rate.name, rate)
-
-
-def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[result.Excluded]:
-    """With the size of their misfits to what the others say."""
-    misfits = np.linalg.norm(fitted.misfits_mm(found.x), axis=1)
-    for block, size, limit in found.outliers:
-        size_mm = float(misfits[block])
-        reason = f"{size_mm:.3f} mm off what the others say: {size:.1f} σ, limit {limit:.1f} σ"
-        yield replace(
-            fitted.excluded_for(block, reason), size_mm=size_mm, size_sigma=size, limit_sigma=limit
-        )
-
-
-def _positions(
-    known: Uncertainty | None, inputs: Inputs, fit: Fit
-) -> tuple[result.PositionStd | None, Region | None]:
-    """Uncertainty of positions over the workspace, and the part of it that was measured.
-
-    After a best fit of the frame to all of its poses, and to the shots. None when not known.
-    A combination that is held at nominal must change the frame and nothing else. Nor is it known of
-    a robot that can take hardly any of the poses.
+    It passes where the shots agree with it and the workspace is known.
     """
-    poses, found, model = inputs.options.workspace, fit.found, fit.observations.model
-    if known is None or poses is None:
-        return None, None
-    x = found.x[: len(inputs.selection.free)]
-    identified = model.kinematics(x)
-    sample = WorkspaceSample.of_workspace(identified, known.names, poses)
-    if sample is None:
-        return None, None
-    taken, at_shots = sample.poses, model.poses(x)[_kept_rows(fit)]
-    try:
-        both = np.vstack([taken, at_shots])
-        by_shots = WorkspaceSample.of(identified, known.names, both, slice(len(taken), None))
-    except NoSolution:
-        return None, None
-    jacobian = sample.jacobian / identified.mechanism.parameters.units(known.names)
-    for lost in found.seen.null_directions / found.seen.scale:
-        if np.abs(jacobian @ lost).max() > NO_EFFECT * (np.abs(jacobian) @ np.abs(lost)).max():
-            return None, None
-    std_mm = known.random.of_positions(by_shots)
-    task = identified.mechanism.task
-    region = Region.of(taken, std_mm[: len(taken)], std_mm[len(taken) :], task)
-    return result.PositionStd.of(known, sample), region
+    at_nominal = nominal.forward(shots.joints, approach=shots.approach)
+    posterior = fit_with_former(nominal, shots, former, options, changed)
+    datum = former_datum(former, posterior.model)
+    case = _Case(nominal, shots, at_nominal, shots, options, posterior, (), datum)
+    result = case.result((), None)
+    chi2, dof, p = goodness(posterior, former)
+    says = f"updated by {len(shots)} shots of a check (χ² {chi2:.1f} of {dof}, p = {p:.2g})"
+    against = [own for own in result.findings if own.affects_verdict and own.name != NOTHING_UNSEEN]
+    if p < MISFIT_LEVEL:
+        says = f"{says}: the shots contradict it, measure a campaign again"
+    decision: Decision = "pass" if p >= MISFIT_LEVEL and not against else "fail"
+    reasons = (says, *(own.says for own in against))
+    obstacles = tuple(own.name for own in against)
+    return replace(result, verdict=decision, reasons=reasons, obstacles=obstacles)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Case:
+    """Fit of a robot's shots, from which its result follows."""
+
+    nominal: Kinematics
+    shots: Shots
+    at_nominal: KinematicSolution
+    fitted: Shots
+    options: IdentificationOptions
+    posterior: Posterior
+    changes: tuple[Change, ...]
+    datum: NullDirections | None = None
+    """Directions that stay at nominal; None: those that these shots do not determine."""
+
+    @property
+    def identified(self) -> Kinematics:
+        """Identified robot."""
+        return self.posterior.model.kinematics(self.posterior.x)
+
+    def result(
+        self, excluded: tuple[Excluded, ...], lengths: KnownLengths | None
+    ) -> IdentificationResult:
+        """Return the result with its findings and verdict."""
+        posterior, options, identified = self.posterior, self.options, self.identified
+        null = self.datum or null_directions(posterior)
+        solution = identified.forward(self.shots.joints, self._near(), approach=self.shots.approach)
+        unseen = unseen_pairs(posterior, self.shots, self.at_nominal, solution, options)
+        ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
+        positions = None
+        if options.workspace is not None:
+            positions = uncertainty_of_positions(posterior, identified, options.workspace, ratio)
+        region = None if positions is None else positions.region
+        residuals = self._residuals()
+        found = (
+            *self._findings(null, unseen, region),
+            *([] if lengths is None else lengths.findings()),
+        )
+        decision, reasons, obstacles = _verdict(found, residuals, unseen.errors, region)
+        frames = tuple(map(Frame.of, posterior.at.frames))
+        return IdentificationResult(
+            model="full",
+            converged=posterior.arrived,
+            iterations=posterior.rounds,
+            parameters=self._parameters(null),
+            undetermined=null.names,
+            scatter=self._scatter(),
+            sizes={group: float(size) for group, size in posterior.components.sizes.items()},
+            tracker=self._tracker(),
+            residuals_mm=residuals.summary(),
+            unseen_mm=None if unseen.errors is None else unseen.errors.summary(),
+            fitted=residuals,
+            unseen=unseen.errors,
+            modelled=self._modelled(solution, unseen.rows),
+            excluded=(*excluded, *self._wrong_shots(), *unseen.lost),
+            covariance=self._covariance(null, ratio),
+            position_std_mm=None if positions is None else positions.std,
+            budget=positions.shares if positions else (),
+            region=region,
+            hold_out=unseen.test,
+            findings=found,
+            frame=frames[0],
+            sessions=self._sessions(frames) if options.sessions else (),
+            reference_degC=options.reference_degC if posterior.model.with_growth else None,
+            posterior=self._stored(null),
+            verdict=decision,
+            reasons=reasons,
+            obstacles=obstacles,
+        )
+
+    def _near(self) -> Array:
+        """Return the nominal poses of all shots, with a stand-in where there is none."""
+        near, found = self.at_nominal.values.copy(), self.at_nominal.found
+        near[~found] = near[found][0]
+        return near
+
+    # --- parameters ---------------------------------------------------------------------------
+
+    def _parameters(self, null: NullDirections) -> dict[str, IdentifiedParameter]:
+        model, table = self.posterior.model, self.nominal.mechanism.parameters
+        size = len(model.names)
+        covariance = null.without(self.posterior.covariance[:size, :size])
+        deviations = self.posterior.x - null.vectors @ (null.vectors.T @ self.posterior.x)
+        old = self.nominal.parameters
+        parameters = {}
+        for name in (*table.of_robot, *(n for n in model.parameters if n not in table.of_robot)):
+            is_free = name in model.names
+            nominal = old.get(name, 0.0)
+            if not is_free and name not in old:
+                continue
+            value, std = nominal, None
+            if is_free:
+                place = model.names.index(name)
+                unit = model.tolerance[place] / float(table.units((name,))[0])
+                value = nominal + float(deviations[place]) * unit
+                variance = covariance[place, place]
+                std = float(np.sqrt(variance)) * unit if variance > 1e-12 else None
+            group = table[name].field.group
+            parameters[name] = IdentifiedParameter(
+                nominal=nominal, value=value, std=std, free=is_free, group=group
+            )
+        return parameters
+
+    def _covariance(self, null: NullDirections, ratio: float) -> ParameterCovariance:
+        model, table = self.posterior.model, self.nominal.mechanism.parameters
+        size = len(model.names)
+        own = [n for n, name in enumerate(model.names) if name in table.of_robot]
+        names = tuple(model.names[place] for place in own)
+        unit = model.tolerance[own] / table.units(names)
+        matrix = null.without(self.posterior.covariance[:size, :size])[np.ix_(own, own)]
+        matrix = matrix * np.outer(unit, unit)
+        return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
+
+    def _tracker(self) -> dict[str, tuple[float, float]]:
+        model, std = self.posterior.model, self.posterior.std
+        values = {}
+        for source, unit in (("constant", 1.0), ("transit", np.pi / 180.0), ("scale", 1e-6)):
+            if source in model.names:
+                place = model.names.index(source)
+                scale = float(model.tolerance[place] / unit)
+                values[source] = (float(self.posterior.x[place]) * scale, float(std[place]) * scale)
+        return values
+
+    def _stored(self, null: NullDirections) -> StoredPosterior:
+        posterior, size = self.posterior, len(self.posterior.model.names)
+        covariance = posterior.covariance[:size, :size]
+        return StoredPosterior(
+            posterior.model.names,
+            tuple(posterior.model.tolerance.tolist()),
+            tuple(posterior.x.tolist()),
+            tuple(map(tuple, covariance.tolist())),
+            {group: float(own) for group, own in posterior.components.sizes.items()},
+            {part: float(own) for part, own in posterior.components.factors.items()},
+            tuple(map(tuple, null.vectors.T.tolist())),
+        )
+
+    def _scatter(self) -> Scatter:
+        factors = self.posterior.components.factors
+        axis = self.nominal.mechanism.joints[0]
+        point = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
+        joint_tolerance = SCATTER_TOLERANCE_RAD if axis.is_revolute else SCATTER_TOLERANCE_JOINT_MM
+        joint = axis.to_file(joint_tolerance * factors["joints"] ** 0.5)
+        of_instrument: dict[str, float] = {
+            p: factors[p] ** 0.5 for p in ("along", "across") if p in factors
+        }
+        shown = f"{60.0 * joint:.2g}′" if axis.is_revolute else f"{joint:.2g} mm"
+        says = f"robot: the point scatters by {point:.3g} mm, the joints by {shown} (1 σ)"
+        if of_instrument:
+            own = ", ".join(f"{value:.2g} × {part}" for part, value in of_instrument.items())
+            says = (
+                f"the file states no σ of points: noise estimated, {own} the beam of the data "
+                f"sheet's; beside it the point scatters by {point:.3g} mm, the joints by {shown}"
+            )
+        return Scatter(point, joint, of_instrument, says)
+
+    # --- residuals and hold-out pairs ---------------------------------------------------------
+
+    def _residuals(self) -> ResidualTable:
+        """Return the errors of the fitted shots: nominal in its own best frames, and identified."""
+        kept, posterior = self.posterior.kept, self.posterior
+        positions = posterior.observations.near[kept, :3]
+        points, frame = self.fitted.points_in_tracker_mm[kept], posterior.observations.frame[kept]
+        before = np.empty_like(points)
+        for number in np.unique(frame).tolist():
+            own = frame == number
+            fitted = fit_transform(positions[own], points[own])
+            before[own] = fitted.apply(positions[own]) - points[own]
+        numbers = np.array(self.fitted.numbers)[kept].tolist()
+        after = posterior.at.residual[kept]
+        return ResidualTable.from_arrays("shots", numbers, before, after)
+
+    def _modelled(self, solution: KinematicSolution, pairs: Index) -> ModelledTable:
+        counted = np.array(self.fitted.numbers)[self.posterior.kept]
+        is_fitted = [p is ShotSet.IDENTIFICATION for p in self.shots.purposes]
+        own = np.isin(self.shots.numbers, counted) & np.array(is_fitted, dtype=bool)
+        rows = np.union1d(np.flatnonzero(own & solution.found), pairs.ravel())
+        before, after = self.at_nominal.values[rows], solution.values[rows]
+        return ModelledTable.of(self.shots.rows(rows), before, after)
+
+    def _wrong_shots(self) -> Iterator[Excluded]:
+        """Yield the shots without weight: far off nominal, or contradicting all others."""
+        named = {change.since: change.size for change in self.changes if change.part == SHOT}
+        for row in np.flatnonzero(~self.posterior.kept).tolist():
+            size = named.get(row, float(np.linalg.norm(self.posterior.at.residual[row])))
+            number, pair = self.fitted.numbers[row], self.fitted.pairs[row]
+            reason = f"{size:.3f} mm off where all others put it"
+            yield Excluded(reason, shot=number, pair=pair, size_mm=size)
+
+    def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
+        own, numbers = self.shots.session, np.array(self.shots.numbers)
+        fitted = dict(zip(np.unique(self.fitted.session).tolist(), frames, strict=True))
+        return tuple(
+            SessionFrame(tuple(numbers[own == session].tolist()), fitted.get(session))
+            for session in np.unique(own).tolist()
+        )
+
+    # --- findings -----------------------------------------------------------------------------
+
+    def _findings(
+        self, null: NullDirections, unseen: UnseenPairs, region: Region | None
+    ) -> Iterator[Finding]:
+        posterior, options = self.posterior, self.options
+        revolute = self.nominal.mechanism.joints[0].is_revolute
+        if not posterior.arrived:
+            says = "the fit did not settle: look for gross errors, or measure at more poses"
+            yield Finding(findings.NOT_ARRIVED, says, "fail")
+        accepted = findings.ACCEPTABLE if options.accept_large_change else ()
+        for finding in findings.tolerance_findings(posterior, null.vectors):
+            yield finding.accept(accepted)
+        yield from findings.scatter_findings(posterior)
+        yield from findings.change_findings(self.changes, self.fitted.numbers, revolute=revolute)
+        if unseen.test is not None and unseen.errors is not None:
+            met = limits_met(unseen.errors.summary().after, options.limits_mm)
+            yield from findings.hold_out_findings(unseen.test, limits_met=met)
+        if unseen.lost:
+            says = f"hold-out {unseen.lost[0].what}: {unseen.lost[0].reason}"
+            yield Finding(findings.NOT_TAKEN, says, "fail")
+        if unseen.got_worse and unseen.errors is not None:
+            errors = unseen.errors.summary()
+            worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
+            yield Finding(findings.WORSE, f"hold-out pairs got worse: {worse}", "fail")
+        if unseen.errors is None:
+            says = (
+                "no validation pairs: nothing shows that the result holds elsewhere; `identify "
+                "--hold-out 20%` keeps some of the shots for it"
+            )
+            yield Finding(findings.NOTHING_UNSEEN, says, "not decided")
+        if options.workspace is not None:
+            yield from findings.region_findings(region)
+
+
+def _verdict(
+    found: tuple[Finding, ...],
+    residuals: ResidualTable,
+    unseen: ResidualTable | None,
+    region: Region | None,
+) -> tuple[Decision, tuple[str, ...], tuple[str, ...]]:
+    """Decide whether the result may be used; return reasons, and the findings against a pass."""
+    against = [own for own in found if own.affects_verdict]
+    failed = [own for own in against if own.decision == "fail"]
+    if against or unseen is None:
+        shown = failed or against
+        decision: Decision = "fail" if failed else "not decided"
+        return decision, tuple(own.says for own in shown), tuple(own.name for own in shown)
+    errors, left = unseen.summary(), residuals.summary()
+    gain = (
+        f"hold-out pairs: mean {errors.before.mean_abs:.3f} → {errors.after.mean_abs:.3f} mm, "
+        f"max {errors.before.max_abs:.3f} → {errors.after.max_abs:.3f} mm"
+    )
+    if errors.after.rms > errors.before.rms:
+        gain += " (no change shown)"
+    fitted = f"fitted shots: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"
+    return "pass", (gain, fitted, *((region.says,) if region else ())), ()

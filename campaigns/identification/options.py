@@ -1,59 +1,69 @@
-"""Options of an identification: what is found of which shots, and how they are understood."""
+"""Options of an identification: which model, which shots, and what is held or known before."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Annotated, Literal
 
 from campaigns.arrays import Array
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, Model, Outliers
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
-from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
-from campaigns.robots.schema import Tolerance
+from campaigns.files.wording import shown, suggestion
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
+from campaigns.fit.tracker_noise import TrackerUncertainty
+from campaigns.kinematics.parameters import ParameterTable
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
 MOST_HELD_OUT = 0.5
+LEAST_STD = 1e-6
+"""1 σ of a prior, mm, deg or ppm: what is known better is held."""
 RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
-
-_MODEL = Option(
-    "paper, standard: lengths, places and joint offsets. rods: also unequal rods, which tilt the "
-    "plate. full: also tilted axes, which tilt it too. auto: the smallest of these that hold-out "
-    "pairs and BIC do not reject, and significant errors of gears and encoders: backlash, "
-    "eccentricity, ripple, ratio. extended: as auto, with axis directions and backlash.",
-    default="the plan's",
-)
-ModelChoice = Annotated[Model | None, _MODEL]
-"""None: the model that the plan was made for."""
-ModelToPlan = Annotated[Model | None, replace(_MODEL, default="full")]
-ModelToFind = Annotated[Model | None, replace(_MODEL, default="auto, or the plan's")]
+ModelWord = Literal["full", "paper"]
+Model = Annotated[
+    ModelWord,
+    Option(
+        "full: every source of error is fitted, with its tolerance as a prior. paper: lengths, "
+        "places and joint offsets, by the distances of pairs alone."
+    ),
+]
 Freed = Annotated[
     tuple[str, ...],
     Option(
-        "Identify these too, such as 'arm*.azimuth_deg', or identify's reflector_constant_mm; "
+        "With --model paper, fit these too: a parameter, pattern or group, 'arm*.azimuth_deg'; "
         "repeatable.",
-        metavar="PATTERN",
+        metavar="NAME",
     ),
 ]
 Fixed = Annotated[
     tuple[str, ...],
-    Option("Keep these at their nominal values, 'arm1.*'; repeatable.", metavar="PATTERN"),
+    Option(
+        "Keep these at their nominal values: a parameter, pattern or group, 'arm1.*', "
+        "eccentricity; repeatable.",
+        metavar="NAME",
+    ),
+]
+Priors = Annotated[
+    tuple[str, ...],
+    Option(
+        "Tolerance (1 σ, in mm, deg or ppm) instead of robot.yaml's, 'arm*.arm_mm=0.05'; "
+        "repeatable.",
+        metavar="NAME=σ",
+    ),
 ]
 
 
 def range_of(text: str) -> tuple[int | None, int | None]:
-    """First and last number of a range such as `0-60`, `-60` or `61-`; raises `OptionsInvalid`."""
-    found = RANGE.fullmatch(text)
-    if found is None:
+    """Read a range of numbers such as `0-60`, `-60` or `61-`; raise `OptionsInvalid`."""
+    ends = RANGE.fullmatch(text)
+    if ends is None:
         raise OptionsInvalid(f"--shots is '{text}'", remedy="give a range, 0-60, -60 or 61-")
-    first, last = (int(part) if part else None for part in found.groups())
+    first, last = (int(part) if part else None for part in ends.groups())
     return first, last
 
 
 def share_of(text: str) -> float:
-    """Share written as `20%` or `0.2`; raises `OptionsInvalid`."""
+    """Read a share such as `20%` or `0.2`; raise `OptionsInvalid`."""
     try:
         value = float(text.removesuffix("%"))
     except ValueError as error:
@@ -61,44 +71,14 @@ def share_of(text: str) -> float:
     return value / 100.0 if text.endswith("%") else value
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Selection:
-    """Selection of parameters: patterns to free and to hold, and how they are estimated."""
-
-    estimator: Estimator = Estimator.POINTS
-    model: ModelChoice = None
-    free: Freed = ()
-    fix: Fixed = ()
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class IdentificationOptions(Selection):
-    """Options of an identification; raises `OptionsInvalid`.
+class IdentificationOptions:
+    """Options of an identification; raise `OptionsInvalid`. A campaign adds what is no `Option`."""
 
-    What is no `Option` is not asked for: a campaign says it of itself.
-    """
-
-    estimator: Annotated[
-        Estimator,
-        Option(
-            "points: all coordinates of every shot. distances: of pairs; with --model paper all "
-            "alike, as in the paper."
-        ),
-    ] = Estimator.POINTS
-    model: ModelToFind = None
+    model: Model = "full"
     free: Freed = ()
     fix: Fixed = ()
-    prior: Annotated[
-        tuple[str, ...],
-        Option(
-            "Prior about nominal with this σ (mm, deg, ppm), 'arm*.arm_mm=0.05'; repeatable.",
-            metavar="PATTERN=σ",
-        ),
-    ] = ()
-    outliers: Annotated[
-        Outliers,
-        Option("What to do with outliers, shots that contradict all others; each is named."),
-    ] = Outliers.EXCLUDE
+    prior: Priors = ()
     shots: Annotated[
         tuple[int | None, int | None],
         Option(
@@ -107,7 +87,6 @@ class IdentificationOptions(Selection):
             read=range_of,
         ),
     ] = (None, None)
-    """First and last number of the shots to identify from; None: no limit."""
     sessions: Annotated[
         bool, Option("Fit one frame per session: the tracker was moved between sessions.")
     ] = False
@@ -120,56 +99,65 @@ class IdentificationOptions(Selection):
             typed="0%",
         ),
     ] = 0.0
-    """Share of the identification pairs that are kept unseen, as if they were for validation."""
     accept_large_change: Annotated[
-        bool, Option("Accept a change beyond robot.yaml's tolerance.")
+        bool, Option("Accept parameters far outside of their tolerance.")
     ] = False
-    accept_scale: Annotated[bool, Option("Accept that all lengths changed by the same share.")] = (
-        False
-    )
 
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
-    """Of shots of which the tracker stated nothing."""
-    tolerance: Tolerance = field(default_factory=Tolerance)
-    yielding: bool = False
-    """Whether terms of eccentric encoders stand for gears that yield under the plate's weight."""
+    """Data sheet for shots of which the tracker stated nothing, and its common errors."""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """Tolerances from robot.yaml by group and unit (`rods_deg`), in mm, rad or ratios."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
-    """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
+    """Acceptance limits of distances, `mean` and `max`, as far as there are any."""
     known_lengths: tuple[KnownLengthConfig, ...] = ()
     """Calibrated lengths that the set known-length measures."""
+    reference_degC: float = 20.0
+    """Temperature of the parts for which parameters are stated."""
     workspace: Array | None = None
-    """Poses (N, t) at which the position's uncertainty is asked for."""
+    """Poses (N, t) at which the uncertainty of positions is stated."""
 
     def __post_init__(self) -> None:
+        if self.model not in ("full", "paper"):
+            raise OptionsInvalid(f"model is '{self.model}'", remedy="take full or paper")
         if not 0.0 <= self.hold_out <= MOST_HELD_OUT:
             raise OptionsInvalid(
                 f"--hold-out is {self.hold_out:.4g}, must be 0 to {MOST_HELD_OUT:g}",
                 remedy="20% is usual",
             )
-        if self.frees_reflector_constant and self.estimator is not Estimator.POINTS:
+
+
+def matching(pattern: str, table: ParameterTable) -> tuple[str, ...]:
+    """Return the parameters that a name, pattern or group means; raise `OptionsInvalid`."""
+    names = (*table.model, *TRACKER_SOURCES)
+    if pattern in TRACKER_SOURCES:
+        return (pattern,)
+    if pattern in SOURCES:
+        return table.select(group=pattern)
+    matches = tuple(name for name in names if pattern and fnmatchcase(name, pattern))
+    if matches:
+        return matches
+    raise OptionsInvalid(
+        f"{shown(pattern) or 'an empty name'} is no parameter, pattern or group of parameters",
+        remedy=suggestion(pattern, (*names, *SOURCES)),
+    )
+
+
+def named_priors(texts: Sequence[str], table: ParameterTable) -> dict[str, float]:
+    """Read priors such as `arm*.arm_mm=0.05`: 1 σ by name in mm, rad or ratios."""
+    priors: dict[str, float] = {}
+    for text in texts:
+        pattern, equals, number = text.partition("=")
+        try:
+            std = float(number)
+        except ValueError:
+            std = 0.0
+        if not (equals and LEAST_STD <= std < float("inf")):
             raise OptionsInvalid(
-                f"--free {REFLECTOR_CONSTANT} belongs to --estimator points",
-                remedy="distances alone cannot determine it: leave one of the two out",
+                f"--prior {shown(text)}: σ must be a number from {LEAST_STD:g}",
+                remedy="give name and σ in the name's unit, as arm*.forearm_mm=0.05; hold what "
+                "is known for sure, with --fix",
             )
-
-    @property
-    def frees_reflector_constant(self) -> bool:
-        """Whether ranges may be too long by one constant, which is no robot's parameter."""
-        return REFLECTOR_CONSTANT in self.free
-
-    @property
-    def equal_weights(self) -> bool:
-        """Whether distances count alike, as in the paper: its model by its estimator."""
-        return self.estimator is Estimator.DISTANCES and self.model is Model.PAPER
-
-    @property
-    def accepted(self) -> frozenset[str]:
-        """Names of the doubts with which a result is taken all the same."""
-        asked = {LARGE_CHANGE: self.accept_large_change, COMMON_SCALE: self.accept_scale}
-        return frozenset(name for name, wanted in asked.items() if wanted)
-
-
-AS_THE_PAPER = IdentificationOptions(
-    estimator=Estimator.DISTANCES, model=Model.PAPER, outliers=Outliers.KEEP
-)
-"""Plain least squares of the distances of all pairs."""
+        for name in matching(pattern.strip(), table):
+            unit = 1.0 if name in TRACKER_SOURCES else float(table.units((name,))[0])
+            priors[name] = std * unit
+    return priors

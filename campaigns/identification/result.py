@@ -1,54 +1,49 @@
 """Identification result: one type that is written to the journal, read back and shown.
 
-Its fields are the keys of the document `pkmcal/identification/1`; parameters are in mm and deg.
+Its fields are the keys of the document `pkmcal/identification/2`; parameters are in mm, deg, ppm.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal
+from importlib import import_module
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib.figure import Figure
 from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.errors import FindingUnreadable
-from campaigns.estimation.estimators import Estimator, Outliers
-from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty, WorkspaceSample
-from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
-from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
-from campaigns.evaluation.diagnostics import Doubt, limits_met
-from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.region import Region
-from campaigns.evaluation.summary import BeforeAfter, spread
+from campaigns.evaluation.summary import BeforeAfter, limits_met, spread
 from campaigns.files.table import Column, html_table
-from campaigns.identification.known_lengths import KnownLengths
+from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
+from campaigns.identification.findings import HOLD_OUT, Finding
+from campaigns.identification.hold_out_test import HoldOut
 from campaigns.journal.records import adapter_of, read_body
-from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-SCHEMA = "pkmcal/identification/1"
+SCHEMA = "pkmcal/identification/2"
 STRONG = 0.9
-"""Correlations from here on are worth being told."""
-STRONGEST = 20
+"""Correlation from which two parameters are named."""
+COVERAGE_95 = 1.96
+"""Half-width of 95 % intervals in σ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiedParameter:
-    """One parameter before and after; `std` is 1 σ, None when unknown."""
+    """Parameter before and after, in its file unit."""
 
     nominal: float
     value: float
     std: float | None
+    """1 σ; None if it was held, or if no shot determines it."""
     free: bool
-    total_std: float | None = None
-    """With what all shots have in common; None in results of older software too."""
+    group: str = ""
 
     @property
     def delta(self) -> float:
@@ -66,16 +61,13 @@ PARAMETER_COLUMNS: tuple[Column[tuple[str, IdentifiedParameter]], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Excluded:
-    """Shot or pair that was left out, and why; sizes only of an outlier."""
+    """Shot or pair that was left out, and why; a size only where the others contradict it."""
 
     reason: str
     shot: int | None = None
     pair: int | None = None
     size_mm: float | None = None
-    """How far it is from where the others put it."""
-    size_sigma: float | None = None
-    limit_sigma: float | None = None
-    """What would still be believed."""
+    """Distance from where the others put it."""
 
     @property
     def what(self) -> str:
@@ -84,87 +76,107 @@ class Excluded:
         return " ".join(f"{word} {number}" for word, number in words.items() if number is not None)
 
     @property
-    def is_outlier(self) -> bool:
-        """Outlier: it could have been fitted, but the others contradict it."""
+    def is_wrong(self) -> bool:
+        """Whether it could have been fitted, but the others contradict it."""
         return self.size_mm is not None
 
 
 @dataclass(frozen=True, slots=True)
-class ComparedModel:
-    """One of several models: its price, what it knows of hold-out pairs, and what became of it."""
+class Scatter:
+    """Noise beside what the tracker stated: of the robot's point and of its joints, 1 σ.
 
-    name: str
-    parameters: int
-    bic: float | None
-    """Schwarz's criterion; None where it could not be fitted."""
-    unseen_rms_mm: float | None
-    kept: bool
-    outcome: str
+    Where the tracker stated nothing, it holds what the instrument's own noise is not told from.
+    """
+
+    point_mm: float
+    joint: float
+    """deg of cranks, mm of carriages."""
+    instrument: dict[str, float]
+    """Estimated factors of the data sheet's σ, "along" and "across" the beam; empty if stated."""
+    says: str
 
 
 @dataclass(frozen=True, slots=True)
-class RippleRate:
-    """How often the ripples of a set come, by the robot file's key."""
+class Share:
+    """Share of one source in the uncertainty of positions: rms over the workspace, 1 σ."""
 
-    key: str
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class NoiseTest:
-    """Test of the stated noise by χ², what it means for σ, and both in words."""
-
-    value: float
-    dof: int
-    p: float | None
-    believable: bool | None
-    scale: float | None
-    """Square root of the variance factor, which multiplied every σ."""
-    says: str
-
-    @classmethod
-    def of(cls, noise: ChiSquareTest, says: str) -> "NoiseTest":
-        """From the test."""
-        return cls(noise.chi2, noise.dof, noise.p, noise.consistent, noise.sigma0, says)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotScatter(VarianceComponents):
-    """Robot's own scatter, that of the joints in their file unit, deg or mm; and in words."""
-
-    says: str
-
-    def components(self, joint: Axis) -> VarianceComponents:
-        """The same with that of the joints in rad, or in mm of a carriage."""
-        return VarianceComponents(self.point_mm, joint.from_file(self.joint))
+    source: str
+    words: str
+    kind: Literal["A", "B"]
+    """A: estimated from the scatter of these shots. B: stated or known before."""
+    mm: float
 
 
 @dataclass(frozen=True, slots=True)
 class PositionStd:
-    """Root of the summed variances of X, Y and Z over the workspace, mm: of the random part.
-
-    None or empty in results of older software.
-    """
+    """1 σ of positions, the root of the summed variances of x, y and z, over the workspace, mm."""
 
     mean: float
     max: float
-    total_mean: float | None = None
-    """With what all shots have in common."""
-    total_max: float | None = None
-    common: dict[str, float] = field(default_factory=dict)
-    """Mean over the workspace of what each of those moves positions by, as the others are."""
+    rms: float
     left_out: int = 0
-    """Poses of the sample that the parameters cannot assemble."""
+    """Poses of the sample that the identified robot cannot take."""
 
-    @classmethod
-    def of(cls, known: Uncertainty, sample: WorkspaceSample) -> "PositionStd":
-        """Over a sample of the workspace."""
-        random, total = known.random.of_positions(sample), known.of_positions(sample)
-        shifts = known.common_of_positions(sample)
-        sizes = {name: float(np.linalg.norm(mm, axis=1).mean()) for name, mm in shifts.items()}
-        ends = (float(each) for std in (random, total) for each in (std.mean(), std.max()))
-        mean, most, total_mean, total_most = ends
-        return cls(mean, most, total_mean, total_most, sizes, sample.left_out)
+
+@dataclass(frozen=True, slots=True)
+class ParameterCovariance:
+    """Covariance of the robot's parameters by name, in mm, deg and ppm.
+
+    It is of the datum in which what no shot determines is held at nominal.
+    """
+
+    names: tuple[str, ...] = ()
+    matrix: tuple[tuple[float, ...], ...] = ()
+    hold_out_ratio: float = 1.0
+    """Factor on the standard uncertainty of positions."""
+
+    @property
+    def array(self) -> Array:
+        """Covariance (F, F)."""
+        return np.array(self.matrix).reshape(len(self.names), len(self.names))
+
+    def std(self) -> dict[str, float]:
+        """Return 1 σ by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
+
+    def strongest(self, count: int, least: float = 0.0) -> list["Correlation"]:
+        """Return the largest correlations, of `least` or more."""
+        std = np.sqrt(np.diag(self.array))
+        scale = np.where(std > 0.0, std, 1.0)
+        correlation = np.tril(self.array / np.outer(scale, scale), -1)
+        order = np.argsort(-np.abs(correlation), axis=None)[:count]
+        rows, columns = np.unravel_index(order, correlation.shape)
+        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+        found = (
+            Correlation(self.names[b], self.names[a], float(correlation[a, b])) for a, b in pairs
+        )
+        return [own for own in found if abs(own.value) >= least and own.value]
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """Correlation of two parameters."""
+
+    first: str
+    second: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPosterior:
+    """Posterior of all unknowns in tolerances: the prior of a check and of an update."""
+
+    names: tuple[str, ...]
+    tolerances: tuple[float, ...]
+    """In mm, rad or ratios."""
+    mean: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    sizes: dict[str, float]
+    """Sizes of the groups in tolerances."""
+    factors: dict[str, float]
+    """Factors of the noise's parts."""
+    undetermined: tuple[tuple[float, ...], ...] = ()
+    """Orthonormal directions in tolerances, (k, P), that no shot determined: the datum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,24 +192,23 @@ class Frame:
 
     @classmethod
     def of(cls, tracker_from_base: Transform) -> "Frame":
-        """From a transform."""
+        """Describe a transform."""
         angles_deg = np.degrees(paper_angles_rad(tracker_from_base)).tolist()
         return cls(*tracker_from_base.translation_mm.tolist(), *angles_deg)
 
     @property
     def tracker_from_base(self) -> Transform:
-        """As a transform."""
+        """Transform that it describes."""
         angles = np.radians([self.phi_deg, self.gamma_deg, self.psi_deg])
         return from_paper_angles(angles, np.array([self.x_mm, self.y_mm, self.z_mm]))
 
 
 @dataclass(frozen=True, slots=True)
 class SessionFrame:
-    """Shots of a session that has a frame of its own, by number, and that frame."""
+    """Shots of a session with a frame of its own, by number, and that frame if it was fitted."""
 
     shots: tuple[int, ...]
     frame: Frame | None = None
-    """None where no frame was estimated, or none of its shots was fitted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,32 +225,29 @@ class ResidualTable:
 
     @classmethod
     def from_arrays(
-        cls, of: Literal["shots", "pairs"], numbers: tuple[int, ...], before: Array, after: Array
+        cls, of: Literal["shots", "pairs"], numbers: Sequence[int], before: Array, after: Array
     ) -> "ResidualTable":
-        """From errors (N, 3) or (N, 1)."""
-        return cls(of, numbers, _rows(before), _rows(after))
+        """Make a table of errors (N, 3) or (N, 1)."""
+        return cls(of, tuple(numbers), _rows(before), _rows(after))
 
     @property
     def before(self) -> Array:
-        """(N, 3) or (N, 1)."""
+        """Errors of the nominal robot, (N, 3) or (N, 1)."""
         return np.array(self.before_mm)
 
     @property
     def after(self) -> Array:
-        """(N, 3) or (N, 1)."""
+        """Errors of the identified robot, (N, 3) or (N, 1)."""
         return np.array(self.after_mm)
 
     def summary(self) -> BeforeAfter:
-        """Sizes before and after."""
+        """Return the sizes before and after."""
         return BeforeAfter(spread(self.before), spread(self.after))
 
 
 @dataclass(frozen=True, slots=True)
 class ModelledTable:
-    """Shots that were fitted or kept unseen, with their poses by both models, a row each.
-
-    Sets and pairs are those of the identification, which may keep pairs unseen by itself.
-    """
+    """Shots that were fitted or kept unseen, with their poses by both models, a row each."""
 
     numbers: tuple[int, ...]
     purposes: tuple[ShotSet, ...]
@@ -250,86 +258,96 @@ class ModelledTable:
 
     @classmethod
     def of(cls, shots: Shots, before: Array, after: Array) -> "ModelledTable":
-        """From shots and their poses (N, t)."""
+        """Make a table of shots and their poses (N, t)."""
         return cls(shots.numbers, shots.purposes, shots.pairs, _rows(before), _rows(after))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationResult:
-    """Parameters with their uncertainties, residuals, and whether they may be used.
+    """Parameters with their uncertainty, what was found beside them, and the verdict.
 
-    What is None or empty by default is missing in results of older software.
+    Attributes:
+        model: `full` or `paper`.
+        parameters: all parameters of the robot by name.
+        undetermined: combinations of parameters that no shot determines; they stay at nominal.
+        scatter: noise beside what the tracker stated.
+        sizes: estimated size of each group of error sources, in its tolerance.
+        tracker: errors of the tracker by source: value and 1 σ in mm, deg or ppm.
+        residuals_mm, unseen_mm: sizes of the errors of fitted shots and of hold-out pairs.
+        budget: shares of the sources in the uncertainty of positions; they add up in squares.
+        region: part of the workspace that the result is valid for.
+        findings: everything found that speaks against the result, or is reported.
+        verdict, reasons: whether the result may be used, and why.
     """
 
-    estimator: Estimator
-    outliers: Outliers = Outliers.EXCLUDE
-    priors: dict[str, float] = field(default_factory=dict)
-    """1 σ by name."""
+    model: Literal["full", "paper"]
     converged: bool
-    message: str = ""
-    """How the solver ended."""
     iterations: int
-    rank: int
-    condition: float | None
-    """None: the rank is lost."""
-    dof: int
-    """Degrees of freedom: measurements and priors, less what was found from them."""
     parameters: dict[str, IdentifiedParameter]
+    undetermined: tuple[tuple[str, ...], ...] = ()
+    scatter: Scatter | None = None
+    sizes: dict[str, float] = field(default_factory=dict)
+    tracker: dict[str, tuple[float, float]] = field(default_factory=dict)
     residuals_mm: BeforeAfter | None = None
-    """Of what was fitted and kept."""
     unseen_mm: BeforeAfter | None = None
-    """Of distances that were never fitted; None without such."""
     fitted: ResidualTable | None = None
     unseen: ResidualTable | None = None
     modelled: ModelledTable | None = None
-    excluded: tuple[Excluded, ...]
-    unobservable: tuple[Combination, ...]
-    """Held at nominal, for neither shots nor priors tell them."""
-    known_by_priors_alone: tuple[Combination, ...] = ()
-    models: tuple[ComparedModel, ...] = ()
-    """Those that it was chosen from, the standard one first; empty without a choice."""
-    ripples: RippleRate | None = None
-    """None where the set has no ripples."""
-    chi2: NoiseTest | None = None
-    covariance: Uncertainty | None = None
-    """Of the parameters whose σ are known."""
-    coverage_factor_95: float | None = None
-    """Half-width of 95 % intervals in stated σ; None where nothing tells σ."""
+    excluded: tuple[Excluded, ...] = ()
+    covariance: ParameterCovariance | None = None
     position_std_mm: PositionStd | None = None
+    budget: tuple[Share, ...] = ()
     region: Region | None = None
-    """Part of the workspace that it is valid for; None where σ of positions is not known."""
-    known_lengths: KnownLengths | None = None
-    """None where none was measured."""
-    robot_scatter: RobotScatter | None = None
-    """None where the shots do not ask for any."""
     hold_out: HoldOut | None = None
-    doubts: tuple[Doubt, ...] = ()
-    """All that speak against the result, heeded, accepted or only told."""
+    findings: tuple[Finding, ...] = ()
     frame: Frame | None = None
-    """None where no frame was estimated; of sessions that of the first that was fitted."""
     sessions: tuple[SessionFrame, ...] = ()
-    """Empty where all shots share one frame."""
+    reference_degC: float | None = None
+    """Temperature of the parts for which parameters are stated; None if none was measured."""
+    posterior: StoredPosterior | None = None
     verdict: Decision
     reasons: tuple[str, ...]
     obstacles: tuple[str, ...] = ()
-    """Names of what stands against it; empty for a pass, and in results of older software."""
+    """Names of the findings that stand against a pass."""
     seconds: float = 0.0
-    """What the solution took."""
 
     def __repr__(self) -> str:
         unseen = f", hold-out {self.unseen_mm.after.rms:.4f} mm rms" if self.unseen_mm else ""
-        found = f"{len(self.free)} of {len(self.parameters)} parameters by {self.estimator.value}"
-        return f"<IdentificationResult: {self.verdict}, {found}{unseen}>"
+        return f"<IdentificationResult: {self.verdict}, {len(self.free)} parameters{unseen}>"
 
     def _repr_html_(self) -> str:
-        """Table of the free parameters, as notebooks show it."""
+        """Return a table of the parameters, as notebooks show it."""
         rows = [(name, self.parameters[name]) for name in self.free]
         return f"<p>{escape(repr(self))}</p>{html_table(PARAMETER_COLUMNS, rows)}"
 
-    def plot(self) -> "Figure":
-        """Figure of what the nominal and the identified robot leave of each shot or pair."""
-        from matplotlib.figure import Figure
+    def report(self) -> str:
+        """Return parameters, budget and findings as text for a console."""
+        lines = [f"verdict: {self.verdict}", *(f"  {reason}" for reason in self.reasons), ""]
+        lines.append(f"{'parameter':28}{'nominal':>12}{'identified':>12}{'± σ':>10}")
+        for name in self.free:
+            own = self.parameters[name]
+            std = "held" if own.std is None else f"{own.std:.4f}"
+            lines.append(f"{name:28}{own.nominal:12.4f}{own.value:12.4f}{std:>10}")
+        if self.budget:
+            lines += ["", "uncertainty of positions, 1 σ, rms over the workspace, mm"]
+            lines += [f"  {share.words:52} {share.kind} {share.mm:9.4f}" for share in self.budget]
+            total = math.sqrt(sum(share.mm**2 for share in self.budget))
+            lines.append(f"  {'combined':52}   {total:9.4f}")
+        if self.scatter is not None:
+            lines += ["", self.scatter.says]
+        lines += ["", *(f"finding: {finding.says}" for finding in self.findings)]
+        return "\n".join(lines).rstrip() + "\n"
 
+    def to_frame(self) -> Any:
+        """Return the parameters as a DataFrame; raise `ImportError` without pandas.
+
+        Any: pandas is not among our dependencies.
+        """
+        rows = [{"parameter": name, **asdict(own)} for name, own in self.parameters.items()]
+        return import_module("pandas").DataFrame(rows).set_index("parameter")
+
+    def plot(self) -> Figure:
+        """Return a figure of what the nominal and the identified robot leave of each shot."""
         figure = Figure(figsize=(8.0, 3.5), layout="constrained")
         axes = figure.add_subplot(yscale="log", ylabel="error, mm")
         for kind, table, marker in (("fitted", self.fitted, "o"), ("hold-out", self.unseen, "x")):
@@ -343,42 +361,49 @@ class IdentificationResult:
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of what was looked for."""
-        return tuple(name for name, found in self.parameters.items() if found.free)
+        """Names of the parameters that were fitted."""
+        return tuple(name for name, own in self.parameters.items() if own.free)
 
     @property
     def accepted(self) -> tuple[str, ...]:
-        """Doubts with which somebody took it all the same, in words."""
-        return tuple(doubt.says for doubt in self.doubts if doubt.accepted)
+        """Findings with which somebody took the result all the same, in words."""
+        return tuple(finding.says for finding in self.findings if finding.accepted)
 
     def nominal_flat(self) -> dict[str, float]:
-        """Parameters that it began with, mm and deg."""
-        return {name: found.nominal for name, found in self.parameters.items()}
+        """Return the nominal parameters by name."""
+        return {name: own.nominal for name, own in self.parameters.items()}
 
     def flat(self) -> dict[str, float]:
-        """Parameters that it found, mm and deg, and how often their ripples come."""
-        rate = {self.ripples.key: self.ripples.value} if self.ripples else {}
-        return {name: found.value for name, found in self.parameters.items()} | rate
+        """Return the identified parameters by name."""
+        return {name: own.value for name, own in self.parameters.items()}
 
     def std(self) -> dict[str, float]:
-        """1 σ by name, mm and deg, where it is known."""
-        return {name: p.std for name, p in self.parameters.items() if p.std is not None}
+        """Return 1 σ by name, where it is known."""
+        return {name: own.std for name, own in self.parameters.items() if own.std is not None}
 
     def document(self) -> dict[str, JsonValue]:
-        """Document `pkmcal/identification/1`."""
+        """Return the document `pkmcal/identification/2`."""
         # Any: what a dataclass holds, type by type, pydantic knows and mypy cannot
         values: dict[str, Any] = adapter_of(type(self)).dump_python(self, mode="json")
-        values["parameters"] = {
-            name: values["parameters"][name] | {"delta": found.delta}
-            for name, found in self.parameters.items()
-        }
+        for name, own in self.parameters.items():
+            values["parameters"][name]["delta"] = own.delta
         values["excluded"] = [
-            {key: value for key, value in asdict(left).items() if value is not None}
-            for left in self.excluded
+            {key: value for key, value in asdict(own).items() if value is not None}
+            for own in self.excluded
         ]
-        known = self.covariance
-        strong = known.strongest(STRONGEST, STRONG) if known else ()
-        return {"schema": SCHEMA, **values, "correlations": [asdict(each) for each in strong]}
+        strong = self.covariance.strongest(20, STRONG) if self.covariance else []
+        return {"schema": SCHEMA, **values, "correlations": [asdict(own) for own in strong]}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pedigree:
+    """Pedigree of an updated set: the set it was made of, and the shots that changed it."""
+
+    updates: str
+    """Digest of the set that it was made of."""
+    series: tuple[int, ...]
+    shots: int
+    position_std_before_mm: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -387,61 +412,43 @@ class RecordedIdentification(IdentificationResult):
 
     series: int
     shots: int = 0
-    model: str = ""
-    """Word of the model that was looked for; empty in results of older software."""
     asked: tuple[str, ...] = ()
     """Options that it was asked for with, as they are typed."""
     robot_digest: str
     plan_digest: str
     journal_digest: str
-    """Of all records before it."""
+    """Digest of all records before it."""
     journal_records: int
     at_utc: str
     settings: dict[str, JsonValue] | None = None
-    """Those of campaign.yaml that its verdict rests on, by key, unless they are as by default; None
-    in results of older software."""
+    """Settings of campaign.yaml that its verdict rests on, unless they are at their defaults."""
+    pedigree: Pedigree | None = None
 
     @classmethod
-    def of(cls, found: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
-        """Result with its provenance."""
-        values = {each.name: getattr(found, each.name) for each in fields(found)}
+    def of(cls, result: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
+        """Add the provenance to a result."""
+        values = {own.name: getattr(result, own.name) for own in fields(IdentificationResult)}
         return cls(**values | provenance)
 
     def outdated_by(
         self, settings: Mapping[str, JsonValue], limits_mm: Mapping[str, float]
     ) -> tuple[str, ...]:
-        """Keys of settings by which it would be judged otherwise than it was."""
+        """Return the keys of settings by which it would be judged otherwise than it was."""
         then = settings if self.settings is None else self.settings
         keys = sorted({*then, *settings})
         changed = [key for key in keys if then.get(key) != settings.get(key)]
-        by_limits = any(doubt.by_limits for doubt in self.doubts)
+        by_limits = any(own.name == HOLD_OUT and own.decision is None for own in self.findings)
         if by_limits and self.unseen_mm and not limits_met(self.unseen_mm.after, limits_mm):
             changed.append("acceptance")
         return tuple(changed)
 
 
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
-    """Identification of a journal's finding; raises `FindingUnreadable`."""
-    remedy = "identify again: another version of the software wrote it"
-    if body.get("warmth"):
-        raise FindingUnreadable("the journal's identification lets parts grow", remedy=remedy)
-    found = read_body(body, RecordedIdentification, "identification", remedy)
-    return _completed(found)
-
-
-def _completed(found: RecordedIdentification) -> RecordedIdentification:
-    """With what results of older software say of their uncertainty in other places."""
-    known, hold_out, noise = found.covariance, found.hold_out, found.chi2
-    if known is None:
-        return found
-    ratio = known.hold_out_ratio if hold_out is None else hold_out.applied_ratio
-    sigma0 = known.sigma0 if noise is None or noise.scale is None else noise.scale
-    return replace(found, covariance=replace(known, sigma0=sigma0, hold_out_ratio=ratio))
-
-
-def finite(value: float) -> float | None:
-    """None for what no document can hold."""
-    return value if math.isfinite(value) else None
+    """Read the identification of a journal's finding; raise `FindingUnreadable`."""
+    remedy = "run `pkmcal identify` again: another version of the software wrote it"
+    if body.get("schema") != SCHEMA:
+        raise FindingUnreadable(f"the identification is {body.get('schema')}", remedy=remedy)
+    return read_body(body, RecordedIdentification, "identification", remedy)
 
 
 def _rows(errors_mm: Array) -> tuple[tuple[float, ...], ...]:

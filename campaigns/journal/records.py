@@ -164,6 +164,8 @@ class Outcome:
     came_from: Annotated[Joints | None, Field(alias="came_from_rad")] = None
     approach: tuple[int, ...] | None = None
     """Sides from which joints came, +1, -1 or 0, where a file says so; else by `came_from`."""
+    part_temperature_degC: float | None = None
+    """Of the robot's parts; None: nobody told."""
 
 
 @dataclass(frozen=True, slots=True)

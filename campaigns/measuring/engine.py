@@ -6,7 +6,6 @@ from functools import partial
 from math import dist, inf
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
-from campaigns.estimation.running_fit import next_size
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
@@ -22,7 +21,8 @@ from campaigns.measuring.reference_poses import (
     pose_settling,
     reference_poses,
 )
-from campaigns.measuring.run_state import EngineState, ParameterUncertainty
+from campaigns.measuring.run_state import EngineState, PositionUncertainty
+from campaigns.measuring.running_fit import next_size
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shot_taker import (
     ReflectorUnseen,
@@ -49,6 +49,8 @@ MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
 NOISE_GROWTH = 0.25
 """Share by which the shots have grown when the scatter of poses is worth estimating anew."""
+FIT_GROWTH = 0.02
+"""Share by which the shots have grown when they are fitted again; a few: after each pair."""
 MOST_DEFERRED = 0.2
 """Share of a plan's groups that cannot be measured and still let the run go on."""
 
@@ -79,11 +81,11 @@ class Engine:
         self._in_a_row = 0
         self._compared: set[int] = set()
         self._looked_back: Counter[int] = Counter()
-        self._known: ParameterUncertainty | None = None
+        self._known: PositionUncertainty | None = None
         self._at_rest: tuple[int, ...] | None = None
         self._noise: ReferenceNoise | None = None
         self._noise_due = self._update_due = 0
-        self._update()
+        self._update_by_a_fit()
 
     def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
         """The groups that shall still be measured; the others are named in the journal."""
@@ -145,7 +147,7 @@ class Engine:
         while left:
             self._measure_once_more(left[0])
             left = self._heeded(left[1:])
-        self._update()
+        self._update_by_a_fit()
         if groups_left and (references := self._references or self._chosen_at_end()):
             change = self._stability.at_end(references)
             if change:
@@ -344,7 +346,7 @@ class Engine:
             step.planned.purpose is ShotSet.IDENTIFICATION
             and len(self._gate.accepted) >= self._update_due
         ):
-            self._update()
+            self._update_by_a_fit()
         seconds = wall_clock.now_s() - started_s
         self._run_state.accept(seconds, outcome.residual_mm, drift_mm)
         if step.planned.purpose is ShotSet.DRIFT:
@@ -403,7 +405,7 @@ class Engine:
     def _void(self, pair: int | None, shots: tuple[int, ...], reason: str) -> None:
         self._log.write(PairVoided(pair, shots, reason))
         self._gate.reset(shots)
-        self._update()
+        self._update_by_a_fit()
         self._run_state.void(len(shots))
 
     def _refuse_change(self) -> None:
@@ -417,16 +419,18 @@ class Engine:
             self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
             self._gate.reset([shot.shot for shot in self._gate.accepted])
             self._drift.reset()
-            self._update()
+            self._update(None)
         elif len(references) > 1:
             self._references = references
 
-    def _update(self) -> None:
-        """Determine how surely the accepted shots tell the parameters."""
-        kept = self._gate.accepted
-        self._update_due = next_size(len(kept))
-        self._known = self._uncertainty.fitted(kept)
-        self._run_state.update(self._known)
+    def _update_by_a_fit(self) -> None:
+        """Fit the shots that count, as `identify` will; due again when they have grown a little."""
+        self._update_due = next_size(len(self._gate.accepted), FIT_GROWTH)
+        self._update(self._uncertainty.fitted(self._gate.accepted))
+
+    def _update(self, known: PositionUncertainty | None) -> None:
+        self._known = known
+        self._run_state.update(known)
 
 
 def _of_one_point(outcomes: Sequence[Outcome]) -> str:

@@ -7,8 +7,8 @@ from math import dist, isfinite
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.estimation.running_fit import RunningFit
 from campaigns.journal.records import Event, Outcome
+from campaigns.measuring.running_fit import RunningFit
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, Weather, vector
 
@@ -90,7 +90,9 @@ class InnovationGate:
     def without(self, shot: int) -> "InnovationGate":
         """Return a gate that knows all accepted shots but one."""
         gate = InnovationGate(self._rules, self._new_fit)
-        gate.restart(outcome for number, outcome in self._accepted.items() if number != shot)
+        for number, outcome in self._accepted.items():
+            if number != shot:
+                gate.accept(outcome)
         return gate
 
     def suspects(self, refused: Outcome) -> tuple[Outcome, ...]:
@@ -159,7 +161,7 @@ class InnovationGate:
 
     def _fault_of_distances(self, joints: Array, point: Array) -> tuple[str, float]:
         """While robot and frame are not known yet: distances to the shots before; over limit."""
-        fault_mm = self._running.max_distance_innovation_mm(joints, point)
+        fault_mm = self._running.distance_misfit_mm(joints, point)
         limit_mm = self._rules.distance_mm
         if not isfinite(fault_mm):
             return "the robot's model cannot be assembled at the joints that were read", fault_mm

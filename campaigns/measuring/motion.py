@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
+from campaigns.kinematics.axes import Axis
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
-from campaigns.mechanisms.mechanism import Axis
 from campaigns.planning.paths import Joints, PathCache
 from campaigns.planning.steps import Step
 from campaigns.settings.sections import SettleConfig

@@ -9,13 +9,11 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array
-from campaigns.estimation.change_detection import Cause
-from campaigns.estimation.rigid_transforms import fit_transform, frame_jacobian
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.time_series import settling
+from campaigns.fit.rigid_transforms import fit_transform, frame_jacobian
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import outcomes_covariance_mm2
@@ -37,18 +35,42 @@ ReferencePose: TypeAlias = tuple[Step, Outcome]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Cause:
+    """Possible cause of a motion: its columns (N, 3, k); a joint's name, or "frame"."""
+
+    name: str
+    columns: Array
+
+    @property
+    def is_joint(self) -> bool:
+        """Whether it is a joint's encoder."""
+        return self.name != "frame"
+
+
+@dataclass(frozen=True, slots=True)
+class RobotScatter:
+    """Scatter of a robot's point and of its joints, 1 σ, mm and rad (mm of carriages)."""
+
+    point_mm: float
+    joint: float = 0.0
+
+    def covariance_mm2(self, stated_mm2: Array, by_joints: Array) -> Array:
+        """Return the covariance (N, 3, 3) of points, with that stated and ∂point/∂joints."""
+        of_joints = self.joint**2 * by_joints @ by_joints.swapaxes(1, 2)
+        return np.asarray(stated_mm2 + self.point_mm**2 * np.eye(3) + of_joints)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ReferenceNoise:
     """Noise by which poses measured twice may differ."""
 
-    robot: VarianceComponents
+    robot: RobotScatter
     instrument: TrackerUncertainty
     """Of shots of which the tracker stated nothing."""
-    factor: float = 1.0
-    """What the fit that found it leaves over what it says."""
     freedom: float = inf
     """Degrees of freedom by which it is known."""
     limit_mm: float = inf
-    """Farther, by root mean square, is moved, whatever scatters: for a scatter nobody knows."""
+    """Farther, by root mean square, is moved, whatever scatters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +131,7 @@ def pose_settling(
     points = np.array([each.point_in_tracker_mm for each in visits])
     points, by_joints = points - _positions(nominal, joints) @ axes.T, _by_joints(nominal, joints)
     stated = outcomes_covariance_mm2(visits, noise.instrument)
-    covariance = noise.factor**2 * noise.robot.covariance_mm2(stated, axes @ by_joints)
+    covariance = noise.robot.covariance_mm2(stated, axes @ by_joints)
     return settling([each.shot for each in visits], points, covariance)
 
 
@@ -138,16 +160,16 @@ def rigid_body_test(
         noise.robot.covariance_mm2(outcomes_covariance_mm2(each, noise.instrument), by_joints)
         for each in (then, now)
     )
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance)) / noise.factor
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance))
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)
     size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
     change = ""
     if size_mm > noise.limit_mm or not _may_be_chance(chi2, seen.size, noise.freedom):
         joints = nominal.mechanism.joints
-        causes = [Cause("frame", "frame", frame_jacobian(points - points.mean(axis=0)))]
+        causes = [Cause("frame", frame_jacobian(points - points.mean(axis=0)))]
         causes += [
-            Cause("joint", axis.name, by_joints[:, :, joint : joint + 1])
+            Cause(axis.name, by_joints[:, :, joint : joint + 1])
             for joint, axis in enumerate(joints)
         ]
         change = _change(seen, whitening, causes, size_mm, nominal, noise.freedom)
@@ -172,7 +194,7 @@ def _change(
         left, count = float(np.sum((seen - columns @ size) ** 2)), len(size)
         if not _may_be_chance(left, seen.size - count, freedom):
             continue
-        if cause.kind == "joint":
+        if cause.is_joint:
             by = axes[cause.name].text(float(size[0]), "+.3f")
             words = f"the encoder of joint {cause.name} has changed by {by}"
         else:

@@ -28,29 +28,17 @@ class EngineState(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterUncertainty:
-    """How surely the identification shots so far tell the parameters: 1 σ, of the random part."""
+class PositionUncertainty:
+    """Uncertainty (1 σ) that the identification shots so far give."""
 
     shots: int
     weakest: str
-    """The parameter known worst; angles are compared by what they do at the arm's end."""
-    weakest_std: float
-    """In `unit`."""
-    length_std_mm: float
-    """Of the length known worst: what a goal is about."""
+    """Length that is known worst."""
+    weakest_std_mm: float
     position_std_mm: float
     """Of positions all over the workspace, on average, after the best fit of their frame."""
-    scatter: float
-    """What the best fit leaves of the shots, over what the tracker states of them."""
-    is_widened: bool = False
-    """Whether the scatter, by that factor or as the robot's own, made σ larger than stated."""
-    unit: str = "mm"
-    """Of `weakest_std`, mm or deg."""
-    weakest_words: str = ""
-    """The parameter known worst as people call it: `forearm of arm 3`."""
-    total_position_std_mm: float | None = None
-    """Of the same positions with errors common to all shots, as `identify` will state them; None
-    where only the tracker's noise is counted."""
+    scatter_mm: float = 0.0
+    """Scatter of the robot's point beside the tracker's noise; 0 where none was fitted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +58,9 @@ class Progress:
     """How long the beam has been broken."""
     beam_advice: str = ""
     """What the operator can do about it; empty before it was looked for in vain."""
-    known: ParameterUncertainty | None = None
+    known: PositionUncertainty | None = None
     goal_mm: float | None = None
-    """σ of the worst length at which measuring may end; None when all shall be measured."""
+    """σ of positions at which measuring may end; None when all shall be measured."""
 
 
 class RunObserver:
@@ -173,7 +161,7 @@ class RunState:
             )
         )
 
-    def update(self, known: ParameterUncertainty | None) -> None:
+    def update(self, known: PositionUncertainty | None) -> None:
         """What the shots that count tell."""
         self._progress = replace(self._progress, known=known)
 

@@ -11,7 +11,7 @@ from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reacquisition import Reacquisition, distinct_starts
-from campaigns.measuring.run_state import ParameterUncertainty, RunObserver, RunState
+from campaigns.measuring.run_state import PositionUncertainty, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import ShotTaker
 from campaigns.measuring.station import StationMonitor
@@ -33,7 +33,7 @@ class RunResult:
     left_out: int
     """Shots of the plan that were not taken: the goal was met without them."""
     goal: UncertaintyGoal | None
-    known: ParameterUncertainty | None
+    known: PositionUncertainty | None
     skipped: Mapping[tuple[int, ...], str] = field(default_factory=dict)
     """Shots that could not be measured, or should not be, and why."""
     settling: records.Event | None = None
@@ -92,7 +92,6 @@ def measure_series(
         robot,
         tracker,
         cell.tracker.weather(),
-        model=work.model,
         lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.optional)),
     )
     found = None if anew else resume.series_to_take_up(journal, work)

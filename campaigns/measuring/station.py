@@ -6,10 +6,10 @@ from math import dist, hypot
 
 import numpy as np
 
-from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.journal.records import Event, Outcome
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.stopping_rule import in_ranges
-from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_check import view_fault
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View

@@ -1,4 +1,4 @@
-"""How surely the parameters shall be known before measuring may end: `σ=0.02`."""
+"""How surely positions shall be known before measuring may end: `--until 0.02`."""
 
 import math
 import re
@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from campaigns.errors import OptionsInvalid, PlanInvalid
+from campaigns.files.wording import shown
 from campaigns.journal.records import Event
-from campaigns.measuring.run_state import ParameterUncertainty
+from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.steps import Group
 from campaigns.shots.shot_sets import ShotSet
@@ -17,33 +18,28 @@ from drivers.values import Vector3
 
 LARGEST_MM = 10.0
 """No calibration is asked for less than this."""
-_GOAL = re.compile(r"(?:σ|sigma|std)\s*=\s*(?P<number>\S+)", re.IGNORECASE)
+_GOAL = re.compile(r"(?:(?:σ|s|sigma|std)\s*=\s*)?(?P<number>[^\s=]+?)\s*(?:mm)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class UncertaintyGoal:
-    """What must hold for every length that is identified."""
+    """Mean 1 σ of positions over the workspace that ends a run, mm."""
 
     std_mm: float
-    """1 σ."""
 
     def __str__(self) -> str:
-        """As it is typed."""
-        return f"σ={self.std_mm:g}"
+        """Write it as it is typed."""
+        return f"{self.std_mm:g}"
 
 
 def read_goal(text: str) -> UncertaintyGoal:
-    """From `σ=0.02` or `sigma=0.02`, in mm; raises `OptionsInvalid`."""
+    """Read a goal such as `0.02` (mm), `0.02 mm` or `σ=0.02`; raise `OptionsInvalid`."""
     matched = _GOAL.fullmatch(text.strip())
-    if matched is None:
-        raise OptionsInvalid(
-            f"goal '{text}' is not understood", remedy="give a standard deviation, as σ=0.02 (mm)"
-        )
-    std_mm = _number(matched["number"])
+    std_mm = math.nan if matched is None else _number(matched["number"])
     if not 0.0 < std_mm <= LARGEST_MM:
         raise OptionsInvalid(
-            f"goal σ is {matched['number']}, must be above 0 and at most {LARGEST_MM:g} mm",
-            remedy="give the standard deviation of the worst length, as σ=0.02 (mm)",
+            f"--until is '{shown(text)}', must be above 0 and at most {LARGEST_MM:g} mm",
+            remedy="give the mean σ of positions in mm, such as 0.02",
         )
     return UncertaintyGoal(std_mm)
 
@@ -56,13 +52,13 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def is_met(goal: UncertaintyGoal | None, known: ParameterUncertainty | None) -> bool:
+def is_met(goal: UncertaintyGoal | None, known: PositionUncertainty | None) -> bool:
     """Whether enough is known; without a goal it never is."""
-    return goal is not None and known is not None and known.length_std_mm <= goal.std_mm
+    return goal is not None and known is not None and known.position_std_mm <= goal.std_mm
 
 
 def early_stop(
-    goal: UncertaintyGoal | None, known: ParameterUncertainty | None, left: Sequence[Group]
+    goal: UncertaintyGoal | None, known: PositionUncertainty | None, left: Sequence[Group]
 ) -> tuple[tuple[Group, ...], Event] | None:
     """What serves something else than to identify, and what the journal says of the others.
 
@@ -75,8 +71,7 @@ def early_stop(
         return None
     shots = sorted(step.planned.shot for group in superfluous for step in group)
     text = (
-        f"goal {goal} met by {known.shots} shots: every length to ±{known.length_std_mm:.4f} mm, "
-        f"positions to ±{known.position_std_mm:.4f} mm; "
+        f"goal {goal} mm met by {known.shots} shots: positions to ±{known.position_std_mm:.4f} mm; "
         f"{len(shots)} shots left out: {in_ranges(shots)}"
     )
     wanted = tuple(group for group in left if not _only_identifies(group))
@@ -85,7 +80,7 @@ def early_stop(
 
 def predicted_stop(
     goal: UncertaintyGoal, monitor: UncertaintyMonitor, tracker_mm: Vector3
-) -> tuple[ParameterUncertainty, int]:
+) -> tuple[PositionUncertainty, int]:
     """What the whole plan will tell, seen from there, and how many shots will do for the goal.
 
     If they scatter only as the tracker states; shots to identify from, in the order of the plan.
@@ -94,11 +89,11 @@ def predicted_stop(
     whole = monitor.predicted(tracker_mm)
     if whole is None or not is_met(goal, whole):
         raise PlanInvalid(
-            f"goal {goal}: the whole plan "
+            f"goal {goal} mm: the whole plan "
             + (
-                "has too few shots to identify from, or they cannot determine all parameters"
+                "has too few shots to identify from"
                 if whole is None
-                else f"will give {whole.length_std_mm:.3g} mm"
+                else f"will give {whole.position_std_mm:.3g} mm"
             ),
             remedy=f"plan more shots, with `pkmcal plan --until {goal}`, or ask for less; foreseen "
             "for a tracker as stated by tracker.uncertainty in campaign.yaml",

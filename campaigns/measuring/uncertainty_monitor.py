@@ -1,157 +1,127 @@
-"""Uncertainty monitor: how surely the parameters are known while a plan is measured."""
+"""Uncertainty monitor: how surely positions are known while a plan is measured."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.errors import ShotsInvalid, ShotsMissing
-from campaigns.estimation import information
-from campaigns.identification.fit import Fit, PointFit, fit_shots
-from campaigns.identification.hold_out import unseen_pairs
-from campaigns.identification.observations import Inputs
+from campaigns.arrays import Array
+from campaigns.errors import PlanInvalid
+from campaigns.fit.changes import fit_with_changes
+from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM
+from campaigns.fit.posterior import Posterior
+from campaigns.fit.uncertainty import null_directions, position_std_mm
+from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.journal.records import Outcome
-from campaigns.measuring.run_state import ParameterUncertainty
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.measuring.run_state import PositionUncertainty
+from campaigns.planning.forecast import Judged, forecast, judged_at, judged_positions
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.predicted_uncertainty import (
-    EstimationSetup,
-    predicted_uncertainty,
-    sample_positions,
-    with_common_errors,
-)
+from campaigns.planning.plans import poses_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_outcomes
 from drivers.values import Vector3
 
+FEWEST_SHOTS = 6
+"""Shots from which uncertainty is stated."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UncertaintyMonitor:
-    """Standard uncertainty that any shots of one plan give the parameters."""
+    """Uncertainty of positions that any shots of one plan give."""
 
     planned: Mapping[int, PlannedShot]
     """All shots of the plan by their numbers."""
-    kinematics: Kinematics
-    """The nominal one."""
-    setup: EstimationSetup
-    """Its uncertainty is for shots of which the tracker states none."""
-    workspace: information.WorkspaceSample
-    """By the nominal robot."""
+    model: ErrorModel
+    options: IdentificationOptions
+    judged: Judged
+    """Positions all over the workspace, by the nominal robot."""
 
     @classmethod
     def of_plan(
-        cls, shots: Iterable[PlannedShot], robot: RobotModel, setup: EstimationSetup
+        cls, shots: Iterable[PlannedShot], robot: RobotModel, options: IdentificationOptions
     ) -> "UncertaintyMonitor":
-        """Monitor of a plan; raises `ConfigInvalid` as `sample_positions` does."""
+        """Make the monitor of a plan; raise `ConfigInvalid` as `judged_positions` does."""
         planned = {shot.shot: shot for shot in shots}
-        sample = sample_positions(robot, setup.free, _identifying(planned.values()))
-        return cls(planned, robot.kinematics, setup, sample)
+        model = error_model(robot.kinematics, None, options)
+        otherwise = poses_of(tuple(planned.values())).reshape(-1, len(robot.centre))
+        return cls(planned, model, options, judged_positions(model, robot, otherwise))
 
-    def fitted(self, outcomes: Iterable[Outcome]) -> ParameterUncertainty | None:
-        """Uncertainty by accepted shots as `identify` states it; None for too few."""
-        free, (inputs, fit) = self.setup.free, self._fit(outcomes)
-        if fit is None:
-            return None
-        found, noise = fit.found, fit.stated_noise
-        if (
-            not found.fit.converged
-            or found.seen.rank < len(free)
-            or noise.dof < information.MINIMUM_DOF
-        ):
-            return None
-        unseen = unseen_pairs(inputs, fit)
-        known = fit.uncertainty(free, unseen.tested, self.setup.uncertainty)
-        identified = fit.observations.model.kinematics(found.x[: len(free)])
-        sample = information.WorkspaceSample.of_workspace(identified, free, self.workspace.poses)
-        if known is None or sample is None:
-            return None
-        count = sum(purpose is ShotSet.IDENTIFICATION for purpose in inputs.shots.purposes)
-        return self._in_words(count, known, sample, noise, robot_scatters=fit.scatter.any)
+    def fitted(self, outcomes: Iterable[Outcome]) -> PositionUncertainty | None:
+        """Fit accepted shots; return the uncertainty as `identify` states it, None for too few."""
+        posterior = self.posterior(outcomes)
+        return None if posterior is None else self._stated(posterior)
 
-    def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:
-        """Fit of all coordinates as `identify` makes it; None for too few shots to tell scatter."""
-        _, fit = self._fit(outcomes)
-        points = None if fit is None else fit.points
-        if points is None or not points.found.fit.converged:
+    def posterior(self, outcomes: Iterable[Outcome]) -> Posterior | None:
+        """Fit the accepted shots to identify from; return None for too few of them."""
+        shots = self._shots([o for o in outcomes if self._identifies(o)])
+        if len(shots) < FEWEST_SHOTS:
             return None
-        return points if points.found.noise.dof >= information.MINIMUM_DOF else None
+        solution = self.model.nominal.forward(shots.joints, approach=shots.approach)
+        rows = np.flatnonzero(solution.found)
+        observations = observations_of(shots.rows(rows), solution.values[rows], self.options)
+        try:
+            posterior, _ = fit_with_changes(self.model, observations)
+        except (ValueError, np.linalg.LinAlgError):  # the shots place no frame yet
+            return None
+        return posterior if posterior.arrived else None
 
     def predicted(
         self, tracker_mm: Vector3, count: int | None = None
-    ) -> ParameterUncertainty | None:
-        """Uncertainty by the plan's first shots or all, seen from there, if they scatter as stated.
+    ) -> PositionUncertainty | None:
+        """Return the uncertainty by the plan's first shots or all, seen from a tracker's place.
 
-        None for too few to tell.
+        None for too few of them.
         """
-        shots = _identifying(self.planned.values())[:count]
-        if not shots:
+        shots = [s for s in self.planned.values() if s.purpose is ShotSet.IDENTIFICATION][:count]
+        instrument = self.options.instrument
+        try:
+            at = forecast(shots, self.model, np.array(tracker_mm), instrument, self.judged)
+        except PlanInvalid:
             return None
-        at_mm = np.array(tracker_mm)
-        found, _ = predicted_uncertainty(shots, self.kinematics, at_mm, self.setup)
-        if not found.full_rank:
-            return None
-        if count is None:
-            every = tuple(self.planned.values())
-            found = with_common_errors(found, every, self.kinematics, at_mm, self.setup)
-        return self._in_words(len(shots), found, self.workspace)
+        worst = at.worst("mm") or ("", 0.0)
+        return PositionUncertainty(at.shots, *worst, float(at.position_std_mm.mean()))
 
-    def _fit(self, outcomes: Iterable[Outcome]) -> tuple[Inputs, Fit | None]:
-        """Fit of those that are in the plan."""
-        taken = [outcome for outcome in outcomes if outcome.shot in self.planned]
-        inputs = self._inputs(self._shots(taken))
-        return inputs, _fit(inputs)
+    def _identifies(self, outcome: Outcome) -> bool:
+        planned = self.planned.get(outcome.shot)
+        return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
 
     def _shots(self, taken: Sequence[Outcome]) -> Shots:
         planned = [self.planned[outcome.shot] for outcome in taken]
         return shots_of_outcomes(
             taken,
-            self.kinematics.mechanism,
+            self.model.nominal.mechanism,
             purposes=[shot.purpose for shot in planned],
             pairs=[shot.pair for shot in planned],
             targets=[shot.pose for shot in planned],
         )
 
-    def _inputs(self, shots: Shots) -> Inputs:
-        setup = self.setup
-        options = IdentificationOptions(estimator=setup.estimator, instrument=setup.uncertainty)
-        return Inputs.of(self.kinematics, shots, ParameterSelection(setup.free), options)
+    def _stated(self, posterior: Posterior) -> PositionUncertainty | None:
+        """Return the uncertainty of positions at the poses that the fitted robot can take."""
+        robot = self.model.kinematics(posterior.x)
+        joints = robot.inverse(self.judged.poses)
+        found = joints.found.copy()
+        found[found] = robot.forward(joints.values[found], self.judged.poses[found]).found
+        if not found.any():
+            return None
+        judged = judged_at(self.model, robot, joints.values[found], self.judged.poses[found])
+        size = len(self.model.names)
+        std = position_std_mm(judged.by_unknowns, posterior.covariance[:size, :size])
+        name, length_std = self._worst_length(posterior)
+        scatter = SCATTER_TOLERANCE_MM * posterior.components.factors["points"] ** 0.5
+        count = int(posterior.kept.sum())
+        return PositionUncertainty(count, name, length_std, float(std.mean()), scatter)
 
-    def _in_words(
-        self,
-        shots: int,
-        known: information.Uncertainty,
-        sample: information.WorkspaceSample,
-        noise: information.ChiSquareTest | None = None,
-        *,
-        robot_scatters: bool = False,
-    ) -> ParameterUncertainty:
-        space, std = self.kinematics.mechanism.parameters, known.std()
-        levers_mm = self.kinematics.mechanism.sensitivity_scale_mm(self.kinematics.p)
-        sizes_mm = levers_mm[space.places(known.names)] * space.units(known.names)
-        weakest = known.names[int(np.argmax(sizes_mm * np.array(list(std.values()))))]
-        return ParameterUncertainty(
-            shots,
-            weakest,
-            std[weakest],
-            known.largest("mm"),
-            float(known.random.of_positions(sample).mean()),
-            0.0 if noise is None else noise.birge_ratio or 0.0,
-            known.sigma0 > 1.0 or robot_scatters,
-            space[weakest].unit,
-            space[weakest].words,
-            float(known.of_positions(sample).mean()) if known.common else None,
-        )
-
-
-def _fit(inputs: Inputs) -> Fit | None:
-    try:
-        return fit_shots(inputs)
-    except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
-        return None
-
-
-def _identifying(shots: Iterable[PlannedShot]) -> tuple[PlannedShot, ...]:
-    return tuple(shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION)
+    def _worst_length(self, posterior: Posterior) -> tuple[str, float]:
+        """Return the length that is known worst, with its 1 σ in mm."""
+        size, table = len(self.model.names), self.model.nominal.mechanism.parameters
+        covariance = null_directions(posterior).without(posterior.covariance[:size, :size])
+        std: Array = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * self.model.tolerance
+        lengths = {
+            name: float(std[place])
+            for place, name in enumerate(self.model.parameters)
+            if table[name].unit == "mm"
+        }
+        return max(lengths.items(), key=lambda row: row[1], default=("", 0.0))

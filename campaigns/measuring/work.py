@@ -1,27 +1,32 @@
 """Work of a session: what is to be measured, by which rules, and what all that do it share."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from math import isclose
 
 from pydantic import JsonValue
 
-from campaigns.estimation.running_fit import RunningFit
-from campaigns.estimation.variance_components import VarianceComponents
+from campaigns.fit.error_sources import (
+    SCATTER_TOLERANCE_JOINT_MM,
+    SCATTER_TOLERANCE_MM,
+    SCATTER_TOLERANCE_RAD,
+)
+from campaigns.identification.observations import error_model
+from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.reference_poses import ReferenceNoise
-from campaigns.measuring.run_state import ParameterUncertainty, RunState
+from campaigns.measuring.reference_poses import ReferenceNoise, RobotScatter
+from campaigns.measuring.run_state import PositionUncertainty, RunState
+from campaigns.measuring.running_fit import RunningFit
 from campaigns.measuring.series_log import SeriesLog
 from campaigns.measuring.station import Station
 from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.measuring.wishes import Wishes
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.settings.sections import GateConfig, NestConfig, SettleConfig
 from campaigns.shots.shot_sets import ShotSet
@@ -31,6 +36,8 @@ from drivers.values import Matrix3, Vector3
 
 UNKNOWN_NOISE = 0.25
 """Standard deviation, in parts of the limit of drift, of a robot whose noise nobody knows yet."""
+FEWEST_FREEDOM = 6.0
+"""Degrees of freedom of a fit from which the robot's scatter is estimated by it."""
 UNATTENDED_BEAM_WAIT_S = 600.0
 
 
@@ -109,7 +116,7 @@ class Work:
     """How far from the tracker to search while the robot's place is not known to it."""
     look_back_s: float = 60.0
     """How long a reflector that was never seen at a pose is waited for there."""
-    setup: EstimationSetup
+    options: IdentificationOptions
     """How the shots will be identified from, which says how much is known."""
     station: Station | None = None
     """Where the tracker is said to stand; None: nobody said it."""
@@ -123,8 +130,6 @@ class Work:
     """Joints where the robot is parked; (): at the first drift pose, or where it stands."""
     ends_at: tuple[float, ...] = ()
     """Joints where the robot is left at the end; (): where the last shot was taken."""
-    model: str = ""
-    """What the shots were planned to tell, by the word of `--model`; of a run."""
     nests: tuple[NestConfig, ...] = ()
     reflector: str = ""
     """The robot's, by its name in the tracker."""
@@ -146,38 +151,42 @@ class Work:
         return tuple(group for group in groups(self.steps) if self.skip & set(shots_of(group)))
 
     def uncertainty_monitor(self) -> UncertaintyMonitor:
-        """Monitor of how much is known of the parameters."""
+        """Return the monitor of how surely positions are known."""
         if not self._monitors:
             shots = [step.planned for step in self.steps]
-            self._monitors.append(UncertaintyMonitor.of_plan(shots, self.robot, self.setup))
+            self._monitors.append(UncertaintyMonitor.of_plan(shots, self.robot, self.options))
         return self._monitors[0]
 
-    def known_from(self, shots: Iterable[AcceptedShot]) -> ParameterUncertainty | None:
-        """What the accepted shots of a series tell of the parameters, as `identify` will find."""
+    def known_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
+        """Fit the accepted shots of a series, and return the uncertainty that they give."""
         return self.uncertainty_monitor().fitted(shot.outcome for shot in shots)
 
     def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
-        """Noise of poses measured twice: the tracker's, and the robot's own by these shots.
+        """Return the noise of poses measured twice: the tracker's, and the robot's own scatter.
 
-        Too few to tell that let the robot scatter by a part of what drift shots may.
+        With too few shots to estimate it, the robot may scatter by a part of what drift shots may.
         """
-        instrument, fit = self.setup.uncertainty, self.uncertainty_monitor().point_fit(outcomes)
-        if fit is None:
-            drift = VarianceComponents(point_mm=self.gate.drift_mm * UNKNOWN_NOISE)
+        instrument, freedom = self.options.instrument, 0.0
+        posterior = self.uncertainty_monitor().posterior(outcomes)
+        if posterior is not None:
+            used = (posterior.covariance * posterior.prior).sum()
+            freedom = 3.0 * posterior.kept.sum() - len(posterior.covariance) + float(used)
+        if posterior is None or freedom < FEWEST_FREEDOM:
+            drift = RobotScatter(self.gate.drift_mm * UNKNOWN_NOISE)
             return ReferenceNoise(drift, instrument, limit_mm=self.gate.drift_mm)
-        noise = fit.found.noise
-        return ReferenceNoise(fit.scatter, instrument, noise.widening, noise.dof)
+        factors = posterior.components.factors
+        revolute = self.robot.kinematics.mechanism.joints[0].is_revolute
+        joint = SCATTER_TOLERANCE_RAD if revolute else SCATTER_TOLERANCE_JOINT_MM
+        scatter = RobotScatter(
+            SCATTER_TOLERANCE_MM * factors["points"] ** 0.5, joint * factors["joints"] ** 0.5
+        )
+        return ReferenceNoise(scatter, instrument, freedom, self.gate.drift_mm)
 
     def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
-        """A gate that knows these shots and no others.
-
-        What `identify` is told to hold need not be right: the usual parameters are free here.
-        """
-        kinematics = self.robot.kinematics
-        space = kinematics.mechanism.parameters
-        wanted = {*space.free_by_default, *self.setup.free}
-        free = tuple(name for name in space.geometry if name in wanted)
-        gate = InnovationGate(self.gate, lambda: RunningFit(kinematics, free))
+        """Return a gate that rests on these shots alone, with all sources of error free."""
+        options = replace(self.options, fix=(), prior=())
+        model = error_model(self.robot.kinematics, None, options)
+        gate = InnovationGate(self.gate, lambda: RunningFit(model, options.instrument))
         gate.restart(shot.outcome for shot in shots if not shot.intent.nest)
         return gate
 

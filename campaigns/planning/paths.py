@@ -14,7 +14,9 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.tours import travel_rad
-from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits, Violation, outside
+from campaigns.kinematics.axes import Axis, outside
+from campaigns.kinematics.feasibility import Feasibility, Limits, Violation, path_feasibility
+from campaigns.kinematics.mechanism import Kinematics
 
 Joints = tuple[float, ...]
 Stop = tuple[str, Array]
@@ -174,7 +176,7 @@ class RobotModel:
         wider = self.limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
         passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
         p = self.kinematics.p
-        return self.kinematics.mechanism.path_feasibility(p, passing, joints, poses)
+        return path_feasibility(self.kinematics.mechanism, p, passing, joints, poses)
 
     def _space_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
         """Zone that is entered on each move (M, n), or on straight lines a controller may take."""

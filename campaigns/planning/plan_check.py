@@ -9,7 +9,9 @@ from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.feasibility import Feasibility, Limits
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel, check_paths
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, joints_of, poses_of
@@ -117,7 +119,7 @@ def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[
     """The joint that is furthest from where the shot's pose wants it, if that is too far."""
     away = np.abs(np.array(shot.joints) - judged.joints[row])
     joint = int(np.argmax(away))
-    axis = judged.joint_axes[joint]
+    axis = judged.chain.joints[joint]
     limit = AGREEMENT_RAD * axis.scale
     if not away[joint] <= limit:
         yield (

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
-from campaigns.estimation.estimators import Model
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
-from campaigns.files.wording import shown, suggestion
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import pose_of
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
@@ -19,7 +17,7 @@ from drivers.values import Pose
 
 KEYS = ("shot", "set", "pair")
 MODEL = "model"
-"""Column of the model that a plan was made for; older plans lack it."""
+"""Column of older plans, which says for which model they were made: kept, without effect."""
 FORMER = ("asked",)
 """Columns of older plans, which are read without effect."""
 
@@ -30,9 +28,9 @@ REMEDY = "make one with `pkmcal plan`"
 class PlannedShot:
     """Shot to be taken: where the plate shall be, and the joint values that bring it there.
 
-    The pose is the controlled point in the base frame. `pair` is None for sets without pairs,
-    `model`, which the plan was made to tell, in plans that don't say. `nest` names the fixed place
-    whose reflector is measured while the robot stands there; empty: the robot's own is.
+    The pose is the controlled point in the base frame. `pair` is None for sets without pairs.
+    `nest` names the fixed place whose reflector is measured while the robot stands there; empty:
+    the robot's own is. `model` is a word of older plans.
     """
 
     shot: int
@@ -40,13 +38,8 @@ class PlannedShot:
     pair: int | None
     pose: Pose
     joints: tuple[float, ...]
-    model: Model | None = None
+    model: str = ""
     nest: str = ""
-
-
-def plan_model(shots: Sequence[PlannedShot]) -> Model:
-    """Model that a plan was made for; the standard one where it says none."""
-    return next((shot.model for shot in shots if shot.model), Model.STANDARD)
 
 
 def plan_columns(mechanism: ClosedChain) -> tuple[str, ...]:
@@ -103,10 +96,7 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
         *columns.axis_text_columns(mechanism.task, [shot.pose.coordinates for shot in shots]),
         *columns.axis_text_columns(mechanism.joints, [shot.joints for shot in shots]),
     ]
-    told = {
-        columns.NEST: [shot.nest for shot in shots],
-        MODEL: [shot.model or "" for shot in shots],
-    }
+    told = {columns.NEST: [shot.nest for shot in shots], MODEL: [shot.model for shot in shots]}
     for name, values in told.items():
         if any(values):
             head = (*head, name)
@@ -127,7 +117,6 @@ def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedSho
     values = [columns.axis_rows(rows, axes) for axes in (mechanism.task, mechanism.joints)]
     shots = tuple(_shot_of(row, *values) for row in rows)
     _check_numbers(rows, shots)
-    _check_models(rows, shots)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
@@ -157,26 +146,6 @@ def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None
         seen.add(shot.shot)
 
 
-def _check_models(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None:
-    first = plan_model(shots)
-    for row, shot in zip(rows, shots, strict=True):
-        if shot.model not in {None, first}:
-            raise row.wrong(
-                f"{MODEL} is {shot.model}, in rows before {first}",
-                remedy="plan for one model, or leave the column out",
-            )
-
-
-def _model_of(row: CsvRow) -> Model | None:
-    text = row.text(MODEL)
-    if not text:
-        return None
-    known = [each.value for each in Model]
-    if text not in known:
-        raise row.wrong(f"{MODEL} is '{shown(text)}'", remedy=suggestion(text, known))
-    return Model(text)
-
-
 def _shot_of(
     row: CsvRow, poses: Iterator[tuple[float, ...]], joints: Iterator[tuple[float, ...]]
 ) -> PlannedShot:
@@ -188,6 +157,6 @@ def _shot_of(
         pair=columns.pair_number(row, purpose),
         pose=pose_of(next(poses)),
         joints=next(joints),
-        model=_model_of(row),
+        model=row.text(MODEL),
         nest=columns.nest_name(row, purpose),
     )

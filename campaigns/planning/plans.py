@@ -20,7 +20,8 @@ from campaigns.design.pose_sampling import (
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.tours import DRIFT_MARGIN, EVEN_SHARE, balance_approaches, shortest_tour
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.mechanism import Kinematics, Limits
+from campaigns.kinematics.feasibility import Limits
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, pose_of, pose_row
@@ -77,12 +78,13 @@ class PlanRequest:
     """None: as many as show how the robot warms up."""
     centre: Pose
     space: RestrictedSpace = UNRESTRICTED
-    tells_backlash: bool = False
-    """Joints come evenly from both sides: for a model that what gears do may be added to."""
 
     def ordered(self, joints: Array, pairs: Index, start: Array, fitted: int) -> Index:
-        """Tour of the pairs (M, 2) that this asks for, the first rows being fitted."""
-        if not (self.tells_backlash and fitted):
+        """Return a tour of the pairs (M, 2), of which the first rows are fitted.
+
+        Their joints come evenly from both sides, which determines backlash.
+        """
+        if not fitted:
             return shortest_tour(joints, pairs, start)
         counted = np.arange(len(joints)) < fitted
         return balance_approaches(joints, pairs, start, counted, EVENLY)
@@ -260,38 +262,6 @@ def with_nests(
             found += [replace(length, nest=name) for name in bar]
         found += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in alone]
     return tuple(replace(shot, shot=number) for number, shot in enumerate(found))
-
-
-def commanded_to(shots: Sequence[PlannedShot], kinematics: Kinematics) -> tuple[PlannedShot, ...]:
-    """Shots at the same joints, their poses those by another model; raises `NoSolution`."""
-    joints, of = np.unique(joints_of(shots), axis=0, return_inverse=True)
-    near = np.empty((len(joints), len(kinematics.mechanism.task)))
-    near[of] = poses_of(shots)
-    poses = kinematics.forward(joints, near).values_or_raise()
-    return tuple(
-        replace(shot, pose=pose_of(poses[row])) for shot, row in zip(shots, of.flat, strict=True)
-    )
-
-
-def spread_shots(
-    shots: Sequence[PlannedShot], kinematics: Kinematics, count: int
-) -> tuple[PlannedShot, ...]:
-    """Choose identification shots spread evenly over a plan's tour, as shots of a check.
-
-    The same ones each time. Raises `PlanInvalid` for a plan of fewer, and `NoSolution`.
-    """
-    fitted = [shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION]
-    if len(fitted) < count:
-        raise PlanInvalid(
-            f"plan.csv has {len(fitted)} identification shots, {count} are needed",
-            remedy="ask for fewer with --shots, or plan again with `pkmcal plan`",
-        )
-    rows = np.linspace(0, len(fitted) - 1, count).round().astype(np.intp)
-    chosen = commanded_to([fitted[row] for row in rows], kinematics)
-    return tuple(
-        PlannedShot(number, ShotSet.CHECK, None, shot.pose, shot.joints)
-        for number, shot in enumerate(chosen)
-    )
 
 
 def joints_of(shots: Sequence[PlannedShot]) -> Array:

@@ -4,7 +4,8 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
-from campaigns.mechanisms.mechanism import Kinematics, Limits
+from campaigns.kinematics.feasibility import Limits, search_extent
+from campaigns.kinematics.mechanism import Kinematics
 from drivers.values import Vector3, vector
 
 HEIGHTS = 200
@@ -21,7 +22,7 @@ def middle_of_reach_mm(kinematics: Kinematics, limits: Limits) -> Vector3:
     """
     origin = np.zeros(len(kinematics.mechanism.task))
     origin[:3] = base_mm(kinematics).mean(axis=0)
-    extent = kinematics.mechanism.search_extent(kinematics.p, limits, origin)
+    extent = search_extent(kinematics.mechanism, kinematics.p, limits, origin)
     below_mm = np.linspace(0.0, 2.0 * float(extent[2]), HEIGHTS)
     reaches = np.array([_reach_mm(kinematics, limits, origin, each, extent) for each in below_mm])
     if not (reaches > 0.0).any():

@@ -17,12 +17,14 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import write_new_text
 from campaigns.files.wording import suggestion
-from campaigns.mechanisms.catalog import find_mechanism
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
-from campaigns.mechanisms.parameters import Parameters, ParameterSpace
-from campaigns.mechanisms.parasitic_rotation import PlateGeometry
-from campaigns.mechanisms.transmission import STEEPEST
+from campaigns.kinematics.axes import Axis, Interval
+from campaigns.kinematics.catalog import find_mechanism
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.feasibility import Limits
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Parameters, ParameterTable
+from campaigns.kinematics.platforms import PlateGeometry
+from campaigns.kinematics.transmission import STEEPEST
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
@@ -35,6 +37,10 @@ FOR_SOME_CONTROLLERS = (
     "`pkmcal correct`"
 )
 """Remark where such a set is found and where it is written."""
+INNER_OF = {"mm": 1.0, "deg": math.pi / 180.0, "ppm": 1e-6}
+"""Factors from units of tolerances to those of the fit."""
+EXPANSION, EXPANSIONS = "_expansion_ppm", "expansion_ppm_per_degC"
+REFERENCE = "reference_temperature_degC"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +57,12 @@ class RobotFile:
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """1 σ of parts about nominal by group and unit (`rods_deg`), in mm, rad or ratios."""
+    expansions: Mapping[str, float] = field(default_factory=dict)
+    """By the names of `parameters.thermal`, ppm/°C, where the file says."""
+    reference_degC: float | None = None
+    """Temperature of parts for which parameters are stated, where the file says."""
 
     def __repr__(self) -> str:
         kind = "identified" if self.provenance else "nominal"
@@ -81,7 +93,7 @@ class RobotFile:
         if beyond:
             raise ConfigInvalid(
                 f"{self.name}: {beyond[0]} is {values[beyond[0]]:g}, but the controller's "
-                f"kinematics has no {values.space[beyond[0]].field.words}s",
+                f"kinematics has no {values.table[beyond[0]].field.words}s",
                 remedy=remedy,
             )
 
@@ -148,6 +160,8 @@ def compensated(
     name: str,
     parameters: Mapping[str, float],
     provenance: Mapping[str, JsonValue] | None = None,
+    expansions: Mapping[str, float] | None = None,
+    reference_degC: float | None = None,
 ) -> RobotDocument:
     """Put other parameters, with their 1 σ, into a copy of the nominal's document.
 
@@ -158,7 +172,12 @@ def compensated(
     tree = nominal.document.editable_tree()
     _set_values(tree["geometry"], own)
     tree["name"] = name
-    if (rate := own.space.rate.name) in own and own.rate != nominal.robot.mechanism.rate:
+    stated = {name.removesuffix(EXPANSION): ppm for name, ppm in (expansions or {}).items()}
+    for key, told in ((EXPANSIONS, stated), (REFERENCE, reference_degC if stated else None)):
+        tree.pop(key, None)  # the nominal's are of other lengths
+        if told not in ({}, None):
+            tree[key] = told
+    if (rate := own.table.rate.name) in own and own.rate != nominal.robot.mechanism.rate:
         tree[rate] = own.rate
     tree["uncertainty"] = known or {}
     tree["provenance"] = dict(provenance or {})
@@ -183,7 +202,7 @@ def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
 
     What is optional and becomes 0 leaves the file.
     """
-    for each in map(parameters.space.__getitem__, parameters.space.of_robot):
+    for each in map(parameters.table.__getitem__, parameters.table.of_robot):
         holder = geometry if each.arm is None else geometry["arms"][each.arm]
         value = parameters.get(each.name, 0.0)
         if value == holder.get(each.field.name, 0.0):
@@ -252,6 +271,9 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
+        {key: INNER_OF[key.rpartition("_")[2]] * v for key, v in contents.tolerances.items()},
+        {f"{n}{EXPANSION}": v for n, v in (contents.expansion_ppm_per_degC or {}).items()},
+        contents.reference_temperature_degC,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(
@@ -269,7 +291,9 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
     """
     drawn = mechanism.with_plate(_plate(mechanism, parameters, contents))
     drawn = drawn.with_ripples(parameters.rate)
-    ripples = [name for name in parameters.extended_by if parameters.space[name].is_ripple]
+    ripples = [
+        name for name in parameters.extended_by if parameters.table[name].field.group == "ripple"
+    ]
     if ripples and not parameters.rate:
         raise ConfigInvalid(
             f"{contents.name}: {ripples[0]} is {parameters[ripples[0]]:g}, but the file does not "
@@ -289,7 +313,7 @@ def _plate(
     mechanism: ClosedChain, parameters: Parameters, contents: RobotContents
 ) -> PlateGeometry:
     """Drawing of the plate, typical where the file does not say."""
-    typical = mechanism.typical_plate(parameters.vector)
+    typical = mechanism.plate_of(mechanism.geometry(parameters.vector))
     return replace(
         typical,
         joints_mm=contents.plate_joints_mm or typical.joints_mm,
@@ -297,7 +321,7 @@ def _plate(
     )
 
 
-def _by_name(space: ParameterSpace, geometry: yaml_file.FileModel) -> dict[str, float]:
+def _by_name(space: ParameterTable, geometry: yaml_file.FileModel) -> dict[str, float]:
     """Values by name, as the file has them."""
     values = geometry.model_dump()
     arms = values.pop("arms")

@@ -14,10 +14,11 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files.ranges import RISING, Length, Place, PlaceRange, Point
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
-from campaigns.mechanisms.catalog import MECHANISMS, find_mechanism
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Axis
-from campaigns.mechanisms.parameters import Parameter, ParameterField
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.catalog import MECHANISMS, find_mechanism
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
 
 SCHEMA = "pkmcal/robot/1"
 
@@ -65,6 +66,26 @@ class Tolerance(FileModel):
         return limits[parameter.unit]
 
 
+def _tolerances(values: dict[str, float]) -> dict[str, float]:
+    """Check that tolerances are positive, and of a group of error sources in its unit."""
+    for key, value in values.items():
+        if key not in TOLERANCES:
+            hint = suggestion(key, TOLERANCES)
+            raise broken_rule(f"names {shown(key)}, which is no group of error sources ({hint})")
+        if not 0.0 < value < float("inf"):
+            raise broken_rule(f"{key} is {value:g}, must be above 0")
+    return values
+
+
+TOLERANCES = tuple(
+    f"{group}_{unit}"
+    for group in SOURCES
+    if group not in TRACKER_SOURCES
+    for unit in (("ppm",) if group in {"ratio", "growth"} else ("mm", "deg"))
+)
+"""Keys of the section `tolerances`."""
+
+
 class RobotContents(FileModel):
     """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
 
@@ -104,9 +125,24 @@ class RobotContents(FileModel):
         description="of robots with cranks: periods of a gear's error in a turn of the arm, as its "
         "ratio is; may be left out",
     )
+    expansion_ppm_per_degC: dict[Literal["arm", "forearm", "frame"], Expansion] | None = Field(
+        default=None,
+        description="growth of arms or rails, forearms and frame, ppm/°C; may be left out",
+    )
+    reference_temperature_degC: float | None = Field(
+        default=None,
+        ge=-50.0,
+        le=150.0,
+        description="the parts' temperature for which the geometry is stated, °C",
+    )
     tolerance: Tolerance = Field(
         default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",
+    )
+    tolerances: Annotated[dict[str, float], AfterValidator(_tolerances)] = Field(
+        default_factory=dict,
+        description="1 σ of how far parts usually are from nominal, by group of error sources; "
+        "may be left out",
     )
     uncertainty: Deviations | None = Field(
         default=None,
@@ -149,13 +185,13 @@ def contents_model(word: object) -> type[RobotContents]:
 def _model_of(mechanism: ClosedChain) -> type[RobotContents]:
     word = mechanism.name
     space = mechanism.parameters
-    arm = _fields_model("ArmContents", space.arm_fields, space.optional_fields)
+    arm = _fields_model("ArmContents", space.arm_fields, space.fields(*OPTIONAL))
     count, keys = COUNTS[space.arms], len(space.arm_fields)
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _made(
         "GeometryContents",
         arms=(tuple[(arm,) * space.arms], arms),  # type: ignore[misc]
-        **{field.name: _definition(field) for field in space.platform_fields},
+        **_definitions(space.platform_fields, space.fields(*OPTIONAL, of_arms=False)),
     )
     named = ", ".join(("arms", *(field.name for field in space.platform_fields)))
     limits = _limits_model(mechanism)
@@ -208,13 +244,18 @@ def _range_of(axis: Axis, what: str) -> Definition:
 def _fields_model(
     name: str, fields: tuple[ParameterField, ...], optional: tuple[ParameterField, ...]
 ) -> type[FileModel]:
+    return _made(name, **_definitions(fields, optional))
+
+
+def _definitions(
+    fields: tuple[ParameterField, ...], optional: tuple[ParameterField, ...]
+) -> dict[str, Definition]:
+    """Return the keys of fields that every file has, and of those that one may leave out."""
     definitions = {field.name: _definition(field) for field in fields}
     for field in optional:
-        definitions[field.name] = (
-            VALUE_OF[field.quantity],
-            Field(default=0.0, description=field.description),
-        )
-    return _made(name, **definitions)
+        default = Field(default=0.0, description=field.description)
+        definitions[field.name] = (VALUE_OF[field.quantity], default)
+    return definitions
 
 
 def _made(name: str, **definitions: Definition) -> type[FileModel]:

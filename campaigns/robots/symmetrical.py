@@ -11,8 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from campaigns.errors import ConfigInvalid
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Interval, Kinematics, Limits
+from campaigns.kinematics.axes import Interval
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.feasibility import Limits
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.robot import RobotDocument, parse_robot, shipped_of
 from campaigns.robots.schema import SCHEMA

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -48,6 +49,18 @@ class CampaignConfig(yaml_file.FileModel):
         max_length=100,
         description="calibrated lengths that tell the tracker's scale: name, length_mm, std_mm and "
         "pairs of the set known-length, or the two nests at its ends",
+    )
+    reference_temperature_degC: float = Field(
+        default=20.0,
+        ge=-40.0,
+        le=150.0,
+        description="temperature of the robot's parts for which parameters are stated, °C",
+    )
+    part_temperatures: dict[str, Annotated[float, Field(ge=-40.0, le=150.0)]] = Field(
+        default={},
+        max_length=1000,
+        description="temperatures of the robot's parts by the times at which somebody read them, "
+        '{"2026-11-21T09:00:00Z": 24.1}, °C',
     )
     plan: sections.PlanConfig = Field(default=sections.PlanConfig(), description="what is measured")
     space: SpaceConfig = Field(

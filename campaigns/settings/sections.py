@@ -140,16 +140,19 @@ class TrackerLimitsConfig(FileModel):
 
 
 class TrackerCommonConfig(FileModel):
-    """Largest errors that all shots have in common, so that none of them can tell it."""
+    """Largest errors that all shots have in common: tolerances of the fit."""
 
     scale_ppm: LimitPerMetre = Field(
-        default=2.0, description="of every length, by the tracker and the air's temperature, ppm"
+        default=17.0, description="of every length, by the tracker and the air's temperature, ppm"
     )
     axes_um_per_m: LimitPerMetre = Field(
-        default=3.0, description="of the tracker's axes and beam, each, across it, µm for a metre"
+        default=84.0, description="of the tracker's transit axis out of square, µm for a metre"
     )
     reflector_mm: float = Field(
-        default=0.01, ge=0.0, le=100.0, description="of the reflector's constant, mm"
+        default=0.035,
+        gt=0.0,
+        le=100.0,
+        description="of the reflector's constant, mm; 0.35 where its type is not known",
     )
 
 

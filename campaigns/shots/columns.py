@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from campaigns.files.csv_file import CsvRow, angle_text, number_text, numbers_of
 from campaigns.files.wording import shown, suggestion
-from campaigns.mechanisms.mechanism import Axis
+from campaigns.kinematics.axes import Axis
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 

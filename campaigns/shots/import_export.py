@@ -15,7 +15,7 @@ from campaigns.files.csv_file import number_text
 from campaigns.journal import records
 from campaigns.journal.journal import Journal
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
 from campaigns.shots.columns import POINT_COLUMNS
 from campaigns.shots.pairs import pair_rows
@@ -86,7 +86,6 @@ def append_import(
     stage: records.Stage = "import",
     declared: str = "",
     order: Index | None = None,
-    model: str = "",
     advance: Callable[[int], None] = lambda _: None,
 ) -> int:
     """Write rows as a finished series, in one commit; gives its number.
@@ -96,15 +95,15 @@ def append_import(
 
     The names and digests of the files go into the series' settings. The commanded pose is not
     known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
-    what the controller is `declared` to hold. `model` is what they were planned to tell. Raises
-    `ShotsInvalid` for joints that such a robot cannot take.
+    what the controller is `declared` to hold. Raises `ShotsInvalid` for joints that such a robot
+    cannot take.
     """
     poses = _poses(held, rows)
     digest = hashlib.sha256(shots_text(rows, held.mechanism).encode()).hexdigest()
     kept: list[JsonValue] = [asdict(each) for each in files]
     known = {**settings, FILES: kept} if kept else settings
     started = records.SeriesStarted(
-        stage, digest, known, VERSION, robot_digest, None, None, None, declared, model
+        stage, digest, known, VERSION, robot_digest, None, None, None, declared
     )
     command: records.Command = "joints" if stage == "import" else "pose"
     with journal.in_one_commit():
@@ -180,6 +179,7 @@ def _outcome(number: int, row: ShotRow) -> records.Outcome:
         import_note(row.temperature_degC, row.time),
         None,
         approach=row.approach or None,
+        part_temperature_degC=row.part_temperature_degC,
     )
 
 
@@ -217,4 +217,5 @@ def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
         temperature_degC=air,
         time=time,
         nest=intent.nest,
+        part_temperature_degC=outcome.part_temperature_degC,
     )

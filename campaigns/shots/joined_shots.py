@@ -16,7 +16,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.shots.ascii_points import NAME_JOINT, LengthUnit, NamedPoint, read_points
 from campaigns.shots.columns import axis_columns, check_pairs, joint_values, pair_number, shot_set
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR

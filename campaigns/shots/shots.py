@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 
 from campaigns.arrays import AXES, Array, Index, batch
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.fit.point_sets import distances_mm
+from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Axis, Kinematics
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.import_export import noted
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR, PairRows, pair_rows
@@ -57,12 +58,22 @@ class Shots:
     """Name of the fixed place that each is of; empty, or "", of the robot's reflector."""
     session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Which session of the series each was measured in, (N,); 0 where nobody told."""
+    part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
+    """Temperature of the robot's parts, (N,); NaN where it is not known."""
+    warmth: Array = field(default_factory=lambda: np.zeros(0))
+    """Regressor by which parts grow, (N,), as `Course` has it; 0 where parameters are stated."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
         count, (_, joints) = len(self.numbers), self.joints.shape
-        if not len(self.session):
-            object.__setattr__(self, "session", np.zeros(count, dtype=np.intp))
+        unsaid = {
+            "session": np.zeros(count, dtype=np.intp),
+            "part_temperature_degC": np.full(count, np.nan),
+            "warmth": np.zeros(count),
+        }
+        for name, column in unsaid.items():
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, column)
         shapes = {
             "joints": (self.joints.shape, (count, joints)),
             "points_in_tracker_mm": (self.points_in_tracker_mm.shape, (count, 3)),
@@ -70,7 +81,7 @@ class Shots:
             "approach": (self.approach.shape, (count, joints)),
             "commanded": (self.commanded.shape[:1], (count,)),
             "temperature_degC": (self.temperature_degC.shape, (count,)),
-            "session": (self.session.shape, (count,)),
+            **{name: (getattr(self, name).shape, (count,)) for name in unsaid},
             "purposes": ((len(self.purposes),), (count,)),
             "pairs": ((len(self.pairs),), (count,)),
             "measured_utc": ((len(self.measured_utc),), (count,)),
@@ -347,6 +358,7 @@ def shots_of_outcomes(
         records=in_journal,
         nests=tuple(nests),
         session=np.array(sessions, dtype=np.intp),
+        part_temperature_degC=_or_nan(each.part_temperature_degC for each in outcomes),
     )
 
 
@@ -368,6 +380,7 @@ def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
             time=shots.measured_utc[row] or None,
             nest=shots.nests[row] if shots.nests else "",
             approach=tuple(shots.approach[row].astype(int).tolist()),
+            part_temperature_degC=known(shots.part_temperature_degC[row]),
         )
         for row, (purpose, joints) in enumerate(zip(shots.purposes, shots.joints, strict=True))
     )
@@ -406,6 +419,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         measured_utc=tuple(row.time or "" for row in rows),
         nests=tuple(row.nest for row in rows),
         temperature_degC=_or_nan(row.temperature_degC for row in rows),
+        part_temperature_degC=_or_nan(row.part_temperature_degC for row in rows),
     )
 
 

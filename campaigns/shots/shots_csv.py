@@ -13,15 +13,15 @@ from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, write_text_unless_there
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.mechanism import Axis
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
-TEMPERATURES = ("temperature_degC",)
+TEMPERATURES = ("temperature_degC", "part_temperature_degC")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,8 @@ class ShotRow:
     nest: str = ""
     approach: tuple[int, ...] = ()
     """+1 where a joint last moved towards larger values, -1 smaller, 0 unknown; (): of none."""
+    part_temperature_degC: float | None = None
+    """Of the robot's parts."""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:

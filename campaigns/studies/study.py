@@ -1,4 +1,9 @@
-"""Simulated campaigns of a study: what they share, and each estimate beside the truth."""
+"""Simulated campaigns of a study: robots and noise are drawn, each is fitted as by `identify`.
+
+Robots are drawn as the fit expects them: geometry about its nominal values, every other source of
+error at its tolerance. So the stated σ must be true if they are worked out rightly, and the study
+shows what a plan gives. Robots of another kind are simulated by `dry-run`.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -6,20 +11,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.errors import CampaignError, OptionsInvalid
-from campaigns.estimation.estimators import Model
-from campaigns.estimation.information import WorkspaceSample, position_std_mm, predict_points
-from campaigns.estimation.observability import observability, unobservable_combinations
-from campaigns.estimation.residuals import FRAME_COLUMNS
-from campaigns.estimation.rigid_transforms import Transform, fit_transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2, roots
-from campaigns.identification.fit import fit_shots
-from campaigns.identification.model_selection import select_geometry
-from campaigns.identification.observations import Inputs, point_observations
+from campaigns.errors import CampaignError, PlanInvalid
+from campaigns.fit.changes import fit_with_changes
+from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.error_sources import SOURCES, tracker_columns
+from campaigns.fit.posterior import Posterior
+from campaigns.fit.rigid_transforms import Transform, fit_transform
+from campaigns.fit.tracker_noise import point_covariance_mm2
+from campaigns.fit.uncertainty import null_directions, position_std_mm
+from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT, ParameterSelection
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
-from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.kinematics.mechanism import Kinematics, NoSolution
+from campaigns.kinematics.transmission import approach_along
+from campaigns.planning.forecast import judged_at
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
@@ -27,6 +31,10 @@ from campaigns.shots.shots import Shots
 
 Noise = Callable[[Array, np.random.Generator], Array]
 """Errors (N, 3), mm, of an instrument of one's own at points (N, 3) in its frame."""
+SPREAD = (1.0, 0.1)
+"""1 σ of the drawn geometry about nominal, mm and deg: a robot that was set up with care."""
+FEWEST_SHOTS = 6
+"""Shots that place the tracker's frame and leave something to judge by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -36,41 +44,37 @@ class StudySetup:
     nominal: Kinematics
     shots: Shots
     """Shots of the plan to identify from; each campaign draws their points."""
-    free: tuple[str, ...]
-    instrument: TrackerUncertainty
-    """Uncertainty that the simulated tracker states, and has unless there is a `noise`."""
+    options: IdentificationOptions
+    """Options of every fit; its instrument is what the simulated tracker states."""
     tracker_from_base: Transform
     workspace: Array
     """Poses (N, t) at which positions are judged."""
     seed: int
+    spread: tuple[float, float] = SPREAD
+    """1 σ of the drawn geometry about nominal, mm and deg."""
     noise: Noise | None = None
+    """What the instrument really does; None: what it states."""
 
-    @property
-    def dof(self) -> int:
-        """Number of measured coordinates less parameters and the frame's six."""
-        return 3 * len(self.shots) - len(self.free) - FRAME_COLUMNS
-
-    def inputs(self, points_mm: Array) -> Inputs:
-        """Return the inputs of the fit of points (N, 3) in the tracker's frame."""
-        shots = replace(self.shots, points_in_tracker_mm=points_mm)
-        options = IdentificationOptions(instrument=self.instrument)
-        return Inputs.of(self.nominal, shots, ParameterSelection(self.free), options)
+    def model(self) -> ErrorModel:
+        """Return the model of all sources of error that every campaign is fitted with."""
+        return error_model(self.nominal, None, self.options)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignEstimate:
-    """Estimate of one campaign's free parameters beside the truth, in file units (mm, deg)."""
+    """Estimate of one campaign beside the truth, in file units (mm, deg, ppm).
+
+    Of combinations of parameters that no shot determines, errors and σ have no part.
+    """
 
     errors: tuple[float, ...]
     """Identified minus true, (F,)."""
     std: tuple[float, ...]
-    """Standard deviations as the estimator states them, (F,)."""
-    bound: tuple[float, ...]
-    """Least standard deviations that the shots allow (Cramér and Rao), at the truth, (F,)."""
+    """Standard deviations as stated, (F,)."""
     position_mm: float
     """Real error of positions over the workspace after the best fit of the frame, rms."""
     stated_mm: float
-    """The same as the estimator states it."""
+    """The same as it is stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,123 +86,122 @@ class CampaignRow:
     failure: str = ""
     estimate: CampaignEstimate | None = None
 
+    @property
+    def key(self) -> int:
+        """Order in a table."""
+        return self.campaign
 
-def simulate_campaigns(
-    setup: StudySetup, numbers: Sequence[int], truths: Array
-) -> Iterator[CampaignRow]:
-    """Simulate and identify campaigns of these numbers with true parameters (C, P)."""
-    sample = WorkspaceSample.of(setup.nominal, setup.free, setup.workspace)
-    for number, truth in zip(numbers, truths, strict=True):
-        true = Kinematics(setup.nominal.mechanism, truth)
+
+def simulate_campaigns(setup: StudySetup, numbers: Sequence[int]) -> Iterator[CampaignRow]:
+    """Draw, measure and identify the campaigns of these numbers, each by its own seed."""
+    model = setup.model()
+    for number in numbers:
         rng = np.random.default_rng([setup.seed, number])
         try:
-            yield CampaignRow(number, estimate=_estimate(setup, true, sample, rng))
-        except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
+            yield CampaignRow(number, estimate=_estimate(setup, model, rng))
+        except (NoSolution, CampaignError, ValueError, np.linalg.LinAlgError) as error:
             yield CampaignRow(number, failure=str(error))
 
 
-def _estimate(
-    setup: StudySetup, true: Kinematics, sample: WorkspaceSample, rng: np.random.Generator
-) -> CampaignEstimate:
-    space, joints = setup.nominal.mechanism.parameters, setup.shots.joints
-    places, units = space.places(setup.free), space.units(setup.free)
-    poses = true.forward(joints, setup.shots.commanded).values_or_raise()
-    fit = fit_shots(setup.inputs(_measured_mm(setup, poses, rng))).found
-    if not fit.fit.converged:
-        raise NoSolution(fit.fit.message)
-    if fit.covariance is None or fit.seen.rank < len(places):
-        raise NoSolution(f"rank {fit.seen.rank} of {len(places)}")
-    count, p = len(places), setup.nominal.p.copy()
-    p[places] = fit.x[:count]
-    covariance = fit.covariance[:count, :count] / np.outer(units, units)
-    stated_mm = position_std_mm(sample.jacobian, covariance)
+def _estimate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> CampaignEstimate:
+    true = _drawn(setup, model, rng)
+    robot = model.kinematics(true)
+    poses = robot.forward(setup.shots.joints, setup.shots.commanded, setup.shots.approach)
+    points = setup.tracker_from_base.apply(poses.values_or_raise()[:, :3])
+    points = points + _instrument_errors(model, true, points) + _noise(setup, points, rng)
+    covariance = point_covariance_mm2(points, setup.options.instrument)
+    shots = replace(setup.shots, points_in_tracker_mm=points, stated_covariance_mm2=covariance)
+    near = setup.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
+    posterior, _ = fit_with_changes(model, observations_of(shots, near, setup.options))
+    errors, std = _parameter_errors(setup, posterior, true)
+    real_mm, stated_mm = _positions(setup, posterior, robot)
     return CampaignEstimate(
-        errors=tuple(((p - true.p)[places] / units).tolist()),
-        std=tuple(np.sqrt(np.diag(covariance)).tolist()),
-        bound=tuple((_bound(setup, true, poses) / units).tolist()),
-        position_mm=_position_error_mm(setup, true, Kinematics(true.mechanism, p)),
-        stated_mm=float(np.sqrt(np.mean(stated_mm**2))),
+        errors=tuple(errors.tolist()),
+        std=tuple(std.tolist()),
+        position_mm=real_mm,
+        stated_mm=stated_mm,
     )
 
 
-def _measured_mm(setup: StudySetup, poses: Array, rng: np.random.Generator) -> Array:
-    """Points (N, 3) with noise in the tracker's frame."""
-    points_mm = setup.tracker_from_base.apply(poses[:, :3])
+def _drawn(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> Array:
+    """Draw the true unknowns of a campaign, (P,) in tolerances."""
+    scale = np.ones(len(model.names))
+    table = setup.nominal.mechanism.parameters
+    for place, (name, group) in enumerate(zip(model.parameters, model.groups, strict=False)):
+        if not SOURCES[group].is_learned:
+            length_mm, angle_deg = setup.spread
+            spread = length_mm if table[name].unit == "mm" else np.radians(angle_deg)
+            scale[place] = spread / model.tolerance[place]
+    return np.asarray(scale * rng.standard_normal(len(scale)))
+
+
+def _instrument_errors(model: ErrorModel, true: Array, points: Array) -> Array:
+    """Return the errors (N, 3), mm, that all points of the drawn tracker have in common."""
+    errors = np.zeros_like(points)
+    for source, column in tracker_columns(points).items():
+        if source in model.names:
+            place = model.names.index(source)
+            errors += true[place] * model.tolerance[place] * column
+    return errors
+
+
+def _noise(setup: StudySetup, points: Array, rng: np.random.Generator) -> Array:
     if setup.noise is not None:
-        return points_mm + setup.noise(points_mm, rng)
-    scatter_mm = roots(point_covariance_mm2(points_mm, setup.instrument))
-    drawn = rng.standard_normal(points_mm.shape)
-    return np.asarray(points_mm + np.einsum("nij,nj->ni", scatter_mm, drawn))
+        return setup.noise(points, rng)
+    roots = np.linalg.cholesky(point_covariance_mm2(points, setup.options.instrument))
+    return np.asarray((roots @ rng.standard_normal((*points.shape, 1)))[..., 0])
 
 
-def _bound(setup: StudySetup, true: Kinematics, poses: Array) -> Array:
-    """Cramér-Rao bound of standard deviations, (F,), mm and rad.
+def _parameter_errors(setup: StudySetup, posterior: Posterior, true: Array) -> tuple[Array, Array]:
+    """Return errors and stated σ of the robot's parameters, (F,), in file units."""
+    model = posterior.model
+    size, count = len(model.names), len(model.parameters)
+    null = null_directions(posterior)
+    off = posterior.x - true
+    off = off - null.vectors @ (null.vectors.T @ off)
+    variance = np.diag(null.without(posterior.covariance[:size, :size]))
+    units = setup.nominal.mechanism.parameters.units(model.parameters)
+    scale = model.tolerance[:count] / units
+    return off[:count] * scale, np.sqrt(np.maximum(variance[:count], 0.0)) * scale
 
-    By Fisher's information of the coordinates at the true robot.
-    """
-    points_mm = setup.tracker_from_base.apply(poses[:, :3])
-    in_base_axes_mm = points_mm @ setup.tracker_from_base.rotation
-    noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.instrument)
-    covariance, _ = predict_points(true, setup.free, setup.shots.joints, poses, noise_mm2)
-    return np.sqrt(np.diag(covariance)[: len(setup.free)])
 
-
-def _position_error_mm(setup: StudySetup, true: Kinematics, identified: Kinematics) -> float:
-    """Root mean square over the workspace, after the best fit of the frame."""
+def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tuple[float, float]:
+    """Return real and stated errors of positions over the workspace, rms, mm."""
+    identified = posterior.model.kinematics(posterior.x)
     joints = setup.nominal.inverse(setup.workspace).values_or_raise()
     modelled, real = (
-        robot.forward(joints, setup.workspace).values_or_raise()[:, :3]
-        for robot in (identified, true)
+        robot.forward(joints, setup.workspace).values_or_raise() for robot in (identified, true)
     )
-    left = real - fit_transform(modelled, real).apply(modelled)
-    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+    left = real[:, :3] - fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
+    judged = judged_at(posterior.model, identified, joints, modelled)
+    size = len(posterior.model.names)
+    std = position_std_mm(judged.by_unknowns, posterior.covariance[:size, :size])
+    return float(np.sqrt((left**2).sum(axis=1).mean())), float(np.sqrt((std**2).mean()))
 
 
 def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
-    """Return planned shots as measured ones whose points are not numbers yet."""
-    joints, count = joints_of(shots), len(shots)
+    """Return the planned shots to identify from, as measured ones whose points are not known yet.
+
+    Raise `PlanInvalid` for fewer than place the tracker's frame.
+    """
+    wanted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots], dtype=bool)
+    count = int(wanted.sum())
+    if count < FEWEST_SHOTS:
+        raise PlanInvalid(
+            f"{count} shots to identify from are too few for a study",
+            remedy=f"plan at least {FEWEST_SHOTS}, better 60",
+        )
+    chosen = [shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION]
+    joints = joints_of(shots)
     return Shots(
         numbers=tuple(range(count)),
-        purposes=tuple(shot.purpose for shot in shots),
-        pairs=tuple(shot.pair for shot in shots),
-        joints=joints,
+        purposes=(ShotSet.IDENTIFICATION,) * count,
+        pairs=tuple(shot.pair for shot in chosen),
+        joints=joints[wanted],
         points_in_tracker_mm=np.full((count, 3), np.nan),
         stated_covariance_mm2=np.full((count, 3, 3), np.nan),
-        approach=np.zeros_like(joints),
-        commanded=poses_of(shots),
+        approach=approach_along(joints)[wanted],
+        commanded=poses_of(chosen),
         measured_utc=("",) * count,
         temperature_degC=np.full(count, np.nan),
     )
-
-
-def identification_shots(shots: Sequence[PlannedShot]) -> tuple[PlannedShot, ...]:
-    """Return the planned shots to identify from."""
-    return tuple(shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION)
-
-
-def studied_parameters(
-    space: ParameterSpace, model: Model, freed: Sequence[str], fixed: Sequence[str]
-) -> tuple[str, ...]:
-    """Names of the geometry's parameters that all campaigns find; raises `OptionsInvalid`."""
-    if model in {Model.AUTO, Model.EXTENDED}:
-        raise OptionsInvalid(
-            f"--model {model} finds other parameters in each campaign, whose σ don't compare",
-            remedy="name one, such as --model full",
-        )
-    if REFLECTOR_CONSTANT in freed:
-        raise OptionsInvalid(
-            f"--free {REFLECTOR_CONSTANT}: no fit of a study finds it", remedy="leave it out"
-        )
-    return select_geometry(space, model, freed, fixed)
-
-
-def indistinguishable(setup: StudySetup) -> list[tuple[str, ...]]:
-    """Find free parameters that move together without any effect on the nominal robot's shots.
-
-    Raises `NoSolution` when the nominal robot cannot take them.
-    """
-    poses = setup.nominal.forward(setup.shots.joints).values_or_raise()
-    inputs = setup.inputs(setup.tracker_from_base.apply(poses[:, :3]))
-    problem = point_observations(inputs).problem
-    seen = observability(problem.jacobian(problem.start()))
-    return unobservable_combinations(seen, setup.free)

@@ -9,9 +9,10 @@ import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.information import CONFIDENCE, coverage_factor
+from campaigns.identification.result import COVERAGE_95
 from campaigns.studies.study import CampaignEstimate, CampaignRow
 
+CONFIDENCE = 0.95
 LEAST_CAMPAIGNS = 2
 FALSE_ALARM = 0.01
 """Chance that any parameter of an honest study lies outside its `Chance`."""
@@ -30,10 +31,6 @@ class ParameterSummary:
     """Root mean square of the stated ones."""
     covered: float
     """Share of 95 % intervals that hold the true value."""
-    bound_std: float
-    """Root mean square of the Cramér-Rao bounds."""
-    variance_over_bound: float
-    """Variance of errors over the bound of each campaign; 1 is all that the data hold."""
 
     @property
     def ratio(self) -> float:
@@ -47,8 +44,6 @@ class Chance:
 
     ratio: tuple[float, float]
     covered: tuple[float, float]
-    variance_over_bound: tuple[float, float]
-    """Variance over the bound (Cramér and Rao), of an estimator that reaches it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,18 +92,14 @@ def summarise(free: Sequence[str], rows: Iterable[CampaignRow]) -> StudySummary:
             f"{len(identified)} of {len(rows)} campaigns could be identified",
             remedy=f"ask for more campaigns, or look into: {'; '.join(reasons) or '-'}",
         )
-    errors, stated, bound = (
-        np.array(values)
-        for values in zip(*((one.errors, one.std, one.bound) for one in identified), strict=True)
-    )
+    errors = np.array([one.errors for one in identified])
+    stated = np.array([one.std for one in identified])
     columns = np.column_stack(
         [
             errors.mean(axis=0),
             errors.std(axis=0, ddof=1),
             np.sqrt(np.mean(stated**2, axis=0)),
-            np.mean(np.abs(errors) <= coverage_factor(None) * stated, axis=0),
-            np.sqrt(np.mean(bound**2, axis=0)),
-            np.var(errors / bound, axis=0, ddof=1),
+            np.mean(np.abs(errors) <= COVERAGE_95 * stated, axis=0),
         ]
     )
     positions = np.array([(one.position_mm, one.stated_mm) for one in identified])
@@ -141,7 +132,5 @@ def chance(parameters: int, campaigns: int) -> Chance:
     spread = -float(scipy.special.ndtri(tail)) / math.sqrt(2.0 * campaigns)
     few, many = (float(scipy.special.bdtrik(p, campaigns, CONFIDENCE)) for p in (tail, 1.0 - tail))
     return Chance(
-        (1.0 - spread, 1.0 + spread),
-        (math.floor(few) / campaigns, math.ceil(many) / campaigns),
-        (1.0 - 2.0 * spread, 1.0 + 2.0 * spread),
+        (1.0 - spread, 1.0 + spread), (math.floor(few) / campaigns, math.ceil(many) / campaigns)
     )

@@ -10,9 +10,7 @@ from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.load_checks import file_objections, read_parameter_file
 from campaigns.controllers.target_poses import correct_poses
 from campaigns.errors import ConfigInvalid, TargetsInvalid
-from campaigns.estimation.information import Uncertainty
 from campaigns.files.text_file import read_text, write_text_unless_there
-from campaigns.identification.result import RecordedIdentification
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile
 from campaigns.settings.option import Option
@@ -47,7 +45,12 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
     measured = identified.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
     poses = measured.values[measured.found]
     return TargetCorrection(
-        identified, own, campaign.robot.limits, campaign.space, _uncertainty(robot, found), poses
+        identified,
+        own,
+        campaign.robot.limits,
+        campaign.space,
+        None if found is None else found.covariance,
+        poses,
     )
 
 
@@ -79,11 +82,3 @@ def correct_file(
     with recorded(campaign, to, robot.parameters, "targets", form):
         write_text_unless_there(to, found.text, overwrite=overwrite)
     return found
-
-
-def _uncertainty(robot: RobotFile, found: RecordedIdentification | None) -> Uncertainty | None:
-    """Uncertainty of the parameters that the robot file holds, as the identification stated it."""
-    if found is None or found.covariance is None:
-        return None
-    known, own = found.covariance, robot.mechanism.parameters.of_robot
-    return known.only(name for name in known.names if name in own)

@@ -12,7 +12,7 @@ from campaigns.controllers.export import CalibrationRoute, WrittenSet
 from campaigns.errors import VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.journal.records import Finding
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reduced_form import ReducedForm, form_of
 from campaigns.robots.robot import RobotDocument, RobotFile
 from campaigns.shots.import_export import ImportedFile, exported_shots

@@ -7,13 +7,13 @@ from typing import Literal
 
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, ShotsMissing
-from campaigns.evaluation.calibration_check import RecordedCheck, read_check
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, evaluate
+from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import Series
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,13 +105,7 @@ def _epoch_of(
         decision=found.verdict,
         says="" if good else "; ".join(found.reasons),
         parameters=tuple(
-            ParameterError(
-                name,
-                measured_utc,
-                parameter.delta,
-                parameter.total_std or parameter.std,
-                space[name].unit,
-            )
+            ParameterError(name, measured_utc, parameter.delta, parameter.std, space[name].unit)
             for name, parameter in found.parameters.items()
             if good and parameter.free and parameter.std is not None
         ),

@@ -10,16 +10,14 @@ from campaigns.arrays import Index
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME, WrittenSet, written_sets
 from campaigns.controllers.load_checks import read_parameter_file
-from campaigns.errors import OptionsInvalid, PlanInvalid, ShotsInvalid
-from campaigns.estimation.estimators import Model
+from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import STAGES
 from campaigns.journal.records import Finding, Stage
 from campaigns.journal.views import Series
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.options import ValidationStage
-from campaigns.planning.plan_file import plan_model
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
@@ -58,19 +56,8 @@ def import_shots(
             settings,
             files,
             order=order,
-            model=_planned_model(campaign).value,
             advance=advance,
         )
-
-
-def _planned_model(campaign: Campaign) -> Model:
-    """Model that plan.csv was made for; without a plan the smallest that explains the shots."""
-    if not campaign.plan_path.exists():
-        return Model.AUTO
-    try:
-        return plan_model(campaign.read_plan())
-    except PlanInvalid:  # the shots are not of this plan
-        return Model.AUTO
 
 
 def declared_set(

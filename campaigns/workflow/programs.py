@@ -17,8 +17,8 @@ from campaigns.controllers.programs import (
 )
 from campaigns.errors import PlanInvalid
 from campaigns.files.text_file import replace_text
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.work import Work
-from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.options import ProgramOptions, ProgramStage, ValidationOptions
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest

@@ -13,7 +13,7 @@ from campaigns.controllers import export, model_reduction
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.reduced_form import FORM, ReducedForm
 from campaigns.robots.robot import RobotFile, compensated
 from campaigns.workflow.files import identified_robot, recorded

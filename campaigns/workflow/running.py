@@ -7,18 +7,17 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Model
+from campaigns.identification.options import IdentificationOptions
 from campaigns.measuring import resume
-from campaigns.measuring.run_state import SILENT, ParameterUncertainty, RunObserver
+from campaigns.measuring.run_state import SILENT, PositionUncertainty, RunObserver
 from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.stopping_rule import predicted_stop, read_goal
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.plan_file import plan_model
-from campaigns.planning.predicted_uncertainty import EstimationSetup, require_identifiable
 from campaigns.planning.steps import groups, joint_steps, shots_of
-from campaigns.workflow.work import engine_work, free_parameters, known_sets
+from campaigns.workflow.identification import identification_options
+from campaigns.workflow.work import engine_work, known_sets
 
 
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:
@@ -28,24 +27,12 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     """
     options = options or RunOptions()
     goal = None if options.until is None else read_goal(options.until)
-    model = options.model or plan_model(checked.shots)
-    free = free_parameters(campaign, options, model)
-    if goal is not None and not campaign.robot.parameters.space.of_unit("mm", free):
-        raise OptionsInvalid(
-            f"--until {goal} is a goal for lengths, but none of them is free",
-            remedy="leave --until out, or fix fewer parameters with --fix",
-        )
     robot = campaign.robot
-    setup = EstimationSetup(options.estimator, free, campaign.instrument)
+    how = identification_options(campaign, IdentificationOptions())
     steps = joint_steps(checked.shots)
-    work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
+    work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), how)
     skip = known_shots((shot.shot for shot in checked.shots), options.skip)
-    work = replace(
-        work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True, model=model.value
-    )
-    if options.free or model not in {Model.PAPER, Model.STANDARD}:
-        require_identifiable(work.uncertainty_monitor().workspace)
-    return work
+    return replace(work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True)
 
 
 def known_shots(
@@ -119,7 +106,7 @@ def run_preview(
     )
 
 
-def predicted_end(campaign: Campaign, work: Work) -> tuple[ParameterUncertainty, int] | None:
+def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, int] | None:
     """What the whole plan will tell, and after how many shots a run's goal, if any, will be met.
 
     Raises `PlanInvalid` when even the whole plan will not meet it.

@@ -11,7 +11,7 @@ from campaigns.campaign_state import state_of
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence, evaluate
 from campaigns.journal.views import Series
-from campaigns.next_step import CampaignState, NextStep, WayOn, next_step
+from campaigns.next_step import CampaignState, NextStep, next_step
 
 REPORT = "report.html"
 
@@ -56,8 +56,6 @@ class CampaignStatus:
     doubtful: tuple[str, ...]
     """What stands against the result."""
     next: NextStep | None
-    ways: tuple[WayOn, ...] = ()
-    """Ways on where the identification is not decided."""
 
 
 def campaign_status(campaign: Campaign) -> CampaignStatus:
@@ -78,7 +76,6 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         open=tuple(_open(evidence, series)),
         doubtful=tuple(doubtful(evaluation)),
         next=next_step(state),
-        ways=state.ways if state.verdict == "not decided" else (),
     )
 
 
@@ -125,12 +122,12 @@ def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str
 
 
 def doubtful(evaluation: Evaluation) -> Iterator[str]:
-    """Doubts of the identification that count, a bad check, and checks that do not hold."""
+    """Findings of the identification that count, a bad check, and checks that do not hold."""
     found, check = evaluation.evidence.identification, evaluation.evidence.unanswered
     if found is None:
         return
     if check is not None and check.decision != "fail":  # which is among the checks
         yield f"check, series {check.series}: {check.says}"
-    yield from (doubt.says for doubt in found.doubts if doubt.affects_verdict)
+    yield from (own.says for own in found.findings if own.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)
     yield from (f"not confirmed: {each.statement} ({each.detail})" for each in broken)

@@ -16,7 +16,7 @@ from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR, CampaignVerdict
 from campaigns.evidence import Evaluation, evaluate, gather
-from campaigns.identification.options import Selection
+from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver
@@ -24,12 +24,12 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import ValidationOptions, ValidationStage
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
 from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.correction import identified_set
+from campaigns.workflow.identification import identification_options
 from campaigns.workflow.running import known_shots
 from campaigns.workflow.work import engine_work, known_sets
 
@@ -359,9 +359,6 @@ def _work(
         np.random.default_rng(campaign.config.plan.seed),
         campaign.region,
     )
-    setup = EstimationSetup(
-        Selection().estimator, robot.mechanism.parameters.free_by_default, campaign.instrument
-    )
-    kinematics = reachable.kinematics
-    work = engine_work(campaign, stage, steps, kinematics, robot.digest(), setup)
+    how = identification_options(campaign, IdentificationOptions())
+    work = engine_work(campaign, stage, steps, reachable.kinematics, robot.digest(), how)
     return work, notes

@@ -7,26 +7,14 @@ import numpy as np
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import KnownSets
 from campaigns.errors import ConfigInvalid
-from campaigns.estimation.estimators import Model
-from campaigns.identification.model_selection import select_geometry
-from campaigns.identification.options import Selection
+from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding, Stage
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.station import Station
 from campaigns.measuring.work import Work
-from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
-from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Step
-
-
-def free_parameters(campaign: Campaign, options: Selection, planned: Model) -> tuple[str, ...]:
-    """Names of the parameters that the shots will be looked at for; raises `OptionsInvalid`.
-
-    By the model that the plan was made for, unless the options name another.
-    """
-    space = campaign.robot.mechanism.parameters
-    return select_geometry(space, options.model or planned, options.free, options.fix)
 
 
 def known_sets(campaign: Campaign) -> KnownSets:
@@ -43,7 +31,7 @@ def engine_work(
     steps: tuple[Step, ...],
     kinematics: Kinematics,
     digest: str,
-    setup: EstimationSetup,
+    options: IdentificationOptions,
 ) -> Work:
     """Work of these steps; `digest` is that of the parameter set whose kinematics is given."""
     robot, config = campaign.robot, campaign.config
@@ -60,7 +48,7 @@ def engine_work(
         search_mm=dist(config.tracker.place_mm, config.validation.centre_mm),
         look_back_s=config.run.look_back_s,
         park=_park_joints(campaign, kinematics),
-        setup=setup,
+        options=options,
         nests=config.nests,
         reflector=config.tracker.reflector,
         measuring_time_s=config.tracker.measuring_time_s,

@@ -21,7 +21,7 @@ from rich.console import Console
 from ruamel.yaml import YAML
 
 from app.run_screen import run_screen
-from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
+from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress
 
 HERE = Path(__file__).parent
 PKMCAL = [sys.executable, "-m", "app.main"]
@@ -36,9 +36,7 @@ RUN = Progress(
     (310.0, 420.0),
     0.023,
     0.012,
-    known=ParameterUncertainty(
-        30, "arm3.forearm_mm", 0.086, 0.09, 0.013, 1.0, weakest_words="forearm of arm 3"
-    ),
+    known=PositionUncertainty(30, "arm3.forearm_mm", 0.086, 0.013),
 )
 
 
@@ -54,7 +52,7 @@ def main() -> None:
         folder = Path(scratch) / "cell-7"
         pkmcal("new", folder, "--scenario", "realistic")
         change(folder / "cell.yaml", lambda tree: tree.update(speed_up=12))
-        pkmcal("plan", folder, "--model", "standard")
+        pkmcal("plan", folder)
         live_pages(folder)
 
 

@@ -78,6 +78,8 @@ class Build:
     """
     leans_rad: Array | None = None
     """(n,): rails leaning outward, turned about the bars."""
+    bar_turns_rad: Array | None = None
+    """(n,): bars on the plate, turned about z."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +125,10 @@ class RodMechanism:
         leaning = truth.rails if leans is None else turned(truth.rails, sideways, leans)
         self._rails = turned(leaning, outward, tilts)
         self._elbow_bar_mm = half_bar_mm * turned(sideways, outward, tilts)
-        self._anchors_mm = _pairs(build.plate_joints_mm, half_bar_mm * sideways)
+        bars, turns = sideways, build.bar_turns_rad
+        if turns is not None:
+            bars = turned(bars, np.tile(UP, (self.kind.arms, 1)), turns)
+        self._anchors_mm = _pairs(build.plate_joints_mm, half_bar_mm * bars)
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
 
     def elbows_mm(self, joints: Array, growth: Growth = COLD) -> Array:

@@ -1,6 +1,7 @@
-"""Inverse kinematics of a controller that knows how its plate tilts: by its rods, numerically.
+"""Inverse kinematics of a controller that knows how its plate tilts and sags: by its rods.
 
-Unequal rods and tilted axes tilt the plate and move the reflector. Such a controller aims its plain
+Unequal rods, tilted axes and turned bars tilt the plate and move the reflector, a frame that bends
+lowers it. Such a controller aims its plain
 kinematics a little beside the wanted pose, until the rods put the reflector where it is wanted.
 """
 
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import Array, Geometry, Kind, geometry_of
+from sim.geometry import SAG, Array, Geometry, Kind, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 
@@ -31,7 +32,7 @@ class KnownPlate:
 
 
 def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
-    """Whether no parameter tilts the plate or a rail."""
+    """Whether no parameter tilts or lowers the plate, or tilts a rail."""
     return not any(flat.get(name, 0.0) for name in kind.extensions)
 
 
@@ -52,12 +53,21 @@ def tilted_joints_for(
             plate, _, _ = rods.settle(joints, plate)
         except AssemblyLost as lost:
             raise OutOfReach(0) from lost
-        error_mm = rods.reflector_mm(plate, sizes.reflector_mm) - wanted_mm
+        there_mm = rods.reflector_mm(plate, sizes.reflector_mm)
+        error_mm = there_mm - wanted_mm
+        error_mm[2] += _rise_mm(flat, position_mm + error_mm)
         error_rad = plate.theta_rad - level.theta_rad
         if float(np.abs([*error_mm, geometry.apart_mm * error_rad]).max()) < CLOSE_MM:
             return joints
         aim_mm, aim_rad = aim_mm - error_mm, aim_rad - error_rad
     raise OutOfReach(0)
+
+
+def _rise_mm(flat: Mapping[str, float], position_mm: Array) -> float:
+    """By how much a bending frame lifts the plate: over 400 mm sideways and 200 mm of height."""
+    x, y, z = position_mm[0] / 400.0, position_mm[1] / 400.0, position_mm[2] / 200.0
+    parts = zip(SAG, (x, y, x * x + y * y, z), strict=True)
+    return float(sum(flat.get(name, 0.0) * by for name, by in parts))
 
 
 def _mechanism(
@@ -78,6 +88,7 @@ def _mechanism(
         rod_spacing_mm=sizes.rod_spacing_mm,
         rod_errors_mm=np.column_stack([-half_mm, half_mm]),
         axis_tilts_rad=tilts,
+        bar_turns_rad=column("bar_turn_deg"),
     )
     if not kind.on_rails:
         return geometry, RodMechanism(geometry, build)

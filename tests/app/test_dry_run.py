@@ -7,20 +7,17 @@ from campaigns.robots.robot import find_robot
 
 NOWHERE = "tcp://127.0.0.1:1"
 PACKAGE = """
-from campaigns.mechanisms.arms import RotaryArms
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.platforms import HingedPlate
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.limbs import Crank
+from campaigns.kinematics.platforms import HingedPlate
 
 
 class Plate(HingedPlate):
-    def apart(self, turn):
-        return super().apart(1.0 * turn)
-
-    def apart_by_turn(self, turn):
-        return 1.0 * super().apart_by_turn(1.0 * turn)
+    def _apart(self, turn):
+        return 1.0 * super()._apart(turn)
 
 
-OWN = ClosedChain("own", RotaryArms, Plate(shares=(-0.5, 0.5)), held_fields=("azimuth_deg",))
+OWN = ClosedChain("own", Crank(), Plate(shares=(-0.5, -0.5, 0.5, 0.5)))
 """
 
 

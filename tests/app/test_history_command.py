@@ -1,16 +1,15 @@
 """`pkmcal history`: one robot over campaigns and checks, on the terminal and in files."""
 
 import csv
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 
 import numpy as np
 import paper_campaign
 import pytest
 from par4_space import par4, with_values
-from pydantic import TypeAdapter
 
-from campaigns.evaluation.calibration_check import CalibrationCheck, PartChange
+from campaigns.identification.checking import RecordedCheck
 from campaigns.journal.records import Finding
 
 DRIFTING = "arm2.joint_offset_deg"
@@ -35,21 +34,19 @@ def at(tmp_path, monkeypatch):
     return made
 
 
-def checked(paper, size_deg):
+def checked(paper):
     """A check that names the drifting joint, as the command writes it."""
     shots = paper.plan(1, 0)
     series = paper.measure("check", shots)
-    part = PartChange("joint", DRIFTING, "arm 2's encoder", size_deg, 0.004, "deg", 0.0, 9.0, True)
-    found = CalibrationCheck(
-        decision="fail", says=f"not good: {part.says}", changed=(part,), parts=(part,),
-        shots=4, chi2=99.0, dof=6, p=0.0, misfit_mm=0.1, expected_mm=0.01,
-    )  # fmt: skip
     with paper.journal() as journal:
         last = journal.records_of(Finding)[-1].record.body["parameters"]
         flat = {name: each["value"] for name, each in last.items()}
         of = with_values(paper_campaign.NOMINAL.robot, flat).parameters.digest()
-        body = TypeAdapter(CalibrationCheck).dump_python(found, mode="json")
-        journal.append(Finding("check", body | {"series": series, "of": of, "at_utc": ""}))
+        found = RecordedCheck(
+            decision="fail", says="the robot has changed: encoder 2", shots=4, chi2=99.0, dof=6,
+            p=0.0, parts=("encoder 2",), log_factors={}, series=series, of=of, at_utc="",
+        )  # fmt: skip
+        journal.append(Finding("check", asdict(found)))
 
 
 @pytest.mark.slow
@@ -79,11 +76,11 @@ def test_parameters_of_three_campaigns_stand_in_a_table_by_date(pkmcal, at, tmp_
 def test_checks_stand_beside_campaigns(pkmcal, at):
     paper = at(3)
     paper.clock = paper_campaign.Clock(datetime(2026, 4, 2, tzinfo=UTC))
-    checked(paper, 0.02)
+    checked(paper)
     campaign, check = pkmcal("history", paper.folder, "--json").document["epochs"]
     assert (campaign["kind"], check["kind"]) == ("campaign", "check")
     assert (check["decision"], check["parameters"]) == ("fail", [])
-    assert "2: not good: arm 2's encoder by +0.0200°" in pkmcal("history", paper.folder).out
+    assert "2: the robot has changed: encoder 2" in pkmcal("history", paper.folder).out
 
 
 @pytest.mark.slow

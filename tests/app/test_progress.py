@@ -10,18 +10,9 @@ from time import monotonic
 import pytest
 from rich.console import Console
 
-from app.progress import (
-    CountedWork,
-    RunDisplay,
-    certainty,
-    counted,
-    interval,
-    news,
-    state_and_rate,
-    summary,
-)
-from app.run_screen import run_screen
-from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
+from app.progress import CountedWork, RunDisplay, counted, interval, news, state_and_rate, summary
+from app.run_screen import certainty, run_screen
+from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress
 from drivers.errors import RobotStateUnknown
 
 AT_WORK = Progress(
@@ -32,10 +23,7 @@ AT_WORK = Progress(
 BEGUN = Progress(0, 59, EngineState.IDLE)
 DONE = Progress(59, 59, EngineState.FINISHED, 58, "drift", None, 0.01, 0.002)
 LOST = Progress(3, 9, EngineState.SUSPENDED, 3, "validation", beam_locked=False)
-KNOWN = ParameterUncertainty(
-    40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9, weakest_words="z of arm 2"
-)
-OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213, unit="deg")
+KNOWN = PositionUncertainty(40, "arm2.z_mm", 0.0214, 0.0061)
 
 
 def pace(numbers):
@@ -56,13 +44,8 @@ TOLD = [
     (news, LOST, "suspended validation 3 · BEAM LOST"),
     (news, replace(LOST, beam_lost_s=45.0), "suspended validation 3 · BEAM LOST for 45 s"),
     (news, replace(LOST, beam_lost_s=720.0), "suspended validation 3 · BEAM LOST for 12 min"),
-    (certainty, KNOWN, "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"),
-    (
-        certainty,
-        replace(KNOWN, total_position_std_mm=0.0114),
-        "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm (1 σ), U 0.023 mm (k = 2)",
-    ),
-    (certainty, OF_AN_ANGLE, "weakest arm3.joint_offset_deg ±0.0021° · position ±0.006 mm"),
+    (certainty, KNOWN, "positions ±0.006 mm (1 σ) · weakest length arm2.z_mm ±0.021 mm"),
+    (certainty, replace(KNOWN, weakest=""), "positions ±0.006 mm (1 σ)"),
     (summary, DONE, "59 of 59 shots · finished · residual 0.010 mm · drift 0.002 mm"),
     (pace, (120, 1000, 20, 1.0), "120/1000 · 100/s · 9 s left"),
     (pace, (4, 60, 0, 20.0), "4/60 · 12/min · 5 min left"),
@@ -77,7 +60,7 @@ def test_what_is_known_is_told_and_nothing_else(say, what, text):
     assert say(what) == text
 
 
-WEAKEST = "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"
+CERTAINTY = certainty(KNOWN)
 
 
 def pictured(progress, width=80, height=24, residuals_mm=(), events=()):
@@ -99,8 +82,8 @@ def test_the_screen_says_state_end_figures_and_keys():
     assert lines[2:8] == [
         "12 of 59 shots · 47 left · ends between 14:33 and 14:35",
         "last residual 0.012 mm: good · drift 0.004 mm",
-        "least certain: z of arm 2, ±0.021 mm · positions ±0.006 mm",
-        "goal: every length to ±0.02 mm, now ±0.034 mm",
+        CERTAINTY,
+        "goal: positions to ±0.02 mm, now ±0.006 mm",
         "",
         "p pause · s skip this shot · r the last again · k park · q stop",
     ]
@@ -145,7 +128,7 @@ def test_the_screen_fits_and_breaks_no_word(width, height):
     lines = pictured(progress, width, height, RESIDUALS_MM, events)
     assert all(len(line) <= width for line in lines)
     words = " ".join(lines).split()
-    assert {"(identification)", "certain:", "positions", "±0.006"} <= {*words}
+    assert {"(identification)", "weakest", "positions", "±0.006"} <= {*words}
     if width >= 80:
         assert len(lines) <= height
 
@@ -154,7 +137,7 @@ def test_what_is_known_is_told_at_the_end():
     display, stream, _ = display_on()
     with display:
         display.progress(replace(AT_WORK, known=KNOWN))
-    assert stream.getvalue().splitlines()[-1] == f"run: {WEAKEST}"
+    assert stream.getvalue().splitlines()[-1] == f"run: {CERTAINTY}"
 
 
 def test_what_to_do_about_a_lost_beam_stands_below_it_and_in_the_plain_line():

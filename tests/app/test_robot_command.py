@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 
 SIZES = {

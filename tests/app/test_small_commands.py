@@ -11,7 +11,6 @@ from app.cli.dry_run import prepared
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
-from campaigns.estimation.estimators import Model
 from sim.scenarios.scenario import load_scenario, scenario_text
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
@@ -111,11 +110,11 @@ def test_limits_of_the_scenario_are_asked_for_where_they_are_wanted(tmp_path):
     assert (asked.distance_mean_mm, asked.distance_max_mm) == (0.4, 1.2)
 
 
-@pytest.mark.parametrize("model", [Model.STANDARD, Model.FULL, Model.AUTO])
-def test_a_dry_run_by_a_larger_model_has_a_controller_that_computes_plate_tilt(tmp_path, model):
-    prepared(tmp_path / "try", "realistic", None, "delta", model)
+def test_a_dry_run_has_a_controller_that_computes_plate_tilt_and_gears(tmp_path):
+    prepared(tmp_path / "try", "realistic", None, "delta")
     cell = load_scenario(str(tmp_path / "try" / "cell.yaml"))
-    assert cell.controller.computes_plate_tilt is (model is not Model.STANDARD)
+    assert cell.controller.computes_plate_tilt
+    assert cell.controller.computes_transmission
     assert cell.robot.kind.name == "delta"
 
 

@@ -35,7 +35,7 @@ def ended(*arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **variable
 def test_answers_and_errors_are_utf_8_whatever_the_code_page(code_page):
     helped = ended("run", "--help", **CODE_PAGES[code_page])
     assert helped.returncode == 0
-    assert "σ=0.02" in helped.stdout.decode()
+    assert "σ" in helped.stdout.decode()
     refused = ended("plan", os.fsdecode(b"no-such-folder-\xff"), **CODE_PAGES[code_page])
     assert refused.returncode == 2
     said = refused.stderr.decode()

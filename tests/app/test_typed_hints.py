@@ -19,26 +19,22 @@ from campaigns.options import PlanOptions, RunOptions
 from campaigns.settings.option import Option
 
 VALUES = {
-    "PlanOptions": {
-        "shots": ("10",),
-        "seed": ("3",),
-        "until": ("σ=5",),
-        "placement": ("boundary",),
-    },
-    "RunOptions": {"until": ("σ=5",), "skip": ("3",), "retry": ("1",)},
+    "PlanOptions": {"shots": ("10",), "seed": ("3",), "until": ("5",), "placement": ("boundary",)},
+    "RunOptions": {"until": ("5",), "skip": ("3",), "retry": ("1",)},
     "IdentificationOptions": {
         "prior": ("arm*.arm_mm=0.05",),
         "shots": ("0-14",),
         "hold_out": ("20%",),
-        "free": ("arm1.azimuth_deg", "reflector_constant_mm"),
+        "free": (),
+        "model": ("full", "paper", "paper --free arm1.azimuth_deg"),
     },
-    "": {"free": ("arm1.azimuth_deg",), "fix": ("arm2.*",)},
+    "": {"fix": ("arm2.*",)},
 }
 """Values of options that are no words of a list, by class; of any class by the empty name."""
 TOGETHER = {
-    PlanOptions: "--placement optimal --shots 12 --seed 3 --model standard --fix arm2.*",
-    RunOptions: "--until σ=5 --model standard --free arm1.azimuth_deg --fix arm2.* --skip 3",
-    IdentificationOptions: "--model auto --free arm1.azimuth_deg --fix arm2.* --hold-out 20%",
+    PlanOptions: "--placement optimal --shots 12 --seed 3 --fix arm2.*",
+    RunOptions: "--until 5 --skip 3",
+    IdentificationOptions: "--prior arm*.arm_mm=0.05 --fix arm2.* --hold-out 20%",
 }
 """Several options in one command."""
 SMALL = {"plan.shots": 40, "plan.validation_pairs": 1, **SMALL_TESTS}
@@ -88,10 +84,10 @@ class Typist:
         with closing(Follower(self.folder, lambda: datetime.now(UTC))) as follower:
             page = follower.news()
         lines = [*ended.err.splitlines(), *status.splitlines(), f"next: {page['next']}"]
-        said = [re.search(r"^(?:next|by \w+): .*?(pkmcal .*?)(?: \(.*)?$", line) for line in lines]
+        said = [re.search(r"^next: .*?(pkmcal .*?)(?: \(.*)?$", line) for line in lines]
         commands = {match[1] for match in said if match}
         assert len([match for match in said if match]) >= 3, ended
-        return commands | {document["next"]} | {way["next"] for way in document["ways"]}
+        return commands | {document["next"]}
 
     def follows(self, ended):
         """Type every hint; a command of the right form ends well, or says what it did not find."""

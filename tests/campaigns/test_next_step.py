@@ -1,6 +1,6 @@
 """One next step for whatever a campaign has reached, and no advice that leads back."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -12,56 +12,34 @@ from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.export import PLAIN, PLAIN_FILE, WrittenSet
-from campaigns.estimation.change_detection import CauseKind
-from campaigns.estimation.estimators import Estimator, Model
-from campaigns.evaluation import diagnostics, identification
-from campaigns.evaluation.calibration_check import PartChange, RecordedCheck
-from campaigns.evaluation.diagnostics import Doubt
-from campaigns.evaluation.summary import BeforeAfter, Spread
+from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence, evaluate, gather
+from campaigns.identification import findings
+from campaigns.identification.checking import RecordedCheck
+from campaigns.identification.findings import Finding
 from campaigns.identification.result import IdentifiedParameter, RecordedIdentification
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters
 from campaigns.next_step import Answer, CampaignState, NextStep, next_step
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
-from campaigns.ways_on import FEW, Unusable
+from campaigns.way_on import BUILT_SO, way_on
 from campaigns.workflow.status import doubtful
 
-SESSIONS = {number: 1 + number // 60 for number in range(120)}
-REACHED = Spread(mean_abs=0.02, rms=0.03, max_abs=0.06)
-LIMITS: Mapping[str, Mapping[str, float]] = {"tight": {"max": 0.05}, "met": {"max": 0.1}, "": {}}
 FAILING = (
-    diagnostics.LARGE_CHANGE,
-    identification.TOO_FEW,
-    identification.UNTOLD,
-    identification.PRIOR,
-    identification.MANY_LEFT_OUT,
-    identification.WORSE,
+    findings.BEYOND_TOLERANCE,
+    findings.SCATTER,
+    findings.WORSE,
+    findings.NOT_TAKEN,
+    findings.WRONG_SHOTS,
+    findings.KNOWN_LENGTH,
 )
-OPEN = (
-    identification.NOTHING_UNSEEN,
-    identification.TOO_FEW,
-    diagnostics.HOLD_OUT,
-    diagnostics.EXTRAPOLATION,
-    diagnostics.UNKNOWN_POSITIONS,
-    "another cause",
-)
-CHANGES = ("frame", "joint", "drift")
-OPTIONS = (
-    ("--prior", "arm*.arm_mm=1"),
-    ("--model", "auto"),
-    ("--shots", "-59"),
-    ("--sessions",),
-    ("--fix", "held"),
-    ("--hold-out", "20%"),
-    ("--free", "reflector_constant_mm"),
-    (diagnostics.ACCEPT[diagnostics.LARGE_CHANGE],),
-)
-"""All that a next step may ask an identification for: each changes it once."""
+OPEN = (findings.NOTHING_UNSEEN, findings.HOLD_OUT, findings.EXTRAPOLATION, findings.NO_POSITIONS)
+CHANGES = (60.0, 20.0, 110.0)
+"""Numbers of the first shot after a change."""
 DEVICES = {"devices", "run", "validate", "load", "check"}
-ANSWERS: tuple[Answer, ...] = ("", "firm", "anew")
+ANSWERS: tuple[Answer, ...] = ("", "update", "anew")
 OFFLINE = ("plan", "program", "before", "import", "identify", "export", "program", "after")
-ANEW = "mend what the diagnostics name, then: run DIR --anew"
+ANEW = "mend what the findings name, then: run DIR --anew"
 
 
 def is_another_campaign(state: CampaignState, step: NextStep) -> bool:
@@ -79,42 +57,38 @@ class Place:
     """A state, and what of the campaign the next identification depends on."""
 
     state: CampaignState
-    limits: str = ""
-    model: Model = Model.STANDARD
     shots: int = 120
     asked: tuple[str, ...] = ()
-    restricted: bool = False
-    """Whether the workspace is as large as what was measured."""
 
 
-def identified(place: Place, verdict: str, name: str, change: str = "") -> RecordedIdentification:
+def identified(
+    place: Place, verdict: str, name: str, before_shot: float = 60.0
+) -> RecordedIdentification:
     """An identification against which one thing stands."""
-    numbers = {"kind": change, "before_shot": 60.0, "cause": change}
-    doubts = (Doubt(name, "", "fail", numbers),) if change else ()  # type: ignore[arg-type]
+    finding = Finding(name, "", "fail", {"before_shot": before_shot})
     return RecordedIdentification(
-        estimator=Estimator.POINTS,
+        model="full",
         converged=True,
         iterations=1,
-        rank=1,
-        condition=1.0,
-        dof=1,
         parameters={},
-        excluded=(),
-        unobservable=() if name != identification.UNTOLD else (("held",),),
-        unseen_mm=BeforeAfter(REACHED, REACHED),
-        doubts=doubts,
+        findings=(finding,),
         verdict=verdict,  # type: ignore[arg-type] # one of three words
         reasons=(),
-        obstacles=(name,) if name else (),
+        obstacles=(name,),
         series=1,
         robot_digest="",
         plan_digest="",
         journal_digest="",
         journal_records=1,
         at_utc="",
-        model=place.model.value,
         asked=place.asked,
     )
+
+
+def way(place: Place, found: RecordedIdentification) -> NextStep:
+    """The step after an identification."""
+    imported = place.state.measured == "import"
+    return way_on(found, range(place.shots), "DIR", imported=imported)
 
 
 def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
@@ -168,49 +142,26 @@ def changed(words: tuple[str, ...]) -> dict[str, object]:
 
 def identifications(place: Place, step: NextStep) -> Iterator[Place]:
     """Whatever may stand against an identification that is asked for with these words."""
-    words, limits = step.command, place.limits
-    typed = [each for each in OPTIONS if {*each} <= {*words}]
-    if "acceptance" in step.first:
-        limits = "met" if limits else "tight"  # a person may ask for too much at first
-    model = Model.AUTO if Model.AUTO.value in words else place.model
-    asked = tuple(word for each in typed for word in each)
-    restricted = place.restricted or "space" in step.first
-    here = replace(place, limits=limits, model=model, asked=asked, restricted=restricted)
+    asked = step.command[2:]
+    if asked == ("--update",):
+        asked = ()  # what an update leads to is checked again, or measured anew
+    here = replace(place, asked=asked, state=replace(place.state, check=""))
     for form in ("", "needed"):  # the rest of the way is the same whatever it was identified with
-        yield Place(replace(place.state, verdict="pass", way_on=None, form=form))
-    cases = [("fail", name, "") for name in FAILING]
-    cases += [("fail", diagnostics.CHANGE, change) for change in CHANGES]
-    cases += [("not decided", name, "") for name in OPEN]
-    cases += [("not decided", diagnostics.LACK, "reflector")]
-    cases += [("not decided", diagnostics.CHANGE, "joint")]
-    for verdict, name, change in cases:
-        cannot_be = (
-            (name == identification.PRIOR and "--prior" not in words)
-            or (name in diagnostics.ACCEPT and diagnostics.ACCEPT[name] in words)
-            or (name == identification.UNTOLD and "--fix" in words)
-            or (name == diagnostics.EXTRAPOLATION and restricted)
-            or (verdict == "not decided" and name not in FEW and limits == "met")
-        )
-        if not cannot_be:
-            way_on = unusable(here, identified(here, verdict, name, change)).way_on()
-            told = replace(place.state, verdict=verdict, way_on=way_on)  # type: ignore[arg-type]
-            yield replace(here, state=told)
-
-
-def unusable(place: Place, found: RecordedIdentification) -> Unusable:
-    return Unusable(
-        found=found,
-        shots=place.shots,
-        limits_mm=LIMITS[place.limits],
-        sessions=SESSIONS,
-        imported=place.state.measured == "import",
-    )
+        yield Place(replace(here.state, verdict="pass", way_on=None, form=form))
+    cases = [("fail", name, 0.0) for name in FAILING]
+    cases += [("fail", findings.CHANGE, shot) for shot in CHANGES]
+    cases += [("not decided", name, 0.0) for name in OPEN]
+    for verdict, name, shot in cases:
+        if not (name == findings.BEYOND_TOLERANCE and "--accept-large-change" in asked):
+            told = way(here, identified(here, verdict, name, shot))
+            state = replace(here.state, verdict=verdict, way_on=told)  # type: ignore[arg-type]
+            yield replace(here, state=state)
 
 
 @pytest.mark.slow
 def test_no_advice_leads_back_and_all_end() -> None:
     """From an empty folder, over all that may come of each step, to the end of each way."""
-    simulated, prior = CampaignState(), ("--prior", "arm*.arm_mm=1")
+    simulated, prior = CampaignState(), ("--fix", "rods")
     under_way, done = set[Place](), dict[Place, int]()
 
     def walk(place: Place) -> int:
@@ -241,7 +192,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
         for after in ("worse", "fail", "pass", ""):
             now = replace(calibrated, holds=held, check=answer, after=after, reported=bool(after))
             walk(Place(now))
-    assert len(done) > 300
+    assert len(done) > 100
 
 
 @pytest.mark.parametrize(
@@ -252,7 +203,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({"left": "run"}, "run DIR"),
         ({}, "identify DIR"),
         ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
-        ({"verdict": "pass", "check": "firm"}, "make the tracker's stand firm, then: check DIR"),
+        ({"verdict": "pass", "check": "update"}, "identify DIR --update"),
         ({"verdict": "pass", "check": "again"}, "check DIR"),
         (
             {"verdict": "pass", "check": "anew"},
@@ -286,44 +237,35 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: 
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "asked", "says"),
+    ("name", "before_shot", "asked", "says"),
     [
-        (diagnostics.LACK, "reflector", (), "identify DIR --free reflector_constant_mm"),
-        (diagnostics.LACK, "sag", (), "identify DIR --model auto"),
-        (diagnostics.LACK, "backlash", ("--estimator", "distances"), "identify DIR"),
-        (diagnostics.CHANGE, "frame", (), "identify DIR --sessions"),
-        (diagnostics.CHANGE, "joint", (), "identify DIR --shots -59"),
-        (diagnostics.CHANGE, "joint", ("--fix", "a"), ANEW),
-        (diagnostics.CHANGE, "drift", (), ANEW),
-        (identification.NOTHING_UNSEEN, "", (), "identify DIR --hold-out 20%"),
-        (identification.UNTOLD, "", (), "plan DIR --shots 240"),
-        (identification.TOO_FEW, "", ("--estimator", "distances"), "identify DIR"),
-        (identification.PRIOR, "", ("--prior", "x=1"), "identify DIR"),
-        ("", "", (), "identify DIR"),
+        (findings.CHANGE, 60.0, (), "identify DIR --shots 60-"),
+        (findings.CHANGE, 70.0, (), "identify DIR --shots -69"),
+        (findings.CHANGE, 60.0, ("--fix", "a"), ANEW),
+        (findings.NOTHING_UNSEEN, 0.0, (), "identify DIR --hold-out 20%"),
+        (findings.EXTRAPOLATION, 0.0, (), "plan DIR --shots 240"),
+        (findings.SCATTER, 0.0, (), ANEW),
+        (
+            findings.BEYOND_TOLERANCE,
+            0.0,
+            (),
+            f"{BUILT_SO}, then: identify DIR --accept-large-change",
+        ),
     ],
 )
 def test_way_on_from_an_identification_follows_what_stands_against_it(
-    name: str, change: str, asked: tuple[str, ...], says: str
+    name: str, before_shot: float, asked: tuple[str, ...], says: str
 ) -> None:
     place = Place(CampaignState(measured="run"), asked=asked)
-    step = unusable(place, identified(place, "fail", name, change)).way_on()
+    step = way(place, identified(place, "fail", name, before_shot))
     assert step.says.replace("pkmcal ", "") == says
 
 
-def test_model_that_was_looked_through_is_not_advised_again_but_limits_are() -> None:
-    place = Place(CampaignState(measured="run"), model=Model.AUTO)
-    found = identified(place, "not decided", diagnostics.LACK)
-    step = unusable(place, found).way_on()
-    assert step.text == "pkmcal identify DIR"
-    assert "mean 0.020, largest 0.060 mm" in step.first
-    assert "or widen" in unusable(replace(place, limits="tight"), found).way_on().first
-    assert not unusable(replace(place, limits="met"), found).way_on().first
-
-
-def test_a_change_that_one_shot_shows_asks_for_more_shots() -> None:
+def test_a_change_that_was_taken_back_is_measured_again() -> None:
     place = Place(CampaignState(measured="run"))
-    found = identified(place, "not decided", diagnostics.CHANGE, "joint")
-    assert unusable(place, found).way_on().text == "pkmcal plan DIR --shots 240"
+    found = identified(place, "fail", findings.CHANGE)
+    found.findings[0].numbers["last_shot"] = 80.0
+    assert way(place, found).says.replace("pkmcal ", "") == ANEW
 
 
 def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None:
@@ -462,14 +404,17 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
         assert words.replace(f"{whole.folder}/", "") == said, forms
 
 
-@pytest.mark.parametrize(("kind", "answer"), [("joint", "anew"), ("frame", "firm")])
+@pytest.mark.parametrize(
+    ("decision", "parts", "answer"),
+    [("fail", ("encoder 2",), "update"), ("fail", (), "anew"), ("not decided", (), "again")],
+)
 def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
-    whole: PaperCampaign, kind: CauseKind, answer: Answer
+    whole: PaperCampaign, decision: Decision, parts: tuple[str, ...], answer: Answer
 ) -> None:
     evidence = gather(open_campaign(whole.folder))
     assert evidence.identification is not None
     assert evidence.journal is not None
-    check = bad_check(evidence, kind, "arm2.joint_offset_deg" if kind == "joint" else "")
+    check = bad_check(evidence, decision, parts)
     assert told(evidence, check) == answer
     assert told(evidence, replace(check, decision="pass")) == ""
     assert told(evidence, replace(check, of="of other parameters")) == "again"
@@ -478,16 +423,14 @@ def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
     assert replace(evidence, journal=later, checked=check).unanswered is None
 
 
-def bad_check(evidence: Evidence, kind: CauseKind, name: str) -> RecordedCheck:
-    """A check of the latest set that names one part."""
+def bad_check(evidence: Evidence, decision: Decision, parts: tuple[str, ...]) -> RecordedCheck:
+    """A check of the latest set that is not good."""
     assert evidence.identification is not None
     mechanism = evidence.campaign.robot.mechanism
     digest = Parameters.of(mechanism.parameters, evidence.identification.flat()).digest()
-    part = PartChange(kind, name, "a part", 0.1, 0.01, "mm", 0.0, 9.0, True)
     return RecordedCheck(
-        decision="not decided" if kind == "frame" else "fail", says="not good", changed=(part,),
-        shots=8, chi2=99.0, dof=18, p=0.0, misfit_mm=0.1, expected_mm=0.01,
-        series=50, of=digest, at_utc="",
+        decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=0.0, parts=parts,
+        log_factors={}, series=50, of=digest, at_utc="",
     )  # fmt: skip
 
 
@@ -501,16 +444,3 @@ def told(evidence: Evidence, check: RecordedCheck) -> Answer:
     found = [each.holds for each in evaluation.checks if each.statement == changed]
     assert found == ([False] if answer and check.decision == "fail" else [])
     return answer
-
-
-def test_each_way_on_from_what_is_not_decided_says_what_it_costs() -> None:
-    open_one = identified(Place(CampaignState()), "not decided", diagnostics.LACK, "")
-    ways = {way.by: way for way in Unusable(found=open_one, shots=60, shot_s=2.0).ways_on()}
-    assert {*ways} == {"model", "limits", "shots"}
-    assert ways["model"].step.command[-2:] == ("--model", "auto")
-    assert "acceptance.distance_mean_mm" in ways["limits"].says
-    assert ways["shots"].cost.startswith("60 more shots, about 2 min")
-    imported = Unusable(found=open_one, shots=60, imported=True).ways_on()
-    assert "shots" not in {way.by for way in imported}
-    looked = replace(open_one, model=Model.AUTO)
-    assert "model" not in {way.by for way in Unusable(found=looked, shots=400).ways_on()}

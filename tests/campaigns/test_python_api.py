@@ -7,18 +7,19 @@ import pytest
 
 import pkmcal
 from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid
-from campaigns.estimation.estimators import Model
 from campaigns.identification.options import IdentificationOptions
+from campaigns.kinematics.catalog import load_mechanism
+from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile
 from campaigns.robots.robot import find_robot as find_robot_file
-from pkmcal import Shots, find_robot, identify, plan, point_residuals, read_shots, sample_workspace
+from pkmcal import Shots, find_robot, identify, plan, read_shots, sample_workspace, study
 
 PACKAGE = """
-from campaigns.mechanisms.arms import RotaryArms
-from campaigns.mechanisms.closed_chain import ClosedChain
-from campaigns.mechanisms.platforms import TranslatingPlatform
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.limbs import Crank
+from campaigns.kinematics.platforms import Platform
 
-OWN = ClosedChain("own-delta", RotaryArms, TranslatingPlatform(), held_fields=("azimuth_deg",))
+OWN = ClosedChain("own-delta", Crank(), Platform())
 OTHER = "no mechanism"
 """
 
@@ -45,7 +46,7 @@ def test_poses_follow_encoders_by_the_joint_jacobian(name):
     """Gears' terms too; against central differences."""
     nominal = find_robot(name)
     space = nominal.mechanism.parameters
-    terms = {each: 0.02 * (1 + i) for i, each in enumerate(space.transmission)}
+    terms = {each: 0.02 * (1 + i) for i, each in enumerate(space.select(Role.TRANSMISSION))}
     rate = 7.0 if nominal.mechanism.joints[0].is_revolute else 40.0  # a turn, or mm
     mechanism = nominal.mechanism.with_ripples(rate)
     robot = RobotFile.of(mechanism, nominal.parameters | terms, name="g", limits=nominal.limits)
@@ -62,7 +63,7 @@ def test_words_and_mappings_stand_for_members_and_options():
     robot = find_robot("delta")
     joints = np.radians([[10.0, 20.0, 30.0], [30.0, 10.0, 20.0]])
     shots = Shots.of(joints, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], robot, pairs=[0, 0])
-    with pytest.raises(OptionsInvalid, match="model is 'complete' → use paper, standard"):
+    with pytest.raises(OptionsInvalid, match="model is 'complete' → use full or paper"):
         identify(shots, robot, model="complete")
     with pytest.raises(OptionsInvalid, match="placement is 'edge' → use boundary or optimal"):
         plan(robot, (2400.0, -300.0, -600.0), placement="edge")
@@ -78,41 +79,55 @@ def measured():
 
 def test_options_are_the_words_of_the_command_line(measured):
     shots, robot = measured
-    everything = identify(shots, robot, model="standard")
-    plain = identify(shots, robot, model="standard", options={"estimator": "points"})
-    assert plain.estimator is everything.estimator
-    assert plain.flat() == everything.flat()
-    by_distances = identify(shots, robot, options={"model": "paper", "estimator": "distances"})
-    assert by_distances.estimator.value == "distances"
-    assert by_distances.dof < plain.dof
+    everything = identify(shots, robot)
     words = {"shots": "0-39", "hold_out": "20%", "fix": "arm1.*", "prior": ["arm2.arm_mm=0.001"]}
-    fewer = identify(shots, robot, model="standard", options=words)
+    fewer = identify(shots, robot, options=words)
     values = {"shots": (0, 39), "hold_out": 0.2, "prior": ("arm2.arm_mm=0.001",)}
-    assert identify(shots, robot, fix="arm1.*", model="standard", options=values) == fewer
+    assert identify(shots, robot, fix="arm1.*", options=values).flat() == fewer.flat()
+    by_mapping = {"shots": (0, 39), "hold_out": 0.2}
+    again = identify(shots, robot, fix="arm1.*", priors={"arm2.arm_mm": 0.001}, options=by_mapping)
+    assert again.flat() == fewer.flat()
     assert not [name for name in fewer.free if name.startswith("arm1.")]
-    assert fewer.priors == {"arm2.arm_mm": 0.001}
+    assert fewer.std()["arm2.arm_mm"] <= 0.001
     assert max(fewer.fitted.numbers) <= 39
     assert fewer.hold_out.pairs == 4
     assert everything.hold_out is None
 
 
+def test_the_papers_method_takes_distances_alone(measured):
+    shots, robot = measured
+    paper = identify(shots, robot, model="paper", free="arm1.azimuth_deg")
+    assert paper.model == "paper"
+    assert paper.fitted.of == "pairs"
+    assert "arm1.azimuth_deg" in paper.free
+    assert "arm0.azimuth_deg" not in paper.free
+
+
 def test_without_options_it_does_what_the_command_does(measured):
     shots, robot = measured
     by_itself = identify(shots, robot)
-    assert len(by_itself.models) > 1
+    assert by_itself.model == "full"
     assert by_itself.position_std_mm is not None
-    assert by_itself == identify(shots, robot, options={"model": "auto"})
-    plain = identify(shots, robot, options=IdentificationOptions(model=Model.AUTO))
+    plain = identify(shots, robot, options=IdentificationOptions())
     assert plain.flat() == by_itself.flat()
     assert plain.position_std_mm is None
+
+
+def test_a_result_is_a_report_and_a_table(measured):
+    found = identify(*measured)
+    said = found.report()
+    assert said.startswith(f"verdict: {found.verdict}\n")
+    assert "uncertainty of positions, 1 σ, rms over the workspace, mm" in said
+    table = found.to_frame()
+    assert list(table.index) == list(found.parameters)
+    assert table.loc["arm0.arm_mm", "value"] == found.parameters["arm0.arm_mm"].value
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"estimater": "points"}, "'estimater' is not an option → did you mean estimator?"),
-        ({"estimator": "nonsense"}, "estimator is 'nonsense' → use points or distances"),
-        ({"model": "complete"}, "model is 'complete' → use paper, standard, rods, full, auto"),
+        ({"modell": "paper"}, "'modell' is not an option → did you mean model?"),
+        ({"model": "complete"}, "model is 'complete' → use full or paper"),
         ({"hold_out": "much"}, "--hold-out is 'much' → give a share"),
         ({"sessions": "perhaps"}, "sessions is 'perhaps' → use True or False"),
         ({"free": 3}, "free is 3 → give a name or a list of names"),
@@ -126,22 +141,27 @@ def test_unknown_options_and_values_are_refused_with_the_known_ones(measured, op
 
 def test_a_name_alone_is_a_list_of_one(measured):
     shots, robot = measured
-    found = identify(shots, robot, free="arm1.azimuth_deg", model="standard")
-    assert "arm1.azimuth_deg" in found.free
-    start = point_residuals(shots, robot, free="arm1.azimuth_deg").start()
-    assert len(start) == len(found.free) + 6
-    with pytest.raises(OptionsInvalid, match=r"arm9\.\* matches no parameter"):
-        identify(shots, robot, free="arm9.*")
+    found = identify(shots, robot, fix="arm1.azimuth_deg")
+    assert "arm1.azimuth_deg" not in found.free
+    with pytest.raises(OptionsInvalid, match=r"arm9\.\* is no parameter"):
+        identify(shots, robot, fix="arm9.*")
 
 
-@pytest.mark.parametrize("shots", [3, 12])
-def test_a_plan_of_too_few_shots_is_refused_with_the_least_number(shots):
+def test_a_plan_of_too_few_shots_is_refused_with_the_least_number():
     robot, tracker_mm = find_robot("par4-prototype"), (2400.0, -300.0, -450.0)
-    with pytest.raises(PlanInvalid) as caught:
-        plan(robot, tracker_mm, shots=shots)
-    words = f"shots is {shots}, must be even and 14 or more to determine 22 parameters"
-    assert str(caught.value).startswith(words)
-    assert plan(robot, tracker_mm, shots=14).precision.position_std_mm.max() < 1.0
+    with pytest.raises(PlanInvalid, match="shots is 3, must be even"):
+        plan(robot, tracker_mm, shots=3)
+    with pytest.raises(PlanInvalid, match="2 shots to identify from place no frame"):
+        plan(robot, tracker_mm, shots=2)
+    assert plan(robot, tracker_mm, shots=40).precision.position_std_mm.max() < 0.2
+
+
+def test_a_study_compares_errors_with_what_is_stated():
+    robot, tracker_mm = find_robot("delta"), (2400.0, -300.0, -600.0)
+    made = plan(robot, tracker_mm, shots=30, validation_pairs=2)
+    found = study(robot, made.shots, tracker_mm, campaigns=4)
+    assert found.campaigns == 4
+    assert 0.3 < found.position_mm / found.stated_mm < 2.0
 
 
 def test_shots_are_a_table_of_pandas_with_the_columns_of_files():
@@ -187,3 +207,12 @@ def test_another_packages_mechanism_is_taken_in_robot_files(offered):
 def test_a_package_that_offers_no_mechanism_is_refused(offered, offers, said):
     with pytest.raises(ConfigInvalid, match=f"gives no mechanism .*{said}"):
         find_robot(offered(offers))
+
+
+def test_a_mechanism_of_ones_own_is_taken_from_a_file(tmp_path):
+    (tmp_path / "my.py").write_text(PACKAGE)
+    own, delta = load_mechanism(tmp_path / "my.py", "OWN"), find_robot("delta")
+    robot = delta.of(own, delta.parameters, name="mine", limits=delta.limits)
+    poses = sample_workspace(robot, 3)
+    joints = robot.kinematics.inverse(poses).values_or_raise()
+    np.testing.assert_allclose(joints, delta.kinematics.inverse(poses).values_or_raise())

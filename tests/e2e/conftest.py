@@ -20,7 +20,12 @@ SMALL = {
     **SMALL_TESTS,
 }
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
-FAST = {"speed_up": 1000}
+FAST = {
+    "speed_up": 1000,
+    "controller.computes_plate_tilt": True,
+    "controller.computes_transmission": True,
+}
+"""A controller that can be given all that is identified."""
 IMPATIENT_ROBOT = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 
@@ -112,7 +117,7 @@ def measured(measured_once, tmp_path):
 def exported_once(made_once, measured_once):
     def make(folder):
         shutil.copytree(measured_once, folder)
-        ran(folder, "identify --model standard", "export")
+        ran(folder, "identify", "export")
 
     return made_once("exported", make)
 

@@ -83,7 +83,7 @@ def assert_resumes(pkmcal, folder):
             r for r in told[taken_up:] if isinstance(r, Outcome) or is_event(r, "drift check")
         )
         assert is_event(next(firsts), "drift check"), "before anything else"
-    assert pkmcal("identify", folder, "--model", "standard").code == 0
+    assert pkmcal("identify", folder).code == 0
 
 
 def is_event(record, kind):

@@ -23,7 +23,7 @@ def test_nests_tell_of_a_stand_that_creeps(pkmcal, tmp_path):
     assert pkmcal("plan", folder).code == 0
     assert pkmcal("run", folder, "--yes").code == 0
     found = pkmcal("identify", folder, "--json").document
-    [doubt] = [each for each in found["doubts"] if each["name"] == "nests"]
-    assert doubt["numbers"]["kind"] == "stand"
-    assert doubt["numbers"]["moved_mm"] > 10.0 * doubt["numbers"]["std_mm"]
+    changes = [finding for finding in found["findings"] if finding["name"] == "change"]
+    assert changes
+    assert any("tracker's stand" in finding["says"] for finding in changes)
     assert found["verdict"] == "fail"

@@ -23,7 +23,7 @@ def rows_of(file):
 
 
 def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured, shots, tmp_path):
-    first = pkmcal("identify", measured, "--model", "standard", "--json").document["parameters"]
+    first = pkmcal("identify", measured, "--json").document["parameters"]
     other = tmp_path / "other"
     assert pkmcal("new", other).code == 0
     swapped = tmp_path / "swapped.csv"
@@ -33,7 +33,7 @@ def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured,
     assert refused.code == 2
     assert "swapped.csv: the joints seem to stand in the order q1, q0" in refused.error_line
     assert pkmcal("import", other, shots).code == 0
-    second = pkmcal("identify", other, "--model", "standard", "--json").document["parameters"]
+    second = pkmcal("identify", other, "--json").document["parameters"]
     for name, found in first.items():
         assert second[name]["value"] == pytest.approx(found["value"], abs=1e-6)
     assert pkmcal("report", other).code == 0
@@ -66,7 +66,7 @@ def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tm
     assert ended.code == 0, ended.err
     following = {"next": f"pkmcal identify {other}", "before_next": None}
     assert ended.document == {"series": 1, "shots": len(rows)} | following
-    assert pkmcal("identify", other, "--model", "standard", "--json").document["verdict"] == "pass"
+    assert pkmcal("identify", other, "--json").document["verdict"] == "pass"
 
 
 def test_another_tracker_answers_too_and_every_byte_is_written_down(pkmcal, planned, tmp_path):
@@ -97,16 +97,15 @@ def test_a_bar_measured_beside_the_robot_tells_the_trackers_scale(pkmcal, shots,
     assert pkmcal("import", other, bars).code == 0
     untold = pkmcal("identify", other)
     assert untold.code == 2
-    assert "known_lengths in campaign.yaml does not say which length it is" in untold.error_line
+    assert "belongs to no length of known_lengths" in untold.error_line
     bar = {"name": "bar 12", "length_mm": 1000.0, "std_mm": 0.005}
     change(other / "campaign.yaml", {"known_lengths": [bar]})
-    found = pkmcal("identify", other, "--model", "standard", "--json")
+    found = pkmcal("identify", other, "--json")
     assert found.code == 1
-    assert found.document["next"] == f"pkmcal import {other} FILE", "no circle"
+    assert found.document["next"] == f"pkmcal identify {other} --accept-large-change", "no circle"
     assert found.document["series"] == 1, "the robot's shots, and the bar's beside them"
-    scale = found.document["known_lengths"]["scale"]
-    assert scale["share"] == pytest.approx(1e-4, rel=0.01)
-    assert "the tracker's scale is off by +100 ppm" in found.document["reasons"][0]
+    assert found.document["tracker"]["scale"][0] == pytest.approx(100.0, rel=0.05)
+    assert any("scale is off by +100" in reason for reason in found.document["reasons"])
     assert pkmcal("report", other).code == 1
     page = (other / "report.html").read_text(encoding="utf-8")
-    assert "by known lengths: +100." in page
+    assert "scale is off by +100" in page

@@ -26,7 +26,7 @@ def campaign(request, tmp_path_factory):
     if member.name == "linear-delta":  # whose shots all lie near its axis
         change(folder / "campaign.yaml", {"space.radius_mm": 220.0})
     assert run_command(["import", str(folder), str(member.shots_file("noise"))]) == 0
-    assert run_command(["identify", str(folder), "--hold-out", "20%", "--model", "standard"]) == 0
+    assert run_command(["identify", str(folder), "--hold-out", "20%", "--model", "paper"]) == 0
     return member, folder
 
 

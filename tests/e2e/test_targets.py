@@ -17,7 +17,7 @@ SMALL = {
     "validation.line_points": 5,
     "acceptance.distance_max_mm": 5.0,
 }
-"""Unequal rods are more than the standard model explains: the limit accepts what that leaves."""
+"""The limit accepts what the robot's path leaves."""
 IMPERFECT = {
     "speed_up": 10_000,
     "robot.repeatability": None,

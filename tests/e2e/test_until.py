@@ -6,7 +6,8 @@ from campaigns.journal.journal import read_journal
 from campaigns.shots.shot_sets import ShotSet
 
 SHOTS, TO_IDENTIFY = 59, 48
-REACHABLE = "σ=0.09"
+GOAL_MM = 0.05
+REACHABLE = f"{GOAL_MM}"
 
 
 def shots_by_set(folder):
@@ -22,24 +23,22 @@ def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned
     keys = {"series", "shots", "goal", "knowledge", "skipped", "settling", "next", "before_next"}
     assert set(ended.document) == keys
     assert set(goal) == {"std_mm", "met", "reached_mm", "left_out"}
-    assert (goal["std_mm"], goal["met"]) == (0.09, True)
-    assert goal["reached_mm"] == known["length_std_mm"] <= 0.09
+    assert (goal["std_mm"], goal["met"]) == (GOAL_MM, True)
+    assert goal["reached_mm"] == known["position_std_mm"] <= GOAL_MM
     assert goal["left_out"] == SHOTS - ended.document["shots"] > 4
     assert known["shots"] == TO_IDENTIFY - goal["left_out"]
     taken = shots_by_set(planned)
     assert (taken[ShotSet.VALIDATION], taken[ShotSet.DRIFT]) == (8, 3)
-    assert "goal σ=0.09 met by" in ended.err
-    found = pkmcal("identify", planned, "--model", "standard", "--json").document
+    assert f"goal {GOAL_MM} mm met by" in ended.err
+    found = pkmcal("identify", planned, "--json").document
     assert found["verdict"] == "pass"
-    lengths = [p["std"] for n, p in found["parameters"].items() if n.endswith("_mm") and p["std"]]
-    assert max(lengths) <= 0.09
+    assert found["position_std_mm"]["mean"] <= 1.01 * GOAL_MM
 
 
 def test_what_no_run_can_do_is_refused_before_anything_moves(pkmcal, planned):
     for options, words in (
-        ("--yes --until σ=0.001", "the whole plan will give 0.0"),
-        ("--dry --until σ=0.09 --fix *_mm", "none of them is free"),
-        ("--dry --free arm*.azimuth_deg", "move together, whatever is measured"),
+        ("--yes --until 0.0001", "the whole plan will give 0.0"),
+        ("--yes --until much", "must be above 0 and at most 10 mm"),
         ("--yes --skip 99", "--skip 99: plan.csv has no such shot"),
     ):
         ended = pkmcal("run", planned, *options.split())
@@ -51,20 +50,19 @@ def test_what_no_run_can_do_is_refused_before_anything_moves(pkmcal, planned):
 def test_dry_says_what_the_plan_would_give(pkmcal, planned):
     ended = pkmcal("run", planned, "--dry", "--until", REACHABLE)
     assert ended.code == 0
-    assert "predicted for the whole plan: weakest arm" in ended.out
-    assert "for goal σ=0.09, " in ended.out
+    assert "predicted for the whole plan: " in ended.out
+    assert f"goal {GOAL_MM} mm: " in ended.out
     document = pkmcal("run", planned, "--dry", "--until", REACHABLE, "--json").document
     assert document["shots"] == SHOTS
     assert document["knowledge"]["shots"] == TO_IDENTIFY > document["goal"]["shots"]
     assert not (planned / "campaign.db").exists()
 
 
-@pytest.mark.parametrize(("goal", "estimator"), [("σ=0.05", "points"), ("σ=0.1", "distances")])
-def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned, goal, estimator):
-    words = ("--until", goal, "--estimator", estimator, "--json")
-    made = pkmcal("plan", planned, *words, "--candidates", "300").document
+def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned):
+    words = ("--until", "0.04", "--json")
+    made = pkmcal("plan", planned, *words).document
     dry = pkmcal("run", planned, "--dry", *words)
     assert dry.code == 0, dry.err
-    assert dry.document["goal"]["shots"] == made["shots"]
-    foreseen_mm = dry.document["knowledge"]["length_std_mm"]
-    assert 0.9 * made["worst"]["length_mm"] < foreseen_mm < 1.1 * made["worst"]["length_mm"]
+    assert made["shots"] - 4 <= dry.document["goal"]["shots"] <= made["shots"]
+    foreseen_mm = dry.document["knowledge"]["position_std_mm"]
+    assert foreseen_mm == pytest.approx(made["position_std_mm"]["mean"], rel=0.01)

@@ -12,6 +12,7 @@ from linuxcnc_instance import LinuxcncInstance
 from par4_space import with_values
 
 from campaigns.controllers.linuxcnc_export import write_hal
+from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot, pose_of
 from sim.geometry import KINDS
 from sim.robot.linuxcnc_joints import joint_source
@@ -20,6 +21,8 @@ pytestmark = NEEDS_LINUXCNC
 
 SAME = 1e-6
 """mm or deg."""
+STRAINED = 5e-3
+"""The same of four arms with imperfect parts, whose rods cannot all close."""
 DECIMALS = 6
 """Of the poses as they are sent."""
 CARRIAGES = [
@@ -122,7 +125,7 @@ def test_linuxcncs_own_delta_stands_where_our_nominal_one_does(tmp_path, oracle,
 @pytest.mark.parametrize("name", ["h4", "i4r", "i4l"])
 def test_robot_stands_where_the_model_with_tilting_plate_has_it(tmp_path, name):
     nominal, draw = find_robot(name).robot, np.random.default_rng(2)
-    extensions = nominal.mechanism.parameters.extensions
+    extensions = nominal.mechanism.parameters.select(Role.EXTENSION)
     robot = with_values(nominal, {key: draw.normal(0.0, 0.05) for key in extensions})
     on_rails = not robot.mechanism.joints[0].is_revolute
     edits = [
@@ -134,4 +137,4 @@ def test_robot_stands_where_the_model_with_tilting_plate_has_it(tmp_path, name):
     linuxcnc = world_controller(tmp_path, edits=edits)
     write_hal(linuxcnc.config / "calib.hal", robot, name, overwrite=True)
     speed_per_s = 500.0 if on_rails else np.radians(360.0)
-    assert np.abs(away(linuxcnc, robot, speed_per_s, reachable(robot, 5, seed=2))).max() <= SAME
+    assert np.abs(away(linuxcnc, robot, speed_per_s, reachable(robot, 5, seed=2))).max() <= STRAINED

@@ -6,13 +6,14 @@ from linuxcnc_bench import NEEDS_LINUXCNC, NOMINAL, at, world_controller
 from linuxcnc_campaign import tell
 from par4_space import par4
 
+from campaigns.kinematics.parameters import Role
 from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC
 
 OLD = dict(NOMINAL.parameters)
-FULL = OLD | dict.fromkeys(NOMINAL.mechanism.parameters.extensions, 0.03)
+FULL = OLD | dict.fromkeys(NOMINAL.mechanism.parameters.select(Role.EXTENSION), 0.03)
 FUNCTIONS = ("motion-controller", "servo-thread")
 SPEED = 0.3
 MOVES = 6

@@ -12,7 +12,8 @@ from linuxcnc_bench import compiled_kinematics
 from linuxcnc_campaign import tell
 
 from campaigns.controllers.linuxcnc_export import drawing_flat, parameter_pins, pin_of
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot
 
 pytestmark = [
@@ -28,6 +29,9 @@ ROBOTS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
 POSES = 1000
 SAME = 1e-6
 """mm or deg."""
+STRAINED = 5e-3
+"""The same of four arms with imperfect parts, whose rods cannot all close: the module fits the tilt
+alone to them, our model tilt and pose."""
 BEYOND = 400.0
 SERVO_US = 1000.0
 
@@ -44,6 +48,11 @@ class Case:
     def kinematics(self) -> Kinematics:
         return self.robot.kinematics
 
+    @property
+    def same(self) -> float:
+        imperfect = any(name in self.robot.parameters for name in extensions_of(self.robot))
+        return STRAINED if imperfect and len(self.robot.mechanism.joints) > 3 else SAME
+
     def joints_out(self):
         """In deg or mm."""
         return self.joints * scale(self.robot.mechanism.joints)
@@ -57,6 +66,15 @@ def scale(axes):
     return np.array([axis.to_file(1.0) for axis in axes])
 
 
+def extensions_of(robot):
+    return robot.mechanism.parameters.select(Role.EXTENSION)
+
+
+def gears_of(space):
+    """Names of gears' and encoders' errors that are pins of the module."""
+    return [n for n in space.select(Role.TRANSMISSION) if space[n].field.group != "backlash"]
+
+
 def drawn(name, *, extended, seed=5):
     draw, nominal = np.random.default_rng(seed), find_robot(name).robot
     space = nominal.mechanism.parameters
@@ -65,8 +83,8 @@ def drawn(name, *, extended, seed=5):
         for key, value in nominal.parameters.items()
     }
     if extended:
-        flat |= {key: draw.normal(0.0, 0.1) for key in space.extensions}
-        gears = (key for key in space.transmission if key not in space.backlashes)
+        flat |= {key: draw.normal(0.0, 0.1) for key in extensions_of(nominal)}
+        gears = gears_of(space)
         flat |= {key: draw.normal(0.0, 100.0 if "ppm" in key else 0.01) for key in gears}
         plate = replace(
             nominal.mechanism.plate,
@@ -117,7 +135,9 @@ class Module:
         """Set all pins as a robot's file and drawing say."""
         space = robot.mechanism.parameters
         pins = {
-            n: p for n, p in parameter_pins(robot.mechanism).items() if n not in space.backlashes
+            name: pin
+            for name, pin in parameter_pins(robot.mechanism).items()
+            if name not in space.select(group="backlash")
         }
         values = dict.fromkeys(pins, 0.0) | dict(robot.parameters)
         self.arms, self.turns = len(robot.mechanism.joints), len(robot.mechanism.task) > 3
@@ -204,7 +224,7 @@ def module(loaded, case):
 def test_module_has_a_pin_for_every_parameter_and_the_plates_drawing(module, case):
     mechanism = case.robot.mechanism
     space = mechanism.parameters
-    of_ini, rate = len(space.backlashes), 1
+    of_ini, rate = len(space.select(group="backlash")), 1
     expected = len(space.of_robot) - of_ini + len(drawing_flat(mechanism)) + rate
     assert module.pin_count == expected
 
@@ -213,7 +233,7 @@ def test_inverse_is_our_models_on_a_thousand_poses(module, case):
     theirs = np.array([module.inverse(pose) for pose in case.poses_out()])
     worst = np.abs(theirs - case.joints_out()).max()
     tell(f"{case.robot.name}: inverse, largest difference {worst:.1e} deg or mm")
-    assert worst <= SAME
+    assert worst <= case.same
 
 
 def test_forward_finds_every_pose_again_from_far_and_from_near(module, case):
@@ -224,7 +244,7 @@ def test_forward_finds_every_pose_again_from_far_and_from_near(module, case):
     )
     worst = np.abs(np.concatenate([far, near]) - np.concatenate([wanted, wanted])).max()
     tell(f"{case.robot.name}: forward, largest difference {worst:.1e} mm or deg")
-    assert worst <= SAME
+    assert worst <= case.same
 
 
 @pytest.mark.parametrize("extended", [True], ids=["full"], indirect=True)
@@ -249,7 +269,7 @@ def test_forward_from_the_wrong_assembly_ends_on_the_right_one(module, case):
     above[:, 2] += 60.0
     above[:, 3:] += 100.0
     found = [module.forward(j, p) for j, p in zip(case.joints_out()[:100], above, strict=True)]
-    assert np.abs(np.array(found) - case.poses_out()[:100]).max() <= SAME
+    assert np.abs(np.array(found) - case.poses_out()[:100]).max() <= case.same
 
 
 def test_pose_out_of_reach_is_refused(module, case):

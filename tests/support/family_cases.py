@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.paper import free_names
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 
 FAMILY = Path(__file__).parents[1] / "data" / "family"
@@ -38,6 +40,11 @@ class Member:
     @property
     def space(self):
         return self.mechanism.parameters
+
+    @property
+    def free(self):
+        """Names of what the paper's method fits."""
+        return free_names(self.nominal, IdentificationOptions(model="paper"))
 
     @property
     def reference(self):
@@ -69,9 +76,10 @@ class Member:
     def tilted(self):
         """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
         p = self.perturbed.p.copy()
-        for ending in ("elevation_deg", "rail_tilt_deg", "axis_tilt_deg", "skew_deg"):
-            names = [name for name in self.space.geometry if name.endswith(ending)]
-            p[self.space.places(names)] += [0.03, -0.02, 0.05, -0.04][: len(names)]
+        for stem in ("elevation", "rail_tilt", "axis_tilt", "parallelogram_skew", "bar_turn"):
+            places = self.space.columns.get(stem, ())
+            p[list(places)] += [0.03, -0.02, 0.05, -0.04][: len(places)]
+        p[self.space.places(self.space.select(group="sag"))] = [0.3, -0.2, 0.5, -0.4]
         return self.robot_of(p)
 
     @property
@@ -139,6 +147,23 @@ class Par4Member(Member):
 MEMBERS = tuple(map(Member, REFERENCE))
 ALL_MEMBERS = (Par4Member("par4"), *MEMBERS)
 BY_NAME = {member.name: member for member in ALL_MEMBERS}
+
+
+def closures_at(robot, joints, poses):
+    """Closures of a level mechanism (N, n), mm: zero where it is assembled."""
+    chain = robot.mechanism
+    geometry = chain.geometry(robot.p)
+    return chain.closures(geometry, chain.plate_of(geometry), joints, poses)
+
+
+def closures_by_pose(robot, joints, poses):
+    """Derivatives of the closures by poses, (N, n, t), by differences."""
+    aside = 1e-4 * np.eye(poses.shape[1])
+    columns = [
+        (closures_at(robot, joints, poses + step) - closures_at(robot, joints, poses - step)) / 2e-4
+        for step in aside
+    ]
+    return np.stack(columns, axis=-1)
 
 
 def of_members(*names):

@@ -17,7 +17,7 @@ class PowerCut(BaseException):
 
 @dataclass
 class Controller:
-    """Holds parameters; the next write does what `next_write` says."""
+    """Holds all parameters; the next write does what `next_write` says."""
 
     held: dict[str, float] = field(default_factory=lambda: dict(OLD))
     serial: str = "R-1"
@@ -31,7 +31,7 @@ class Controller:
         return dict(self.held)
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        return tuple(names)
+        return ()
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         self.writes += 1

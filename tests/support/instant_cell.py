@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.identification.options import IdentificationOptions
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
-from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import joint_steps
 from campaigns.robots.robot import find_robot, pose_row
 from campaigns.settings.config import new_config
@@ -29,7 +27,6 @@ SETTINGS = {
 
 
 def work_of(shots: Sequence[PlannedShot]) -> Work:
-    free = ROBOT.mechanism.parameters.free_by_default
     return Work(
         stage="run",
         steps=joint_steps(shots),
@@ -43,7 +40,7 @@ def work_of(shots: Sequence[PlannedShot]) -> Work:
         ),
         gate=new_config(SETTINGS).gate,
         search_mm=2500.0,
-        setup=EstimationSetup(Estimator.POINTS, free, TrackerUncertainty()),
+        options=IdentificationOptions(),
     )
 
 

@@ -13,15 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.export import compensated_robot, latest_identification
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.rigid_transforms import Transform
+from campaigns.fit.rigid_transforms import Transform
 from campaigns.identification.identify import identify
-from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.options import IdentificationOptions, Model
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, open_journal
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
 from campaigns.planning.validation_plan import ISO_POSES
 from campaigns.robots.robot import find_robot, pose_of, write_new_robot
@@ -127,16 +125,15 @@ class PaperCampaign:
                 journal.append(records.SessionStopped("finished", ""), series=series)
         return series
 
-    def identify(self, estimator: Estimator = Estimator.POINTS) -> None:
+    def identify(self, model: Model = "full") -> None:
         """Identify and write the finding, as the command does."""
         with self.journal() as journal:
             series = journal.latest_series("run")
             shots = journal.shots(series.number)
             data = shots_of_journal(shots, MECHANISM)
-            selection = select_parameters(MECHANISM.parameters)
-            options = IdentificationOptions(estimator=estimator, workspace=WORKSPACE)
+            options = IdentificationOptions(model=model, workspace=WORKSPACE)
             found = RecordedIdentification.of(
-                identify(NOMINAL.robot.kinematics, data, selection, options),
+                identify(NOMINAL.robot.kinematics, data, options),
                 series=series.number,
                 shots=len(shots),
                 robot_digest=NOMINAL.robot.digest(),
@@ -209,14 +206,12 @@ def new_campaign(
     return PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
 
 
-def whole_campaign(
-    folder: Path, estimator: Estimator = Estimator.POINTS, **settings: object
-) -> PaperCampaign:
+def whole_campaign(folder: Path, model: Model = "full", **settings: object) -> PaperCampaign:
     """Everything done: before, run, identify, export, load, after."""
     paper = new_campaign(folder, **settings)
     paper.validate("before")
     paper.run()
-    paper.identify(estimator)
+    paper.identify(model)
     paper.export_and_load()
     paper.validate("after")
     return paper

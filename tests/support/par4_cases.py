@@ -5,7 +5,7 @@ from family_cases import PAR4_REFERENCE, flat_in
 from par4_space import SPACE, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.fit.rigid_transforms import Transform, small_rotation
 
 CASES = PAR4_REFERENCE["cases"]
 

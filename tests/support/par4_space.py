@@ -5,18 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from campaigns.mechanisms.mechanism import Kinematics, Limits
-from campaigns.mechanisms.par4 import PAR4
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.catalog import PAR4
+from campaigns.kinematics.feasibility import Limits
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.robot import RobotFile
 
 SPACE = PAR4.parameters
-AXIS_TILT_NAMES = tuple(name for name in SPACE.extensions if name.endswith("axis_tilt_deg"))
-SKEW_NAMES = tuple(name for name in SPACE.extensions if name.endswith("skew_deg"))
+AXIS_TILT_NAMES = SPACE.select(field="axis_tilt")
+SKEW_NAMES = SPACE.select(field="parallelogram_skew")
 PLATE = SPACE.names.index("plate_mm")
 TILTS = SPACE.places(AXIS_TILT_NAMES)
 SKEWS = SPACE.places(SKEW_NAMES)
-BACKLASHES = SPACE.places(SPACE.backlashes)
+BACKLASHES = SPACE.columns["backlash"]
 """Places in the vector of all parameters."""
 
 
@@ -44,5 +45,5 @@ def turning_limits(joint, theta, swing_rad, **margins) -> Limits:
 
 def with_values(robot: RobotFile, flat: Mapping[str, float]) -> RobotFile:
     """Robot file with some of its values replaced, mm and deg."""
-    parameters = Parameters.of(robot.parameters.space, robot.parameters | flat)
+    parameters = Parameters.of(robot.parameters.table, robot.parameters | flat)
     return replace(robot, parameters=parameters)

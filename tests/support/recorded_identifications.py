@@ -15,16 +15,12 @@ PROVENANCE = {
 def body(parameters: dict[str, dict[str, object]], /, **changes: object) -> dict[str, object]:
     """Body of a finding that passed."""
     found = {
-        "schema": "pkmcal/identification/1",
-        "estimator": "points",
+        "schema": "pkmcal/identification/2",
+        "model": "full",
         "converged": True,
         "iterations": 9,
-        "rank": 9,
-        "condition": 12.5,
-        "dof": 151,
         "parameters": parameters,
         "excluded": [],
-        "unobservable": [],
         "residuals_mm": {"before": SPREAD, "after": SPREAD},
         "unseen_mm": {"before": SPREAD, "after": SPREAD},
         "verdict": "pass",

@@ -9,23 +9,19 @@ from fake_cell import CENTRE, NOMINAL, ROBOT, FakeCell
 from tested_journal import journal_in
 
 from campaigns.errors import Interrupted
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.identification.options import IdentificationOptions
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plans import View
-from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Step, joint_steps
 from campaigns.settings.sections import GateConfig, SettleConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 LIMITS = ROBOT.limits
-SETUP = EstimationSetup(
-    Estimator.POINTS, ROBOT.mechanism.parameters.free_by_default, TrackerUncertainty()
-)
+OPTIONS = IdentificationOptions()
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
 PACE = Pace(1.0, 0.2, 1.0)
 OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
@@ -92,7 +88,7 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
         "settle": SETTLE,
         "gate": GATE,
         "search_mm": 2500.0,
-        "setup": SETUP,
+        "options": OPTIONS,
     }
     return Work(**(settings | changes))
 

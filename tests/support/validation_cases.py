@@ -3,11 +3,11 @@
 import numpy as np
 from fake_cell import TRACKER_FROM_BASE
 
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.validation import ValidationResult, evaluate_validation
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Intent, Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from drivers.values import Pose

@@ -37,9 +37,7 @@ def evaluation(whole: "PaperCampaign") -> "Evaluation":
 
 @pytest.fixture(scope="session")
 def by_distances(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
-    """The same, identified from distances; leave it as it is."""
+    """The same, identified by the paper's model; leave it as it is."""
     from paper_campaign import whole_campaign
 
-    from campaigns.estimation.estimators import Estimator
-
-    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "pairs", Estimator.DISTANCES)
+    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "pairs", "paper")

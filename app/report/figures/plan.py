@@ -1,26 +1,25 @@
-"""Plan: where it measures, how well parameters will be known, what more shots would tell."""
+"""Plan: where it measures, and the uncertainty that its shots will give."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
-from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 
 from app.report.figures.drawing import in_house_style, legend_above, new_figure
 from app.report.figures.picture import AFTER, AZIMUTH_DEG, BEFORE, ELEVATION_DEG, GRID, INK, QUIET
-from app.report.figures.workspace import ROUND_FACTORS
 from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import RestrictedSpace
-from campaigns.estimation.information import Uncertainty
-from campaigns.planning.predicted_uncertainty import Forecast
+from campaigns.planning.forecast import Forecast
 from campaigns.shots.shot_sets import ShotSet
 
-POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0
+POSES_MM, STD_MM = 88.0, 68.0
 """Heights of the parts."""
-MOST_TICKS = 12
+MOST_BARS = 12
+"""Parameters of each unit that are drawn, those with the largest σ."""
 INTERVALS = 4
 LABEL_SIZE = 6.5
 LABEL_PAD = -6.0
@@ -35,23 +34,15 @@ MARKERS: Mapping[ShotSet, tuple[str, str]] = {
 
 @in_house_style
 def plan_picture(
-    poses: Array,
-    purposes: tuple[ShotSet, ...],
-    forecast: Forecast,
-    curve: Sequence[Forecast],
-    space: RestrictedSpace,
+    poses: Array, purposes: tuple[ShotSet, ...], forecast: Forecast, space: RestrictedSpace
 ) -> Figure:
-    """Poses (N, t) by what they are for, and zones; σ of parameters, if known; the curve."""
-    predicted, heights = forecast.predicted, [POSES_MM]
-    heights += [STD_MM] if predicted.full_rank else []
-    heights += [CURVE_MM] if curve else []
+    """Draw poses (N, t) by their purpose, with zones, and below them the σ of parameters."""
+    heights = [POSES_MM, STD_MM] if forecast.std else [POSES_MM]
     figure = new_figure(sum(heights))
     parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False).flat)
-    _draw_poses(parts.pop(0), poses, purposes, space)
-    if predicted.full_rank:
-        _draw_std(parts.pop(0), predicted)
-    if curve:
-        _draw_curve(parts.pop(0), curve, forecast.shots)
+    _draw_poses(parts[0], poses, purposes, space)
+    if forecast.std:
+        _draw_std(parts[1], forecast)
     return figure
 
 
@@ -103,40 +94,21 @@ def one_scale(axes: Any, points: Array) -> None:
     axes.set_box_aspect(size, zoom=ZOOM)
 
 
-def _draw_std(figure: FigureBase, predicted: Uncertainty) -> None:
-    """Bars, lengths and angles each with an axis of their own."""
-    kinds: dict[str, dict[str, float]] = {"_mm": {}, "_deg": {}}
-    for (name, std), unit in zip(predicted.std().items(), predicted.units, strict=True):
-        kinds[f"_{unit}"][name] = std
-    shown = {unit: values for unit, values in kinds.items() if values}
-    widths = [max(len(values), 4) for values in shown.values()]
-    every = figure.subplots(1, len(shown), width_ratios=widths, squeeze=False)[0]
-    for axes, (unit, values) in zip(every, shown.items(), strict=True):
-        _draw_bars(axes, {name.removesuffix(unit): value for name, value in values.items()})
-        axes.set_title(f"predicted σ, {unit[1:]}")
+def _draw_std(figure: FigureBase, forecast: Forecast) -> None:
+    """Draw the largest σ of each unit as bars, each unit with an axis of its own."""
+    by_unit: dict[str, dict[str, float]] = {}
+    for name, std in sorted(forecast.std.items(), key=lambda row: -row[1]):
+        values = by_unit.setdefault(forecast.units[name], {})
+        if len(values) < MOST_BARS:
+            values[name] = std
+    widths = [max(len(values), 4) for values in by_unit.values()]
+    panels = figure.subplots(1, len(by_unit), width_ratios=widths, squeeze=False)[0]
+    for axes, (unit, values) in zip(panels, by_unit.items(), strict=True):
+        _draw_bars(axes, {name.removesuffix(f"_{unit}"): std for name, std in values.items()})
+        axes.set_title(f"σ, {unit}")
 
 
 def _draw_bars(axes: Axes, values: Mapping[str, float]) -> None:
     axes.bar(range(len(values)), list(values.values()), color=AFTER, width=0.7)
     axes.set_xticks(range(len(values)), list(values), rotation=90)
     axes.grid(visible=False, axis="x")
-
-
-def _draw_curve(figure: FigureBase, curve: Sequence[Forecast], own: int) -> None:
-    """By number of shots, this plan's own marked, both axes by powers."""
-    lengths, angles = figure.subplots(1, 2)
-    shots = [at.shots for at in curve]
-    worst = [at.predicted.largest("mm") for at in curve]
-    lengths.plot(shots, worst, "o-", color=AFTER, label="worst length")
-    positions = [at.position_std_mm.mean() for at in curve]
-    lengths.plot(shots, positions, "D-", color=BEFORE, label="position, mean")
-    worst_deg = [at.predicted.largest("deg") for at in curve]
-    angles.plot(shots, worst_deg, "o-", color=AFTER, label="worst angle")
-    for axes, unit in ((lengths, "mm"), (angles, "deg")):
-        axes.axvline(own, color=QUIET, linewidth=0.8, linestyle="--", label="this plan", zorder=1.5)
-        axes.set(xscale="log", yscale="log", xlabel="shots to identify from", ylabel=f"σ, {unit}")
-        axes.set_xticks(shots, [str(count) for count in shots])
-        axes.yaxis.set_major_locator(LogLocator(subs=ROUND_FACTORS, numticks=MOST_TICKS))
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.minorticks_off()
-        axes.legend(loc="upper right", frameon=True, facecolor="white", edgecolor="none")

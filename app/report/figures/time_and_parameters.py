@@ -16,8 +16,8 @@ from app.report.figures.picture import (
     span,
 )
 from campaigns.arrays import Array
-from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.time_series import TimeSeries
+from campaigns.identification.result import ParameterCovariance
 
 UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 LEAST_VALUES = 2
@@ -49,9 +49,10 @@ def over_time(courses: Sequence[TimeSeries]) -> Picture:
     return picture
 
 
-def correlation_map(known: Uncertainty) -> Picture:
-    """|ρ| of every two parameters as shades of grey."""
-    names, size = known.names, np.abs(known.correlations())
+def correlation_map(known: ParameterCovariance) -> Picture:
+    """Draw |ρ| of every two parameters as shades of grey."""
+    names, std = known.names, np.sqrt(np.diag(known.array))
+    size = np.abs(known.array) / np.maximum(np.outer(std, std), np.finfo(np.float64).tiny)
     picture = Picture(118.0)
     room = 6.0 + LETTER * SMALL_SIZE * max(map(len, names))  # for names, beside and below
     side = (picture.height - room - EDGE) / len(names)

@@ -9,6 +9,7 @@
 #include "pkm_vectors.h"
 
 #define ARMS_AT_MOST 4
+#define SAGS 4
 #define DEG (M_PI / 180.0)
 #define UPRIGHT 1e-12 /* a rail that goes less aside than that has no azimuth */
 #define READING_ROUNDS 60
@@ -54,7 +55,8 @@ typedef struct {
     const robot_kind *kind;
     arm_geometry arm[ARMS_AT_MOST];
     double apart;       /* the plate's parts, mm, or mm per rad */
-    int is_level;       /* perfect rods and axes: the plate never tilts */
+    double sag[SAGS];   /* mm by which the plate rises, by x, y, reach and z */
+    int is_level;       /* perfect rods, axes and bars: the plate never tilts */
     double home_side;   /* the sign of the closures' determinant where the robot is assembled */
 } robot_geometry;
 
@@ -84,11 +86,12 @@ static void set_rail(arm_geometry *arm, double azimuth, double elevation, double
     arm->rail = rail;
 }
 
-/* The two bars between which a forearm's rods hang: across `outward`, the upper one tilted. */
-static void set_bars(arm_geometry *arm, double outward, double tilt)
+/* The two bars between which a forearm's rods hang: across `outward`, the upper one tilted, the one
+ * on the plate turned. */
+static void set_bars(arm_geometry *arm, double outward, double tilt, double turn)
 {
-    vector bar = {-sin(outward), cos(outward), 0.0};
-    vector axis = times(cos(tilt), bar);
+    vector bar = {-sin(outward + turn), cos(outward + turn), 0.0};
+    vector axis = {-sin(outward) * cos(tilt), cos(outward) * cos(tilt), 0.0};
 
     axis.z = sin(tilt);
     arm->plate_bar = bar;
@@ -130,6 +133,24 @@ static vector upper_end(const robot_geometry *robot, int i, double joint)
     else
         way = plus(times(arm->arm * cos(moved), arm->out), times(arm->arm * sin(moved), arm->down));
     return plus(arm->place, way);
+}
+
+/* By how much frame and limbs that bend lift the plate: over 400 mm aside, by the square of the
+ * distance from the z axis, over 200 mm of height. */
+static double rise(const robot_geometry *robot, vector point)
+{
+    double x = point.x / 400.0, y = point.y / 400.0;
+
+    return robot->sag[0] * x + robot->sag[1] * y + robot->sag[2] * (x * x + y * y)
+           + robot->sag[3] * point.z / 200.0;
+}
+
+/* The height from which the plate rises to where `point` is. */
+static double height_without_sag(const robot_geometry *robot, vector point)
+{
+    vector aside = {point.x, point.y, 0.0};
+
+    return (point.z - rise(robot, aside)) / (1.0 + robot->sag[3] / 200.0);
 }
 
 /* From the controlled point to a level plate's joint. */

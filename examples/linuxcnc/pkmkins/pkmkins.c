@@ -15,7 +15,8 @@
  * on, and pkmkins.plate_mm or pkmkins.pinion_mm. Those that all robots of a type have are 0 at first,
  * and with lengths of 0 nothing has a solution: nothing moves in world coordinates before a HAL file
  * has set them. Those of imperfect parts may stay 0, which means perfect ones:
- *     armN.axis_tilt_deg, armN.parallelogram_skew_deg, of rails armN.rail_tilt_deg
+ *     armN.axis_tilt_deg, armN.parallelogram_skew_deg, armN.bar_turn_deg, of rails
+ *     armN.rail_tilt_deg, and sag_x_mm _y_mm _reach_mm _z_mm of the plate
  *     armN.encoder_gain_ppm, armN.eccentricity_sin_deg _cos_deg, armN.ripple_sin_deg _cos_deg
  *     (of rails without eccentricities and in mm), with ripples_per_turn of a crank, or with
  *     drive_period_mm, a carriage's travel in a turn of its drive
@@ -46,30 +47,32 @@ static char *type = "par4";
 RTAPI_MP_STRING(type, "par4, h4, i4r, i4l, delta or linear-delta");
 
 enum field {
-    X, Y, Z, AZIMUTH, ELEVATION, OFFSET, ARM, FOREARM, RAIL_TILT, AXIS_TILT, SKEW,
+    X, Y, Z, AZIMUTH, ELEVATION, OFFSET, ARM, FOREARM, RAIL_TILT, AXIS_TILT, SKEW, BAR_TURN,
     GAIN, ONCE_SIN, ONCE_COS, OFTEN_SIN, OFTEN_COS, PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
 };
 
 /* no name: the field does not exist, and counts as 0 */
 static const char *const crank_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", 0, "joint_offset_deg", "arm_mm", "forearm_mm",
-    0, "axis_tilt_deg", "parallelogram_skew_deg", "encoder_gain_ppm", "eccentricity_sin_deg",
-    "eccentricity_cos_deg", "ripple_sin_deg", "ripple_cos_deg",
+    0, "axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg", "encoder_gain_ppm",
+    "eccentricity_sin_deg", "eccentricity_cos_deg", "ripple_sin_deg", "ripple_cos_deg",
     "plate_x_mm", "plate_y_mm", "plate_z_mm", 0
 };
 static const char *const rail_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg", "joint_offset_mm", 0, "forearm_mm",
-    "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg", "encoder_gain_ppm", 0, 0,
-    "ripple_sin_mm", "ripple_cos_mm",
+    "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg",
+    "encoder_gain_ppm", 0, 0, "ripple_sin_mm", "ripple_cos_mm",
     "plate_x_mm", "plate_y_mm", "plate_z_mm", "bar_azimuth_deg"
 };
 static const char *const rate_fields[] = {"ripples_per_turn", "drive_period_mm"}; /* of rails */
+static const char *const sag_fields[SAGS] = {"sag_x_mm", "sag_y_mm", "sag_reach_mm", "sag_z_mm"};
 static const char *const apart_fields[] = {[HINGE] = "plate_mm", [SLIDE] = "pinion_mm"};
 
 static struct pins {
     hal_float_t *arm[ARMS_AT_MOST][FIELDS];
     hal_float_t *apart, *rate;
     hal_float_t *reflector[3];
+    hal_float_t *sag[SAGS];
 } *pins;
 
 static const robot_kind *kind;
@@ -113,11 +116,11 @@ static int read_arm(arm_geometry *arm, const double value[FIELDS])
     if (kind->on_rails) {
         arm->offset = value[OFFSET];
         set_rail(arm, azimuth, value[ELEVATION] * DEG, value[RAIL_TILT] * DEG);
-        set_bars(arm, value[BAR_AZIMUTH] * DEG, axis_tilt);
+        set_bars(arm, value[BAR_AZIMUTH] * DEG, axis_tilt, value[BAR_TURN] * DEG);
     } else {
         arm->offset = value[OFFSET] * DEG;
         set_crank(arm, azimuth, axis_tilt);
-        set_bars(arm, azimuth, axis_tilt);
+        set_bars(arm, azimuth, axis_tilt, value[BAR_TURN] * DEG);
     }
     return arm->forearm > 0.0 && (kind->on_rails || arm->arm > 0.0);
 }
@@ -145,7 +148,12 @@ static int read_geometry(robot_geometry *robot)
         }
         if (!read_arm(&robot->arm[i], value))
             return 0;
-        robot->is_level &= value[SKEW] == 0.0 && value[AXIS_TILT] == 0.0;
+        robot->is_level &= value[SKEW] == 0.0 && value[AXIS_TILT] == 0.0 && value[BAR_TURN] == 0.0;
+    }
+    for (i = 0; i < SAGS; i++) {
+        robot->sag[i] = *pins->sag[i];
+        if (!isfinite(robot->sag[i]))
+            return 0;
     }
     robot->home_side = side_at_home(robot);
     return 1;
@@ -173,7 +181,7 @@ int kinematicsForward(const double *joint, EmcPose *world, const KINEMATICS_FORW
         return -1;
     world->tran.x = pose.point.x;
     world->tran.y = pose.point.y;
-    world->tran.z = pose.point.z;
+    world->tran.z = pose.point.z + rise(&robot, pose.point);
     world->c = pose.theta / DEG;
     world->a = world->b = world->u = world->v = world->w = 0.0;
     return 0;
@@ -190,7 +198,10 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     (void)iflags;
     (void)fflags;
 
-    if (!read_geometry(&robot) || !joints_of(&robot, &pose, inner))
+    if (!read_geometry(&robot))
+        return -1;
+    pose.point.z = height_without_sag(&robot, pose.point);
+    if (!joints_of(&robot, &pose, inner))
         return -1;
     for (i = 0; i < kind->arms; i++)
         joint[i] = reading_at(&robot.arm[i], inner[i]) / unit();
@@ -227,6 +238,8 @@ static int make_pins(void)
     for (i = 0; i < 3; i++)
         error |= hal_pin_float_newf(HAL_IN, &pins->reflector[i], component,
                                     "pkmkins.reflector_%c_mm", "xyz"[i]);
+    for (i = 0; i < SAGS; i++)
+        error |= hal_pin_float_newf(HAL_IN, &pins->sag[i], component, "pkmkins.%s", sag_fields[i]);
     error |= hal_pin_float_newf(HAL_IN, &pins->rate, component, "pkmkins.%s",
                                 rate_fields[kind->on_rails]);
     if (kind->turn != NO_TURN)

@@ -148,7 +148,7 @@ def test_no_table_and_no_figure_is_cut_by_a_page(pdf_pages: list[str]) -> None:
     for first, last in (
         ("Limits asked for", "repeatability, radius of the sphere"),
         ("Errors of distance and position", "commanded positions"),
-        ("Parameters old and new", "held: not identified"),
+        ("Uncertainty budget of positions", "combined"),
         ("Before and after calibration", "along z"),
         ("pairs, in the order of the plan", "Errors of distance, pair by pair."),
         ("since the first shot", "Air and drift while measuring."),
@@ -173,7 +173,7 @@ def test_the_live_page_fits_a_phone_and_shows_injected_names_as_text(
         "lost": [[1.0, 2.0]],
         "drift": [[0.0, 0.0], [60.0, 0.01]],
         "sigma": [[20, 0.1], [60, 0.05]],
-        "known": {"weakest": "arm2.forearm_mm", "weakest_std": 0.0123, "unit": "mm"},
+        "known": {"weakest": "arm2.x_mm", "weakest_std_mm": 0.0123, "position_std_mm": 0.01},
         "events": [{"at_utc": "2026-03-02T08:00:00+00:00", "text": evil}],
         "latest_utc": "2026-03-02T08:00:00+00:00",
         "now_utc": "2026-03-02T08:00:01+00:00",

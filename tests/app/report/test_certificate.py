@@ -1,20 +1,18 @@
 """Item, people, instruments, the uncertainty budget, and whose page it is."""
 
 import json
-from dataclasses import replace
 from datetime import date
 
 import pytest
 from paper_campaign import PaperCampaign, new_campaign
-from test_page import page, words_of, words_on
+from test_page import page, rows_in, words_of, words_on
 
 from app.cli.report import report
 from app.report import certificate_sections
+from app.report.model_sections import budget_rows
 from campaigns.campaign import open_campaign
 from campaigns.errors import ConfigInvalid
-from campaigns.evaluation.uncertainty_budget import uncertainty_budget
-from campaigns.evidence import Evaluation, evaluate, gather
-from campaigns.identification.result import RobotScatter
+from campaigns.evidence import evaluate, gather
 from campaigns.settings.certificate import CertificateConfig, TrackerCertificateConfig
 
 TRACKER = TrackerCertificateConfig(
@@ -55,7 +53,7 @@ def test_the_method_counts_the_shots_that_were_fitted(whole: PaperCampaign) -> N
     method = dict(certificate_sections.facts(evaluate(open_campaign(whole.folder))))["method"]
     found = gather(whole.campaign).identification
     fitted, held_out = len(found.fitted.numbers), len(found.unseen.numbers)
-    assert f" parameters from {fitted} shots (estimator points, model " in method
+    assert f" parameters from {fitted} shots (model full)" in method
     assert method.endswith(f"validated on {held_out} pairs that were not fitted")
     assert fitted < found.shots, "those of validation and drift are not fitted"
 
@@ -84,43 +82,16 @@ def test_settings_of_the_former_certificate_open_where_they_are_empty(tmp_path) 
 
 
 def test_the_budget_combines_to_the_stated_uncertainty(whole: PaperCampaign) -> None:
-    evaluation = evaluate(open_campaign(whole.folder))
-    known = evaluation.evidence.identification.position_std_mm
-    rows = {row.source.split(":")[0]: row for row in certificate_sections.budget_rows(evaluation)}
-    *_, combined, expanded = certificate_sections.budget_rows(evaluation)
-    assert (combined.u_mm, expanded.u_mm) == (known.total_mean, 2.0 * known.total_mean)
-    assert not rows["temperature"].counts
-    counted = [
-        row.u_mm
-        for row in certificate_sections.budget_rows(evaluation)
-        if row.evaluated and row.counts
-    ]
-    assert sum(u**2 for u in counted) ** 0.5 == pytest.approx(combined.u_mm, rel=0.05)
-
-
-def test_scatter_of_the_joints_is_the_robots_part_of_the_budget(whole: PaperCampaign) -> None:
-    evidence = gather(whole.campaign)
-
-    def robot_mm(**scatter: float) -> float:
-        found = replace(evidence.identification, robot_scatter=RobotScatter(says="", **scatter))
-        rows = certificate_sections.budget_rows(Evaluation(replace(evidence, identification=found)))
-        return next(row.u_mm for row in rows if row.source.startswith("robot"))
-
-    assert robot_mm(joint=0.0) == 0.0
-    by_point, by_joints = robot_mm(point_mm=0.02), robot_mm(joint=0.003)
-    assert robot_mm(point_mm=0.02, joint=0.003) > max(by_point, by_joints) > 0.0
-
-
-def test_scatter_of_the_robot_is_apart_from_the_trackers_noise() -> None:
-    tracker, robot, *_ = uncertainty_budget(
-        random_mm=0.05,
-        common_mm={},
-        total_mm=0.05,
-        tracker_share=0.36,
-        air_change_degC=None,
-        reach_mm=400.0,
-    )
-    assert (tracker.u_mm, robot.u_mm) == (pytest.approx(0.03), pytest.approx(0.04))
+    found = gather(whole.campaign).identification
+    *shares, combined = budget_rows(found)
+    assert combined[2] == pytest.approx(found.position_std_mm.rms)
+    assert sum(mm**2 for *_, mm in shares) == pytest.approx(combined[2] ** 2)
+    sizes = [mm for *_, mm in shares]
+    assert sizes == sorted(sizes, reverse=True)
+    assert {kind for _, kind, _ in shares} == {"A", "B"}
+    rows = rows_in(page(whole), "budget")
+    assert [row[0] for row in rows] == [row[0] for row in (*shares, combined)]
+    assert rows[-1][1] == f"{combined[2]:.4f}"
 
 
 def test_a_page_and_its_journal_are_told_from_others(pkmcal, certified, tmp_path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
+from paper_campaign import NOMINAL, PaperCampaign
 
 from app.report.figures.distances import pair_errors
 from app.report.figures.drawing import new_figure, save, svg_text
@@ -21,15 +21,12 @@ from app.report.plots import plot_plan, plot_residuals
 from app.report.rendering import moment
 from app.report.results_sections import percent_gained
 from campaigns.errors import WriteFailed
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.summary import binned_medians
 from campaigns.evidence import evaluate, gather
 from campaigns.files.table import number
 from campaigns.identification.identify import identify
-from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
-from campaigns.planning.predicted_uncertainty import Forecast
+from campaigns.identification.options import IdentificationOptions, Model
+from campaigns.planning.forecast import Forecast
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
 
@@ -106,14 +103,13 @@ def test_medians_follow_a_rise() -> None:
     assert len(places) == 6
 
 
-def expected(shots: int, *names: str, std: float = 0.01) -> Forecast:
-    units = MECHANISM.parameters.units(names)
-    known = Uncertainty.of(names, units, std**2 * np.eye(len(names)), source="predicted")
-    return Forecast(shots, known, np.array([0.002]))
+def expected(*names: str) -> Forecast:
+    units = {name: name.rpartition("_")[2] for name in names}
+    return Forecast(12, dict.fromkeys(names, 0.01), units, np.array([0.002]), (0.5,) * 4)
 
 
 ANGLE = "arm0.joint_offset_deg"
-KNOWN = expected(12, "arm1.x_mm", "plate_mm", ANGLE)
+KNOWN = expected("arm1.x_mm", "plate_mm", ANGLE)
 
 
 @pytest.mark.parametrize("ending", ["svg", "png", pytest.param("pdf", marks=pytest.mark.long)])
@@ -121,35 +117,25 @@ def test_the_plan_is_drawn_in_the_format_of_the_name(
     whole: PaperCampaign, tmp_path: Path, ending: str
 ) -> None:
     path = tmp_path / f"plan.{ending}"
-    plot_plan(path, whole.plan(6, 2), KNOWN, [])
+    plot_plan(path, whole.plan(6, 2), KNOWN)
     start = path.read_bytes()[:400]
     assert {"svg": b"<svg", "png": b"\x89PNG", "pdf": b"%PDF"}[ending] in start
 
 
 @pytest.mark.parametrize(
-    ("told", "curve", "shown", "hidden"),
+    ("forecast", "shown", "hidden"),
     [
-        (KNOWN, [], ["identification", "arm1.x", "predicted σ, deg"], ["worst length"]),
-        (
-            KNOWN,
-            [expected(shots, "plate_mm", ANGLE) for shots in (12, 24)],
-            ["worst length", "position, mean", "worst angle", "this plan", ">24<"],
-            [],
-        ),
-        (expected(12, "plate_mm", std=np.inf), [], ["identification"], ["predicted σ"]),
-        (expected(12, ANGLE), [], [">arm0.joint_offset<"], ["predicted σ, mm"]),
+        (KNOWN, ["identification", ">arm1.x<", "σ, deg"], []),
+        (expected(), ["identification"], ["predicted σ"]),
+        (expected(ANGLE), [">arm0.joint_offset<"], ["predicted σ, mm"]),
+        (expected(*(f"arm{n}.x_mm" for n in range(20))), [">arm11.x<"], [">arm12.x<"]),
     ],
 )
-def test_the_plans_picture_shows_what_is_known_of_it(
-    whole: PaperCampaign,
-    tmp_path: Path,
-    told: Forecast,
-    curve: list[Forecast],
-    shown: list[str],
-    hidden: list[str],
+def test_the_plans_picture_shows_the_predicted_uncertainty(
+    whole: PaperCampaign, tmp_path: Path, forecast: Forecast, shown: list[str], hidden: list[str]
 ) -> None:
     path = tmp_path / "plan.svg"
-    plot_plan(path, whole.plan(6, 2), told, curve)
+    plot_plan(path, whole.plan(6, 2), forecast)
     text = path.read_text(encoding="utf-8")
     assert [words for words in shown if words not in text] == []
     assert [words for words in hidden if words in text] == []
@@ -163,19 +149,14 @@ def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("estimator", "fitted"),
-    [
-        (Estimator.POINTS, "fitted shots, length of the error"),
-        (Estimator.DISTANCES, "fitted pairs"),
-    ],
+    ("model", "fitted"), [("full", "fitted shots, length of the error"), ("paper", "fitted pairs")]
 )
 def test_what_was_fitted_and_what_was_not_is_drawn(
-    whole: PaperCampaign, tmp_path: Path, estimator: Estimator, fitted: str
+    whole: PaperCampaign, tmp_path: Path, model: Model, fitted: str
 ) -> None:
     shots, path = gather(whole.campaign).run.shots, tmp_path / "residuals.svg"
-    options = IdentificationOptions(estimator=estimator)
-    selection = select_parameters(MECHANISM.parameters)
-    plot_residuals(path, identify(NOMINAL.robot.kinematics, shots, selection, options))
+    options = IdentificationOptions(model=model)
+    plot_residuals(path, identify(NOMINAL.robot.kinematics, shots, options))
     text = path.read_text()
     assert f">{fitted}</text>" in text
     assert ">hold-out pairs, error of distance</text>" in text
@@ -227,7 +208,7 @@ def test_ticks_are_round_and_lie_inside() -> None:
 def test_every_figure_stays_inside_its_picture(whole: PaperCampaign) -> None:
     html = page_of(evaluate(whole.campaign), "2026-03-02T09:30:00+00:00").html
     figures = [*page_tree(html).find("figure")]
-    assert len(figures) == 10
+    assert len(figures) == 11
     assert [figure.attributes["id"] for figure in figures if not inside(figure)] == []
 
 

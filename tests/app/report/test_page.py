@@ -12,17 +12,18 @@ import pytest
 from paper_campaign import CONTROLLER, LOAD_BEGUN, NOMINAL, PaperCampaign, new_campaign
 
 from app.cli.report import report
-from app.report import model_sections, record_sections
+from app.report import model_sections
 from app.report.page import Page, page_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
-from campaigns.evaluation.diagnostics import Doubt, nests_told
 from campaigns.evidence import Evaluation, MeasuredSeries, evaluate, gather
 from campaigns.files.table import texts
-from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
+from campaigns.identification.findings import Finding
+from campaigns.identification.hold_out_test import HoldOut
+from campaigns.identification.result import Excluded, Frame, Pedigree, Scatter, SessionFrame
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected, SeriesStarted
-from campaigns.mechanisms.par4 import PAR4
-from campaigns.settings.sections import AcceptanceConfig, NestConfig, PeopleConfig
+from campaigns.kinematics.catalog import PAR4
+from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shots.import_export import ImportedFile, append_import
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
@@ -30,7 +31,7 @@ from drivers.values import Identity, Pose
 
 FIGURES = {
     *("shot-errors", "pair-errors", "histogram", "arrows", "against-position", "straightness"),
-    *("rotation", "repeatability", "correlations", "over-time"),
+    *("plate-tilt", "rotation", "repeatability", "correlations", "over-time"),
 }
 EVIL = "<script>alert('θ & \"more\"')</script>"
 MEGABYTE = 1_000_000
@@ -108,15 +109,18 @@ def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole: PaperCampaig
     assert found.outline.missing == {}
 
 
-def test_shots_have_a_figure_only_where_positions_were_fitted(by_distances: PaperCampaign) -> None:
-    assert figures(page(by_distances)) == FIGURES - {"shot-errors"}
+def test_the_papers_model_has_no_figures_of_shots_and_of_tilt(by_distances: PaperCampaign) -> None:
+    found = page(by_distances)
+    assert figures(found) == FIGURES - {"shot-errors", "plate-tilt"}
+    assert 'id="budget"' not in found.html
 
 
 def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> None:
     for words in (
-        "scatter as the tracker states (χ²",
-        "Predicted error of position",
-        "residuals of the fitted coordinates",
+        "Robot: the point scatters by",
+        "Predicted σ of positions over the workspace: 0.0",
+        "Uncertainty budget of positions",
+        "Valid for 100 % of the workspace",
     ):
         assert words in whole_html
     ids = Outline(whole_html).ids
@@ -283,79 +287,48 @@ def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> 
 def test_an_identification_without_correlations_says_so(whole: PaperCampaign) -> None:
     found = identified(whole, covariance=None)
     assert figures(found) == FIGURES - {"correlations"}
-    assert "There are no correlations" in missing(found)
+    assert "states no correlations" in missing(found)
 
 
-def test_everything_that_an_identification_says_stands_in_words(whole: PaperCampaign) -> None:
+def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperCampaign) -> None:
+    pedigree = Pedigree(updates="c0ffee" * 8, series=(2, 5), shots=8, position_std_before_mm=0.02)
     shown = identified(
         whole,
         converged=False,
-        condition=None,
-        priors={"arm0.arm_mm": 0.25, "plate_mm": 1.0},
-        models=(ComparedModel("with tilts", 30, -123.4, None, False, "left: no gain"),),
-        unobservable=(("arm1.x_mm", "arm1.y_mm"),),
-        known_by_priors_alone=(("plate_mm",),),
+        iterations=40,
+        scatter=Scatter(0.14, 0.01, {}, "robot: the point scatters by 0.14 mm"),
+        undetermined=(("scale",), ("arm1.x_mm", "arm1.y_mm")),
+        tracker={"constant": (0.0123, 0.004), "scale": (-3.0, 9.8)},
         excluded=(Excluded("too far", shot=3), Excluded("its other shot was lost", pair=7)),
+        reference_degC=22.5,
+        pedigree=pedigree,
     )
     text = words_on(shown)
     for sentence in (
-        "it did not converge after",
-        "with rank 22 of 22 and",
-        "about the nominal values (1 σ, mm and deg): arm0.arm_mm ± 0.25, plate_mm ± 1.",
-        "with tilts 30 −123 – left: no gain",
-        "Not determined by these shots, and fixed: arm1.x_mm, arm1.y_mm.",
-        "Known from the priors alone: plate_mm.",
+        "Model full: the fit did not settle after 40 rounds.",
+        "Robot: the point scatters by 0.14 mm.",
+        "Parameters are those at 22.5 °C.",
+        "Made of the set c0ffeec0ffee by 8 shots of a check (series 2, 5); σ of positions was",
+        "Determined by no shot, and kept at nominal",
+        "arm1.x_mm, arm1.y_mm",
+        "the reflector's constant +0.0123 0.0040 mm",
+        "the tracker's scale −3.0000 9.8000 ppm",
         "shot 3 too far",
         "pair 7 its other shot was lost",
     ):
         assert sentence in text
-    assert "Not determined by these shots" in missing(shown)
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"chi": 1.2}, "explains: the model leaves nothing that this tracker could see."),
-        ({"chi": 3.0, "repeatability_mm": None}, "explains. Repeatability was not measured, so"),
-        ({"chi": 3.0, "repeatability_mm": 9.0}, "explains; the robot's repeatability accounts"),
-        (
-            {"chi": 3.0, "repeatability_mm": 0.3, "instrument_mm": 0.1, "residual_mm": 0.5},
-            "and more than its repeatability accounts for. 0.400 mm (1 σ) remain that neither",
-        ),
-    ],
-)
-def test_what_is_left_over_is_put_down_to_its_cause(
-    whole: PaperCampaign, changes: dict[str, float | None], sentence: str
-) -> None:
-    found = evaluate(whole.campaign)
-    vars(found)["budget"] = replace(found.budget, **changes)  # as if it had been worked out
-    assert sentence in words_on(page_of(found, MADE_UTC), "remainder")
-
-
-def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampaign) -> None:
-    parameters = gather(whole.campaign).identification.parameters
-    free = replace(parameters["plate_mm"], std=None)
-    space = whole.campaign.robot.mechanism.parameters
-
-    def assumed(*names: str) -> str:
-        shown = identified(whole, parameters=parameters | dict.fromkeys(names, free))
-        return words_on(shown, "remainder")
-
-    heat, play = " and do not grow with heat", "gears have no backlash"
-    rods, level = "two rods of a forearm are alike", "the plate stays parallel to the base"
-    axes = "motor axes and rails point as drawn"
-    tilts = [name for name in space.extensions if name not in space.skews]
-    whole_sentence = f"do not bend{heat}; the {rods}; {axes}; {level}; {play}. Parameters marked"
-    assert whole_sentence in assumed()
-    for names, gone in (
-        (tilts, (axes, level)),
-        (space.skews, (rods, level)),
-        (space.backlashes, (play,)),
+def test_each_session_s_frame_stands_with_its_shots(whole: PaperCampaign) -> None:
+    frame = Frame(2400.0, 250.0, -150.0, 140.0, 4.0, -3.0)
+    sessions = (SessionFrame((0, 1, 2), frame), SessionFrame((3, 4)), SessionFrame((5, 9), frame))
+    values = ["2400.000", "250.000", "−150.000", "140.0000", "4.0000", "−3.0000"]
+    for changes, shots in (
+        ({"frame": frame}, ["all"]),
+        ({"frame": frame, "sessions": sessions}, ["0 to 2", "5 to 9"]),
     ):
-        kept = {heat, play, rods, axes, level} - {*gone}
-        text = assumed(*names)
-        assert not any(each in text for each in gone)
-        assert all(each in text for each in kept)
+        rows = rows_in(identified(whole, **changes), "tracker")
+        assert rows[-len(shots) :] == [[own, *values] for own in shots]
 
 
 def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) -> None:
@@ -420,58 +393,29 @@ def test_an_import_names_its_files_and_is_never_called_simulated(tmp_path: Path)
     assert "plan as measured" not in words
 
 
-def test_every_doubt_stands_with_its_name_sentence_and_numbers(whole: PaperCampaign) -> None:
-    doubts = (
-        Doubt("common-scale", "all lengths grew", "fail", {"share": 0.0101, "p": 1e-9}),
-        Doubt("large-change", "arm 2 is long", "fail", {"beyond": 1.0}, accepted=True),
-        Doubt("careful-statement", "too quiet", None, {"birge_ratio": 0.1, "kind": "stated"}),
+def test_every_finding_stands_with_its_sentence_and_consequence(whole: PaperCampaign) -> None:
+    findings = (
+        Finding("change", "arm 0 changed", "fail", {"size": 0.0101}),
+        Finding("beyond-tolerance", "arm 2 is long", "fail", accepted=True),
+        Finding("wrong-shots", "left out: shots 7", None),
     )
-    text = words_on(identified(whole, doubts=doubts))
-    for row in (
-        "common-scale all lengths grew share 0.0101, p 1e−09 verdict: fail",
-        "large-change arm 2 is long beyond 1 accepted all the same",
-        "careful-statement too quiet birge_ratio 0.1, kind stated no effect",
-        "Accepted all the same: arm 2 is long.",
-    ):
-        assert row in text
-    assert "The identification states no doubt." not in text
-    assert "The identification states no doubt." in words_on(identified(whole, doubts=()))
-
-
-def test_what_nests_tell_stands_with_its_deviation(whole: PaperCampaign) -> None:
-    doubts = (
-        nests_told("stand", 0.314, 0.0074, (163, 177)),
-        nests_told("robot", 0.5, 0.1, (0, 84)),
-    )
-    rows = rows_in(identified(whole, doubts=doubts), "tracker")
-    what_to_do = [record_sections.MOVED[kind][1] for kind in ("stand", "robot")]
-    assert rows[-2:] == [
-        ["the tracker's stand", "0.314", "0.0074", "163 and 177", what_to_do[0]],
-        ["the robot, at its drift pose", "0.500", "0.1000", "0 and 84", what_to_do[1]],
+    found = identified(whole, findings=findings)
+    assert rows_in(found, "findings") == [
+        ["change", "arm 0 changed", "verdict: fail"],
+        ["beyond-tolerance", "arm 2 is long", "accepted"],
+        ["wrong-shots", "left out: shots 7", "reported only"],
     ]
+    assert "Accepted all the same: arm 2 is long." in words_on(found)
+    assert "has no findings" in words_on(identified(whole, findings=()), "findings")
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_three_nests_that_tell_of_no_motion_are_named(whole: PaperCampaign, count: int) -> None:
-    evidence = gather(whole.campaign)
-    nests = tuple(NestConfig(name=name) for name in "ABC"[:count])
-    config = whole.campaign.config.model_copy(update={"nests": nests})
-    with_nests = replace(evidence, campaign=replace(evidence.campaign, config=config))
-    text = words_on(page_of(Evaluation(with_nests), MADE_UTC), "tracker")
-    assert ("The nests show no significant motion of stand or robot." in text) is (count == 3)
-
-
-def test_the_robots_scatter_and_the_hold_out_test_stand_in_words(whole: PaperCampaign) -> None:
-    scatter = RobotScatter(point_mm=0.14, says="the point scatters by 0.14 ± 0.005 mm")
-    text = words_on(identified(whole, robot_scatter=scatter))
-    assert "The robot's own scatter: the point scatters by 0.14 ± 0.005 mm. Every σ" in text
+def test_the_hold_out_test_stands_in_words(whole: PaperCampaign) -> None:
     held = HoldOut(8, 12.34, 0.031, 1.24)
-    text = words_on(identified(whole, hold_out=held, doubts=()))
-    assert "8 pairs that were never fitted are 1.24 times as far off as their σ predict" in text
-    assert "(χ² 12.3, p = 0.031). That agrees with these σ." in text
-    doubt = Doubt("hold-out", "the model lacks something", "not decided", {"ratio": 4.0})
-    text = words_on(identified(whole, hold_out=replace(held, ratio=4.0), doubts=(doubt,)))
-    assert "That is not believable: see Doubts." in text
+    text = words_on(identified(whole, hold_out=held), "gain")
+    assert "8 hold-out pairs are 1.24 times as far off as their σ predict (χ² 12.3, p = 0." in text
+    assert "that agrees with these σ." in text
+    bad = replace(held, p=1e-5)
+    assert "that contradicts these σ." in words_on(identified(whole, hold_out=bad), "gain")
     assert "Hold-out test" not in words_on(identified(whole, hold_out=None))
 
 
@@ -485,23 +429,21 @@ def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
     assert text.index('class="alarm"') < alarm < text.index('id="verdict"')
 
 
-def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign) -> None:
-    parameters = gather(whole.campaign).identification.parameters
-    found = {
-        "arm0.x_mm": replace(
-            parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1, total_std=0.1
-        ),
-        "plate_mm": replace(
-            parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1, total_std=0.1
-        ),
-    }
-    usual, with_few = (
-        texts(model_sections.parameters(interval, PAR4.parameters), found.items())
-        for interval in (1.96, 2.3)
+def test_a_parameter_says_whether_it_was_fitted_determined_and_changed(
+    whole: PaperCampaign,
+) -> None:
+    one = replace(
+        gather(whole.campaign).identification.parameters["plate_mm"], nominal=1.0, std=0.1
     )
-    assert [row[-1] for row in usual] == ["no change shown", ""]
-    assert [row[6] for row in usual] == ["0.1960", "0.1960"]
-    assert [row[-1] for row in with_few] == ["no change shown"] * 2
+    found = {
+        "arm0.x_mm": replace(one, value=1.19),
+        "arm0.y_mm": replace(one, value=1.21),
+        "arm0.z_mm": replace(one, value=1.0, std=None),
+        "plate_mm": replace(one, value=1.0, std=None, free=False),
+    }
+    rows = texts(model_sections.parameters(PAR4.parameters), found.items())
+    assert rows[0] == ("arm0.x", "mm", "1.0000", "1.1900", "+0.1900", "0.1000", "within U")
+    assert [row[-1] for row in rows[1:]] == ["", "not determined", "held"]
 
 
 def test_only_figures_of_the_cube_have_a_symbol_of_the_standard(whole: PaperCampaign) -> None:

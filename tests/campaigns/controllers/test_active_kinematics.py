@@ -5,7 +5,7 @@ from math import radians
 import pytest
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.robots.robot import find_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose

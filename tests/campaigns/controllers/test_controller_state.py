@@ -146,7 +146,7 @@ def test_an_exported_form_says_what_it_is_and_loses(identified: PaperCampaign) -
     form = form_of(read_robot(path).robot.provenance, path.name)
     assert form is not None
     assert form.of == [*gather(identified.campaign).sets.identified][-1]
-    assert 0.0 <= form.lost_rms_mm <= form.lost_max_mm < 1e-6
+    assert 0.0 < form.lost_rms_mm < form.lost_max_mm < 0.03  # mm: of tilts that noise put there
     older = {"of": form.of, "lost_mean_mm": 0.02, "lost_max_mm": 0.1}
     assert "(plain), loses 0.020 mm on average" in form_of({FORM: older}, "old").says
 

@@ -5,9 +5,10 @@ from family_cases import BY_NAME, all_members, some_members
 
 from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
 from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
-from campaigns.estimation.information import Uncertainty, WorkspaceSample
-from campaigns.mechanisms.catalog import MECHANISMS
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.identification.result import ParameterCovariance
+from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.mechanism import Kinematics
 
 
 def correction_of(member, **more):
@@ -32,7 +33,8 @@ def test_the_robot_stands_where_it_was_wanted(member):
 @some_members
 def test_targets_one_after_another_follow_the_sides_that_joints_come_from(member):
     space = member.space
-    lost = {name: 0.05 if space[name].is_angle else 0.2 for name in space.backlashes}
+    names = space.select(group="backlash")
+    lost = {name: 0.05 if space[name].unit == "deg" else 0.2 for name in names}
     worn = Kinematics.of(member.mechanism, member.tilted.parameters | lost)
     correction = TargetCorrection(worn, member.nominal, member.limits)
     wanted = member.poses(40)
@@ -92,15 +94,23 @@ def test_poses_in_a_zone_to_keep_out_of_are_refused():
 
 
 @some_members
-def test_the_uncertainty_is_that_of_the_workspace(member):
-    """At the shots' own poses it is what plans and identifications say of positions."""
-    free = member.space.free_by_default
-    robot, poses = member.tilted, member.poses(60)
-    rng = np.random.default_rng(3)
-    root = 1e-3 * rng.standard_normal((len(free), len(free)))
-    known = Uncertainty.of(free, member.space.units(free), root @ root.T)
-    correction = correction_of(member, uncertainty=known, measured=poses)
-    expected = known.of_positions(WorkspaceSample.of(robot, free, poses))
-    np.testing.assert_allclose(correction.std_mm(poses), expected, rtol=1e-6)
-    alone = correction.std_mm(poses[4:5])
-    np.testing.assert_allclose(alone, expected[4:5], rtol=1e-6)
+def test_the_uncertainty_is_that_of_positions_after_the_best_fit_of_the_frame(member):
+    """Against the moves of points by the columns of a covariance's root, the frame fitted anew."""
+    robot, poses, names = member.perturbed, member.poses(60), member.free
+    units, places = member.space.units(names), member.space.places(names)
+    root = 1e-3 * np.random.default_rng(3).standard_normal((len(names), 4))
+    matrix = tuple(map(tuple, (root @ root.T).tolist()))
+    known = ParameterCovariance(names, matrix, hold_out_ratio=1.5)
+    correction = TargetCorrection(
+        robot, member.nominal, member.limits, uncertainty=known, measured=poses
+    )
+    joints, squares = robot.inverse(poses).values_or_raise(), np.zeros(len(poses))
+    for column in root.T:
+        p = robot.p.copy()
+        p[places] += column * units
+        moved = Kinematics(member.mechanism, p).forward(joints, poses).values_or_raise()[:, :3]
+        errors = fit_transform(moved, poses[:, :3]).apply(moved) - poses[:, :3]
+        squares += (errors**2).sum(axis=1)
+    expected = 1.5 * np.sqrt(squares)
+    np.testing.assert_allclose(correction.std_mm(poses), expected, rtol=0.01)
+    np.testing.assert_allclose(correction.std_mm(poses[4:5]), expected[4:5], rtol=0.05)

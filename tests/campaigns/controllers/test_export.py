@@ -13,9 +13,7 @@ from campaigns import errors
 from campaigns.controllers.export import compensated_robot, latest_identification, written_sets
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
-from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.mechanisms.par4 import PAR4 as MECHANISM
-from campaigns.robots.robot import RobotDocument, find_robot, read_robot
+from campaigns.robots.robot import RobotDocument, find_robot, read_robot, with_ripples_per_turn
 from campaigns.version import VERSION
 from drivers.values import Identity
 
@@ -36,12 +34,12 @@ def entry(name: str, old: float) -> dict[str, object]:
     free = name.endswith(("arm_mm", "plate_mm"))
     delta = 0.25 if free else 0.0
     std = 0.01 if free else None
-    return {"nominal": old, "value": old + delta, "delta": delta, "std": std, "free": free}
+    return {"nominal": old, "value": old + delta, "std": std, "free": free}
 
 
 def body(nominal: RobotDocument, **changes: object) -> dict[str, object]:
     found = {name: entry(name, value) for name, value in nominal.robot.parameters.items()}
-    own = {"estimator": "distances", "shots": 163, "robot_digest": nominal.robot.digest()}
+    own = {"model": "paper", "shots": 163, "robot_digest": nominal.robot.digest()}
     return recorded_identifications.body(found, **own | changes)
 
 
@@ -67,7 +65,7 @@ def test_exported_parameters_and_deviations_are_read_back(
 
 
 def test_axis_tilts_and_backlash_are_exported(nominal: RobotDocument) -> None:
-    beyond = {"nominal": 0.0, "value": 0.02, "delta": 0.02, "std": 0.001, "free": True}
+    beyond = {"nominal": 0.0, "value": 0.02, "std": 0.001, "free": True}
     extended = {"arm2.axis_tilt_deg": beyond, "arm2.backlash_deg": beyond}
     parameters = body(nominal)["parameters"] | extended
     robot = compensated_robot("press 4", nominal, finding(nominal, parameters=parameters)).robot
@@ -77,17 +75,16 @@ def test_axis_tilts_and_backlash_are_exported(nominal: RobotDocument) -> None:
         assert (robot.parameters.std or {})[name] == 0.001
 
 
-def test_the_rate_of_ripples_is_a_number_of_the_exported_set(nominal: RobotDocument) -> None:
-    ripple = {"nominal": 0.0, "value": 0.003, "delta": 0.003, "std": 0.001, "free": True}
-    parameters = body(nominal)["parameters"] | {"arm2.ripple_cos_deg": ripple}
-    rate = {"key": "ripples_per_turn", "value": 29.97}
-    found = finding(nominal, parameters=parameters, ripples=rate)
-    robot = compensated_robot("press 4", nominal, found).robot
-    assert robot.parameters["ripples_per_turn"] == robot.kinematics.mechanism.rate == 29.97
-    assert robot.digest() == Kinematics.of(MECHANISM, found.flat()).parameters.digest()
-    assert (robot.provenance or {})["ripples"] == rate
-    other = finding(nominal, parameters=parameters, ripples=rate | {"value": 30.0})
-    assert compensated_robot("press 4", nominal, other).robot.digest() != robot.digest()
+def test_ripples_are_exported_with_the_nominal_robot_s_rate(nominal: RobotDocument) -> None:
+    ripple = {"nominal": 0.0, "value": 0.003, "std": 0.001, "free": True}
+    robots = {}
+    for rate in (29.0, 30.0):
+        geared = with_ripples_per_turn(nominal, rate)
+        parameters = body(geared)["parameters"] | {"arm2.ripple_cos_deg": ripple}
+        robot = compensated_robot("press 4", geared, finding(geared, parameters=parameters)).robot
+        assert robot.parameters["ripples_per_turn"] == robot.mechanism.rate == rate
+        robots[rate] = robot
+    assert robots[29.0].digest() != robots[30.0].digest()
 
 
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:
@@ -103,7 +100,7 @@ def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> 
         "plan_digest": "a" * 64,
         "journal_digest": "b" * 64,
         "journal_records": 500,
-        "estimator": "distances",
+        "model": "paper",
         "shots": 163,
         "residuals_mm": {"before": SPREAD, "after": SPREAD},
         "unseen_mm": {"before": SPREAD, "after": SPREAD},
@@ -152,8 +149,21 @@ def test_latest_identification_that_cannot_be_read_is_said_and_none_before_it_co
     with plain_journal(tmp_path) as journal:
         journal.append(Finding("identification", body(nominal)))
         journal.append(Finding("identification", {"verdict": "pass"}))
-        with pytest.raises(errors.FindingUnreadable, match="identify again"):
+        with pytest.raises(errors.FindingUnreadable, match="identify` again"):
             latest_identification(journal)
+
+
+def test_expansions_are_stated_with_the_temperature_of_the_parameters(
+    tmp_path: Path, nominal: RobotDocument
+) -> None:
+    grown = {"nominal": 0.0, "value": 20.0, "std": 2.0, "free": True}
+    parameters = body(nominal)["parameters"] | {"arm_expansion_ppm": grown}
+    found = finding(nominal, parameters=parameters, reference_degC=20.0)
+    path = tmp_path / "out.yaml"
+    path.write_text(compensated_robot("press 4", nominal, found).document.text, encoding="utf-8")
+    robot = read_robot(path).robot
+    assert robot.digest() == compensated_robot("press 4", nominal, finding(nominal)).robot.digest()
+    assert (robot.expansions, robot.reference_degC) == ({"arm_expansion_ppm": 20.0}, 20.0)
 
 
 def test_written_set_of_an_older_version_with_joint_tables_is_read(tmp_path: Path) -> None:

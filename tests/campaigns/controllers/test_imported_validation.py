@@ -17,13 +17,12 @@ from app.main import run_command
 from app.new_campaign import create_simulated
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid, ShotsInvalid
-from campaigns.estimation.estimators import Model
 from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.resume import series_to_take_up
-from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.options import ValidationOptions
 from campaigns.robots.robot import compensated, pose_row, read_robot
 from campaigns.settings.sections import AcceptanceConfig
@@ -278,7 +277,7 @@ def test_a_form_for_a_controller_of_few_parameters_is_judged_as_what_it_is(tmp_p
 
     before = taken_in(campaign, "before", pairs(member.nominal, 12, 5, 12))
     import_shots(campaign, pairs(member.nominal, 60, 6, 12))
-    assert identify(campaign, IdentificationOptions(model=Model.FULL)).verdict == "pass"
+    assert identify(campaign, IdentificationOptions()).verdict == "pass"
     left = export_plain(campaign).left["these values"]
     held = declared_set(campaign, "after")
     robot = Kinematics.of(member.mechanism, held.wanted)

@@ -9,7 +9,8 @@ from par4_space import SPACE, with_values
 
 from campaigns.controllers import linuxcnc_export
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import find_robot
 
 NOMINAL = find_robot("par4-prototype").robot
@@ -79,9 +80,8 @@ def test_backlashes_are_comments_for_the_ini_file_and_ripples_come_with_their_ra
 def test_every_mechanism_is_written_and_read(name):
     nominal = find_robot("par4-prototype" if name == "par4" else name).robot
     whose = linuxcnc_export.RobotIdentity("SN-1", nominal)
-    extended = {
-        key: 0.01 * (place + 1) for place, key in enumerate(nominal.mechanism.parameters.extensions)
-    }
+    names = nominal.mechanism.parameters.select(Role.EXTENSION)
+    extended = {name: 0.01 * (place + 1) for place, name in enumerate(names)}
     for robot in (nominal, with_values(nominal, extended)):
         found = linuxcnc_export.parse_hal(
             linuxcnc_export.hal_text(robot, "SN-1"), "calib.hal", whose

@@ -9,7 +9,7 @@ from par4_space import SPACE, with_values
 
 from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import LoadNotVerified
-from campaigns.mechanisms.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
 OLD = dict(ROBOT.parameters)
@@ -179,7 +179,7 @@ def test_old_parameters_that_do_not_come_back_are_loud(
 
 
 def test_changes_are_told_in_units_of_their_deviation() -> None:
-    parameters = Parameters.of(ROBOT.parameters.space, NEW, {"plate_mm": 0.05})
+    parameters = Parameters.of(ROBOT.parameters.table, NEW, {"plate_mm": 0.05})
     robot = replace(ROBOT, parameters=parameters)
     found = {change.name: change for change in changes(OLD, robot)}
     assert list(found) == list(SPACE.names)

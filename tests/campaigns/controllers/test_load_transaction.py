@@ -1,7 +1,7 @@
 """A load is a transaction: refused with its reason, found again after a death, and walked back."""
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -379,6 +379,13 @@ def test_false_parameters_of_a_controller_are_not_kept_as_the_old_ones_without_a
 # verified by pairs
 
 
+class WholeRobot(FakeRobot):
+    """Robot whose controller takes every parameter."""
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        return ()
+
+
 @dataclass
 class CellOf:
     """A cell in virtual time whose true robot has the errors that were identified."""
@@ -391,7 +398,7 @@ class CellOf:
 @pytest.fixture
 def cell() -> CellOf:
     clock, calls = VirtualClock(), []
-    robot = FakeRobot(clock, calls)
+    robot = WholeRobot(clock, calls)
     true = {name: value + ERRORS.get(name, 0.0) for name, value in OLD.items()}
     tracker = FakeTracker(clock, calls, robot, truth=par4(true))
     return CellOf(robot, tracker, Cell(robot, tracker, clock, clock))

@@ -6,8 +6,9 @@ from family_cases import BY_NAME, some_members
 
 from campaigns.controllers.model_reduction import ResidualError, Workspace, project_plain
 from campaigns.errors import IdentificationRefused
-from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Role
 
 
 def left_by(kinematics, workspace):
@@ -24,8 +25,9 @@ def workspace_of(member, robot, count=300):
 def slightly_tilted(member):
     """Skews and tilts as workshops leave them."""
     p, space = member.perturbed.p.copy(), member.space
-    names = [name for name in space.extensions if name not in space.datum]
-    p[space.places(names)] += np.random.default_rng(2).normal(0.0, 5e-4, len(names))
+    for stem in ("rail_tilt", "axis_tilt", "parallelogram_skew"):
+        places = space.columns.get(stem, np.zeros(0, dtype=int))
+        p[places] += np.random.default_rng(2).normal(0.0, 5e-4, len(places))
     return Kinematics(member.mechanism, p)
 
 
@@ -41,12 +43,12 @@ def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
 def test_plain_parameters_leave_less_than_the_full_ones_without_their_extensions(member):
     robot = slightly_tilted(member)
     workspace = workspace_of(member, robot)
-    own = robot.p.copy()
-    own[member.space.places(member.space.extensions)] = 0.0
+    own, extensions = robot.p.copy(), member.space.places(member.space.select(Role.EXTENSION))
+    own[extensions] = 0.0
     cut = left_by(Kinematics(member.mechanism, own), workspace)
     found = project_plain(robot, workspace)
     assert 1e-3 < found.error.rms_mm < 0.8 * cut.rms_mm
-    assert not found.kinematics.p[member.space.places(member.space.extensions)].any()
+    assert not found.kinematics.p[extensions].any()
 
 
 @some_members
@@ -55,7 +57,7 @@ def test_no_other_values_leave_less(member):
     robot = slightly_tilted(member)
     workspace = workspace_of(member, robot, 150)
     found = project_plain(robot, workspace)
-    for place in member.space.places(member.space.free_by_default):
+    for place in member.space.places(member.free):
         for step in (-1e-4, 1e-4):
             p = found.kinematics.p.copy()
             p[place] += step

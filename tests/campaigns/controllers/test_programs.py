@@ -14,7 +14,7 @@ from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.programs import is_program_there
 from campaigns.errors import OptionsInvalid
 from campaigns.evidence import evaluate
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.next_step import next_step
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plan_file import plan_digest
@@ -31,7 +31,7 @@ SMALL = {
     "validation.rotation_steps": 3,
     "validation.line_points": 3,
 }
-PLAN = PlanOptions(shots=16, model="standard")
+PLAN = PlanOptions(shots=16)
 
 
 @pytest.fixture(scope="module", params=["par4-prototype", "linear-delta"])

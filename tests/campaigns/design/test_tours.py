@@ -1,19 +1,20 @@
 """Pairs worth a distance, and joints approached from both sides."""
 
 import numpy as np
-from design_cases import drawn
 from hypothesis import given
 from hypothesis import strategies as st
-from par4_cases import CENTRE, NOMINAL
+from par4_cases import CENTRE, NOMINAL, region
 
 from campaigns.design import tours
-from campaigns.design.pose_sampling import random_pairs
+from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
 
 START = NOMINAL.inverse(CENTRE[None]).values_or_raise()[0]
 
 
 def placed(count, seed=4):
-    poses, _ = drawn(count, seed)
+    """Joints and points all over the workspace and near its boundary."""
+    rng, half = np.random.default_rng(seed), count // 2
+    poses = np.vstack([draw(region(), half, rng) for draw in (interior_poses, boundary_poses)])
     return NOMINAL.inverse(poses).values_or_raise(), poses[:, :3]
 
 

@@ -7,40 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import LOAD_BEGUN, MECHANISM, NOISE_MM, NOMINAL, PaperCampaign
+from paper_campaign import LOAD_BEGUN, NOISE_MM, NOMINAL, PaperCampaign
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import latest_identification
-from campaigns.errors import FindingUnreadable
-from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
-from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.evaluation.summary import summary
 from campaigns.evaluation.validation import CUBE_FIGURES
 from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.identification import findings
 from campaigns.identification.identify import identify
-from campaigns.identification.parameter_selection import select_parameters
-from campaigns.identification.result import Excluded, RecordedIdentification, read_identification
+from campaigns.identification.result import Excluded, RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import AcceptedShot
 from campaigns.robots.robot import pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import held_out
-
-NEWER = {
-    "chi2",
-    "covariance",
-    "position_std_mm",
-    "frame",
-    "priors",
-    "models",
-    "fitted",
-    "unseen",
-    "modelled",
-}
-"""What older software did not write of an identification."""
 
 
 def told_by(paper: PaperCampaign) -> RecordedIdentification:
@@ -48,14 +32,14 @@ def told_by(paper: PaperCampaign) -> RecordedIdentification:
         return latest_identification(journal)
 
 
-@pytest.mark.parametrize("estimator", ["points", "distances"])
+@pytest.mark.parametrize("model", ["full", "paper"])
 def test_errors_are_those_that_the_identification_told(
-    whole: PaperCampaign, by_distances: PaperCampaign, estimator: str
+    whole: PaperCampaign, by_distances: PaperCampaign, model: str
 ) -> None:
-    paper = whole if estimator == "points" else by_distances
+    paper = whole if model == "full" else by_distances
     errors, told = evaluate(paper.campaign).errors, told_by(paper)
-    fitted = errors.shots if estimator == "points" else errors.fitted
-    assert (errors.shots is None) == (estimator == "distances")
+    fitted = errors.shots if model == "full" else errors.fitted
+    assert (errors.shots is None) == (model == "paper")
     for group, both in ((fitted, told.residuals_mm), (errors.unseen, told.unseen_mm)):
         for values, stated in ((group.before_mm, both.before), (group.after_mm, both.after)):
             found = summary(values)
@@ -131,43 +115,6 @@ def test_only_tests_made_as_the_standard_makes_them_have_a_symbol_with_a_figure(
         assert not symbols & set(re.findall(r"\w+", f"{row.name} {row.tested}"))
 
 
-def test_residuals_of_a_perfect_robot_are_the_trackers_noise(
-    evaluation: Evaluation, by_distances: PaperCampaign
-) -> None:
-    of_shots, of_pairs = evaluation.budget, evaluate(by_distances.campaign).budget
-    assert (of_shots.of, of_pairs.of) == ("coordinate", "distance")
-    for left, noise_mm in ((of_shots, NOISE_MM), (of_pairs, np.sqrt(2.0) * NOISE_MM)):
-        assert left.chi == pytest.approx(1.0, abs=0.4)
-        assert left.residual_mm == pytest.approx(noise_mm, rel=0.4)
-        assert left.instrument_mm == pytest.approx(noise_mm)
-        assert left.repeatability_mm == pytest.approx(noise_mm, rel=0.4)
-
-
-def test_what_neither_tracker_nor_repeatability_explains_is_left() -> None:
-    left = ResidualBudget("distance", 0.5, 0.01, 0.3, 50.0, 38)
-    assert left.unexplained_mm == pytest.approx(0.4)
-    assert replace(left, repeatability_mm=0.6).unexplained_mm == 0.0
-    unknown = replace(left, instrument_mm=0.3, repeatability_mm=None)
-    assert unknown.unexplained_mm == pytest.approx(0.4)
-
-
-def test_an_identification_of_older_software_can_be_read_and_evaluated(
-    whole: PaperCampaign, evaluation: Evaluation
-) -> None:
-    with whole.journal() as journal:
-        findings = [entry.record for entry in journal.records_of(Finding)]
-    body = next(found.body for found in findings if found.kind == "identification")
-    older = read_identification({key: body[key] for key in body.keys() - NEWER})
-    assert (older.covariance, older.chi2, older.frame) == (None, None, None)
-    found = Evaluation(replace(evaluation.evidence, identification=older))
-    assert found.budget is None
-    assert found.errors.shots is None
-    assert found.errors.fitted.after_mm == pytest.approx(evaluation.errors.fitted.after_mm)
-    assert read_identification(body).covariance.names == older.free
-    with pytest.raises(FindingUnreadable, match="lets parts grow → identify again"):
-        read_identification(body | {"warmth": {"source": "time"}})
-
-
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     evidence = gather(whole.campaign)
     left_out = (Excluded("wrong", shot=9), Excluded("half", pair=3))
@@ -190,13 +137,13 @@ def test_errors_by_the_poses_kept_are_those_worked_out_again(
     )
     for one, other in ((found.fitted, again.fitted), (found.unseen, again.unseen)):
         assert one.numbers == other.numbers
-        assert one.after_mm == pytest.approx(other.after_mm, abs=1e-9)
-    assert found.positions.after_mm == pytest.approx(again.positions.after_mm, abs=1e-9)
+        assert one.after_mm == pytest.approx(other.after_mm, abs=1e-3)
+    assert found.positions.after_mm == pytest.approx(again.positions.after_mm, abs=1e-3)
 
 
 def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCampaign) -> None:
     shots = held_out(gather(whole.campaign).run.shots, 0.2, np.random.default_rng(1))
-    found = identify(NOMINAL.robot.kinematics, shots, select_parameters(MECHANISM.parameters))
+    found = identify(NOMINAL.robot.kinematics, shots)
     evidence = gather(whole.campaign)
     kept = replace(evidence.identification, modelled=found.modelled)
     errors = Evaluation(replace(evidence, identification=kept)).errors
@@ -248,7 +195,10 @@ def test_a_load_without_an_end_leaves_the_verdict_open(
 
 def test_what_was_accepted_stands_in_the_verdict(whole: PaperCampaign) -> None:
     evidence = gather(whole.campaign)
-    doubt = Doubt("common-scale", "everything is longer", "fail", {"share": 0.01}, accepted=True)
-    found = replace(evidence.identification, doubts=(doubt, replace(doubt, accepted=False)))
+    finding = findings.Finding(
+        findings.BEYOND_TOLERANCE, "everything is longer", "fail", {"value": 1.0}, accepted=True
+    )
+    both = (finding, replace(finding, accepted=False))
+    found = replace(evidence.identification, findings=both)
     reasons = Evaluation(replace(evidence, identification=found)).verdict.reasons
     assert [r for r in reasons if "longer" in r] == ["Accepted all the same: everything is longer."]

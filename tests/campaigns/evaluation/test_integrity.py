@@ -8,8 +8,8 @@ from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
 from campaigns.campaign_state import state_of
 from campaigns.evaluation.campaign_verdict import Check
-from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evidence import Evaluation, Evidence, gather
+from campaigns.identification.findings import HOLD_OUT, Finding
 from campaigns.journal.records import SeriesStarted
 from campaigns.next_step import next_step
 from campaigns.planning.plan_file import write_plan
@@ -121,8 +121,8 @@ def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(
 
 
 def test_a_pass_by_limits_that_are_gone_is_none(evidence: Evidence) -> None:
-    let_pass = Doubt("lack-of-fit", "backlash; acceptance limits are met all the same")
-    judged = judged_now(evidence, doubts=(let_pass,))
+    let_pass = Finding(HOLD_OUT, "far off; the acceptance limits are met all the same")
+    judged = judged_now(evidence, findings=(let_pass,))
     kept = AcceptanceConfig(distance_mean_mm=5.0, distance_max_mm=9.0)
     assert broken(reconfigured(judged, acceptance=kept)) == []
     for limits in (AcceptanceConfig(), AcceptanceConfig(distance_max_mm=1e-6)):

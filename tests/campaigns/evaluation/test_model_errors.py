@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identified_cases import NOISE_MM, NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
-from par4_space import SPACE
 from scipy.spatial.transform import Rotation
 
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.rigid_transforms import Transform
 from campaigns.evaluation.model_errors import ModelErrors
 from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, gather
+from campaigns.fit.rigid_transforms import Transform
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
 from campaigns.identification.result import RecordedIdentification, read_identification
 
 MOVED_AT = 70
@@ -34,9 +31,9 @@ def shots():
     return replace(data, points_in_tracker_mm=points, session=later.astype(int))
 
 
-def recorded(data, estimator, *, sessions):
-    options = IdentificationOptions(estimator=estimator, sessions=sessions)
-    found = identify(NOMINAL, data, select_parameters(SPACE), options)
+def recorded(data, model, *, sessions):
+    options = IdentificationOptions(model=model, sessions=sessions)
+    found = identify(NOMINAL, data, options)
     provenance = {"series": 1, "journal_records": 1, "at_utc": ""}
     digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest"), "")
     return RecordedIdentification.of(found, **provenance, **digests)
@@ -59,7 +56,7 @@ def rms(errors_mm):
 
 
 def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of):
-    found = recorded(shots, Estimator.POINTS, sessions=True)
+    found = recorded(shots, "full", sessions=True)
     errors = errors_of(shots, read_identification(found.document()))
     assert len(errors.shots.after_mm) == 120
     assert len(errors.positions.after_mm) == 160
@@ -70,7 +67,7 @@ def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of
 
 
 def test_frames_are_those_in_which_the_tracker_stood(shots):
-    found = recorded(shots, Estimator.POINTS, sessions=True)
+    found = recorded(shots, "full", sessions=True)
     places = np.eye(3) * 500.0
     stood = (TRACKER_FROM_BASE, ELSEWHERE.after(TRACKER_FROM_BASE))
     assert [each.shots for each in found.sessions] == [
@@ -86,7 +83,7 @@ def test_frames_are_those_in_which_the_tracker_stood(shots):
 
 def test_one_frame_for_all_shots_has_no_sessions(shots, errors_of):
     early = shots.rows(np.flatnonzero(np.array(shots.numbers) < MOVED_AT))
-    found = recorded(early, Estimator.POINTS, sessions=False)
+    found = recorded(early, "full", sessions=False)
     assert found.sessions == ()
     assert rms(errors_of(early, found).shots.after_mm) < 2.0 * NOISE_MM
 
@@ -102,7 +99,7 @@ def test_distances_between_sessions_are_none(shots, errors_of):
             shots.points_in_tracker_mm,
         ),
     )
-    found = recorded(data, Estimator.DISTANCES, sessions=True)
+    found = recorded(data, "paper", sessions=True)
     assert [(each.pair, each.reason) for each in found.excluded] == [
         (data.pairs[MOVED_AT - 1], "its shots are of two sessions")
     ]

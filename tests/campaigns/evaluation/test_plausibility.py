@@ -9,14 +9,12 @@ from refusals import refusal
 from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation import plausibility
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot, pose_of
 from campaigns.robots.schema import Tolerance
 from campaigns.studies.study import planned_shots
-from sim.scenarios.scenario import load_scenario
 
 ROBOTS = ("par4-prototype", "delta")
 QUICK = ("delta", pytest.param("par4-prototype", marks=pytest.mark.long))
@@ -46,11 +44,11 @@ def measured(name, seed=1, share=0.3, half=None):
     limits = np.array(
         [
             0.0 if "tilt" in each or "azimuth" in each else robot.tolerance.of(space[each])
-            for each in space.geometry
+            for each in space.names
         ]
     )
-    limits *= space.units(space.geometry)
-    limits = np.pad(limits, (0, len(space.transmission)))
+    limits *= space.units(space.names)
+    limits = np.pad(limits, (0, len(space.of_robot) - len(limits)))
     off = Kinematics(
         robot.mechanism.seen_from(half),
         robot.kinematics.p + share * rng.uniform(-1, 1, len(limits)) * limits,
@@ -189,81 +187,11 @@ def test_values_beyond_reason_are_named_by_the_shot(change, said):
 
 def test_changes_beyond_the_tolerance_are_told_largest_first():
     changes = {"arm0.x_mm": 12.0, "arm1.joint_offset_deg": -50.0, "plate_mm": 9.9}
-    space = find_robot("par4-prototype").robot.parameters.space
+    space = find_robot("par4-prototype").robot.parameters.table
     assert [*plausibility.beyond_tolerance(space, Tolerance(), changes)] == [
         "arm1.joint_offset_deg changed by -50°, tolerance ± 5°",
         "arm0.x_mm changed by +12 mm, tolerance ± 10 mm",
     ]
-
-
-class TestCommonScale:
-    NOMINAL = find_robot("par4-prototype").robot.parameters
-
-    def held(self, name):
-        """The first arm's place, which the frame's origin keeps; 0 of what is no place."""
-        field = name.rpartition(".")[2]
-        return self.NOMINAL[f"arm0.{field}"] if field in ("x_mm", "y_mm", "z_mm") else 0.0
-
-    def judged(self, changes):
-        return plausibility.common_scale(self.NOMINAL, changes)
-
-    def changes(self, scale, seed, std_mm=2.0):
-        """Found changes of a robot with random errors, everything longer by a share."""
-        rng = np.random.default_rng(seed)
-        found = {}
-        for name, value in self.NOMINAL.items():
-            if not name.endswith("_mm"):
-                continue
-            held = self.held(name)
-            if name.startswith("arm0.") and held:
-                continue
-            found[name] = held + scale * (value + rng.normal(0.0, std_mm) - held) - value
-        return found
-
-    def test_robots_with_random_errors_seldom_raise_it(self):
-        raised = [self.judged(self.changes(1.0, seed)).significant for seed in range(600)]
-        assert np.mean(raised) <= 0.01
-
-    @pytest.mark.parametrize("robot", ["delta", "par4-prototype"])
-    def test_a_batch_of_longer_forearms_seldom_raises_it(self, robot):
-        """They tell most of all lengths; those of arms and base do not agree."""
-        nominal, raised = find_robot(robot).robot.parameters, []
-        for seed in range(400):
-            rng = np.random.default_rng(seed)
-            batch_mm = 0.8 * rng.standard_normal()
-            changes = {
-                name: 0.3 * rng.standard_normal() + batch_mm * name.endswith("forearm_mm")
-                for name in nominal.space.of_unit("mm", nominal.space.free_by_default)
-            }
-            raised.append(plausibility.common_scale(nominal, changes).significant)
-        assert np.mean(raised) <= 0.05
-
-    @pytest.mark.parametrize("scenario", ["paper-simulation", "paper-prototype"])
-    def test_the_papers_robots_do_not_raise_it(self, scenario):
-        """Tables I and II."""
-        errors = load_scenario(scenario).robot.errors
-        assert len(errors) == 22
-        assert not self.judged(errors).significant
-
-    def test_a_scale_that_the_fit_leaves_uncertain_is_no_finding(self):
-        """As where noisy distances tell it: uncertain by 0.2 %, and found wrong by as much."""
-        rng, raised, unheeded = np.random.default_rng(1), [], []
-        for seed in range(400):
-            changes = self.changes(1.0 + 2e-3 * rng.standard_normal(), seed, std_mm=0.5)
-            names = tuple(changes)
-            along = np.array([self.NOMINAL[name] - self.held(name) for name in names])
-            covariance = 2e-3**2 * np.outer(along, along)
-            known = Uncertainty(names, tuple(map(tuple, covariance.tolist())))
-            raised.append(plausibility.common_scale(self.NOMINAL, changes, known).significant)
-            unheeded.append(self.judged(changes).significant)
-        assert np.mean(raised) <= 0.01
-        assert np.mean(unheeded) > 0.5
-
-    @pytest.mark.parametrize("scale", [1.01, 0.99])
-    def test_a_percent_is_nearly_always_found(self, scale):
-        tests = [self.judged(self.changes(scale, seed)) for seed in range(200)]
-        assert np.mean([each.significant for each in tests]) > 0.97
-        assert np.median([each.share for each in tests]) == pytest.approx(scale - 1.0, abs=1e-3)
 
 
 ROUGHLY_MM = (2700.0, -600.0, -300.0)

@@ -5,7 +5,6 @@ import pytest
 from fake_cell import TRACKER_FROM_BASE
 from validation_cases import line, pairs, shot, validated
 
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.gains import gains, worse_than_before
 from campaigns.evaluation.iso_figures import cube_frame
 from campaigns.evaluation.validation import (
@@ -19,6 +18,7 @@ from campaigns.evaluation.validation import (
     rotation_test,
     validation_verdict,
 )
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet

@@ -1,159 +1,215 @@
-"""Identification by distances: the reference's parameters, honest deviations, refusals."""
+"""Identification of robots made of rods and gears: corrected, stated truly, and judged."""
 
 from dataclasses import replace
 
-import identified_cases
 import numpy as np
 import pytest
-from fake_cell import NOMINAL
-from family_cases import flat_in
-from par4_space import par4
+from rod_campaigns import SMALL, Errors, rod_campaign, with_joints, with_points
 
-from campaigns.errors import ShotsMissing
-from campaigns.estimation.estimators import Estimator, Model
-from campaigns.identification.result import IdentificationResult
+from campaigns.api import sample_workspace
+from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
+from campaigns.identification import findings
+from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots
 
-CASES = ("table1-exact", "table1-tracker-noise", "table2-repeatability")
-
-
-def by_distances(data: Shots, **options) -> IdentificationResult:
-    return identified_cases.identified(data, Estimator.DISTANCES, **options)
+MECHANISMS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_parameters_are_those_of_the_reference(case: str) -> None:
-    found = by_distances(identified_cases.measured(case))
-    expected = flat_in(identified_cases.reference(case)["least_squares_distances"])
-    for name, value in identified_cases.values(found).items():
-        limit = 1e-6 if name.endswith("_deg") else 1e-4
-        assert value == pytest.approx(expected[name], abs=limit), name
+def identified(campaign, **options):
+    sample = sample_workspace(campaign.robot, 60)
+    how = IdentificationOptions(workspace=sample, **options)
+    return identify(campaign.robot.kinematics, campaign.shots, how)
+
+
+def names_of(found):
+    return [own.name for own in found.findings if own.affects_verdict]
+
+
+@pytest.fixture(scope="module")
+def clean():
+    campaign = rod_campaign("par4-prototype", shots=80, seed=3)
+    return campaign, identified(campaign)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_what_is_wrong_with_a_robot_is_corrected_and_stated_truly(name):
+    campaign = rod_campaign(name, SMALL, shots=80, seed=2)
+    found = identified(campaign)
+    assert found.verdict == "pass", found.reasons
+    real_mm = campaign.position_error_mm(found)
+    assert real_mm < 2.0 * found.position_std_mm.rms
+    assert real_mm < 0.05
+    assert found.residuals_mm.before.rms > 20.0 * found.residuals_mm.after.rms
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        Errors(eccentricity_deg=0.03),
+        Errors(ratio_ppm=1000.0),
+        Errors(azimuths_mrad=2.0),
+        Errors(rods_mm=0.2),
+        Errors(tilts_mrad=2.0),
+        Errors(backlash=1.0),
+        Errors(sag_mm=0.2),
+    ],
+    ids=["eccentricity", "ratio", "azimuths", "rods", "tilts", "backlash", "sag"],
+)
+def test_a_single_large_error_is_corrected_without_a_choice_of_models(errors):
+    campaign = rod_campaign("par4-prototype", errors, shots=80, seed=5)
+    found = identified(campaign)
+    real_mm = campaign.position_error_mm(found)
     assert found.converged
-    assert (found.rank, found.dof) == (22, 38)
-    assert (
-        found.residuals_mm.after.rms
-        <= identified_cases.reference(case)["cost_rms_mm"] * (1 + 1e-6) + 1e-9
-    )
+    assert real_mm < 2.0 * found.position_std_mm.rms
+    assert real_mm < 0.06
+    assert not [own for own in found.excluded if own.is_wrong]
 
 
-def test_errors_before_and_after_are_those_of_the_reference() -> None:
-    residuals = by_distances(identified_cases.measured("table2-repeatability")).residuals_mm
-    expected = identified_cases.reference("table2-repeatability")
-    for spread, key in ((residuals.before, "before_abs_mm"), (residuals.after, "after_abs_mm")):
-        assert spread.mean_abs == pytest.approx(expected[key]["mean"], abs=1e-6)
-        assert spread.max_abs == pytest.approx(expected[key]["max"], abs=1e-6)
+def test_clean_robot_passes_and_its_noise_is_told_from_the_trackers(clean):
+    campaign, found = clean
+    assert found.verdict == "pass"
+    assert campaign.position_error_mm(found) < 0.03
+    assert found.scatter.point_mm < 0.01
+    assert found.scatter.instrument == {}
+    parts = np.array([share.mm for share in found.budget])
+    assert np.sqrt((parts**2).sum()) == pytest.approx(found.position_std_mm.rms, rel=1e-6)
+    assert {share.kind for share in found.budget if share.source == "stated"} == {"B"}
+    assert {share.kind for share in found.budget if share.source == "points"} == {"A"}
 
 
-def test_unseen_pairs_decide_and_without_them_nothing_does() -> None:
-    found = by_distances(identified_cases.measured("table1-tracker-noise"))
-    assert found.unseen_mm is None
-    assert found.unseen is None
+def test_result_is_written_read_and_reported(clean):
+    _, found = clean
+    recorded = RecordedIdentification.of(
+        found, series=1, robot_digest="r", plan_digest="p", journal_digest="j", journal_records=9,
+        at_utc="2026-01-01T00:00:00+00:00",
+    )  # fmt: skip
+    again = read_identification(recorded.document())
+    assert again.flat() == found.flat()
+    assert again.posterior.names == found.posterior.names
+    text = found.report()
+    assert "verdict: pass" in text
+    assert "combined" in text
+    frame = found.frame.tracker_from_base
+    assert np.abs(frame.rotation @ frame.rotation.T - np.eye(3)).max() < 1e-9
+
+
+def test_what_no_shot_determines_stays_at_nominal_whatever_the_base_frame(clean):
+    """Inner constraints: the mean motion of the base frame is no parameter's error."""
+    campaign, found = clean
+    named = {name for combination in found.undetermined for name in combination}
+    assert {"arm0.x_mm", "arm0.y_mm", "arm0.z_mm"} <= named
+    moves = [found.parameters[f"arm{arm}.z_mm"].delta for arm in range(4)]
+    offsets = [found.parameters[f"arm{arm}.z_mm"].std for arm in range(4)]
+    assert abs(np.mean(moves)) < 3.0 * max(offsets) + 0.5
+    assert campaign.position_error_mm(found) < 2.0 * found.position_std_mm.rms
+
+
+def test_noise_that_a_file_does_not_state_is_estimated():
+    campaign = rod_campaign("delta", shots=80, seed=4, noise_mm=0.03, stated=False)
+    found = identified(campaign)
+    assert found.verdict == "pass"
+    assert set(found.scatter.instrument) == {"along", "across"}
+    assert "noise estimated" in found.scatter.says
+    assert campaign.position_error_mm(found) < 2.0 * found.position_std_mm.rms
+
+
+def test_a_gross_shot_is_left_out_by_name_and_good_ones_never(clean):
+    campaign, _ = clean
+    points = campaign.shots.points_in_tracker_mm.copy()
+    points[17] += [0.4, -0.3, 0.2]
+    points[40] += 900.0  # another target
+    found = identified(with_points(campaign, points))
+    assert {own.shot for own in found.excluded if own.is_wrong} == {17, 40}
+    assert found.verdict == "pass"
+    assert campaign.position_error_mm(found) < 2.0 * found.position_std_mm.rms
+
+
+@pytest.mark.parametrize(("since", "until"), [(40, 100), (30, 50)], ids=["lasting", "taken back"])
+def test_a_bumped_tracker_fails_with_the_shots_between_which_it_was(clean, since, until):
+    campaign, _ = clean
+    points = campaign.shots.points_in_tracker_mm.copy()
+    points[since:until] += [0.15, -0.1, 0.12]
+    found = identified(with_points(campaign, points))
+    assert found.verdict == "fail"
+    change = next(own for own in found.findings if own.name == findings.CHANGE)
+    assert change.numbers["part"] == "frame"
+    assert change.numbers["before_shot"] == pytest.approx(since, abs=2)
+    assert ("last_shot" in change.numbers) == (until < 80)
+
+
+def test_a_step_of_an_encoder_fails_with_its_arm(clean):
+    campaign, _ = clean
+    joints = campaign.shots.joints.copy()
+    joints[45:, 2] += np.radians(0.03)
+    found = identified(with_joints(campaign, joints))
+    change = next(own for own in found.findings if own.name == findings.CHANGE)
+    assert found.verdict == "fail"
+    assert "arm 2" in change.says
+    assert change.numbers["before_shot"] == pytest.approx(45, abs=2)
+
+
+def test_joints_of_another_instant_are_a_scatter_that_no_robot_has(clean):
+    campaign, _ = clean
+    lagging = campaign.shots.joints + 0.02 * np.roll(campaign.shots.joints, 1, axis=0)
+    found = identified(with_joints(campaign, lagging))
+    assert found.verdict == "fail"
+    assert findings.SCATTER in names_of(found)
+
+
+def test_a_wrong_nominal_length_is_a_finding_until_it_is_accepted(clean):
+    campaign, _ = clean
+    wrong = dict(campaign.robot.parameters)
+    wrong["arm1.forearm_mm"] += 40.0
+    nominal = campaign.robot.kinematics.of(campaign.robot.mechanism, wrong)
+    sample = sample_workspace(campaign.robot, 60)
+    for accepts in (False, True):
+        how = IdentificationOptions(workspace=sample, accept_large_change=accepts)
+        found = identify(nominal, campaign.shots, how)
+        assert (findings.BEYOND_TOLERANCE in names_of(found)) != accepts
+        assert bool(found.accepted) == accepts
+
+
+def test_without_pairs_to_judge_by_nothing_is_decided(clean):
+    campaign, _ = clean
+    alone = replace(campaign, shots=campaign.shots.of_set(ShotSet.IDENTIFICATION))
+    found = identified(alone)
     assert found.verdict == "not decided"
-    assert found.reasons[0].startswith("no validation pairs")
-    found = by_distances(identified_cases.noisy(identified_cases.simulated(60, 20, seed=1), seed=2))
-    assert found.verdict == "pass"
-    assert found.unseen_mm.before.max_abs > 1.0
-    assert found.unseen_mm.after.rms < 3 * identified_cases.NOISE_MM
-    assert found.excluded == ()
-    assert found.reasons[0].startswith("hold-out pairs: mean")
+    assert names_of(found) == [findings.NOTHING_UNSEEN]
+    assert "--hold-out 20%" in found.reasons[0]
 
 
-def test_fit_that_makes_unseen_pairs_worse_fails() -> None:
-    """The hold-out pairs come from the nominal robot, the fitted ones from another."""
-    data = identified_cases.simulated(60, 20, seed=1)
-    nominal = identified_cases.simulated(60, 20, seed=1, truth=NOMINAL)
-    points = np.vstack([data.points_in_tracker_mm[:120], nominal.points_in_tracker_mm[120:]])
-    found = by_distances(replace(data, points_in_tracker_mm=points))
-    assert found.verdict == "fail"
-    assert any(each.startswith("hold-out pairs got worse: rms 0.0000 → ") for each in found.reasons)
+def test_options_hold_parameters_and_change_tolerances(clean):
+    campaign, _ = clean
+    found = identified(campaign, fix=("arm1.*", "eccentricity"), prior=("arm2.arm_mm=0.001",))
+    assert not [name for name in found.free if name.startswith("arm1.")]
+    assert not [name for name in found.free if "eccentricity" in name]
+    assert abs(found.parameters["arm2.arm_mm"].delta) < 0.01
+    for wrong, said in (
+        ({"fix": ("arm9.*",)}, "no parameter, pattern or group"),
+        ({"prior": ("arm1.arm_mm=0",)}, "σ must be a number from"),
+        ({"model": "standard"}, "take full or paper"),
+    ):
+        with pytest.raises(OptionsInvalid, match=said):
+            identified(campaign, **wrong)
 
 
-def test_robot_that_is_as_its_nominal_parameters_say_has_nothing_to_correct_and_passes() -> None:
-    """What the fit makes of noise costs hold-out pairs a little: no more than chance explains."""
-    found = by_distances(
-        identified_cases.noisy(identified_cases.simulated(60, 20, seed=3, truth=NOMINAL), seed=4)
-    )
-    assert found.unseen_mm.after.rms > found.unseen_mm.before.rms
-    assert found.verdict == "pass"
-    assert found.reasons[0].endswith("(no change shown)")
+def test_too_few_shots_and_nonsense_are_refused_with_a_remedy(clean):
+    campaign, _ = clean
+    few = replace(campaign, shots=campaign.shots.rows(np.arange(3)))
+    with pytest.raises(ShotsMissing, match="3 shots to identify from"):
+        identified(few)
+    line = 1000.0 + np.outer(np.arange(len(campaign.shots)), [1.0, 2.0, 3.0])
+    with pytest.raises(ShotsInvalid, match="lead to no robot"):
+        identified(with_points(campaign, line))
 
 
-def test_too_few_pairs_are_refused_and_just_enough_give_no_deviations() -> None:
-    with pytest.raises(ShotsMissing, match="21 pairs cannot give 22 parameters"):
-        by_distances(identified_cases.simulated(21, 5, seed=1))
-    found = by_distances(identified_cases.simulated(22, 5, seed=3), model=Model.PAPER)
-    assert found.dof == 0
-    assert set(identified_cases.deviations(found).values()) == {None}
-
-
-def test_held_parameters_stay_as_they_were() -> None:
-    truth = par4(identified_cases.TRUTH.parameters | {"plate_mm": NOMINAL.parameters["plate_mm"]})
-    found = by_distances(identified_cases.simulated(60, 20, seed=1, truth=truth), fix=["plate_mm"])
-    plate = found.parameters["plate_mm"]
-    assert (plate.free, plate.delta, plate.std) == (False, 0.0, None)
-    assert plate.value == NOMINAL.parameters["plate_mm"]
-    assert len(found.free) == 21
-
-
-def test_half_pairs_are_left_out_by_name() -> None:
-    data = identified_cases.simulated(60, 20, seed=1)
-    purposes = tuple(
-        ShotSet.ROTATION if row in (7, 121) else kind for row, kind in enumerate(data.purposes)
-    )
-    pairs = tuple(None if row in (7, 121) else pair for row, pair in enumerate(data.pairs))
-    found = by_distances(replace(data, purposes=purposes, pairs=pairs))
-    assert [(left.pair, left.reason) for left in found.excluded] == [
-        (3, "shot 6 has no partner"),
-        (60, "shot 120 has no partner"),
-    ]
-    assert found.dof == 59 - 22
-    assert found.verdict == "pass"
-
-
-def test_shots_that_no_robot_could_take_are_left_out_by_name() -> None:
-    data = identified_cases.simulated(60, 20, seed=1)
-    joints = data.joints.copy()
-    joints[[5, 130]] = identified_cases.IMPOSSIBLE_RAD
-    found = by_distances(replace(data, joints=joints))
-    assert [left.pair for left in found.excluded] == [2, 65]
-    assert found.excluded[0].reason == (
-        "the nominal robot cannot be assembled at the joints of shot 5"
-    )
-    assert found.verdict == "pass"
-
-
-def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
-    """Forearms 20 mm too short for joints at which the nominal robot is nearly stretched."""
-    data = identified_cases.simulated(60, 20, seed=1, truth=identified_cases.shortened(20.0))
-    tried = np.random.default_rng(0).uniform(-2.0, 2.0, (500, 4))
-    lost = NOMINAL.forward(tried).found & ~identified_cases.shortened(20.0).forward(tried).found
-    joints = data.joints.copy()
-    joints[121] = tried[lost][0]
-    found = by_distances(replace(data, joints=joints))
-    reason = "the identified robot cannot be assembled at the joints of shot 121"
-    assert [(left.pair, left.reason) for left in found.excluded] == [(60, reason)]
-    assert found.verdict == "fail"
-    assert f"hold-out pair 60: {reason}" in found.reasons
-    assert found.unseen_mm.after.rms < 1e-6
-
-
-@pytest.mark.long
-def test_solver_that_stops_at_the_edge_of_the_model_has_not_converged() -> None:
-    """Forearms 110 mm shorter: on its way there the solver meets robots that do not assemble."""
-    data = identified_cases.simulated(60, 20, seed=1, truth=identified_cases.shortened(110.0))
-    found = by_distances(data, model=Model.PAPER)
-    assert not found.converged
-    assert found.verdict == "fail"
-    assert found.reasons[0].startswith("not converged")
-    assert found.message == found.reasons[0]
-
-
-@pytest.mark.long
-def test_distances_begin_where_the_coordinates_beside_them_end() -> None:
-    """Which keeps them off the edge of the model, on the other side of which the robot is."""
-    truth = identified_cases.shortened(110.0)
-    found = by_distances(identified_cases.simulated(60, 20, seed=1, truth=truth))
-    assert found.converged
-    assert found.flat() == pytest.approx(truth.parameters, abs=1e-6)
-    assert found.verdict == "fail"
+def test_the_papers_model_fits_its_parameters_by_distances(clean):
+    campaign, full = clean
+    found = identified(campaign, model="paper")
+    assert found.model == "paper"
+    assert len(found.free) == 22
+    assert found.residuals_mm.after.rms < 0.1 * found.residuals_mm.before.rms
+    assert found.posterior is None
+    assert full.posterior is not None

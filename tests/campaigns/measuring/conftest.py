@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns.fit.error_model import ErrorModel
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring import uncertainty_monitor
-from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel
 
 
@@ -32,16 +33,18 @@ def told(asked: object) -> object:
             return asked.mechanism, asked.p.tobytes()
         case RobotModel():
             return tuple(map(told, (asked.kinematics, asked.limits, asked.centre, asked.space)))
+        case ErrorModel():
+            return asked.names, asked.tolerance.tobytes()
         case _:
             return repr(asked)
 
 
 SAFE_PATH = remembered(RobotModel.safe_path)
-SAMPLE_POSITIONS = remembered(uncertainty_monitor.sample_positions)
+JUDGED_POSITIONS = remembered(uncertainty_monitor.judged_positions)
 
 
 @pytest.fixture(autouse=True)
 def looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """For these tests alone: others of the process come with other robots."""
     monkeypatch.setattr(RobotModel, "safe_path", SAFE_PATH)
-    monkeypatch.setattr(uncertainty_monitor, "sample_positions", SAMPLE_POSITIONS)
+    monkeypatch.setattr(uncertainty_monitor, "judged_positions", JUDGED_POSITIONS)

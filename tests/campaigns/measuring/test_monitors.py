@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from fake_cell import NOMINAL, TRACKER_FROM_BASE
-from par4_space import SPACE
 from small_plans import FOUR_PAIRS, GATE
 
-from campaigns.estimation.running_fit import RunningFit
+from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
+from campaigns.measuring.running_fit import RunningFit
 from drivers.values import Vector3, Weather
 
 Joints = tuple[float, ...]
@@ -16,7 +17,7 @@ JOINTS = [shot.joints for shot in FOUR_PAIRS]
 
 
 def gate(rules=GATE) -> InnovationGate:
-    return InnovationGate(rules, lambda: RunningFit(NOMINAL, SPACE.free_by_default))
+    return InnovationGate(rules, lambda: RunningFit(ErrorModel(NOMINAL), TrackerUncertainty()))
 
 
 def seen_mm(joints: Joints, off_mm: float = 0.0) -> Vector3:

@@ -8,7 +8,7 @@ from fake_cell import CENTRE, NOMINAL, FakeCell, FakeRobot
 from small_plans import FOUR_PAIRS, LIMITS, work
 
 from campaigns.design.restricted_space import ANYWHERE, Disc, Rectangle, RestrictedSpace, Zone
-from campaigns.errors import Interrupted, JogRequired
+from campaigns.errors import GateRefused, Interrupted, JogRequired
 from campaigns.planning.paths import RobotModel
 
 PILLAR = Zone("pillar", Disc((60.0, 10.0), 10.0), ANYWHERE, keeps_in=False)
@@ -57,18 +57,20 @@ def test_without_a_space_the_same_plan_passes_through(paths, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_run_that_is_stopped_jogged_and_resumed_keeps_to_the_space(paths, tmp_path: Path) -> None:
+def test_a_run_keeps_to_the_space_and_starts_from_no_place_that_the_centre_does_not_see(
+    paths, tmp_path: Path
+) -> None:
     cell = FakeCell()
     cell.robot.during_move = {6: cell.wish.ask}
     with pytest.raises(Interrupted):
         measure(cell, tmp_path)
     assert least_mm(paths) > -0.02
     paths.clear()
-    resumed = FakeCell()
-    standing_at(resumed, 110.0, 15.0, -600.0, 0.0)  # the pillar stands between it and the drift
-    measure(resumed, tmp_path)
-    assert least_mm(paths) > -0.02
-    assert len(paths) > 12
+    hidden = FakeCell()
+    standing_at(hidden, 110.0, 15.0, -600.0, 0.0)  # the pillar stands before the centre
+    with pytest.raises(GateRefused, match="no safe way to shot 0"):
+        measure(hidden, tmp_path)
+    assert paths == []
 
 
 def test_a_robot_in_a_forbidden_place_is_not_moved(paths, tmp_path: Path) -> None:

@@ -12,18 +12,22 @@ from small_plans import FOUR_PAIRS, drift, interrupted, planned, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
-from campaigns.estimation.rigid_transforms import small_rotation
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.estimation.variance_components import NONE, VarianceComponents
+from campaigns.fit.rigid_transforms import small_rotation
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Event, Outcome
-from campaigns.measuring.reference_poses import ReferenceNoise, reference_poses, rigid_body_test
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.measuring.reference_poses import (
+    ReferenceNoise,
+    RobotScatter,
+    reference_poses,
+    rigid_body_test,
+)
 from campaigns.planning.steps import joint_steps
 from campaigns.shots.shot_sets import ShotSet
 
 STD_MM = 0.015
 STEPS = joint_steps(FOUR_PAIRS)
-NOISE = ReferenceNoise(NONE, TrackerUncertainty())
+NOISE = ReferenceNoise(RobotScatter(0.0), TrackerUncertainty())
 COVARIANCE = tuple(tuple(row) for row in (STD_MM**2 * np.eye(3)).tolist())
 TRUE = par4({**ROBOT.parameters, "arm1.arm_mm": ROBOT.parameters["arm1.arm_mm"] + 0.8})
 
@@ -70,7 +74,7 @@ def test_poses_are_spread_if_there_are_enough_off_a_line() -> None:
 
 def test_scatter_of_the_tracker_and_of_the_robot_is_no_change() -> None:
     rng = np.random.default_rng(2)
-    robot = ReferenceNoise(VarianceComponents(point_mm=0.2), TrackerUncertainty())
+    robot = ReferenceNoise(RobotScatter(point_mm=0.2), TrackerUncertainty())
     for _ in range(15):
         assert not compared(outcomes(rng), outcomes(rng)).change
         worn = compared(outcomes(rng, std_mm=0.2), outcomes(rng, std_mm=0.2), robot)
@@ -112,7 +116,7 @@ def test_grown_arm_is_neither_trackers_nor_an_encoders() -> None:
 
 def test_moved_farther_than_the_limit_and_scatter_of_few_shots_allow() -> None:
     rng = np.random.default_rng(6)
-    loose = ReferenceNoise(VarianceComponents(point_mm=2.0), TrackerUncertainty(), limit_mm=1.0)
+    loose = ReferenceNoise(RobotScatter(point_mm=2.0), TrackerUncertainty(), limit_mm=1.0)
     now = [
         replace(s, point_in_tracker_mm=tuple(np.add(s.point_in_tracker_mm, (0.0, 1.2, 0.0))))
         for s in outcomes(rng)
@@ -123,7 +127,8 @@ def test_moved_farther_than_the_limit_and_scatter_of_few_shots_allow() -> None:
     now = outcomes(rng, std_mm=3.0 * STD_MM)
     assert compared(outcomes(rng), now).change
     assert not compared(outcomes(rng), now, replace(NOISE, freedom=4.0)).change
-    assert not compared(outcomes(rng), now, replace(NOISE, factor=2.0)).change
+    worse = replace(NOISE, robot=RobotScatter(point_mm=3.0 * STD_MM))
+    assert not compared(outcomes(rng), now, worse).change
 
 
 def interrupted_then(folder: Path, cell: FakeCell, shots=FOUR_PAIRS, move: int = 8):

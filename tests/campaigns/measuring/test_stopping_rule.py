@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
-from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
+from small_plans import FOUR_PAIRS, LIMITS, OPTIONS, planned
 
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.measuring import stopping_rule
-from campaigns.measuring.run_state import ParameterUncertainty
+from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import make_plan
 from campaigns.planning.steps import groups, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 
-KNOWN = ParameterUncertainty(84, "arm2.joint_offset_deg", 0.0021, 0.0198, 0.0061, 0.9)
+KNOWN = PositionUncertainty(84, "arm2.forearm_mm", 0.21, 0.0198, 0.003)
 SHOTS = 80
 PLAN = make_plan(
     ROBOT, VIEW, replace(REQUEST, identification_shots=SHOTS), np.random.default_rng(1)
@@ -25,11 +25,11 @@ PLAN = make_plan(
 
 
 def monitor(shots=PLAN) -> UncertaintyMonitor:
-    return UncertaintyMonitor.of_plan(shots, RobotModel(NOMINAL, LIMITS, CENTRE), SETUP)
+    return UncertaintyMonitor.of_plan(shots, RobotModel(NOMINAL, LIMITS, CENTRE), OPTIONS)
 
 
 @pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
-def test_a_goal_is_met_by_the_worst_length(goal_mm: float, met: bool) -> None:
+def test_a_goal_is_met_by_the_mean_of_positions(goal_mm: float, met: bool) -> None:
     assert stopping_rule.is_met(stopping_rule.UncertaintyGoal(goal_mm), KNOWN) is met
     assert not stopping_rule.is_met(stopping_rule.UncertaintyGoal(goal_mm), None)
     assert not stopping_rule.is_met(None, KNOWN)
@@ -49,8 +49,7 @@ def test_only_what_serves_nothing_else_than_to_identify_is_left_out_and_named() 
     assert [step.planned.shot for group in wanted for step in group] == [0, 5, 6, 7]
     assert event.kind == "goal met"
     assert event.text == (
-        "goal σ=0.02 met by 84 shots: every length to ±0.0198 mm, positions to ±0.0061 mm; "
-        "4 shots left out: 1–4"
+        "goal 0.02 mm met by 84 shots: positions to ±0.0198 mm; 4 shots left out: 1–4"
     )
 
 
@@ -67,23 +66,23 @@ def test_numbers_are_told_in_ranges() -> None:
     assert stopping_rule.in_ranges([]) == ""
 
 
-def test_a_plan_predicts_what_its_shots_will_tell() -> None:
+def test_a_plan_predicts_how_surely_its_shots_will_give_positions() -> None:
     whole = monitor().predicted(TRACKER_MM)
     half = monitor().predicted(TRACKER_MM, SHOTS // 2)
     assert (whole.shots, half.shots) == (SHOTS, SHOTS // 2)
-    assert 0.02 < whole.length_std_mm < half.length_std_mm < 1.0
-    assert whole.position_std_mm < whole.length_std_mm
-    assert whole.scatter == 0.0
+    assert 0.002 < whole.position_std_mm < half.position_std_mm < 1.0
+    assert whole.weakest.endswith("_mm")
+    assert whole.scatter_mm == 0.0
 
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
     whole = monitor().predicted(TRACKER_MM)
-    told, shots = stopping_rule.predicted_stop(
-        stopping_rule.UncertaintyGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM
-    )
+    goal_mm = 2.0 * whole.position_std_mm
+    goal = stopping_rule.UncertaintyGoal(goal_mm)
+    told, shots = stopping_rule.predicted_stop(goal, monitor(), TRACKER_MM)
     assert told == whole
-    enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (shots, shots - 1))
-    assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
+    enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (shots, shots - 2))
+    assert enough.position_std_mm <= goal_mm < fewer.position_std_mm
 
 
 def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
@@ -91,33 +90,32 @@ def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
     with pytest.raises(PlanInvalid) as caught:
         stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(0.001), monitor(), TRACKER_MM)
     assert caught.value.problem == (
-        f"goal σ=0.001: the whole plan will give {whole.length_std_mm:.3g} mm"
+        f"goal 0.001 mm: the whole plan will give {whole.position_std_mm:.3g} mm"
     )
-    assert "pkmcal plan --until σ=0.001" in caught.value.remedy
+    assert "pkmcal plan --until 0.001" in caught.value.remedy
 
 
-@pytest.mark.parametrize("shots", [FOUR_PAIRS, FOUR_PAIRS[:1]])
-def test_a_plan_that_cannot_tell_the_parameters_is_refused(shots) -> None:
+def test_a_plan_of_too_few_shots_is_refused() -> None:
+    few = monitor(FOUR_PAIRS[:3])
     with pytest.raises(PlanInvalid, match="too few shots to identify from"):
-        stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(1.0), monitor(shots), TRACKER_MM)
+        stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(1.0), few, TRACKER_MM)
 
 
 @pytest.mark.parametrize(
     "text",
-    ["σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2", f"{stopping_rule.UncertaintyGoal(0.02)}"],
-)
-def test_a_goal_is_a_standard_deviation_in_mm(text):
+    [
+        "0.02", "0.02 mm", " 2e-2mm ", "σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2",
+        f"{stopping_rule.UncertaintyGoal(0.02)}",
+    ],
+)  # fmt: skip
+def test_a_goal_is_a_standard_deviation_in_mm(text: str) -> None:
     assert stopping_rule.read_goal(text) == stopping_rule.UncertaintyGoal(0.02)
 
 
-@pytest.mark.parametrize("text", ["", "0.02", "tau=0.02", "σ"])
-def test_what_is_no_goal_is_refused_with_an_example(text):
-    with pytest.raises(OptionsInvalid, match="not understood") as caught:
+@pytest.mark.parametrize(
+    "text", ["", "tau=0.02", "σ", "0", "-1", "nan", "inf", "11", "0,02", "0.02 m", "much"]
+)
+def test_what_is_no_goal_is_refused_with_the_limit_and_an_example(text: str) -> None:
+    with pytest.raises(OptionsInvalid, match="must be above 0 and at most 10 mm") as caught:
         stopping_rule.read_goal(text)
-    assert "σ=0.02" in caught.value.remedy
-
-
-@pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "11", "0,02"])
-def test_a_standard_deviation_that_cannot_be_is_refused_with_the_limit(number):
-    with pytest.raises(OptionsInvalid, match="must be above 0 and at most 10 mm"):
-        stopping_rule.read_goal(f"σ={number}")
+    assert "0.02" in caught.value.remedy

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from campaigns.errors import PlanInvalid
-from campaigns.estimation.estimators import Model
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plan_file
 from drivers.values import Pose
 
@@ -50,14 +49,12 @@ def test_rows_are_read_in_their_order_with_angles_in_rad():
     )
 
 
-def test_plan_says_its_model_in_every_row_and_one_without_it_means_the_standard_one():
+def test_the_model_of_older_plans_is_kept_and_has_no_effect():
     plain = read(PLAN)
-    full = tuple(replace(shot, model=Model.FULL) for shot in plain)
-    text = plan_file.plan_text(full, PAR4)
+    older = tuple(replace(shot, model="full") for shot in plain)
+    text = plan_file.plan_text(older, PAR4)
     assert [line.rpartition(",")[2] for line in text.splitlines()] == ["model", *["full"] * 5]
-    assert read(text) == full
-    assert plan_file.plan_model(full) is Model.FULL
-    assert plan_file.plan_model(plain) is Model.STANDARD
+    assert read(text) == older
     assert plan_file.plan_text(plain, PAR4).startswith(HEADER)
 
 
@@ -65,14 +62,6 @@ def test_options_in_a_column_of_older_plans_are_read_past():
     first, *rows = PLAN.splitlines()
     older = "\n".join([f"{first},asked", *(f"{row},--fix 'arm1.*" for row in rows)])
     assert read(older) == read(PLAN)
-
-
-@pytest.mark.parametrize(("word", "says"), [("rods", "in rows before full"), ("ful", "model is")])
-def test_plan_of_two_models_or_an_unknown_one_is_refused(word, says):
-    full = tuple(replace(shot, model=Model.FULL) for shot in read(PLAN))
-    lines = plan_file.plan_text(full, PAR4).splitlines()
-    lines[3] = lines[3].replace("full", word)
-    assert says in complaint("\n".join(lines))
 
 
 def test_written_file_begins_with_the_agreed_header(tmp_path):

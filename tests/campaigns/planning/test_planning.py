@@ -12,7 +12,7 @@ from campaigns.design import tours
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plans
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import check_plan
@@ -56,17 +56,15 @@ def test_unless_told_the_drift_pose_is_visited_once_in_ten_pairs(pairs: int, vis
     assert (len(found), found[0], found[-1]) == (visits, 0, len(shots) - 1)
 
 
-def test_joints_come_evenly_from_both_sides_where_backlash_may_be_told() -> None:
+def test_joints_come_evenly_from_both_sides_which_tells_backlash() -> None:
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, bottom = np.arange(40).reshape(-1, 2), np.full(4, -0.1)
     low, high = tours.EVEN_SHARE
-    for tells in (False, True):
-        request = replace(REQUEST, tells_backlash=tells)
-        tour = request.ordered(stairs, pairs, bottom, 40)
-        shares = tours.positive_approach_shares(stairs[tour.ravel()], bottom, np.ones(40, bool))
-        assert ((shares >= low) & (shares <= high)).all() == tells
-        nothing_fitted = request.ordered(stairs, pairs, bottom, 0)
-        assert np.array_equal(nothing_fitted, tours.shortest_tour(stairs, pairs, bottom))
+    tour = REQUEST.ordered(stairs, pairs, bottom, 40)
+    shares = tours.positive_approach_shares(stairs[tour.ravel()], bottom, np.ones(40, bool))
+    assert ((shares >= low) & (shares <= high)).all()
+    nothing_fitted = REQUEST.ordered(stairs, pairs, bottom, 0)
+    assert np.array_equal(nothing_fitted, tours.shortest_tour(stairs, pairs, bottom))
 
 
 @pytest.mark.parametrize("count", [2, 9])

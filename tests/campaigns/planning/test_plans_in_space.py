@@ -20,7 +20,9 @@ from campaigns.design.restricted_space import (
     Zone,
 )
 from campaigns.errors import PlanInvalid
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.tracker_noise import TrackerUncertainty
+from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel
@@ -267,7 +269,7 @@ def test_repeatability_and_pairs_keep_to_the_space():
 
 
 def test_the_plates_radius_is_the_robots_unless_it_is_said():
-    radius_mm = ROBOT.mechanism.platform_radius_mm(NOMINAL.p, LIMITS)
+    radius_mm = platform_radius_mm(ROBOT.mechanism, NOMINAL.p, LIMITS)
     assert radius_mm == pytest.approx(100.0)
     assert restricted_space(CONFIG, radius_mm).plate_radius_mm == pytest.approx(100.0)
     own = CONFIG.model_copy(update={"plate_radius_mm": 180.0})
@@ -285,25 +287,22 @@ def test_a_space_that_refuses_nothing_changes_nothing(placement):
         if placement == "boundary":
             plans.append(make_plan(ROBOT, VIEW, wanted, rng))
             continue
-        free = ROBOT.mechanism.parameters.free_by_default
         request = OptimalRequest(
-            plan=wanted, uncertainty=TrackerUncertainty(), free=free, candidates=300
+            plan=wanted, uncertainty=TrackerUncertainty(), model=ErrorModel(NOMINAL)
         )
-        plans.append(make_optimal_plan(ROBOT, VIEW, request, rng)[0])
+        plans.append(make_optimal_plan(ROBOT, VIEW, request, rng))
     assert plans[0] == plans[1]
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_optimal_poses_keep_to_the_space_and_are_judged_by_what_it_leaves():
-    free = ROBOT.mechanism.parameters.free_by_default
     request = OptimalRequest(
         plan=PlanRequest(32, 4, 3, MIDDLE, SPACE),
         uncertainty=TrackerUncertainty(),
-        free=free,
-        candidates=300,
+        model=ErrorModel(NOMINAL),
     )
-    made, _ = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
+    made = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
     check_plan(made, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
     judged = workspace_poses(NOMINAL, LIMITS, CENTRE, 300, np.random.default_rng(5), SPACE)
     assert SPACE.allows(judged[:, :3]).all()

@@ -16,9 +16,8 @@ def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> R
     """A shipped robot of another size, elsewhere in its base frame, whose file says no centre."""
     robot = find_robot(name).robot
     space, joint = robot.mechanism.parameters, robot.mechanism.joints[0]
-    lengths = space.of_unit("mm", space.names)
     values = {
-        each: value * (times if each in lengths else 1.0)
+        each: value * (times if space[each].unit == "mm" else 1.0)
         + (aside_mm if each.endswith(".x_mm") else 0.0)
         for each, value in robot.parameters.items()
     }

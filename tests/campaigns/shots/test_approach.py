@@ -12,7 +12,7 @@ from small_plans import FOUR_PAIRS, work
 from tested_journal import journal_in
 
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.shots import approach_directions, shots_of_journal
 
 HERE = np.radians([10.0, 20.0, 30.0, 40.0])

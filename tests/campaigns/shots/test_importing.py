@@ -10,7 +10,7 @@ from small_plans import FOUR_PAIRS
 from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.shots import import_export
 from campaigns.shots.import_export import (
     ImportedFile,

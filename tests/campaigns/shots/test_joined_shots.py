@@ -7,7 +7,7 @@ from family_cases import VECTORS
 from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.joined_shots import read_joined_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text

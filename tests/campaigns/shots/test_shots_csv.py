@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from refusals import refusal, refusal_if_any
 
 from campaigns.errors import OutputExists, ShotsInvalid
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, parse_shots, read_shots, shots_text, write_shots
 

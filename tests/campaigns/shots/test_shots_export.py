@@ -7,7 +7,7 @@ import pytest
 from campaigns.journal.journal import open_journal
 from campaigns.journal.records import Intent, Outcome, SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.kinematics.catalog import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.shots.import_export import append_import, exported_shots
 from campaigns.shots.shot_sets import ShotSet
@@ -88,7 +88,7 @@ def test_imported_shots_come_out_as_they_came_in(tmp_path):
             4, (0.2, 0.3, 0.4, 0.4), (2050.0, 10.0, -300.0), temperature_degC=21.4, time="noon"
         ),
         ShotRow(4, (0.3, 0.2, 0.4, 0.3), (2150.0, 10.0, -300.0), temperature_degC=-3.125),
-        ShotRow(5, (0.3, 0.2, 0.4, 0.4), (2150.0, 20.0, -300.0)),
+        ShotRow(5, (0.3, 0.2, 0.4, 0.4), (2150.0, 20.0, -300.0), part_temperature_degC=24.5),
         ShotRow(5, (0.3, 0.2, 0.3, 0.4), (2150.0, 30.0, -300.0), time="noon"),
     )
     robot = find_robot("par4-prototype").robot

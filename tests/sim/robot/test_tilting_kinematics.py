@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from campaigns.mechanisms.parameters import Parameters
-from campaigns.mechanisms.parasitic_rotation import PlateGeometry as Drawing
+from campaigns.kinematics.parameters import Parameters, Role
+from campaigns.kinematics.platforms import PlateGeometry as Drawing
 from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
@@ -25,8 +25,8 @@ def rms(errors):
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def drawn(name):
-    """A robot with rods off by some 0.05 mm and axes off by 0.5 mrad, and poses within reach."""
+def drawn(name, sag_mm=0.05):
+    """A robot with rods off by some 0.05 mm, axes and bars off by 0.5 mrad, and poses in reach."""
     draw, nominal = np.random.default_rng(3), find_robot(ROBOTS[name]).robot
     space, kind = nominal.mechanism.parameters, KINDS[name]
     outward = geometry_of(dict(nominal.parameters), kind).outward
@@ -36,11 +36,13 @@ def drawn(name):
         (0.0, 0.0, -45.0),
         tuple(np.arctan2(outward[:, 1], outward[:, 0]).tolist()) if kind.on_rails else None,
     )
-    scale = {"skew": math.degrees(0.07 / SPACING_MM), "tilt": math.degrees(5e-4)}
+    skew, tilt = math.degrees(0.07 / SPACING_MM), math.degrees(5e-4)
+    sizes = {"parallelogram_skew_deg": skew}
     extensions = {
-        key: draw.normal(0.0, scale["skew" if key.endswith("skew_deg") else "tilt"])
-        for key in space.extensions
+        key: draw.normal(0.0, sizes.get(space[key].field.name, tilt))
+        for key in space.select(Role.EXTENSION)
     }
+    extensions |= {key: draw.normal(0.0, sag_mm) for key in space.select(group="sag")}
     robot = RobotFile.of(
         replace(nominal, mechanism=nominal.mechanism.with_plate(plate)).mechanism,
         nominal.parameters | extensions,
@@ -72,7 +74,7 @@ def test_rods_put_the_reflector_where_the_models_tilted_plate_has_it(name):
 
 @pytest.mark.parametrize("name", ["par4", "h4", "i4r", "i4l"])
 def test_the_tilted_plate_of_the_model_has_a_reflector_on_half_2_where_rods_have_it(name):
-    robot, kind, drawing, poses = drawn(name)
+    robot, kind, drawing, poses = drawn(name, sag_mm=0.0)
     seen_from_2 = replace(robot.kinematics, mechanism=robot.mechanism.seen_from(2))
     joints = robot.kinematics.inverse(poses).values_or_raise()
     _, rods = _mechanism(dict(robot.parameters), kind, drawing)

@@ -1,0 +1,252 @@
+"""Changes in time: a part that moved, a stand that was bumped, a shot that went wrong.
+
+A candidate is a part and a span of shots: its column over that span, with a normal prior of the
+size that such a change usually has. All other unknowns are integrated out, so its Bayes factor
+against "nothing changed" is
+
+    log B = ½ s'(I + 1)⁻¹ s - ½ log |I + 1|,   s = Σ c'W r,   I = Σ c'W c - (Σ c'W A) C (Σ A'W c)
+
+A step stays to the end; the frame may also be taken back (a stand that is bumped and put right).
+By Markov's inequality the mean Bayes factor over all candidates exceeds 1 / α with at most the
+probability α if nothing changed. A single wrong shot has its own alarm, the largest misfit of N;
+where both alarm, the larger Bayes factor decides. What wins is added to the model, and the fit is
+repeated, until nothing alarms.
+
+Several parts often explain the same change nearly as well: the set of them is reported, not one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.fit.error_model import ErrorModel, Observations
+from campaigns.fit.error_sources import DEG
+from campaigns.fit.posterior import Posterior, Prior, fit
+
+ALARM = 0.01
+"""Probability of a false alarm of a campaign in which nothing changed."""
+FEWEST_SHOTS = 3
+"""Shots of a span: fewer are single wrong shots."""
+INTERVAL_ENDS = 60
+"""Shots at which an interval of the frame may begin or end, spread over the campaign."""
+MOST_CHANGES = 12
+INDISTINCT = 4.0
+"""Difference of log Bayes factors within which parts explain a change as well as the best one."""
+SHOT, FRAME = "shot", "frame"
+STEP_MM = 0.2
+"""Usual change of a place, a length or the frame, 1 σ."""
+TURN_MRAD = STEP_MM / 3.0
+ENCODER_RAD = 0.1 * DEG
+WRONG_SHOT_MM = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Change that was found: its likeliest part, its shots, and parts that explain it as well."""
+
+    part: str
+    since: int
+    """Row of the first changed shot."""
+    until: int
+    """Row behind the last changed shot."""
+    parts: tuple[str, ...]
+    size: float
+    """Largest component by its estimate: mm, or rad of an encoder on a crank."""
+    std: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Candidates of one part: spans of rows (M, 2) and log Bayes factors (M,)."""
+
+    part: str
+    spans: Index
+    log_factors: Array
+
+
+def fit_with_changes(
+    model: ErrorModel,
+    observations: Observations,
+    prior: Prior | None = None,
+    kept: Mask | None = None,
+) -> tuple[Posterior, tuple[Change, ...]]:
+    """Fit, and add the likeliest change as long as one alarms; return the posterior and changes.
+
+    Wrong shots lose their weight, all other changes become columns of the model.
+    """
+    result = fit(model, observations, prior, kept)
+    columns: Array | None = None
+    changes: list[Change] = []
+    while len(changes) < MOST_CHANGES:
+        change = _likeliest(result)
+        if change is None:
+            break
+        changes.append(change)
+        kept = result.kept.copy()
+        if change.part == SHOT:
+            kept[change.since] = False
+        else:
+            inside = np.zeros((len(observations), 1, 1))
+            inside[change.since : change.until] = 1.0
+            step = part_columns(result)[change.part] * inside
+            columns = step if columns is None else np.concatenate([columns, step], axis=2)
+        result = fit(model, observations, prior, kept, start=result, changes=columns)
+    return result, tuple(_sized(result, changes))
+
+
+def part_columns(posterior: Posterior) -> dict[str, Array]:
+    """Return how the points move by a usual change of each part, (N, 3, k) by its name."""
+    model, jacobian = posterior.model, posterior.at.jacobian
+    mechanism = model.nominal.mechanism
+    table, names = mechanism.parameters, model.names
+    count = len(jacobian)
+    columns = {SHOT: np.broadcast_to(WRONG_SHOT_MM * np.eye(3), (count, 3, 3))}
+    frame = sum(jacobian[..., first : first + 6] for first in _frame_places(posterior))
+    scale = np.array([TURN_MRAD] * 3 + [STEP_MM] * 3)
+    columns[FRAME] = np.asarray(frame) * scale
+    revolute = mechanism.joints[0].is_revolute
+    for arm in range(table.arms):
+        encoder = ENCODER_RAD if revolute else STEP_MM
+        columns[f"encoder {arm}"] = posterior.at.by_joint[..., [arm]] * encoder
+        for part, fields in (
+            ("arm", ("arm",)),
+            ("forearm", ("forearm",)),
+            ("mount", ("x", "y", "z")),
+        ):
+            own = [
+                table.every[table.columns[stem][arm]].name
+                for stem in fields
+                if stem in table.columns
+            ]
+            places = [names.index(name) for name in own if name in names]
+            if places:
+                unit = STEP_MM / model.tolerance[places]
+                columns[f"{part} {arm}"] = jacobian[..., places] * unit
+    return columns
+
+
+def _frame_places(posterior: Posterior) -> range:
+    """Return the places of the first unknown of each frame."""
+    return range(len(posterior.at.x), posterior.at.jacobian.shape[2], 6)
+
+
+def misfits(posterior: Posterior) -> Array:
+    """Return χ²(3) of every shot by its residual's own covariance, (N,), kept or not."""
+    jacobian = posterior.at.jacobian
+    by_unknowns = jacobian @ posterior.covariance @ jacobian.swapaxes(1, 2)
+    sign = np.where(posterior.kept, -1.0, 1.0)[:, None, None]
+    total = posterior.total_noise + sign * by_unknowns
+    residual = posterior.at.residual
+    scaled = np.linalg.solve(total, residual[..., None])[..., 0]
+    return np.asarray((residual * scaled).sum(axis=1))
+
+
+def since_before(posterior: Posterior) -> dict[str, float]:
+    """Return the log Bayes factor of a change of each part that all shots show.
+
+    For shots fitted with a former result as prior: parts that changed since. The frame of a new
+    stand is flat and shows no change.
+    """
+    weighted = posterior.weights @ posterior.at.jacobian
+    pulls = posterior.weights @ posterior.at.residual[..., None]
+    whole = np.array([[0, len(posterior.kept)]])
+    return {
+        part: float(_scanned(posterior, (weighted, pulls), part, columns, whole).log_factors[0])
+        for part, columns in part_columns(posterior).items()
+        if part not in (SHOT, FRAME)
+    }
+
+
+def scan(posterior: Posterior) -> list[Candidates]:
+    """Return the log Bayes factors of all parts over all spans."""
+    count = len(posterior.kept)
+    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
+    steps = np.stack([starts, np.full(len(starts), count)], axis=1)
+    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
+    pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
+    intervals = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    shots = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
+    spans_of = {SHOT: shots, FRAME: np.concatenate([steps, intervals])}
+    weighted = posterior.weights @ posterior.at.jacobian
+    pulls = posterior.weights @ posterior.at.residual[..., None]
+    return [
+        _scanned(posterior, (weighted, pulls), part, columns, spans_of.get(part, steps))
+        for part, columns in part_columns(posterior).items()
+    ]
+
+
+def _scanned(
+    posterior: Posterior, weighted: tuple[Array, Array], part: str, columns: Array, spans: Index
+) -> Candidates:
+    """Return the candidates of one part, from sums over rows up to each span's ends."""
+    transposed = columns.swapaxes(1, 2)
+
+    def over_spans(rows: Array) -> Array:
+        sums = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
+        return np.asarray(sums[spans[:, 1]] - sums[spans[:, 0]])
+
+    jacobian, pulls = weighted
+    score = over_spans(transposed @ pulls)
+    shared = over_spans(transposed @ jacobian)
+    own = over_spans(transposed @ (posterior.weights @ columns))
+    matrix = own - shared @ posterior.covariance @ shared.swapaxes(1, 2) + np.eye(columns.shape[2])
+    gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
+    return Candidates(part, spans, 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])
+
+
+def _likeliest(posterior: Posterior) -> Change | None:
+    """Return the likeliest change that alarms, or None."""
+    candidates = scan(posterior)
+    lasting = np.concatenate([own.log_factors for own in candidates if own.part != SHOT])
+    steps_alarm = (
+        special.logsumexp(lasting) > np.log(len(lasting) / ALARM) if len(lasting) else False
+    )
+    misfit = np.where(posterior.kept, misfits(posterior), 0.0)
+    shot_alarms = misfit.max() > special.chdtri(3, ALARM / len(misfit))
+    allowed = [own for own in candidates if (shot_alarms if own.part == SHOT else steps_alarm)]
+    if not allowed:
+        return None
+    best = max(allowed, key=lambda own: own.log_factors.max())
+    if best.part == SHOT:
+        worst = int(misfit.argmax())
+        return Change(SHOT, worst, worst + 1, (SHOT,), 0.0, 0.0)
+    since, until = best.spans[best.log_factors.argmax()].tolist()
+    return Change(best.part, since, until, _as_likely(candidates), 0.0, 0.0)
+
+
+def _as_likely(candidates: list[Candidates]) -> tuple[str, ...]:
+    """Return the parts whose evidence comes close to the best one's, that one first."""
+    evidence = {
+        own.part: special.logsumexp(own.log_factors) for own in candidates if own.part != SHOT
+    }
+    order = sorted(evidence, key=evidence.__getitem__, reverse=True)
+    return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
+
+
+def _sized(posterior: Posterior, changes: list[Change]) -> Iterator[Change]:
+    """Yield the changes with their sizes: of columns from the posterior, of shots as residuals."""
+    place = len(posterior.model.names)
+    columns = part_columns(posterior)
+    revolute = posterior.model.nominal.mechanism.joints[0].is_revolute
+    for change in changes:
+        if change.part == SHOT:
+            size = float(np.linalg.norm(posterior.at.residual[change.since]))
+            std = float(np.sqrt(np.trace(posterior.total_noise[change.since])))
+            yield Change(SHOT, change.since, change.until, change.parts, size, std)
+            continue
+        count = columns[change.part].shape[2]
+        own = slice(place, place + count)
+        place += count
+        unit = np.full(count, STEP_MM)
+        if change.part == FRAME:
+            unit[:3] = 0.0  # a turn moves points by what its lever says: the shift is reported
+        elif change.part.startswith("encoder") and revolute:
+            unit[:] = ENCODER_RAD
+        values = posterior.at.x[own] * unit
+        worst = int(np.abs(values).argmax())
+        std = float(np.sqrt(np.diag(posterior.covariance)[own][worst]) * unit[worst])
+        size = float(values[worst])
+        yield Change(change.part, change.since, change.until, change.parts, size, std)

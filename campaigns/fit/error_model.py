@@ -1,0 +1,286 @@
+"""Model of measured points: a nominal robot, all its sources of error, and the tracker's frame.
+
+    y_i = R_f(i) X(p; joints_i) + t_f(i) + tracker's own errors(y_i) + e_i
+
+X is the kinematic model with parameters p, f(i) the frame of shot i's session. Unknowns are
+deviations from nominal in units of their tolerances, so that every prior is N(0, ρ²) with a size ρ
+that is 1 for a part as good as its tolerance. The six unknowns of each frame are flat: a turn in
+mrad and a shift in mm.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, tracker_columns
+from campaigns.fit.rigid_transforms import Transform, fit_transform
+from campaigns.kinematics.closed_chain import Assembly
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Role
+
+MRAD = 1e-3
+GROSS_MEDIANS = 6.0
+"""Medians of the distances from the nominal robot's points beyond which a point is of another
+target: it never is an error of the robot."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Measured points with the joints read at that moment; a row each."""
+
+    joints: Array
+    """Encoder readings, (N, n), rad or mm."""
+    approach: Array
+    """Signs of the joints' last motions, 0 if unknown, (N, n)."""
+    near: Array
+    """Commanded poses, from which the search begins, (N, t)."""
+    points: Array
+    """In the tracker's frame, (N, 3)."""
+    noise: Mapping[str, Array]
+    """Covariance by part, (N, 3, 3) each: "stated" is taken as it is; the factors of "along" and
+    "across" the beam, of data-sheet values, are estimated."""
+    frame: Index
+    """Which frame a shot's session has, (N,), counted from 0."""
+    warmth: Array
+    """Degrees by which parts are warmer than the reference, (N,); 0 where unknown."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def rows(self, rows: Index | Mask) -> "Observations":
+        """Return the observations of some rows."""
+        arrays = (self.joints, self.approach, self.near, self.points)
+        joints, approach, near, points = (values[rows] for values in arrays)
+        noise = {part: covariance[rows] for part, covariance in self.noise.items()}
+        return Observations(
+            joints, approach, near, points, noise, self.frame[rows], self.warmth[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """The model at some unknowns: residuals and their derivatives, in the tracker's frame."""
+
+    x: Array
+    """Unknowns in tolerances, (Q - 6 F,): of the model, then of added changes."""
+    frames: tuple[Transform, ...]
+    """`tracker_from_base` of each session, F of them."""
+    assembly: Assembly
+    residual: Array
+    """Predicted minus measured, (N, 3), mm."""
+    jacobian: Array
+    """∂residual/∂(unknowns, frames), (N, 3, Q)."""
+    by_joint: Array
+    """∂point/∂joints, (N, 3, n)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """All unknowns of a robot and its tracker, with their tolerances."""
+
+    nominal: Kinematics
+    held: Collection[str] = ()
+    """Names of parameters that stay at nominal."""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """1 σ by name instead of the table's, in mm, rad or ratios; their sizes are not learned."""
+    group_tolerances: Mapping[str, float] = field(default_factory=dict)
+    """Tolerances instead of the table's, by a tracker's source or by group and unit: `rods_deg`."""
+    with_growth: bool = False
+    """Whether shots have temperatures of parts, which determine how these grow."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns, (P,): parameters of the robot, then sources of the tracker."""
+        mechanism = self.nominal.mechanism
+        table, has_rate = mechanism.parameters, mechanism.rate != 0.0
+        own = [
+            parameter.name
+            for parameter in table.every
+            if (parameter.field.role is not Role.GROWTH or self.with_growth)
+            and (parameter.field.group != "ripple" or has_rate)
+        ]
+        return tuple(name for name in (*own, *TRACKER_SOURCES) if name not in self.held)
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the unknowns that are parameters of the robot."""
+        return tuple(name for name in self.names if name not in TRACKER_SOURCES)
+
+    @cached_property
+    def places(self) -> Index:
+        """Places of these parameters in a vector of the mechanism's `model`."""
+        return self.nominal.mechanism.parameters.places(self.parameters)
+
+    @cached_property
+    def groups(self) -> tuple[str, ...]:
+        """Group of each unknown, (P,)."""
+        table = self.nominal.mechanism.parameters
+        return tuple(n if n in TRACKER_SOURCES else table[n].field.group for n in self.names)
+
+    @cached_property
+    def tolerance(self) -> Array:
+        """Tolerance of each unknown, (P,), mm, rad or ratio."""
+        return np.array(
+            [self._tolerance(*row) for row in zip(self.names, self.groups, strict=True)]
+        )
+
+    def _tolerance(self, name: str, group: str) -> float:
+        if name in self.tolerances:
+            return self.tolerances[name]
+        if name in TRACKER_SOURCES:
+            return self.group_tolerances.get(name, SOURCES[name].of_angles)
+        parameter = self.nominal.mechanism.parameters[name]
+        return self.group_tolerances.get(f"{group}_{parameter.unit}", tolerance_of(parameter))
+
+    @cached_property
+    def learned(self) -> dict[str, Index]:
+        """Places of the unknowns of each group whose size is estimated."""
+        rows: dict[str, list[int]] = {}
+        for place, (name, group) in enumerate(zip(self.names, self.groups, strict=True)):
+            if SOURCES[group].is_learned and name not in self.tolerances:
+                rows.setdefault(group, []).append(place)
+        return {group: np.array(own) for group, own in rows.items()}
+
+    def kinematics(self, x: Array) -> Kinematics:
+        """Return the robot with the deviations `x` (P or more,) in tolerances."""
+        size = len(self.nominal.mechanism.parameters.of_robot)
+        p = np.zeros(size)
+        p[: len(self.nominal.p)] = self.nominal.p
+        in_robot = self.places < size
+        change = (x[: len(self.parameters)] * self.tolerance[: len(self.parameters)])[in_robot]
+        p[self.places[in_robot]] += change
+        return Kinematics(self.nominal.mechanism, p)
+
+    def positions(
+        self, x: Array, observations: Observations, near: Array
+    ) -> tuple[Kinematics, Assembly]:
+        """Return the robot at `x`, and where it assembles at the observed joints."""
+        robot = self.kinematics(x)
+        assembly = robot.mechanism.assemble(
+            robot.p, observations.joints, near, observations.approach
+        )
+        return robot, assembly
+
+    def robot_columns(
+        self, robot: Kinematics, observations: Observations, unknowns: Array
+    ) -> tuple[Array, Array]:
+        """Return ∂position/∂x (N, 3, P) in the base frame, without the tracker's, and by joints.
+
+        `unknowns` (N, k) are the plate's, of the assembly at the joints.
+        """
+        mechanism, table = robot.mechanism, robot.mechanism.parameters
+        by_p = mechanism.jacobian(robot.p, observations.joints, unknowns, observations.approach)
+        by_p = by_p[:, :3]
+        by_joint = by_p[..., table.offsets]
+        if self.with_growth:
+            grown = mechanism.growth_columns(robot.p, by_p, observations.joints)
+            by_p = np.concatenate([by_p, grown * observations.warmth[:, None, None]], axis=2)
+        columns = np.zeros((len(observations), 3, len(self.names)))
+        count = len(self.parameters)
+        columns[..., :count] = by_p[..., self.places] * self.tolerance[:count]
+        return columns, by_joint
+
+    def linearise(
+        self,
+        observations: Observations,
+        x: Array,
+        frames: tuple[Transform, ...],
+        near: Array,
+        changes: Array | None = None,
+    ) -> Linearised:
+        """Predict all points and differentiate them by all unknowns.
+
+        `changes` (N, 3, k) are added linear columns, such as a step of a part, whose unknowns
+        follow those of the model in `x`.
+        """
+        robot, assembly = self.positions(x, observations, near)
+        columns, by_joint = self.robot_columns(robot, observations, assembly.unknowns)
+        if self.with_growth:
+            growth = [n for n, g in enumerate(self.groups) if g == "growth"]
+            assembly = moved(assembly, columns[..., growth] @ x[growth])
+        turns = np.stack([frame.rotation for frame in frames])[observations.frame]
+        shifts = np.stack([frame.translation_mm for frame in frames])[observations.frame]
+        turned = (turns @ assembly.poses[:, :3, None])[..., 0]
+        columns = turns @ columns
+        predicted = turned + shifts
+        size = len(self.names)
+        for source, column in tracker_columns(observations.points).items():
+            if source in self.names:
+                place = self.names.index(source)
+                columns[..., place] = column * self.tolerance[place]
+                predicted = predicted + x[place] * columns[..., place]
+        if changes is not None:
+            predicted = predicted + changes @ x[size:]
+            columns = np.concatenate([columns, changes], axis=2)
+        by_frames = np.zeros((len(observations), 3, 6 * len(frames)))
+        for number in range(len(frames)):
+            own = observations.frame == number
+            by_frames[own, :, 6 * number : 6 * number + 6] = frame_columns(turned[own])
+        return Linearised(
+            x=x,
+            frames=frames,
+            assembly=assembly,
+            residual=predicted - observations.points,
+            jacobian=np.concatenate([columns, by_frames], axis=2),
+            by_joint=turns @ by_joint,
+        )
+
+
+def moved(assembly: Assembly, by: Array) -> Assembly:
+    """Return an assembly whose points are moved by (N, 3), such as by parts that have grown."""
+    poses = assembly.poses.copy()
+    poses[:, :3] += by
+    return replace(assembly, poses=poses)
+
+
+def frame_columns(turned: Array) -> Array:
+    """Return ∂point/∂frame (N, 3, 6) of turned points: by a turn in mrad, by a shift in mm."""
+    columns = np.zeros((len(turned), 3, 6))
+    x, y, z = MRAD * turned.T
+    columns[:, 0, 1], columns[:, 0, 2] = z, -y
+    columns[:, 1, 0], columns[:, 1, 2] = -z, x
+    columns[:, 2, 0], columns[:, 2, 1] = y, -x
+    columns[:, :, 3:] = np.eye(3)
+    return columns
+
+
+def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform, ...]:
+    """Return frames after a step (6 F,) of turns in mrad and shifts in mm."""
+    steps = step.reshape(len(frames), 6)
+    return tuple(
+        Transform(
+            Rotation.from_rotvec(MRAD * own[:3]).as_matrix() @ frame.rotation,
+            frame.translation_mm + own[3:],
+        )
+        for frame, own in zip(frames, steps, strict=True)
+    )
+
+
+def first_frames(
+    model: ErrorModel, observations: Observations, kept: Mask
+) -> tuple[tuple[Transform, ...], Mask]:
+    """Return the frames that fit the nominal robot best, and which shots are near its points.
+
+    Points far from the nominal robot are of a wrong target or pose. Raise `ValueError` for a
+    session of fewer than three shots, or of points on a line.
+    """
+    _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
+    kept = kept & assembly.found
+    positions = assembly.poses[:, :3]
+    for _ in range(3):
+        frames = tuple(
+            fit_transform(positions[own], observations.points[own])
+            for number in range(int(observations.frame.max()) + 1)
+            for own in [kept & (observations.frame == number)]
+        )
+        turns = np.stack([frame.rotation for frame in frames])[observations.frame]
+        shifts = np.stack([frame.translation_mm for frame in frames])[observations.frame]
+        predicted = (turns @ positions[..., None])[..., 0] + shifts
+        distance = np.linalg.norm(predicted - observations.points, axis=1)
+        limit = GROSS_MEDIANS * np.median(distance[kept]) + 1.0
+        kept = kept & ~(distance > limit)
+    return frames, kept

@@ -1,0 +1,123 @@
+"""Sources of error: every part of robot and tracker that may be off, and how far it usually is.
+
+All of them are unknowns of every fit. A source's prior is a normal distribution about nominal
+whose 1 σ is the source's tolerance times the size of its group; the sizes of learned groups are
+estimated from the shots (`variance_components.py`). What is not there therefore costs little, and
+what is there is corrected and stated.
+
+This table is the only place that names them: priors, the budget, findings and the documentation
+follow from its rows.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.kinematics.parameters import Parameter
+
+DEG = float(np.pi / 180.0)
+ARCMIN, ARCSEC = DEG / 60.0, DEG / 3600.0
+MM_PER_RAD = 300.0
+"""Length of a typical crank, over which an angle's tolerance becomes a carriage's."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSource:
+    """Group of unknowns of one kind: tolerance in mm, rad or ratios (1 σ), meaning and remedy."""
+
+    group: str
+    words: str
+    of_angles: float
+    """Tolerance of its angles, rad; of ratios as they are."""
+    of_lengths: float
+    """Tolerance of its lengths, mm."""
+    source: str
+    """Where the tolerance comes from."""
+    remedy: str
+    """What to do where a value is far outside of its tolerance."""
+    is_learned: bool = True
+    """Whether the group's size is estimated; geometry keeps its broad tolerance."""
+    drift_of_angles: float = 0.0
+    drift_of_lengths: float = 0.0
+    """Change (1 σ) until a later check, rad and mm: settling screws and homing."""
+
+
+MACHINED = "parts of a machine shop: 0.5 mm over 500 mm"
+MEASURE = "compare with the drawing: a wrong nominal value, or a part mounted elsewhere"
+SOURCES: Mapping[str, ErrorSource] = {
+    source.group: source
+    for source in (
+        ErrorSource("places", "places of motors and rails", 5 * DEG, 5.0,
+                    "any robot set up by a tape measure", MEASURE,
+                    is_learned=False, drift_of_lengths=0.01),
+        ErrorSource("lengths", "lengths of arms and forearms", 5 * DEG, 5.0,
+                    "any robot set up by a tape measure", MEASURE,
+                    is_learned=False, drift_of_lengths=0.005),
+        ErrorSource("offsets", "joint offsets", 5 * DEG, 5.0,
+                    "homing by eye", "home the joints again",
+                    is_learned=False, drift_of_angles=0.002 * DEG, drift_of_lengths=0.01),
+        ErrorSource("plate", "the platform's own length", 5 * DEG, 5.0,
+                    "any plate that was measured by a calliper", MEASURE,
+                    is_learned=False, drift_of_lengths=0.005),
+        ErrorSource("azimuths", "directions of the arms about z", 2e-3, 1.0, MACHINED, MEASURE),
+        ErrorSource("rails", "rails out of their direction", 2e-3, 1.0, MACHINED, MEASURE),
+        ErrorSource("rods", "differences of a forearm's two rods", 2e-3, 0.2,
+                    "rods cut to 0.1 mm, 90 mm apart", "measure both rods of the forearm named"),
+        ErrorSource("axes", "motor axes and upper bars out of the horizontal", 1.5e-3, 0.1,
+                    "surfaces milled in one clamping", "check the motor's seat by a level"),
+        ErrorSource("bars", "the plate's bars out of their direction", 1e-3, 0.1,
+                    "a plate milled in one clamping", "check the plate's bars"),
+        ErrorSource("eccentricity", "eccentric encoders and arms that sag", 0.03 * DEG, 0.05,
+                    "encoder kits on their own shaft", "re-centre the encoder named"),
+        ErrorSource("ratio", "gear ratios and screw pitches", 5e-4, 5e-4,
+                    "screws of class T7, stretched belts", "correct the ratio in the controller"),
+        ErrorSource("ripple", "ripple of gears and drives", 20 * ARCSEC, 0.02,
+                    "strain wave gears of one arc minute", "replace the gear named"),
+        ErrorSource("backlash", "lost motion of gears and drives", ARCMIN, 0.05,
+                    "gears of normal backlash", "take up or replace the gear named"),
+        ErrorSource("growth", "expansion of warm parts", 15e-6, 15e-6,
+                    "steel 12, aluminium 23, carbon fibre 0 ppm/°C",
+                    "check the material in robot.yaml, and where its temperature is measured"),
+        ErrorSource("sag", "the plate's sag by reach", 0.05, 0.05,
+                    "frames that bend by their robot's weight", "stiffen the frame"),
+        ErrorSource("constant", "the reflector's constant", 0.02, 0.02,
+                    "a reflector of a known type",
+                    "enter the reflector's type in the tracker, or measure a known length"),
+        ErrorSource("transit", "the tracker's transit axis out of square", 10 * ARCSEC, 0.05,
+                    "a common tracker's data sheet", "have the tracker compensated"),
+        ErrorSource("scale", "the tracker's scale", 10e-6, 10e-6,
+                    "a common tracker's data sheet, and the air's temperature to 10 °C",
+                    "measure a known length", is_learned=False),
+    )
+}  # fmt: skip
+TRACKER_SOURCES = ("constant", "transit", "scale")
+"""Sources that are no parameter of the robot."""
+SCATTER_TOLERANCE_MM = 0.5
+"""Tolerance of the scatter of the robot's point, 1 σ an axis: worse is no robot that repeats."""
+SCATTER_TOLERANCE_RAD = 5 * ARCMIN
+SCATTER_TOLERANCE_JOINT_MM = 0.1
+"""Tolerances of the scatter of joints about their readings."""
+
+
+def tolerance_of(parameter: Parameter) -> float:
+    """Return the tolerance (1 σ) of a parameter in mm, rad or as a ratio."""
+    source = SOURCES[parameter.field.group]
+    return source.of_lengths if parameter.unit == "mm" else source.of_angles
+
+
+def tracker_columns(points: Array) -> dict[str, Array]:
+    """Return how points (N, 3), seen from the tracker, move by one unit of its errors, (N, 3) each.
+
+    By mm of the reflector's constant, by rad of the transit axis out of square, by the share of
+    all lengths by which its scale is wrong.
+    """
+    distance = np.linalg.norm(points, axis=1, keepdims=True)
+    level = np.maximum(np.hypot(points[:, :1], points[:, 1:2]), 1.0)  # mm: none on its own axis
+    sideways = np.concatenate([-points[:, 1:2], points[:, :1], 0.0 * distance], axis=1) / level
+    return {
+        "constant": points / distance,
+        "transit": sideways * points[:, 2:],
+        "scale": points - points.sum(axis=0) / max(1, len(points)),
+    }

@@ -1,0 +1,70 @@
+"""Distances between rows of points (N, 3); pairs are two arrays of rows, (M,) each."""
+
+import numpy as np
+
+from campaigns.arrays import Array, Index
+from campaigns.fit.rigid_transforms import Transform, fit_transform
+
+SHOTS_FOR_A_FRAME = 4
+"""Fewest points whose best frame is relied on; three fix one exactly."""
+TINY_MM = 1e-300
+"""Keeps the direction between coincident points zero instead of undefined."""
+
+
+def distances_mm(points_mm: Array, first: Index, second: Index) -> Array:
+    """(M,); of stacks of points (…, N, 3), (…, M)."""
+    between = points_mm[..., second, :] - points_mm[..., first, :]
+    return np.asarray(np.linalg.norm(between, axis=-1))
+
+
+def directions(points_mm: Array, first: Index, second: Index) -> Array:
+    """Unit vectors from the first points to the second, (M, 3); zero where the two coincide.
+
+    Of stacks of points (…, N, 3), (…, M, 3).
+    """
+    between = points_mm[..., second, :] - points_mm[..., first, :]
+    length = np.linalg.norm(between, axis=-1, keepdims=True)
+    return np.asarray(between / np.maximum(length, TINY_MM))
+
+
+def away_from_mean(points_mm: Array) -> Array:
+    """From their mean to each, (N, 3)."""
+    return np.asarray(points_mm - points_mm.mean(axis=0))
+
+
+def away_from_best_line(points_mm: Array) -> Array:
+    """From the straight line that fits best in space, square to it, to each point, (N, 3)."""
+    centred = away_from_mean(points_mm)
+    direction = np.linalg.svd(centred)[2][0]
+    return np.asarray(centred - np.outer(centred @ direction, direction))
+
+
+def longest_mm(vectors_mm: Array) -> float:
+    """The length of the longest of vectors (N, 3)."""
+    return float(np.linalg.norm(vectors_mm, axis=1).max())
+
+
+def farthest_apart(points_mm: Array) -> tuple[int, int]:
+    """The rows of the two points between which the distance is largest."""
+    distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
+    first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
+    return int(first), int(second)
+
+
+def diameter_mm(points_mm: Array) -> float:
+    """The largest distance between two of the points."""
+    first, second = farthest_apart(points_mm)
+    return float(np.linalg.norm(points_mm[first] - points_mm[second]))
+
+
+def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:
+    """The rigid transform that brings points best to others (eqs. 22-25).
+
+    None for points that don't fix one well: fewer than four, or all on a line.
+    """
+    if len(from_mm) < SHOTS_FOR_A_FRAME:
+        return None
+    try:
+        return fit_transform(from_mm, to_mm)
+    except ValueError:
+        return None

@@ -1,0 +1,230 @@
+"""Findings: what speaks against a result, each with its cause, size, uncertainty and remedy."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.evaluation.decision import COVERAGE, Decision
+from campaigns.evaluation.region import FARTHER_OFF, Region
+from campaigns.fit.changes import FRAME, SHOT, Change
+from campaigns.fit.error_sources import (
+    SCATTER_TOLERANCE_JOINT_MM,
+    SCATTER_TOLERANCE_MM,
+    SCATTER_TOLERANCE_RAD,
+    SOURCES,
+    TRACKER_SOURCES,
+)
+from campaigns.fit.posterior import Posterior
+from campaigns.identification.hold_out_test import HOLD_OUT_LEVEL, HoldOut
+
+FAR_TOLERANCES = 3.0
+"""Tolerances beyond which a value is far outside."""
+SURE_SIGMAS = 2.0
+"""Standard deviations by which it must be beyond them."""
+MOST_BEYOND = 0.05
+"""Share of the workspace that may be far from all shots."""
+MOST_WRONG_SHOTS = 0.1
+"""Share of shots left out beyond which they are no single mistakes."""
+BEYOND_TOLERANCE = "beyond-tolerance"
+CHANGE = "change"
+WRONG_SHOTS = "wrong-shots"
+SCATTER = "scatter"
+HOLD_OUT = "hold-out"
+EXTRAPOLATION = "extrapolation"
+NO_POSITIONS = "no-positions"
+NOTHING_UNSEEN = "nothing-unseen"
+NOT_TAKEN = "unseen-not-taken"
+WORSE = "unseen-worse"
+NOT_ARRIVED = "not-arrived"
+KNOWN_LENGTH = "known-length"
+ACCEPTABLE = (BEYOND_TOLERANCE,)
+"""Findings with which a result may be taken all the same, by `--accept-large-change`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Finding about a result: name, words with size and remedy, and numbers."""
+
+    name: str
+    says: str
+    decision: Decision | None = None
+    """Verdict that it allows at most; None: it is only reported."""
+    numbers: dict[str, float | str] = field(default_factory=dict)
+    accepted: bool = False
+    """Whether somebody took the result with it."""
+
+    @property
+    def affects_verdict(self) -> bool:
+        """Whether the verdict depends on it."""
+        return self.decision is not None and not self.accepted
+
+    def accept(self, names: Sequence[str]) -> "Finding":
+        """Return this finding, accepted if it is among some names."""
+        return replace(self, accepted=True) if self.name in names else self
+
+
+def tolerance_findings(posterior: Posterior, null: Array) -> Iterator[Finding]:
+    """Yield a finding for each group with an unknown that is surely far outside its tolerance.
+
+    Along directions `null` (P, k) that no shot determines nothing is known, so nothing is far off.
+    """
+    model = posterior.model
+    projector = np.eye(len(null)) - null @ null.T
+    x = projector @ posterior.x
+    size = len(model.names)
+    std = np.sqrt(
+        np.maximum(np.diag(projector @ posterior.covariance[:size, :size] @ projector), 0)
+    )
+    excess = np.abs(x) - SURE_SIGMAS * std - FAR_TOLERANCES
+    groups = np.array(model.groups)
+    for group in dict.fromkeys(model.groups):
+        places = np.flatnonzero((groups == group) & (excess > 0.0))
+        if len(places):
+            worst = int(places[excess[places].argmax()])
+            yield _beyond(posterior, worst, x[worst], std[worst], len(places) - 1)
+
+
+def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int) -> Finding:
+    model = posterior.model
+    name, tolerance, source = (
+        model.names[place],
+        model.tolerance[place],
+        SOURCES[model.groups[place]],
+    )
+    words, unit, sign = source.words, _unit_of(name), " mm"
+    if name not in TRACKER_SOURCES:
+        parameter = model.nominal.mechanism.parameters[name]
+        words, sign = parameter.words, parameter.sign
+        unit = float(model.nominal.mechanism.parameters.units((name,))[0])
+    elif name != "constant":
+        sign = "°" if name == "transit" else " ppm"
+    value, width, limit = x * tolerance / unit, COVERAGE * std * tolerance / unit, tolerance / unit
+    more = f" (and {others} more of {source.words})" if others else ""
+    says = (
+        f"{words} is off by {value:+.3g} ± {width:.2g}{sign}{more}, usual are {limit:.2g}{sign}: "
+        f"{source.remedy}"
+    )
+    numbers: dict[str, float | str] = {"parameter": name, "value": float(value)}
+    numbers |= {"U": float(width), "tolerance": float(limit)}
+    return Finding(BEYOND_TOLERANCE, says, "fail", numbers)
+
+
+def _unit_of(name: str) -> float:
+    """Return the unit in which a source of the tracker is reported: mm, deg or ppm."""
+    return {"constant": 1.0, "transit": float(np.pi / 180.0), "scale": 1e-6}.get(name, 1.0)
+
+
+def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
+    """Yield a finding where points or joints scatter beyond any robot that repeats."""
+    factors = posterior.components.factors
+    revolute = posterior.model.nominal.mechanism.joints[0].is_revolute
+    point = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
+    joint = factors["joints"] ** 0.5
+    remedy = (
+        "joints and points may be of different instants, angles in degrees and minutes, or of "
+        "another robot"
+    )
+    if factors["points"] > 1.0:
+        says = f"the points scatter by {point:.3g} mm, limit {SCATTER_TOLERANCE_MM:g} mm: {remedy}"
+        yield Finding(SCATTER, says, "fail", {"mm": point})
+    if factors["joints"] > 1.0:
+        size, limit, unit = joint * SCATTER_TOLERANCE_JOINT_MM, SCATTER_TOLERANCE_JOINT_MM, " mm"
+        if revolute:
+            arc_minutes = 60.0 * np.degrees(SCATTER_TOLERANCE_RAD)
+            size, limit, unit = joint * arc_minutes, arc_minutes, "′"
+        says = f"the joints scatter by {size:.3g}{unit}, limit {limit:g}{unit}: {remedy}"
+        yield Finding(SCATTER, says, "fail", {"joints": size})
+
+
+def change_findings(
+    changes: Sequence[Change], numbers: Sequence[int], *, revolute: bool
+) -> Iterator[Finding]:
+    """Yield a finding for each change in time, and one for the shots that went wrong.
+
+    `numbers` are those of the fitted shots in the order of time.
+    """
+    wrong = [change for change in changes if change.part == SHOT]
+    if wrong:
+        named = ", ".join(map(str, sorted(numbers[change.since] for change in wrong)[:6]))
+        worst = max(change.size for change in wrong)
+        share = len(wrong) / len(numbers)
+        is_many = share > MOST_WRONG_SHOTS
+        says = f"left out: shots {named} contradict all others, by {worst:.3f} mm at most"
+        if is_many:
+            limit = f"limit {100 * MOST_WRONG_SHOTS:.0f} %"
+            says += f"; {100 * share:.0f} % are no single mistakes ({limit})"
+        yield Finding(WRONG_SHOTS, says, "fail" if is_many else None, {"count": float(len(wrong))})
+    for change in changes:
+        if change.part != SHOT:
+            yield _changed(change, numbers, revolute=revolute)
+
+
+def _changed(change: Change, numbers: Sequence[int], *, revolute: bool) -> Finding:
+    before, first = numbers[change.since - 1], numbers[change.since]
+    in_degrees = change.part.startswith("encoder") and revolute
+    scale, unit = (float(np.degrees(1.0)), "°") if in_degrees else (1.0, " mm")
+    size = f"{scale * change.size:+.3g} ± {COVERAGE * scale * change.std:.2g}{unit}"
+    parts = " or ".join(_part_words(part) for part in change.parts)
+    ends = change.until < len(numbers)
+    where = f"between shots {before} and {first}"
+    if ends:
+        where = f"from shot {first} to {numbers[change.until - 1]}"
+    remedy = f"mend it, and identify from the shots after it alone, --shots {first}-"
+    if change.part == FRAME:
+        remedy = (
+            "measure these shots again" if ends else
+            f"if it was between two sessions, --sessions; else --shots {first}-"
+        )  # fmt: skip
+    says = f"{parts} changed {where}, by {size}: {remedy}"
+    numbers_of: dict[str, float | str] = {
+        "part": change.part, "after_shot": float(before), "before_shot": float(first),
+        "size": scale * change.size, "U": COVERAGE * scale * change.std,
+    }  # fmt: skip
+    if ends:
+        numbers_of["last_shot"] = float(numbers[change.until - 1])
+    return Finding(CHANGE, says, "fail", numbers_of)
+
+
+def _part_words(part: str) -> str:
+    if part == FRAME:
+        return "the tracker's stand or the robot's base"
+    kind, _, arm = part.partition(" ")
+    return f"arm {arm}" if kind == "arm" else f"arm {arm}'s {kind}"
+
+
+def hold_out_findings(test: HoldOut, *, limits_met: bool) -> Iterator[Finding]:
+    """Yield a finding where hold-out pairs are farther off than their σ allow."""
+    if test.believable:
+        return
+    says = (
+        f"{test.pairs} hold-out pairs are {test.ratio:.2g} times as far off as their σ allow "
+        f"(p = {test.p:.1g}, limit {HOLD_OUT_LEVEL:g}): the model lacks something; σ of positions "
+        "are multiplied by it"
+    )
+    if limits_met:
+        says += "; the acceptance limits are met all the same"
+    numbers: dict[str, float | str] = {"ratio": test.ratio, "p": test.p, "pairs": float(test.pairs)}
+    yield Finding(HOLD_OUT, says, None if limits_met else "not decided", numbers)
+
+
+def region_findings(region: Region | None) -> Iterator[Finding]:
+    """Yield a finding where σ of positions is unknown, or much of the workspace is extrapolated."""
+    if region is None:
+        yield Finding(
+            NO_POSITIONS,
+            "σ of positions is unknown: the identified robot cannot be assembled in too much of "
+            "its workspace; look at units, joints and robot.yaml",
+            "not decided",
+        )
+    elif region.beyond > MOST_BEYOND:
+        yield Finding(
+            EXTRAPOLATION,
+            f"{100.0 * region.beyond:.0f} % of the workspace (limit {100.0 * MOST_BEYOND:.0f} %) "
+            f"is too far from all shots: σ of positions there is more than {FARTHER_OFF:g} times "
+            "its largest at the shots; measure there too, or leave it out under `space` in "
+            "campaign.yaml",
+            "not decided",
+            {"beyond": region.beyond},
+        )

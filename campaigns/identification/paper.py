@@ -1,0 +1,190 @@
+"""Method of the paper: distances of pairs, equal weights, Levenberg-Marquardt, 22 parameters.
+
+No frame and no noise model take part. σ follow from s² = Σr²/ν. It is there to repeat the paper and
+to compare; the full model states more and less wrongly.
+"""
+
+import numpy as np
+import scipy.optimize
+
+from campaigns.arrays import Array, Index
+from campaigns.errors import ShotsMissing
+from campaigns.evaluation.decision import Decision
+from campaigns.fit.point_sets import distances_mm
+from campaigns.identification.options import IdentificationOptions, matching
+from campaigns.identification.result import (
+    Excluded,
+    IdentificationResult,
+    IdentifiedParameter,
+    ParameterCovariance,
+    ResidualTable,
+)
+from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.parameters import ParameterTable, Role
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
+
+SMALL_STEP = 1e-12
+
+
+def free_names(nominal: Kinematics, options: IdentificationOptions) -> tuple[str, ...]:
+    """Return the parameters that the paper's method fits, by the options."""
+    mechanism = nominal.mechanism
+    table = mechanism.parameters
+    held = {name for own in mechanism.held_by_paper for name in _meant(own, table)}
+    names = [name for name in table.select(Role.GEOMETRY) if name not in held]
+    freed = {name for own in options.free for name in matching(own, table)}
+    fixed = {name for own in options.fix for name in matching(own, table)}
+    return tuple(n for n in table.of_robot if (n in names or n in freed) and n not in fixed)
+
+
+def _meant(name: str, table: ParameterTable) -> tuple[str, ...]:
+    """Return a parameter, or a field of all arms."""
+    return (name,) if name in table else table.select(field=name)
+
+
+def identify_as_paper(
+    nominal: Kinematics, shots: Shots, at_nominal: KinematicSolution, options: IdentificationOptions
+) -> IdentificationResult:
+    """Identify from the distances of the identification pairs; raise `ShotsMissing` for too few."""
+    names = free_names(nominal, options)
+    table = nominal.mechanism.parameters
+    places, units = table.places(names), table.units(names)
+    rows, excluded = _pairs(shots, at_nominal, ShotSet.IDENTIFICATION, options)
+    if len(rows) < len(names):
+        raise ShotsMissing(
+            f"{len(rows)} pairs cannot give {len(names)} parameters",
+            remedy=f"measure at least {len(names)} pairs, better 60; or fix some parameters",
+        )
+    problem = _Distances(nominal, places, shots.rows(rows.ravel()), at_nominal.values[rows.ravel()])
+    start = _full(nominal)[places]
+    solved = scipy.optimize.least_squares(
+        problem.residual, start, problem.jacobian, method="lm", x_scale="jac", xtol=SMALL_STEP
+    )
+    freedom = len(rows) - len(names)
+    variance = float((solved.fun**2).sum() / freedom) if freedom else np.nan
+    jacobian = np.asarray(solved.jac, dtype=np.float64)
+    covariance = variance * np.linalg.pinv(jacobian.T @ jacobian) / np.outer(units, units)
+    identified = problem.robot(solved.x)
+    fitted = _errors(shots, at_nominal, identified, rows)
+    validation, unusable = _pairs(shots, at_nominal, ShotSet.VALIDATION, options)
+    unseen = _errors(shots, at_nominal, identified, validation) if len(validation) else None
+    decision, reason = _verdict(unseen, converged=bool(solved.success))
+    return IdentificationResult(
+        model="paper",
+        converged=bool(solved.success),
+        iterations=int(solved.nfev),
+        parameters=_parameters(nominal, names, solved.x / units, np.sqrt(np.diag(covariance))),
+        residuals_mm=fitted.summary(),
+        unseen_mm=None if unseen is None else unseen.summary(),
+        fitted=fitted,
+        unseen=unseen,
+        excluded=(*excluded, *unusable),
+        covariance=ParameterCovariance(names, tuple(map(tuple, covariance.tolist()))),
+        verdict=decision,
+        reasons=(reason,),
+    )
+
+
+class _Distances:
+    """Distances of pairs by parameters; rows 2 i and 2 i + 1 are the shots of pair i."""
+
+    def __init__(self, nominal: Kinematics, places: Index, shots: Shots, near: Array) -> None:
+        self._nominal, self._places, self._shots, self._near = nominal, places, shots, near
+        self._first, self._second = np.arange(len(shots)).reshape(-1, 2).T
+        points = shots.points_in_tracker_mm
+        self._measured = distances_mm(points, self._first, self._second)
+
+    def robot(self, x: Array) -> Kinematics:
+        """Return the robot with the free parameters x (F,)."""
+        p = _full(self._nominal)
+        p[self._places] = x
+        return Kinematics(self._nominal.mechanism, p)
+
+    def residual(self, x: Array) -> Array:
+        """Return modelled minus measured distances (M,), mm."""
+        poses = self.robot(x).forward(self._shots.joints, self._near, self._shots.approach)
+        modelled = distances_mm(poses.values_or_raise()[:, :3], self._first, self._second)
+        return modelled - self._measured
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives of the distances, (M, F)."""
+        robot, shots = self.robot(x), self._shots
+        poses = robot.forward(shots.joints, self._near, shots.approach).values_or_raise()
+        by = robot.jacobian(shots.joints, poses, shots.approach)[:, :3, self._places]
+        apart = poses[self._second, :3] - poses[self._first, :3]
+        along = apart / np.linalg.norm(apart, axis=1, keepdims=True)
+        return np.asarray(np.einsum("mk,mkf->mf", along, by[self._second] - by[self._first]))
+
+
+def _full(nominal: Kinematics) -> Array:
+    p = np.zeros(len(nominal.mechanism.parameters.of_robot))
+    p[: len(nominal.p)] = nominal.p
+    return p
+
+
+def _pairs(
+    shots: Shots, at_nominal: KinematicSolution, purpose: ShotSet, options: IdentificationOptions
+) -> tuple[Index, tuple[Excluded, ...]]:
+    """Return the rows (M, 2) of the usable pairs of a set, and the others with the reason."""
+    rows = shots.whole_pairs(purpose).rows
+    session = shots.session[rows]
+    of_one = session[:, 0] == session[:, 1] if options.sessions else np.ones(len(rows), dtype=bool)
+    found = at_nominal.found[rows].all(axis=1)
+    excluded = tuple(
+        Excluded(reason, pair=shots.pairs[row])
+        for reason, wrong in (
+            ("its shots are of two sessions", ~of_one),
+            ("the nominal robot cannot be assembled at its joints", of_one & ~found),
+        )
+        for row in rows[wrong, 0].tolist()
+    )
+    return rows[of_one & found], excluded
+
+
+def _errors(
+    shots: Shots, at_nominal: KinematicSolution, identified: Kinematics, rows: Index
+) -> ResidualTable:
+    """Return the errors of pairs (M, 2) by both robots."""
+    joints, approach = shots.joints[rows.ravel()], shots.approach[rows.ravel()]
+    near = at_nominal.values[rows.ravel()]
+    poses = identified.forward(joints, near, approach).values[:, :3].reshape(*rows.shape, 3)
+    nominal = near[:, :3].reshape(*rows.shape, 3)
+    measured = shots.measured_distances_mm(rows)
+    before, after = (
+        (np.linalg.norm(own[:, 1] - own[:, 0], axis=1) - measured)[:, None]
+        for own in (nominal, poses)
+    )
+    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
+    return ResidualTable.from_arrays("pairs", numbers, before, after)
+
+
+def _parameters(
+    nominal: Kinematics, names: tuple[str, ...], values: Array, std: Array
+) -> dict[str, IdentifiedParameter]:
+    table, old = nominal.mechanism.parameters, nominal.parameters
+    found = dict(zip(names, zip(values.tolist(), std.tolist(), strict=True), strict=True))
+    return {
+        name: IdentifiedParameter(
+            nominal=old.get(name, 0.0),
+            value=found[name][0] if name in found else old[name],
+            std=found[name][1] if name in found else None,
+            free=name in found,
+            group=table[name].field.group,
+        )
+        for name in table.of_robot
+        if name in old or name in found
+    }
+
+
+def _verdict(unseen: ResidualTable | None, *, converged: bool) -> tuple[Decision, str]:
+    if not converged:
+        return "fail", "the solver did not converge"
+    if unseen is None:
+        return "not decided", "no validation pairs: nothing shows that the result holds elsewhere"
+    errors = unseen.summary()
+    gain = (
+        f"hold-out pairs: mean {errors.before.mean_abs:.3f} → {errors.after.mean_abs:.3f} mm, "
+        f"max {errors.before.max_abs:.3f} → {errors.after.max_abs:.3f} mm"
+    )
+    return ("pass", gain) if errors.after.rms < errors.before.rms else ("fail", f"worse: {gain}")

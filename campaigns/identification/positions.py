@@ -1,0 +1,107 @@
+"""Uncertainty of positions over the workspace: its size, what makes it, and where it holds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.evaluation.region import Region
+from campaigns.fit.error_model import Observations
+from campaigns.fit.error_sources import SOURCES
+from campaigns.fit.posterior import Posterior
+from campaigns.fit.uncertainty import budget, position_std_mm, without_frame
+from campaigns.identification.result import ParameterCovariance, PositionStd, Share
+from campaigns.kinematics.mechanism import Kinematics
+
+FEWEST_POSES = 0.9
+"""Share of the workspace's sample that the identified robot must be able to take."""
+ESTIMATED = ("points", "joints", "along", "across")
+"""Parts of the noise that are estimated from the shots' scatter: type A. All else is type B."""
+NOISE_WORDS = {
+    "stated": "tracker: noise of points, as stated",
+    "along": "tracker: noise along the beam",
+    "across": "tracker: noise across the beam",
+    "points": "robot: scatter of its point",
+    "joints": "robot: scatter of its joints",
+    "changes": "changes during the campaign",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """Uncertainty of positions, its budget, and the region for which it holds."""
+
+    std: PositionStd
+    region: Region
+    shares: tuple[Share, ...]
+
+
+def uncertainty_of_positions(
+    posterior: Posterior, identified: Kinematics, workspace: Array, ratio: float
+) -> Positions | None:
+    """Return the uncertainty of positions at poses (N, t), of the frame that fits all of them best.
+
+    `ratio` multiplies it where hold-out pairs showed more than it states. Return None where the
+    identified robot can take too few of the poses.
+    """
+    joints = identified.inverse(workspace)
+    solution = identified.forward(joints.values[joints.found], workspace[joints.found])
+    sample = workspace[joints.found][solution.found]
+    if len(sample) < FEWEST_POSES * len(workspace):
+        return None
+    shots = posterior.observations.rows(posterior.kept)
+    at_sample = joints.values[joints.found][solution.found]
+    joints_of_both = np.vstack([at_sample, shots.joints])
+    count, total = len(sample), len(joints_of_both)
+    both = Observations(
+        joints=joints_of_both,
+        approach=np.zeros_like(joints_of_both),
+        near=np.vstack([sample, shots.near]),
+        points=np.zeros((total, 3)),
+        noise={},
+        frame=np.zeros(total, dtype=np.intp),
+        warmth=np.zeros(total),
+    )
+    robot, assembly = posterior.model.positions(posterior.x, both, both.near)
+    if not assembly.found.all():
+        return None
+    by, _ = posterior.model.robot_columns(robot, both, assembly.unknowns)
+    size = len(posterior.model.names)
+    covariance = posterior.covariance[:size, :size]
+    by_sample = without_frame(by[:count], assembly.poses[:count, :3])
+    std = ratio * position_std_mm(by_sample, covariance)
+    of_both = position_std_mm(without_frame(by, assembly.poses[:, :3]), covariance)
+    region = Region.of(sample, of_both[:count], of_both[count:], identified.mechanism.task)
+    rms = float(np.sqrt((std**2).mean()))
+    sizes = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count)
+    return Positions(sizes, region, _shares(budget(posterior, by_sample), ratio, rms))
+
+
+def std_of_positions(
+    robot: Kinematics, known: ParameterCovariance, poses: Array, about: Array
+) -> Array:
+    """Return 1 σ of positions at poses (N, t), (N,), after the best fit of the frame.
+
+    The frame is fitted to these and to the poses `about` (M, t), where the robot was measured.
+    """
+    both = np.vstack([poses, about])
+    joints = robot.inverse(both).values_or_raise()
+    table = robot.mechanism.parameters
+    by = robot.jacobian(joints, both)[:, :3, table.places(known.names)] * table.units(known.names)
+    std = position_std_mm(without_frame(by, both[:, :3]), known.array)
+    return known.hold_out_ratio * std[: len(poses)]
+
+
+def _shares(squares: Mapping[str, float], ratio: float, rms: float) -> tuple[Share, ...]:
+    """Return the budget's rows; errors beyond σ that hold-out pairs showed have their own."""
+    shares = []
+    for source, square in squares.items():
+        words = NOISE_WORDS.get(source) or SOURCES[source].words
+        kind: Literal["A", "B"] = "A" if source in ESTIMATED else "B"
+        shares.append(Share(source, words, kind, float(np.sqrt(max(square, 0.0)))))
+    if ratio > 1.0:
+        beyond = rms * float(np.sqrt(1.0 - ratio**-2))
+        shares.append(Share("model", "model: errors that hold-out pairs show", "A", beyond))
+    return tuple(shares)

@@ -1,0 +1,69 @@
+"""Axes of joints and tasks: revolute (rad inside, deg in files) or prismatic (mm)."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from campaigns.arrays import Array, Mask
+
+Interval = tuple[float, float]
+
+MM_PER_RAD = 300.0
+"""Length of a typical crank, which compares a carriage's travel with a crank's turn."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Joint or task coordinate by name."""
+
+    name: str
+    kind: Literal["revolute", "prismatic"]
+
+    @cached_property
+    def is_revolute(self) -> bool:
+        """Whether its values are angles."""
+        return self.kind == "revolute"
+
+    @property
+    def unit(self) -> str:
+        """Unit in files and on screens."""
+        return "deg" if self.is_revolute else "mm"
+
+    @cached_property
+    def column(self) -> str:
+        """Name in files, with the unit: `q0_deg`."""
+        return f"{self.name}_{self.unit}"
+
+    @property
+    def scale(self) -> float:
+        """Value that compares with one radian of a crank."""
+        return 1.0 if self.is_revolute else MM_PER_RAD
+
+    def to_file(self, value: float) -> float:
+        """Convert a value to the unit of files."""
+        return math.degrees(value) if self.is_revolute else value
+
+    def from_file(self, value: float) -> float:
+        """Convert a value from the unit of files."""
+        return math.radians(value) if self.is_revolute else value
+
+    def text(self, value: float, form: str) -> str:
+        """Write a value for people, by a format such as `.3f`: `12.345°` or `12.345 mm`."""
+        return f"{self.to_file(value):{form}}{'°' if self.is_revolute else ' mm'}"
+
+    def span(self, interval: Interval) -> str:
+        """Write an interval for people: `[-45°, 90°]`."""
+        low, high = (self.text(end, "g") for end in interval)
+        return f"[{low}, {high}]"
+
+
+POSITION = (Axis("x", "prismatic"), Axis("y", "prismatic"), Axis("z", "prismatic"))
+TURN = Axis("theta", "revolute")
+
+
+def outside(values: Array, interval: Interval) -> Mask:
+    """Return which values leave an interval; NaN does not."""
+    return np.asarray((values < interval[0]) | (values > interval[1]))

@@ -1,0 +1,70 @@
+"""Catalog of the mechanisms by their word in robot files; a new member needs a line here.
+
+The paper's method holds some parameters at nominal: azimuths (its hypothesis iii), what places the
+base frame, and what upright rails or a sliding platform cannot show. One model with priors needs no
+such list.
+"""
+
+import importlib.util
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.limbs import Carriage, Crank
+from campaigns.kinematics.platforms import HingedPlate, Platform, SlidingBars
+
+FIRST_PLACE = ("azimuth_deg", "arm0.x_mm", "arm0.y_mm", "arm0.z_mm")
+UPRIGHT = ("azimuth_deg", "elevation_deg", "z_mm", "arm0.x_mm", "arm0.y_mm", "arm0.joint_offset_mm")
+SLIDE = ("arm2.x_mm", "pinion_mm")
+"""A shift of both sliding arms is a turn, and the pinion only scales turns: no point shows it."""
+
+PAR4 = ClosedChain("par4", Crank(), HingedPlate(shares=(0.0, 0.0, 1.0, 1.0)), FIRST_PLACE)
+"""Four cranks and an articulated plate (paper eqs. 1-18), controlled on its first half."""
+H4 = ClosedChain("h4", Crank(), HingedPlate(shares=(-0.5, -0.5, 0.5, 0.5)), FIRST_PLACE)
+"""Par4's arms and plate, the controlled point in the middle of the crossbar."""
+I4R = ClosedChain("i4r", Crank(), SlidingBars(shares=(0.0, 0.0, 1.0, 1.0)), FIRST_PLACE + SLIDE)
+"""Four cranks, and two bars whose slide along x turns the tool."""
+I4L = ClosedChain("i4l", Carriage(), SlidingBars(shares=(0.0, 0.0, 1.0, 1.0)), UPRIGHT + SLIDE)
+"""Four carriages, and I4R's sliding bars."""
+DELTA = ClosedChain("delta", Crank(), Platform(), FIRST_PLACE)
+"""Three cranks and a platform that only translates."""
+LINEAR_DELTA = ClosedChain("linear-delta", Carriage(), Platform(), (*UPRIGHT, "arm1.x_mm"))
+"""Three carriages and a platform that only translates."""
+
+MECHANISMS: Mapping[str, ClosedChain] = {
+    chain.name: chain for chain in (PAR4, H4, I4R, I4L, DELTA, LINEAR_DELTA)
+}
+OFFERED = "pkmcal.mechanisms"
+"""Group of entry points by which other packages offer theirs."""
+
+
+def find_mechanism(word: object) -> ClosedChain | None:
+    """Return a mechanism by its word, shipped or another package's; None for an unknown word.
+
+    Raise `TypeError` if a package offers something else under that word.
+    """
+    if not isinstance(word, str) or word in MECHANISMS:
+        return MECHANISMS.get(str(word))
+    for offer in entry_points(group=OFFERED, name=word):
+        chain = offer.load()
+        if not isinstance(chain, ClosedChain) or chain.name != word:
+            raise TypeError(f"{offer.value} is {chain!r}, must be a ClosedChain named '{word}'")
+        return chain
+    return None
+
+
+def load_mechanism(file: Path, name: str) -> ClosedChain:
+    """Return the mechanism that a Python file defines under a name, such as `my.py:OWN`.
+
+    Raise `ImportError` or `AttributeError` where it defines nothing, `TypeError` for another type.
+    """
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    chain = getattr(module, name)
+    if not isinstance(chain, ClosedChain):
+        raise TypeError(f"{name} in {file} is {chain!r}, must be a ClosedChain")
+    return chain

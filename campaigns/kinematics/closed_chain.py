@@ -1,0 +1,521 @@
+"""Parallel mechanisms as closed chains of limbs under a plate: forward model, inverse, derivatives.
+
+Each forearm is a parallelogram of two rods between an upper bar and a bar on the plate. With g the
+vector from the middle of the upper bar to the middle of the plate's, and e the difference of the
+two bars' unit vectors, the rods of arm i close where
+
+    sum         (|g|² - L²) / 2L = 0        L: mean length of the two rods
+    difference  g·e / L - κ = 0             κ: difference of the rods over the parallelogram's width
+
+Unknown are y = (X, Y, Z[, θ]) and, of a robot with imperfect parts, the plate's small tilt ψ, a
+rotation vector about the measured point. Perfect parts keep the plate level: then the sums alone
+are solved. Three arms have as many closures as unknowns. Four have one more: all rods are taken as
+equally stiff, which minimises the sum of squares and weights a difference by half the width.
+
+`closures` says all this once, for level and tilted plates. Newton's steps and all derivatives are
+complex steps of it. Arm i's fields touch arm i's closures alone, so one evaluation for a field
+serves all arms; the implicit function theorem makes derivatives of the pose of them.
+
+For given joints there is more than one real assembly. The wanted one hangs below its elbows, turns
+less than the platform's limit, and has the sign of the closures' determinant that it has at home.
+Newton alone ends on a wrong one for about one pose in a hundred, so each answer is checked, and
+what fails is started again from other guesses.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.kinematics import transmission
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.limbs import Limb, dot, vectors
+from campaigns.kinematics.parameters import ParameterTable, Role
+from campaigns.kinematics.platforms import SAG, PlateGeometry, Platform, sag_basis, sag_slopes
+
+STEP = 1e-200
+"""Complex step: without cancellation, so as small as numbers go."""
+HALF_WIDTH_MM = 45.0
+"""Half width of the parallelograms, which weights differences of rods: a drawing's value is near
+enough (30 and 70 mm give the same poses within 0.2 µm)."""
+CHUNK = 4096
+"""Rows solved at a time, so that they stay in the processor's cache."""
+ITERATIONS = 40
+CONVERGED_MM = 1e-7
+"""A Newton step shorter than this leaves an error of its square over the forearm's length."""
+STEP_MM = 120.0
+"""Longest step of a search."""
+WELL_BELOW_MM = 100.0
+"""Height below the usual guess at which the assembly mode at home is read off."""
+READ_ROUNDS = 30
+READ_TO_MM = 1e-9
+"""Distance of a pose reached from the pose wanted that ends these rounds; the last one leaves a
+thousandth of it."""
+GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), (-0.9, 60.0),
+           (0.0, 150.0))  # fmt: skip
+"""Turn in rad and height in mm above the usual guess, tried in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Parameters of one robot by field: of all arms (…, 1, n) by stem, and of the platform."""
+
+    arms: Mapping[str, Array]
+    length: Array
+    """Platform's own length, (…, 1, 1)."""
+    sag: Array
+    """Parameters of the sag, (4,)."""
+    transmission: Mapping[str, Array]
+    """Parameters of joints' gears and encoders (1, n) by stem."""
+
+    @property
+    def tilts(self) -> bool:
+        """Whether an imperfect part tilts the plate."""
+        own = (self.arms[stem] for stem in ("parallelogram_skew", "axis_tilt", "bar_turn"))
+        return any(values.any() for values in own)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Poses that joints assemble to."""
+
+    unknowns: Array
+    """Plate's pose, and its tilt where it tilts, (N, t) or (N, t + 3); NaN where not found."""
+    poses: Array
+    """(N, t)"""
+    found: Mask
+    """(N,)"""
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Margins of poses, from which feasibility is judged."""
+
+    swing_rad: Array
+    """Angle of each forearm out of its arm's plane, or off its rail, (N, n)."""
+    leverage: Array
+    """Share of each forearm along which its joint moves it, (N, n)."""
+    singular_value: Array
+    """Smallest singular value of the closures' scaled Jacobian, (N,)."""
+    elbow_height: Array
+    """Mean height of the forearms' upper ends, (N,)."""
+
+
+@dataclass(frozen=True)
+class ClosedChain:
+    """Mechanism of a kind of limb and a platform. It has no state: a robot is a vector p (P,)."""
+
+    name: str
+    limb: Limb
+    platform: Platform
+    held_by_paper: tuple[str, ...] = ()
+    """Parameters, or fields of all arms, that the paper's method holds at nominal."""
+    plate: PlateGeometry | None = None
+    """Nominal places on the plate; None: typical ones."""
+    rate: float = 0.0
+    """How often the joints' ripples repeat, as `parameters.rate` has it; 0 if unknown."""
+    controlled: Platform | None = None
+    """Platform seen from the controlled point, where the reflector is on another part."""
+
+    @property
+    def joints(self) -> tuple[Axis, ...]:
+        """Axes of the joints: `q0`, `q1` and so on."""
+        return tuple(Axis(f"q{arm}", self.limb.joint) for arm in range(self.platform.arms))
+
+    @property
+    def task(self) -> tuple[Axis, ...]:
+        """Task axes: x, y, z of the controlled point, and the turn if there is one."""
+        return self.platform.task
+
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """Table of the parameters."""
+        platform, limb = self.platform, self.limb
+        return ParameterTable.of(platform.arms, limb.fields, platform.fields, limb.rate)
+
+    @property
+    def phase_rate(self) -> float:
+        """Phase of a ripple in rad over a reading in rad or mm."""
+        in_mm = self.parameters.rate.unit == "mm"
+        return 2.0 * np.pi / self.rate if in_mm and self.rate else self.rate
+
+    def with_plate(self, plate: PlateGeometry) -> Self:
+        """Return this mechanism with other places on the plate."""
+        return replace(self, plate=plate)
+
+    def with_ripples(self, rate: float) -> Self:
+        """Return this mechanism with ripples that repeat as `parameters.rate` has it."""
+        return replace(self, rate=rate)
+
+    def seen_from(self, part: int | None) -> Self:
+        """Return this mechanism with the measured point on part 1 or 2; None: as controlled.
+
+        Parameters are the same: a frame takes up where on a part the point is.
+        """
+        own = self.controlled or self.platform
+        if part is not None:
+            seen = own.seen_from(part)
+            return replace(self, platform=seen, controlled=None if seen == own else own)
+        if self.controlled is None:
+            return self
+        plate = self.plate and replace(self.plate, reflector_mm=(0.0, 0.0, 0.0))
+        return replace(self, platform=own, controlled=None, plate=plate)
+
+    def geometry(self, p: Array) -> Geometry:
+        """Sort a vector (P,) by fields; parameters beyond its end are 0."""
+        table = self.parameters
+        whole = np.zeros(len(table.of_robot))
+        whole[: len(p)] = p
+        named = {stem: whole[places][None] for stem, places in self._columns.items()}
+        length = named.get(self._own_length, np.zeros((1, 1)))
+        gears = [field.stem for field in table.fields(Role.TRANSMISSION)]
+        sag = np.concatenate([named[field.stem][0] for field in SAG])
+        return Geometry(named, length, sag, {stem: named[stem] for stem in gears})
+
+    @cached_property
+    def _columns(self) -> Mapping[str, Index]:
+        """Places in a vector (P,) by stem."""
+        size = len(self.parameters.of_robot)
+        return {stem: own for stem, own in self.parameters.columns.items() if own[0] < size}
+
+    @cached_property
+    def _own_length(self) -> str:
+        """Stem of the platform's own field: `plate`, `pinion`, or nothing."""
+        own = (f.stem for f in self.parameters.fields(Role.GEOMETRY, of_arms=False))
+        return next(own, "")
+
+    def plate_of(self, geometry: Geometry) -> PlateGeometry:
+        """Return the places on the plate: the robot's own, or typical ones."""
+        follow = self.limb.bars_follow_azimuths
+        outward = np.real(self.limb.outward_rad(geometry.arms)).reshape(-1)
+        return self.plate or PlateGeometry.typical(outward, bars_follow_azimuths=follow)
+
+    # --- the closures and their derivatives ---------------------------------------------------
+
+    def closures(self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array) -> Array:
+        """Return by how much the rods do not close, (…, N, n) or (…, N, 2 n), in mm.
+
+        `joints` (N, n) are true joints less their offsets, `y` (…, N, t) a level plate's pose or
+        (…, N, t + 3) a tilted one's. Sums of all arms come first, then weighted differences.
+        """
+        fields, size = geometry.arms, len(self.task)
+        turn = y[..., 3:size] if size > 3 else np.zeros((1, 1))
+        offsets = self.platform.offsets(geometry.length, turn)
+        forearm, forearm_mm = self._forearms(fields, offsets, joints, y), fields["forearm"]
+        if y.shape[-1] == size:
+            return (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
+        tilt = as_vectors(y[..., size:])
+        forearm = forearm + rotation_less_identity(tilt, offsets + plate.from_reflector_mm)
+        fixed = plate.outward_rad
+        across = fields["azimuth"] if fixed is None else np.array([fixed])
+        turned = across + fields["bar_turn"]
+        level = vectors(-np.sin(turned), np.cos(turned), 0.0)
+        bars = level + rotation_less_identity(tilt, level) - self.limb.upper_bars(fields, across)
+        sums = (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
+        differences = dot(forearm, bars) / forearm_mm - fields["parallelogram_skew"]
+        return np.concatenate([sums, HALF_WIDTH_MM * differences], axis=-1)
+
+    def _forearms(
+        self, fields: Mapping[str, Array], offsets: Array, joints: Array, y: Array
+    ) -> Array:
+        """Return the forearms to a level plate's joints, (…, 3, N, n)."""
+        return np.asarray(as_vectors(y[..., :3]) + offsets - self.limb.upper_ends(fields, joints))
+
+    def _by_unknowns(
+        self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array
+    ) -> tuple[Array, Array]:
+        """Return the closures (N, m) and their derivatives by y, (N, m, k)."""
+        steps = STEP * np.eye(y.shape[1])[:, None]
+        stepped = self.closures(geometry, plate, joints, y + 1j * steps)
+        return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
+
+    def jacobian(
+        self, p: Array, joints: Array, poses: Array, approach: Array | None = None
+    ) -> Array:
+        """Return d(pose)/dp (N, t, P) at fixed encoder readings (N, n), of the poses there.
+
+        `poses` are (N, t), or the unknowns of an assembly, (N, t + 3). Raise `LinAlgError` at a
+        singular pose.
+        """
+        geometry, table = self.geometry(p), self.parameters
+        plate, true = self.plate_of(geometry), self._true_joints(geometry, joints, approach)
+        size = len(self.task)
+        y = poses if poses.shape[1] > size else self._with_tilt(geometry, plate, true, poses)
+        _, by_y = self._by_unknowns(geometry, plate, true, y)
+        transposed = by_y.swapaxes(1, 2)
+        by_closures = -np.linalg.solve(transposed @ by_y, transposed)[:, :size]
+        columns = np.zeros((len(joints), size, len(table.of_robot)))
+        by_fields = self._by_fields(geometry, plate, true, y)
+        for stem, own in by_fields.items():  # a field of arm i touches the closures of arm i alone
+            both = by_closures * own[:, None]
+            columns[..., self._columns[stem]] = both.reshape(*both.shape[:2], 2, -1).sum(axis=2)
+        if self._own_length:
+            longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
+            by_length = self.closures(longer, plate, true, y).imag / STEP
+            columns[..., self._columns[self._own_length]] = by_closures @ by_length[..., None]
+        by_offset = columns[..., table.offsets]
+        for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
+            if stem in geometry.transmission:
+                columns[..., self._columns[stem]] = by_offset * factor[:, None]
+        return self._with_sag(geometry, y, columns)
+
+    def _by_fields(
+        self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array
+    ) -> dict[str, Array]:
+        """Return the derivatives of the closures (N, 2 n) by each field of their own arm."""
+        stems = [f.stem for f in self.parameters.fields(Role.GEOMETRY, Role.EXTENSION)]
+        steps = 1j * STEP * np.eye(len(stems))[..., None, None]
+        arms = {
+            **geometry.arms,
+            **{stem: geometry.arms[stem] + step for stem, step in zip(stems, steps, strict=True)},
+        }
+        stepped = self.closures(replace(geometry, arms=arms), plate, joints, y).imag / STEP
+        return dict(zip(stems, stepped, strict=True))
+
+    def _with_sag(self, geometry: Geometry, y: Array, columns: Array) -> Array:
+        """Add the sag's own columns to those of a plate that does not sag, and its slopes."""
+        if geometry.sag.any():
+            slopes = np.einsum("s,skn->nk", geometry.sag, sag_slopes(y[:, 0], y[:, 1]))
+            columns[:, 2] += (slopes[:, None] @ columns[:, :3])[:, 0]
+        for field, lifted in zip(SAG, sag_basis(*y[:, :3].T), strict=True):
+            columns[:, 2, self._columns[field.stem][0]] = lifted
+        return columns
+
+    def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
+        """Return ∂position (N, 3, 3) by the expansion of arms or rails, forearms, and frame.
+
+        Each is the sum of lengths times the derivatives by them, `by_p` (N, 3, P). A rail carries
+        its scale along; the frame grows from its origin to where the limbs are.
+        """
+        geometry, places = self.geometry(p), self._columns
+        if "arm" in places:
+            arms = by_p[..., places["arm"]] @ p[places["arm"]]
+        else:
+            travel = self._true_joints(geometry, joints, None) + p[places["joint_offset"]]
+            arms = np.einsum("nkj,nj->nk", by_p[..., places["joint_offset"]], travel)
+        forearms = by_p[..., places["forearm"]] @ p[places["forearm"]]
+        on_plate = np.array(self.plate_of(geometry).joints_mm).T
+        frame = sum(
+            by_p[..., places[axis]] @ (p[places[axis]] + own)
+            for axis, own in zip(("x", "y", "z"), on_plate, strict=True)
+        )
+        return np.stack([arms, forearms, frame], axis=2)
+
+    # --- forward ------------------------------------------------------------------------------
+
+    def assemble(
+        self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
+    ) -> Assembly:
+        """Solve for the poses of encoder readings (N, n).
+
+        `near` (N, t) are poses close by, or an earlier assembly's unknowns (N, t + 3); without
+        them, or where they lead nowhere, the search begins at guesses. `approach` (N, n) holds the
+        signs of the joints' last motions.
+        """
+        geometry = self.geometry(p)
+        true, size = self._true_joints(geometry, joints, approach), len(self.task)
+        y = np.empty((len(joints), size + 3 if geometry.tilts else size))
+        found = np.empty(len(joints), dtype=bool)
+        for first in range(0, len(joints), CHUNK):
+            rows = slice(first, first + CHUNK)
+            start = None if near is None else near[rows]
+            y[rows], found[rows] = self._assembled(geometry, true[rows], start)
+        y[~found] = np.nan
+        poses = y[:, :size].copy()
+        if geometry.sag.any():
+            poses[:, 2] += geometry.sag @ sag_basis(*y[:, :3].T)
+        return Assembly(y, poses, found)
+
+    def _assembled(
+        self, geometry: Geometry, joints: Array, near: Array | None
+    ) -> tuple[Array, Mask]:
+        """Solve one chunk: a level plate from each start until one is right, then its tilt."""
+        plate, sign, size = self.plate_of(geometry), self.assembly_sign(geometry), len(self.task)
+        starts = [] if near is None else [near[:, :size]]
+        y, found = np.empty((len(joints), size)), np.zeros(len(joints), dtype=bool)
+        for number in range(len(starts) + len(GUESSES)):
+            rows = np.flatnonzero(~found)
+            if not len(rows):
+                break
+            if number < len(starts):
+                start = starts[number]
+            else:
+                start = self._guess(geometry, joints[rows], *GUESSES[number - len(starts)])
+            y[rows], settled = self._newton(geometry, plate, joints[rows], start)
+            wanted = self._is_wanted(geometry, plate, joints[rows], y[rows], sign)
+            found[rows] = settled & wanted
+        if not geometry.tilts or not found.any():
+            return np.pad(y, ((0, 0), (0, 3))) if geometry.tilts else y, found
+        tilted = np.pad(y, ((0, 0), (0, 3)))
+        tilted[found], settled = self._newton(geometry, plate, joints[found], tilted[found])
+        found[found] = settled
+        return tilted, found
+
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")
+    def _newton(
+        self, geometry: Geometry, plate: PlateGeometry, joints: Array, start: Array
+    ) -> tuple[Array, Mask]:
+        """Return unknowns from starts (N, k) by limited Gauss-Newton steps, and which settled."""
+        y, settled, size = start.copy(), np.zeros(len(start), dtype=bool), len(self.task)
+        turn = self.platform.turn_scale(float(geometry.length[0, 0]), _mean_forearm(geometry))
+        active = np.arange(len(start))
+        for _ in range(ITERATIONS):
+            residual, by_y = self._by_unknowns(geometry, plate, joints[active], y[active])
+            transposed = by_y.swapaxes(1, 2)
+            normal = transposed @ by_y + 1e-14 * np.eye(y.shape[1])  # no exception where singular
+            step = -np.linalg.solve(normal, transposed @ residual[..., None])[..., 0]
+            way = np.abs(step[:, :3]).max(axis=1)
+            angles = np.abs(step[:, 3:size]).sum(axis=1)
+            shorter = np.maximum(np.maximum(way / STEP_MM, angles / turn.step_rad), 1.0)
+            y[active] += step / shorter[:, None]
+            size_mm = way + turn.lever_mm * angles + 50.0 * np.abs(step[:, size:]).sum(axis=1)
+            misfit = np.abs(residual[:, : joints.shape[1]]).max(axis=1)
+            settled[active] = (size_mm < CONVERGED_MM) & (misfit < 1.0)  # mm: minima are none
+            active = active[(size_mm >= CONVERGED_MM) & np.isfinite(size_mm)]
+            if not len(active):
+                break
+        return y, settled
+
+    def _guess(self, geometry: Geometry, joints: Array, turn_rad: float, lift_mm: float) -> Array:
+        """Return poses (N, t) of a platform that hangs under the middle of its elbows."""
+        elbows = self.limb.upper_ends(geometry.arms, joints)
+        middle = elbows.mean(axis=-1)
+        outward2 = ((elbows[:2] - middle[:2, :, None]) ** 2).sum(axis=0)
+        drop = np.sqrt(np.maximum(geometry.arms["forearm"] ** 2 - outward2, 0.0).mean(axis=-1))
+        aside = self.platform.offsets(geometry.length, np.array([[turn_rad]])).mean(axis=-1)
+        pose = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop + lift_mm]
+        turns = [np.full_like(drop, turn_rad)] * (len(self.task) - 3)
+        return np.stack([*pose, *turns], axis=1)
+
+    def assembly_sign(self, geometry: Geometry) -> float:
+        """Return the sign of the closures' determinant at home: joints 0, platform well below."""
+        home = np.zeros((1, self.platform.arms))
+        pose = self._guess(geometry, home, 0.0, -WELL_BELOW_MM)
+        _, by_pose = self._by_unknowns(geometry, self.plate_of(geometry), home, pose)
+        return float(np.sign(np.linalg.det(by_pose))[0])
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def _is_wanted(
+        self, geometry: Geometry, plate: PlateGeometry, joints: Array, poses: Array, sign: float
+    ) -> Mask:
+        """Return which poses (N, t) hang below their elbows, in the assembly mode of home."""
+        _, by_pose = self._by_unknowns(geometry, plate, joints, poses)
+        elbows = self.limb.upper_ends(geometry.arms, joints)
+        wanted = (poses[:, 2] < elbows[2].mean(axis=-1)) & (np.linalg.det(by_pose) * sign > 0.0)
+        scale = self.platform.turn_scale(float(geometry.length[0, 0]), _mean_forearm(geometry))
+        return np.asarray(wanted & (np.abs(poses[:, 3:]) < scale.limit_rad).all(axis=1))
+
+    def _with_tilt(
+        self, geometry: Geometry, plate: PlateGeometry, joints: Array, poses: Array
+    ) -> Array:
+        """Return the unknowns (N, t + 3) of poses (N, t) that these joints assemble to."""
+        y = np.pad(poses, ((0, 0), (0, 3)))
+        if geometry.sag.any():
+            y[:, 2] -= geometry.sag @ sag_basis(*y[:, :3].T)
+        return self._newton(geometry, plate, joints, y)[0] if geometry.tilts else y
+
+    # --- inverse and transmission -------------------------------------------------------------
+
+    def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
+        """Return the encoder readings (N, n) of poses (N, t), and in which rows there are any.
+
+        A level plate's joints follow directly. Where it tilts or sags, the target is moved against
+        the difference between the pose wanted and the pose reached, until both agree.
+        """
+        geometry, goal = self.geometry(p), poses.copy()
+        joints, found = self._level_inverse(geometry, goal)
+        is_level = not (geometry.tilts or geometry.sag.any())
+        for _ in range(0 if is_level else READ_ROUNDS):
+            error = poses[found] - self._reached(geometry, joints[found], poses[found])
+            goal[found] += error
+            joints[found], held = self._level_inverse(geometry, goal[found])
+            found[found] = held & np.isfinite(error).all(axis=1)
+            if not np.nanmax(np.abs(error), initial=0.0) > READ_TO_MM:
+                break
+        joints[~found] = np.nan
+        read = transmission.encoder_readings(
+            geometry.transmission, joints, approach, self.phase_rate
+        )
+        return read, found
+
+    def _reached(self, geometry: Geometry, joints: Array, poses: Array) -> Array:
+        """Return the poses (N, t) of true joints (N, n) near poses; NaN where there are none."""
+        y, found = self._assembled(geometry, joints, poses)
+        reached = y[:, : len(self.task)].copy()
+        reached[:, 2] += geometry.sag @ sag_basis(*y[:, :3].T)
+        reached[~found] = np.nan
+        return reached
+
+    def _level_inverse(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
+        turn = poses[:, 3:] if len(self.task) > 3 else np.zeros((len(poses), 1))
+        offsets = self.platform.offsets(geometry.length, turn)
+        targets = as_vectors(poses[:, :3]) + offsets
+        joints, found = self.limb.inverse(geometry.arms, targets)
+        return joints, found
+
+    # --- margins ------------------------------------------------------------------------------
+
+    def margins(self, p: Array, joints: Array, poses: Array) -> "Margins":
+        """Return how far poses (N, t) at encoder readings (N, n) are from what a robot cannot do.
+
+        Of a level plate: tilts of milliradians change no margin that counts.
+        """
+        geometry = self.geometry(p)
+        plate, fields = self.plate_of(geometry), geometry.arms
+        true = self._true_joints(geometry, joints, None)
+        turn = poses[:, 3:] if len(self.task) > 3 else np.zeros((1, 1))
+        offsets = self.platform.offsets(geometry.length, turn)
+        forearms = self._forearms(fields, offsets, true, poses)
+        singular_value = np.full(len(poses), np.nan)
+        rows = np.isfinite(joints).all(axis=1)
+        _, by_pose = self._by_unknowns(geometry, plate, true[rows], poses[rows])
+        scale = self.platform.turn_scale(float(geometry.length[0, 0]), _mean_forearm(geometry))
+        by_pose[..., 3:] /= scale.lever_mm
+        by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
+        singular_value[rows] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
+        return Margins(
+            self.limb.swing_rad(fields, forearms),
+            self.limb.leverage(fields, true, forearms),
+            singular_value,
+            self.limb.upper_ends(fields, true)[2].mean(axis=-1),
+        )
+
+    def _true_joints(self, geometry: Geometry, joints: Array, approach: Array | None) -> Array:
+        return transmission.true_joints(geometry.transmission, joints, approach, self.phase_rate)
+
+    def steepest_error(self, p: Array) -> float:
+        """Return a bound of the change of any joint's error over its motion."""
+        values = self.geometry(p).transmission
+        by_phase = {"backlash": 0.0, "ripple_sin": self.phase_rate, "ripple_cos": self.phase_rate}
+        bounds = [abs(by_phase.get(stem, 1.0)) * np.abs(own) for stem, own in values.items()]
+        return float(np.sum(bounds, axis=0).max())
+
+    def joint_slopes(self, p: Array, joints: Array) -> Array:
+        """Return the change of true joints over that of encoder readings (N, n), (N, n)."""
+        slopes = transmission.term_slopes(joints, self.phase_rate)
+        values = self.geometry(p).transmission
+        return np.asarray(1.0 + sum(value * slopes[stem] for stem, value in values.items()))
+
+
+def rotation_less_identity(rotation: Array, vectors: Array) -> Array:
+    """Return (R - 1) v to second order of a rotation vector: 0.01 rad over 60 mm leave 10 nm."""
+    first = cross(rotation, vectors)
+    return np.asarray(first + 0.5 * cross(rotation, first))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return vector products of vectors (…, 3, N, n)."""
+    (ax, ay, az), (bx, by, bz) = (np.moveaxis(each, -3, 0) for each in (a, b))
+    return vectors(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+
+
+def as_vectors(rows: Array) -> Array:
+    """Return rows (…, N, 3) as vectors that all arms share, (…, 3, N, 1)."""
+    return rows.swapaxes(-1, -2)[..., None]
+
+
+def _mean_forearm(geometry: Geometry) -> float:
+    return float(np.mean(geometry.arms["forearm"]))

@@ -1,0 +1,332 @@
+"""Limbs of parallel robots: where an actuated joint holds the upper end of its forearm.
+
+A limb is a crank on a motor or a carriage on a rail. It carries a parallelogram of two rods, the
+forearm, between an upper bar and a bar on the plate. Limbs have no state: they are given the fields
+of all arms by stem, arrays (…, 1, n) in mm and rad, and joints (…, N, n). Vectors of all arms are
+(…, 3, N, n).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+import numpy as np
+from typing_extensions import override
+
+from campaigns.arrays import Array, Mask
+from campaigns.kinematics.parameters import (
+    DRIVE_PERIOD,
+    RIPPLES_PER_TURN,
+    Parameter,
+    ParameterField,
+    Role,
+)
+
+Fields = Mapping[str, Array]
+EXTENSION, TRANSMISSION = Role.EXTENSION, Role.TRANSMISSION
+
+FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
+PLACE = "in the base frame, less the plate joint's place, mm"
+OF_ANY_LIMB = (
+    ParameterField(
+        "parallelogram_skew_deg",
+        "the difference of the forearm's two rods over their distance, deg; may be left out",
+        "small angle",
+        "rods",
+        EXTENSION,
+    ),
+    ParameterField(
+        "bar_turn_deg",
+        "the plate's bar turned about z out of its direction, deg; may be left out",
+        "small angle",
+        "bars",
+        EXTENSION,
+    ),
+    ParameterField(
+        "encoder_gain_ppm",
+        "the joint's motion beyond its reading's, ppm; may be left out",
+        "ratio",
+        "ratio",
+        TRANSMISSION,
+    ),
+)
+
+
+def _of_joint(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
+    """Make the fields of ripple and backlash of a gear (deg) or a drive (mm)."""
+    quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
+    rows = (
+        ("ripple_sin", f"the {part}'s ripple by the sine of its phase", "ripple"),
+        ("ripple_cos", f"the {part}'s ripple by the cosine of its phase", "ripple"),
+        ("backlash", f"the {part}'s lost motion", "backlash"),
+    )
+    return tuple(
+        ParameterField(
+            f"{stem}_{unit}", f"{words}, {unit}; may be left out", quantity, group, TRANSMISSION
+        )
+        for stem, words, group in rows
+    )
+
+
+class Limb(ABC):
+    """Kind of limb: its fields, where it holds its forearm, and how far it is from its limits."""
+
+    fields: ClassVar[tuple[ParameterField, ...]]
+    joint: ClassVar[Literal["revolute", "prismatic"]]
+    rate: ClassVar[Parameter]
+    """How often a ripple of its joint repeats."""
+    bars_follow_azimuths: ClassVar[bool]
+    """Whether the bars lie across the arms' azimuths; else across fixed directions."""
+    words: ClassVar[tuple[str, str, str]]
+    """Where its joint moves the forearm's upper end, how swing is counted, that end's name."""
+
+    @abstractmethod
+    def upper_ends(self, fields: Fields, joints: Array) -> Array:
+        """Return the upper ends of the forearms in the base frame, (…, 3, N, n)."""
+
+    @abstractmethod
+    def upper_bars(self, fields: Fields, bar_azimuths: Array) -> Array:
+        """Return the directions of the upper bars, (…, 3, 1, n)."""
+
+    @abstractmethod
+    def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
+        """Return the joints (N, n) whose forearms reach targets (3, N, n), and in which rows."""
+
+    @abstractmethod
+    def swing_rad(self, fields: Fields, forearms: Array) -> Array:
+        """Return the angles (N, n) of forearms out of their arms' planes, or off their rails."""
+
+    @abstractmethod
+    def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
+        """Return the share (N, n) of each forearm along which its joint moves it."""
+
+    @abstractmethod
+    def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
+        """Return the lowest and highest corner (2, 3) of a box that holds all lower ends."""
+
+    @abstractmethod
+    def outward_rad(self, fields: Fields) -> Array:
+        """Return the azimuths (n,) from the robot's middle to the arms."""
+
+
+class Crank(Limb):
+    """Crank on a motor (paper eqs. 1-8): elbow = P + l (cos q u + sin q w).
+
+    u points along the azimuth, w down; q is the joint with its offset. Beyond the paper the motor's
+    axis may be tilted out of the horizontal, turned about u.
+    """
+
+    fields = (
+        ParameterField("x_mm", f"the motor centre's x {PLACE}", "place", "places"),
+        ParameterField("y_mm", f"the motor centre's y {PLACE}", "place", "places"),
+        ParameterField("z_mm", f"the motor centre's z {PLACE}", "place", "places"),
+        ParameterField(
+            "azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle", "azimuths"
+        ),
+        ParameterField(
+            "joint_offset_deg", "the joint angle minus the encoder's reading, deg", "angle",
+            "offsets",
+        ),
+        ParameterField("arm_mm", "the arm's length, mm", "length", "lengths"),
+        FOREARM,
+        ParameterField(
+            "axis_tilt_deg",
+            "the motor's axis out of the horizontal, deg; may be left out",
+            "small angle",
+            "axes",
+            EXTENSION,
+        ),
+        *OF_ANY_LIMB,
+        *(
+            ParameterField(
+                f"eccentricity_{part}_deg",
+                f"the encoder's eccentricity by the reading's {words}, deg; may be left out",
+                "small angle",
+                "eccentricity",
+                TRANSMISSION,
+            )
+            for part, words in (("sin", "sine"), ("cos", "cosine"))
+        ),
+        *_of_joint("deg", "gear"),
+    )  # fmt: skip
+    joint = "revolute"
+    rate = RIPPLES_PER_TURN
+    bars_follow_azimuths = True
+    words = ("its elbow's circle", "out of its arm's plane", "elbow")
+
+    @override
+    def upper_ends(self, fields: Fields, joints: Array) -> Array:
+        angle = joints + fields["joint_offset"]
+        outward, _, lowered = crank_frames(fields["azimuth"], fields["axis_tilt"])
+        turned = along(np.cos(angle), outward) + along(np.sin(angle), lowered)
+        return _place(fields) + along(fields["arm"], turned)
+
+    @override
+    def upper_bars(self, fields: Fields, bar_azimuths: Array) -> Array:
+        return crank_frames(bar_azimuths, fields["axis_tilt"])[1]
+
+    @override
+    def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
+        """Solve on the branch with the elbow outward (eqs. 10-14 as corrected in docs/model.md)."""
+        motor_to_target = targets - _place(fields)
+        outward, _, lowered = crank_frames(fields["azimuth"], fields["axis_tilt"])
+        arm, forearm = fields["arm"], fields["forearm"]
+        sine = -2.0 * arm * dot(motor_to_target, lowered)
+        cosine = -2.0 * arm * dot(motor_to_target, outward)
+        constant = dot(motor_to_target, motor_to_target) + arm**2 - forearm**2
+        root2 = sine**2 + cosine**2 - constant**2
+        root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan))
+        # the root of eq. 14's half-angle form, without its 0/0 where both arguments vanish
+        angle = np.arctan2(sine, cosine) + np.arctan2(root, -constant) - fields["joint_offset"]
+        return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi, np.all(root2 >= 0.0, axis=-1)
+
+    @override
+    def swing_rad(self, fields: Fields, forearms: Array) -> Array:
+        _, axis, _ = crank_frames(fields["azimuth"], fields["axis_tilt"])
+        aside = dot(forearms, axis) / fields["forearm"]
+        return np.asarray(np.arcsin(np.clip(aside, -1.0, 1.0)))
+
+    @override
+    def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
+        angle = joints + fields["joint_offset"]
+        outward, _, lowered = crank_frames(fields["azimuth"], fields["axis_tilt"])
+        moved = along(np.cos(angle), lowered) - along(np.sin(angle), outward)
+        return np.asarray(np.abs(dot(forearms, moved) / fields["forearm"]))
+
+    @override
+    def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
+        """Return a box of a forearm each way about the middle of the motors, and below it."""
+        middle = _place(fields).mean(axis=(1, 2))
+        forearm, arm = fields["forearm"].max(), fields["arm"].max()
+        down = np.array([forearm, forearm, forearm + arm])
+        return np.stack([middle - down, middle + np.array([forearm, forearm, 0.0])])
+
+    @override
+    def outward_rad(self, fields: Fields) -> Array:
+        return np.asarray(fields["azimuth"][0])
+
+
+class Carriage(Limb):
+    """Carriage on a straight rail: upper end = P + (q + offset) e.
+
+    e points along azimuth and elevation; beyond that the rail may lean sideways, out of the
+    vertical plane of its azimuth, and the carriage's bar out of the horizontal.
+    """
+
+    fields = (
+        ParameterField("x_mm", f"x of the rail's zero {PLACE}", "place", "places"),
+        ParameterField("y_mm", f"y of the rail's zero {PLACE}", "place", "places"),
+        ParameterField("z_mm", f"z of the rail's zero {PLACE}", "place", "places"),
+        ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle", "azimuths"),
+        ParameterField(
+            "elevation_deg", "the rail's direction above the horizontal, deg", "angle", "rails"
+        ),
+        ParameterField(
+            "joint_offset_mm", "the carriage's place minus the reading, mm", "place", "offsets"
+        ),
+        FOREARM,
+        ParameterField(
+            "rail_tilt_deg",
+            "the rail out of the vertical plane of its azimuth, deg; may be left out",
+            "small angle",
+            "rails",
+            EXTENSION,
+        ),
+        ParameterField(
+            "axis_tilt_deg",
+            "the carriage's bar out of the horizontal, deg; may be left out",
+            "small angle",
+            "axes",
+            EXTENSION,
+        ),
+        *OF_ANY_LIMB,
+        *_of_joint("mm", "drive"),
+    )
+    joint = "prismatic"
+    rate = DRIVE_PERIOD
+    bars_follow_azimuths = False
+    words = ("its carriage's rail", "away from its rail", "carriage")
+
+    @override
+    def upper_ends(self, fields: Fields, joints: Array) -> Array:
+        return _place(fields) + along(joints + fields["joint_offset"], rail_directions(fields))
+
+    @override
+    def upper_bars(self, fields: Fields, bar_azimuths: Array) -> Array:
+        return crank_frames(bar_azimuths, fields["axis_tilt"])[1]
+
+    @override
+    def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
+        """Solve for the place further along the rail, of the two from which a forearm reaches."""
+        to_target = targets - _place(fields)
+        part = dot(to_target, rail_directions(fields))
+        root2 = part**2 - dot(to_target, to_target) + fields["forearm"] ** 2
+        root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan))
+        return part + root - fields["joint_offset"], np.all(root2 >= 0.0, axis=-1)
+
+    @override
+    def swing_rad(self, fields: Fields, forearms: Array) -> Array:
+        part = dot(forearms, rail_directions(fields)) / fields["forearm"]
+        return np.asarray(np.arccos(np.clip(-part, -1.0, 1.0)))
+
+    @override
+    def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
+        part = dot(forearms, rail_directions(fields))
+        return np.asarray(np.abs(part / fields["forearm"]))
+
+    @override
+    def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
+        """Return a box of what forearms within their swing reach from carriages on their rails."""
+        ends = np.concatenate([self.upper_ends(fields, np.array([[end]])) for end in joint], axis=1)
+        off_axis = np.arccos(np.clip(-rail_directions(fields), -1.0, 1.0))
+        lowest = np.cos(np.minimum(off_axis + swing_rad, np.pi))
+        highest = np.cos(np.maximum(off_axis - swing_rad, 0.0))
+        forearm = fields["forearm"]
+        low = (ends.min(axis=1, keepdims=True) + forearm * lowest).max(axis=(1, 2))
+        high = (ends.max(axis=1, keepdims=True) + forearm * highest).min(axis=(1, 2))
+        return np.stack([low, high])
+
+    @override
+    def outward_rad(self, fields: Fields) -> Array:
+        x, y = fields["x"][0], fields["y"][0]
+        return np.asarray(np.arctan2(y - y.mean(), x - x.mean()))
+
+
+def crank_frames(azimuth: Array, axis_tilt: Array) -> tuple[Array, Array, Array]:
+    """Return unit vectors (…, 3, 1, n): outward at joint angle 0, the motor's axis, down at 90°."""
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    level, tilt = np.cos(axis_tilt), np.sin(axis_tilt)
+    return (
+        vectors(cos, sin, 0.0),
+        vectors(-sin * level, cos * level, tilt),
+        vectors(-sin * tilt, cos * tilt, -level),
+    )
+
+
+def rail_directions(fields: Fields) -> Array:
+    """Return the unit vectors (…, 3, 1, n) in which rails count upward."""
+    cos, sin = np.cos(fields["azimuth"]), np.sin(fields["azimuth"])
+    level, rise = np.cos(fields["elevation"]), np.sin(fields["elevation"])
+    upright, tilt = np.cos(fields["rail_tilt"]), np.sin(fields["rail_tilt"])
+    return vectors(
+        upright * level * cos - tilt * sin, upright * level * sin + tilt * cos, upright * rise
+    )
+
+
+def vectors(x: Array, y: Array, z: Array | float) -> Array:
+    """Return the vectors (…, 3, N, n) of components (…, N, n)."""
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-3)
+
+
+def along(lengths: Array, directions: Array) -> Array:
+    """Return vectors (…, 3, N, n) of lengths (…, N, n) in some directions."""
+    return np.asarray(lengths[..., None, :, :] * directions)
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Return scalar products (…, N, n) of vectors (…, 3, N, n)."""
+    return np.asarray((a * b).sum(axis=-3))
+
+
+def _place(fields: Fields) -> Array:
+    return vectors(fields["x"], fields["y"], fields["z"])

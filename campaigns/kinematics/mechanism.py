@@ -1,0 +1,124 @@
+"""Kinematic model of one robot: a mechanism with its parameters, checked at the door.
+
+Joints (N, n) and poses (N, t) are batches, a row each, one column an axis, in rad and mm.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from campaigns.arrays import Array, Mask, batch
+from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.feasibility import Feasibility, Limits, feasibility
+from campaigns.kinematics.parameters import Parameters
+
+
+class NoSolution(ValueError):
+    """Pose or set of joints at which the mechanism cannot be assembled."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KinematicSolution:
+    """Joints or poses (N, k); rows at which the mechanism cannot be assembled hold NaN."""
+
+    values: Array
+    found: Mask
+    """Rows that hold a solution, (N,)."""
+
+    @classmethod
+    def where(cls, found: Mask, values: Array) -> Self:
+        """Take the values (N, k) of the rows that were found, NaN elsewhere."""
+        values[~found] = np.nan
+        return cls(values, found)
+
+    def values_or_raise(self) -> Array:
+        """Return the values of all rows; raise `NoSolution` naming the first row without any."""
+        if not np.all(self.found):
+            row = int(np.argmin(self.found))
+            raise NoSolution(f"no assembly for row {row} of {len(self.found)}")
+        return self.values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kinematics:
+    """Kinematic model of one robot."""
+
+    mechanism: ClosedChain
+    p: Array
+    """Parameters (P,), or the geometry alone, (G,); mm, rad and ratios."""
+
+    @classmethod
+    def of(cls, mechanism: ClosedChain, values: Mapping[str, float]) -> Self:
+        """Make a model from values by name in mm and deg; raise `KeyError` for a missing one."""
+        own = Parameters.of(mechanism.parameters, values)
+        return cls(mechanism.with_ripples(own.rate) if own.rate else mechanism, own.vector)
+
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters by name in mm and deg."""
+        return Parameters.of_vector(self.mechanism.parameters, self.p, self.mechanism.rate)
+
+    @property
+    def controlled(self) -> "Kinematics":
+        """Model of the point that the controller's poses are of, wherever the reflector is."""
+        return replace(self, mechanism=self.mechanism.seen_from(None))
+
+    def inverse(self, poses: ArrayLike, approach: ArrayLike | None = None) -> KinematicSolution:
+        """Return encoder readings (N, n) of poses (N, t) that joints reach by `approach` (N, n)."""
+        joints, found = self.mechanism.inverse(self.p, self._poses(poses), self._signs(approach))
+        return KinematicSolution(joints, found)
+
+    def forward(
+        self, joints: ArrayLike, near: ArrayLike | None = None, approach: ArrayLike | None = None
+    ) -> KinematicSolution:
+        """Return the poses (N, t) of encoder readings (N, n), near given poses if there are any.
+
+        `approach` (N, n) holds the sign of each joint's last motion, 0 if unknown.
+        """
+        start = None if near is None else self._poses(near)
+        signs = self._signs(approach)
+        assembly = self.mechanism.assemble(self.p, self._joints(joints), start, signs)
+        return KinematicSolution(assembly.poses, assembly.found)
+
+    def assembles(self, poses: Array) -> Mask:
+        """Return which poses (N, t) have joints that lead back to an assembly there, (N,)."""
+        joints = self.inverse(poses)
+        found = joints.found.copy()
+        found[found] = self.forward(joints.values[found], poses[found]).found
+        return found
+
+    def jacobian(
+        self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
+    ) -> Array:
+        """Return d(pose)/dp (N, t, P) at fixed joints; raise `LinAlgError` at a singular pose."""
+        signs = self._signs(approach)
+        return self.mechanism.jacobian(self.p, self._joints(joints), self._poses(poses), signs)
+
+    def joint_jacobian(
+        self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
+    ) -> Array:
+        """Return d(pose)/d(encoder readings) (N, t, n); raise `LinAlgError` at a singular pose."""
+        by_offsets = self.jacobian(joints, poses, approach)[..., self.mechanism.parameters.offsets]
+        slopes = self.mechanism.joint_slopes(self.p, self._joints(joints))
+        return np.asarray(by_offsets * slopes[:, None])
+
+    def feasibility(self, limits: Limits, poses: ArrayLike) -> Feasibility:
+        """Return the margins of poses (N, t), and each violation."""
+        return feasibility(self.mechanism, self.p, limits, self._poses(poses))
+
+    def comparable(self, joints: Array) -> Array:
+        """Return joints (…, n) in units that compare with a radian of a crank."""
+        return np.asarray(joints / np.array([axis.scale for axis in self.mechanism.joints]))
+
+    def _poses(self, poses: ArrayLike) -> Array:
+        return batch(poses, [axis.name for axis in self.mechanism.task], "poses")
+
+    def _joints(self, joints: ArrayLike) -> Array:
+        return batch(joints, [axis.name for axis in self.mechanism.joints], "joints")
+
+    def _signs(self, approach: ArrayLike | None) -> Array | None:
+        names = [axis.name for axis in self.mechanism.joints]
+        return None if approach is None else batch(approach, names, "approach")

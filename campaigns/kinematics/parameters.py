@@ -1,0 +1,361 @@
+"""Parameters of a mechanism: the table of what each one is, and the values that one robot has.
+
+A parameter belongs to an arm (`arm2.forearm_mm`) or to the platform (`plate_mm`). Its field says
+what it is, in which unit files give it, in which role it enters files and controllers, and to which
+group of error sources it belongs (`campaigns/fit/error_sources.py`).
+
+Vectors of parameters are in mm, rad and ratios; files and screens give mm, deg and ppm.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+
+from campaigns.arrays import Array, Index
+
+Unit = Literal["mm", "deg", "ppm", ""]
+Quantity = Literal["place", "length", "angle", "small angle", "ratio", "count"]
+UNITS: Mapping[Quantity, Unit] = {
+    "place": "mm",
+    "length": "mm",
+    "angle": "deg",
+    "small angle": "deg",
+    "ratio": "ppm",
+    "count": "",
+}
+INNER: Mapping[Unit, float] = {"mm": 1.0, "deg": np.pi / 180.0, "ppm": 1e-6, "": 1.0}
+"""Factors from the units of files to those of vectors."""
+SIGNS: Mapping[Unit, str] = {"mm": " mm", "deg": "°", "ppm": " ppm", "": ""}
+
+
+class Role(Enum):
+    """Part that a parameter plays in files and controllers."""
+
+    GEOMETRY = "in every robot file, known to every controller"
+    EXTENSION = "of imperfect parts, nominally 0: a file may leave it out"
+    TRANSMISSION = "of a joint's gear and encoder, nominally 0: a file may leave it out"
+    GROWTH = "of warm parts: determined by a fit, in no robot file"
+
+
+OPTIONAL = (Role.EXTENSION, Role.TRANSMISSION)
+"""Roles of what a file may leave out and a controller may not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterField:
+    """Kind of parameter: key in files, meaning, range, role and group of error sources."""
+
+    name: str
+    description: str
+    quantity: Quantity
+    group: str
+    role: Role = Role.GEOMETRY
+
+    @property
+    def unit(self) -> Unit:
+        """Unit in files and on screens."""
+        return UNITS[self.quantity]
+
+    @property
+    def stem(self) -> str:
+        """Key without its unit: `joint_offset`."""
+        return self.name.removesuffix(f"_{self.unit}")
+
+    @property
+    def words(self) -> str:
+        """Name in a sentence: `joint offset`."""
+        return self.stem.replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """Parameter of a mechanism: a field of one arm, or of the platform (`arm` None)."""
+
+    arm: int | None
+    field: ParameterField
+
+    @property
+    def name(self) -> str:
+        """Name in files, journals and tables: `arm2.arm_mm`, `plate_mm`."""
+        return self.field.name if self.arm is None else f"arm{self.arm}.{self.field.name}"
+
+    @property
+    def label(self) -> str:
+        """Name without the unit: `arm2.arm`."""
+        return self.field.stem if self.arm is None else f"arm{self.arm}.{self.field.stem}"
+
+    @property
+    def words(self) -> str:
+        """Name in a sentence: `joint offset of arm 2`."""
+        return self.field.words if self.arm is None else f"{self.field.words} of arm {self.arm}"
+
+    @property
+    def unit(self) -> Unit:
+        """Unit in files and on screens."""
+        return self.field.unit
+
+    @property
+    def sign(self) -> str:
+        """Unit as it follows a number: `°`, ` mm` or ` ppm`."""
+        return SIGNS[self.unit]
+
+
+EXPANSIONS = tuple(
+    ParameterField(
+        f"{part}_expansion_ppm",
+        f"the growth of {words} by a degree, ppm of their length",
+        "ratio",
+        "growth",
+        Role.GROWTH,
+    )
+    for part, words in (
+        ("arm", "the arms or rails"),
+        ("forearm", "the forearms"),
+        ("frame", "the frame that carries the arms"),
+    )
+)
+RIPPLES_PER_TURN = Parameter(
+    None,
+    ParameterField("ripples_per_turn", "periods of a gear's ripple in a turn", "count", "ripple"),
+)
+DRIVE_PERIOD = Parameter(
+    None,
+    ParameterField("drive_period_mm", "travel in a period of a drive's ripple", "length", "ripple"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterTable:
+    """Parameters of a mechanism in the order of its vectors.
+
+    Geometry comes arm by arm, then the platform's; extensions, transmission and growth follow, each
+    field of all arms together.
+    """
+
+    every: tuple[Parameter, ...]
+    rate: Parameter
+    """How often a ripple repeats: `ripples_per_turn`, or `drive_period_mm` of carriages."""
+
+    @classmethod
+    def of(
+        cls,
+        arms: int,
+        arm_fields: Sequence[ParameterField],
+        platform_fields: Sequence[ParameterField],
+        rate: Parameter,
+    ) -> Self:
+        """Make the table of a mechanism of equal arms."""
+        numbers = range(arms)
+        of_arms = [field for field in arm_fields if field.role is Role.GEOMETRY]
+        every = [Parameter(arm, field) for arm in numbers for field in of_arms]
+        for role in Role:
+            if role is not Role.GEOMETRY:
+                of_role = [field for field in arm_fields if field.role is role]
+                every += [Parameter(arm, field) for field in of_role for arm in numbers]
+            every += [Parameter(None, field) for field in platform_fields if field.role is role]
+        return cls((*every, *(Parameter(None, field) for field in EXPANSIONS)), rate)
+
+    def __getitem__(self, name: str) -> Parameter:
+        """Return the parameter of a name; raise `KeyError` for an unknown one."""
+        return self.rate if name == self.rate.name else self._by_name[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    def select(
+        self, *roles: Role, field: str | None = None, group: str | None = None
+    ) -> tuple[str, ...]:
+        """Return the names of the parameters in any of some roles, of a field, of a group.
+
+        A field may be given without its unit. No role given: all roles.
+        """
+        return tuple(
+            parameter.name
+            for parameter in self.every
+            if (not roles or parameter.field.role in roles)
+            and field in (None, parameter.field.name, parameter.field.stem)
+            and group in (None, parameter.field.group)
+        )
+
+    def fields(self, *roles: Role, of_arms: bool = True) -> tuple[ParameterField, ...]:
+        """Return the fields of each arm, or of the platform, in some roles."""
+        arm = 0 if of_arms else None
+        own = (parameter for parameter in self.every if parameter.arm == arm)
+        return tuple(parameter.field for parameter in own if parameter.field.role in roles)
+
+    @cached_property
+    def _by_name(self) -> dict[str, Parameter]:
+        return {parameter.name: parameter for parameter in self.every}
+
+    @cached_property
+    def arm_fields(self) -> tuple[ParameterField, ...]:
+        """Fields of each arm that every file has."""
+        return self.fields(Role.GEOMETRY)
+
+    @cached_property
+    def platform_fields(self) -> tuple[ParameterField, ...]:
+        """Fields of the platform that every file has."""
+        return self.fields(Role.GEOMETRY, of_arms=False)
+
+    @cached_property
+    def arms(self) -> int:
+        """Number of arms."""
+        return 1 + max(parameter.arm for parameter in self.every if parameter.arm is not None)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of what every file and every controller has, (G,)."""
+        return self.select(Role.GEOMETRY)
+
+    @cached_property
+    def of_robot(self) -> tuple[str, ...]:
+        """Names of all that a robot file may hold, (P,)."""
+        return self.select(Role.GEOMETRY, *OPTIONAL)
+
+    @cached_property
+    def optional(self) -> tuple[str, ...]:
+        """Names of what not every controller knows; the ripples' rate is last."""
+        return (*self.select(*OPTIONAL), self.rate.name)
+
+    @cached_property
+    def model(self) -> tuple[str, ...]:
+        """Names of all that a fit may determine, (M,)."""
+        return tuple(parameter.name for parameter in self.every)
+
+    @cached_property
+    def file_unit(self) -> Array:
+        """Factors (M,) from the units of files to those of vectors."""
+        return np.array([INNER[parameter.unit] for parameter in self.every])
+
+    @cached_property
+    def columns(self) -> Mapping[str, Index]:
+        """Places in a vector by stem of the field: of all arms, (n,), or of the platform, (1,)."""
+        stems = [parameter.field.stem for parameter in self.every]
+        return {
+            stem: np.flatnonzero([own == stem for own in stems]) for stem in dict.fromkeys(stems)
+        }
+
+    @property
+    def offsets(self) -> Index:
+        """Places of the joint offsets in a vector, (n,)."""
+        return self.columns["joint_offset"]
+
+    def places(self, names: Sequence[str]) -> Index:
+        """Return the places of parameters in a vector; raise `ValueError` for an unknown name."""
+        return np.array([self.model.index(name) for name in names], dtype=np.intp)
+
+    def units(self, names: Sequence[str]) -> Array:
+        """Return the factors from the units of files to those of vectors for some names."""
+        return self.file_unit[self.places(names)]
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters(Mapping[str, float]):
+    """Values of one robot's parameters by name, in mm, deg and ppm as its file has them.
+
+    The mapping lists what a file lists: an optional parameter only if it is not 0, and the ripples'
+    rate only beside a ripple.
+    """
+
+    table: ParameterTable
+    values_in_file: tuple[float, ...]
+    """Values of all of `table.of_robot`, (P,)."""
+    covariance: Array | None = None
+    """Covariance (P, P) in mm, deg, ppm; NaN where it is unknown. None: all of it is unknown."""
+    rate: float = 0.0
+    """How often ripples repeat, as `table.rate` has it; 0 if unknown."""
+
+    @classmethod
+    def of(
+        cls,
+        table: ParameterTable,
+        values: Mapping[str, float],
+        std: Mapping[str, float] | None = None,
+    ) -> Self:
+        """Take values by name, 0 for an optional one that is missing, and 1 σ of some of them.
+
+        Names that no robot file has are ignored. Raise `KeyError` for a missing value.
+        """
+        ordered = [values[name] for name in table.names]
+        ordered += [values.get(name, 0.0) for name in table.of_robot[len(ordered) :]]
+        covariance = None
+        if std is not None:
+            covariance = np.full((len(ordered), len(ordered)), np.nan)
+            np.fill_diagonal(covariance, [std.get(n, np.nan) ** 2 for n in table.of_robot])
+        rate = values.get(table.rate.name, 0.0)
+        return cls(table, tuple(map(float, ordered)), covariance, rate)
+
+    @classmethod
+    def of_vector(cls, table: ParameterTable, p: Array, rate: float = 0.0) -> Self:
+        """Take the values from a vector (P,), or from its geometry (G,) alone."""
+        whole = np.zeros(len(table.of_robot))
+        whole[: len(p)] = p
+        return cls(table, tuple((whole / table.file_unit[: len(whole)]).tolist()), rate=rate)
+
+    @cached_property
+    def _listed(self) -> dict[str, float]:
+        named = zip(self.table.every, self.values_in_file, strict=False)
+        listed = {p.name: v for p, v in named if v or p.field.role not in OPTIONAL}
+        has_ripple = any(self.table[name].field.group == "ripple" for name in listed)
+        return listed | ({self.table.rate.name: self.rate} if has_ripple and self.rate else {})
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a listed parameter; raise `KeyError` for any other."""
+        return self._listed[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._listed)
+
+    def __len__(self) -> int:
+        return len(self._listed)
+
+    def __hash__(self) -> int:
+        return hash(self.values_in_file)
+
+    @cached_property
+    def vector(self) -> Array:
+        """Vector (P,) in mm, rad and ratios."""
+        values = np.array(self.values_in_file)
+        return np.asarray(values * self.table.file_unit[: len(values)])
+
+    @property
+    def std(self) -> dict[str, float] | None:
+        """1 σ by name where it is known, in mm, deg and ppm; None if it is known of nothing."""
+        if self.covariance is None:
+            return None
+        std = np.sqrt(np.diag(self.covariance)).tolist()
+        return {name: s for name, s in zip(self.table.of_robot, std, strict=True) if s == s}
+
+    @property
+    def extended_by(self) -> tuple[str, ...]:
+        """Names of the optional parameters that are not 0."""
+        return tuple(name for name in self.table.optional if name in self)
+
+    def __or__(self, other: Mapping[str, float]) -> dict[str, float]:
+        """Return the values by name, with other values in their place."""
+        return {**self, **other}
+
+    def __ror__(self, other: Mapping[str, float]) -> dict[str, float]:
+        """Return other values by name, with these in their place."""
+        return {**other, **self}
+
+    def with_values(self, values: Mapping[str, float]) -> "Parameters":
+        """Return these parameters with some values replaced, without the covariance."""
+        return Parameters.of(self.table, self | values)
+
+    def with_covariance(self, covariance: Array) -> "Parameters":
+        """Return these parameters with another covariance (P, P) in mm, deg, ppm."""
+        return replace(self, covariance=covariance)
+
+    def digest(self) -> str:
+        """Return the SHA-256 of all listed values: equal exactly when all doubles are.
+
+        Hashed are lines `name=value`, the value in the shortest decimals that give the double.
+        """
+        lines = "".join(f"{name}={value + 0.0!r}\n" for name, value in self.items())  # no -0.0
+        return hashlib.sha256(lines.encode("ascii")).hexdigest()

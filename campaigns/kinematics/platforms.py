@@ -1,0 +1,183 @@
+"""Platforms of parallel robots: where the forearms' lower ends are, seen from the controlled point.
+
+A platform is a point (Delta), a plate of two hinged halves (Par4, H4), or two bars that slide on
+each other (I4). The last two have a turn θ. Vectors of all arms are (…, 3, N, n).
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from typing_extensions import override
+
+from campaigns.arrays import Array
+from campaigns.kinematics.axes import POSITION, TURN, Axis
+from campaigns.kinematics.parameters import ParameterField, Role
+
+Place = tuple[float, float, float]
+TYPICAL_JOINT_MM = 50.0
+"""Distance of a plate joint from the plate's middle where a robot file gives none."""
+SAG = tuple(
+    ParameterField(
+        f"sag_{part}_mm",
+        f"the rise of the plate {words}, mm; may be left out",
+        "place",
+        "sag",
+        Role.EXTENSION,
+    )
+    for part, words in (
+        ("x", "over 400 mm of x"),
+        ("y", "over 400 mm of y"),
+        ("reach", "at 400 mm from the z axis, by the square of the distance"),
+        ("z", "over 200 mm of z"),
+    )
+)
+
+
+def sag_basis(x: Array, y: Array, z: Array) -> Array:
+    """Return by how much each of the parameters `SAG` lifts the plate, (4, …)."""
+    x, y = x / 400.0, y / 400.0
+    return np.stack([x, y, x * x + y * y, z / 200.0])
+
+
+def sag_slopes(x: Array, y: Array) -> Array:
+    """Return the derivatives of `sag_basis` by x, y and z, (4, 3, …)."""
+    zero = np.zeros_like(x)
+    by_x = [zero + 1 / 400, zero, 2 * x / 400**2, zero]
+    by_y = [zero, zero + 1 / 400, 2 * y / 400**2, zero]
+    by_z = [zero, zero, zero, zero + 1 / 200]
+    return np.stack([np.stack(rows) for rows in (by_x, by_y, by_z)], axis=1)
+
+
+@dataclass(frozen=True)
+class PlateGeometry:
+    """Nominal places on the plate, of a level plate at θ = 0, mm in the base frame."""
+
+    joints_mm: tuple[Place, ...]
+    """Middles of the plate's bars, seen from the point in which perfect parts have them."""
+    reflector_mm: Place = (0.0, 0.0, 0.0)
+    """Measured point, seen from the controlled one."""
+    outward_rad: tuple[float, ...] | None = None
+    """Azimuths across the plate's bars; None: the arms' own."""
+
+    @classmethod
+    def typical(cls, outward_rad: Array, *, bars_follow_azimuths: bool) -> Self:
+        """Place the joints `TYPICAL_JOINT_MM` outward, for a robot whose file has no places."""
+        outward = np.stack([np.cos(outward_rad), np.sin(outward_rad)], axis=1)
+        places = tuple((float(x), float(y), 0.0) for x, y in TYPICAL_JOINT_MM * outward)
+        fixed = None if bars_follow_azimuths else tuple(outward_rad.tolist())
+        return cls(places, outward_rad=fixed)
+
+    @property
+    def from_reflector_mm(self) -> Array:
+        """Plate joints seen from the reflector, (3, 1, n)."""
+        seen = np.array(self.joints_mm) - np.array(self.reflector_mm)
+        return np.asarray(seen.T[:, None])
+
+
+@dataclass(frozen=True)
+class TurnScale:
+    """Scales of a platform's turn: a lever that makes it a length, and how far a search may go."""
+
+    lever_mm: float
+    step_rad: float
+    limit_rad: float
+
+
+@dataclass(frozen=True)
+class Platform:
+    """Platform that is a point: all forearms end in it, and it only translates."""
+
+    arms: int = 3
+    shares: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Where each arm ends: its share of the way between the parts, from the controlled point."""
+
+    task: ClassVar[tuple[Axis, ...]] = POSITION
+    fields: ClassVar[tuple[ParameterField, ...]] = SAG
+    bars_along_x: ClassVar[bool] = False
+    """Whether the base frame's x axis is a direction of the platform."""
+
+    @property
+    def arms_at_point(self) -> tuple[int, ...]:
+        """Arms that end in the controlled point however the platform is turned."""
+        return tuple(arm for arm, share in enumerate(self.shares) if share == 0.0)
+
+    def seen_from(self, part: int) -> Self:
+        """Return this platform with the measured point on part 1 or 2; raise `ValueError`."""
+        raise ValueError(f"a platform of one part has no part {part}")
+
+    def offsets(self, length: Array, turn: Array) -> Array:  # noqa: ARG002 - a point has none
+        """Return the lower ends seen from the controlled point, (…, 3, N, n), of a level plate.
+
+        `length` (…, 1, 1) is of the platform's own field, `turn` (…, N, 1) in rad.
+        """
+        return np.zeros((3, 1, self.arms))
+
+    def turn_scale(self, length: float, forearm: float) -> TurnScale:  # noqa: ARG002 - none turns
+        """Return the scales of a turn; a point has none."""
+        return TurnScale(0.0, math.inf, math.inf)
+
+
+@dataclass(frozen=True)
+class TwoPartPlatform(Platform):
+    """Platform whose arms 0 and 1 hold one part, 2 and 3 the other."""
+
+    arms: int = 4
+    task = (*POSITION, TURN)
+
+    @override
+    def seen_from(self, part: int) -> Self:
+        if part not in {1, 2}:
+            raise ValueError(f"the platform has parts 1 and 2, no part {part}")
+        origin = self.shares[0 if part == 1 else -1]
+        return replace(self, shares=tuple(share - origin for share in self.shares))
+
+    @override
+    def offsets(self, length: Array, turn: Array) -> Array:
+        return np.array(self.shares) * (length[..., None, :, :] * self._apart(turn))
+
+    def _apart(self, turn: Array) -> Array:
+        """Return the way from part 1 to part 2 at turns for a length of 1, (…, 3, N, 1)."""
+        raise NotImplementedError
+
+
+class HingedPlate(TwoPartPlatform):
+    """Articulated plate of Par4 and H4 (paper eq. 9): part 2 lies along (-sin θ, cos θ, 0)."""
+
+    fields = (
+        ParameterField(
+            "plate_mm", "the distance between the halves of the plate, mm", "length", "plate"
+        ),
+        *SAG,
+    )
+
+    @override
+    def _apart(self, turn: Array) -> Array:
+        return np.stack([-np.sin(turn), np.cos(turn), 0.0 * turn], axis=-3)
+
+    @override
+    def turn_scale(self, length: float, forearm: float) -> TurnScale:
+        """Return scales by the forearm's length; beyond 90° a hinged plate has turned over."""
+        return TurnScale(forearm / 7.0, 0.35, 0.5 * math.pi)
+
+
+class SlidingBars(TwoPartPlatform):
+    """I4's bars that slide along x, where a rack turns the tool: part 2 is r θ behind part 1."""
+
+    fields = (
+        ParameterField(
+            "pinion_mm", "travel of the bars for a turn of 1 rad, mm", "length", "plate"
+        ),
+        *SAG,
+    )
+    bars_along_x = True
+
+    @override
+    def _apart(self, turn: Array) -> Array:
+        return np.stack([-turn, 0.0 * turn, 0.0 * turn], axis=-3)
+
+    @override
+    def turn_scale(self, length: float, forearm: float) -> TurnScale:
+        """Return scales by the slide for a turn of 1 rad; no turn is too far."""
+        return TurnScale(length, 120.0 / length, math.inf)

@@ -1,0 +1,98 @@
+"""Transmission of joints: what gears and encoders add to readings on their way to the limbs.
+
+    true = q + δ + k q + a sin q + b cos q + c sin Nq + d cos Nq - ½ β s
+
+q is the encoder's reading, δ the joint's offset; k an error of the encoder's ratio or of a screw's
+pitch; a and b an eccentric encoder; c and d a ripple with phase rate N; β the backlash, by half of
+which the joint stays behind on the side s = ±1 to which it last moved (0: unknown).
+
+Each term is a function of q or s times a parameter, so that its derivative is that function times
+the derivative by the offset.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from campaigns.arrays import Array
+
+LEFT_BEHIND = -0.5
+"""Share of the backlash by which a joint lies from its reading, in the direction of approach."""
+ROUNDS = 60
+STEEPEST = 0.5
+"""Largest change of a joint's error over its motion that a robot may have: the rounds converge."""
+STANDS = 1e-9
+"""Motion of a joint, rad or mm, below which it has not moved."""
+
+
+def terms(joints: Array, approach: Array | None, phase_rate: float) -> dict[str, Array]:
+    """Return the factor (N, n) of each parameter of the transmission, by its stem.
+
+    `joints` (N, n) are readings, `approach` (N, n) the signs of the joints' last motions.
+    """
+    phase, has_ripple = phase_rate * joints, float(phase_rate != 0.0)
+    return {
+        "encoder_gain": joints,
+        "eccentricity_sin": np.sin(joints),
+        "eccentricity_cos": np.cos(joints),
+        "ripple_sin": np.sin(phase) * has_ripple,
+        "ripple_cos": np.cos(phase) * has_ripple,
+        "backlash": np.zeros_like(joints) if approach is None else LEFT_BEHIND * approach,
+    }
+
+
+def term_slopes(joints: Array, phase_rate: float) -> dict[str, Array]:
+    """Return the derivatives of `terms` by the readings, (N, n) each, by stem."""
+    phase = phase_rate * joints
+    return {
+        "encoder_gain": np.ones_like(joints),
+        "eccentricity_sin": np.cos(joints),
+        "eccentricity_cos": -np.sin(joints),
+        "ripple_sin": phase_rate * np.cos(phase),
+        "ripple_cos": -phase_rate * np.sin(phase),
+        "backlash": np.zeros_like(joints),
+    }
+
+
+def true_joints(
+    values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: float
+) -> Array:
+    """Return the joints (N, n), less their offsets, at which encoders read `joints`.
+
+    `values` are parameters of the transmission (1, n) by stem.
+    """
+    if not any(value.any() for value in values.values()):
+        return joints
+    factors = terms(joints, approach, phase_rate)
+    return np.asarray(joints + sum(value * factors[stem] for stem, value in values.items()))
+
+
+def encoder_readings(
+    values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: float
+) -> Array:
+    """Return the readings (N, n) at which joints, less their offsets, are at `joints`; NaN stays.
+
+    Solved by rounds of the error at the last readings: errors are small and change slowly.
+    """
+    readings = joints
+    for _ in range(ROUNDS):
+        error = true_joints(values, readings, approach, phase_rate) - joints
+        readings = readings - error
+        if not np.nanmax(np.abs(error), initial=0.0) > 1e-14 * (
+            1.0 + np.nanmax(np.abs(joints), initial=0.0)
+        ):
+            break
+    return np.asarray(readings)
+
+
+def approach_along(joints: Array, before: Array | None = None) -> Array:
+    """Return the sign of each joint's last motion at joints (N, n) reached one after another.
+
+    A joint that stands keeps its sign. `before` (n,) is the sign at the first row; None: unknown.
+    """
+    ways = np.diff(joints, axis=0, prepend=joints[:1])
+    ways = np.where(np.abs(ways) > STANDS, np.sign(ways), 0.0)
+    if before is not None and len(ways):
+        ways[0] = before
+    moved = np.where(ways != 0.0, np.arange(len(ways))[:, None], 0)
+    return np.take_along_axis(ways, np.maximum.accumulate(moved, axis=0), axis=0)

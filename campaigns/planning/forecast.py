@@ -1,0 +1,182 @@
+"""Forecast of a plan: the uncertainty that its shots will give, before anything has moved.
+
+It is the posterior of the same model that `identify` fits, with all groups at their tolerances and
+shots that scatter as the tracker states.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.design.pose_sampling import sample_workspace
+from campaigns.design.tours import positive_approach_shares
+from campaigns.errors import ConfigInvalid, PlanInvalid
+from campaigns.fit.error_model import ErrorModel, Linearised, Observations
+from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.fit.uncertainty import (
+    marginal_information,
+    null_directions_of,
+    position_std_mm,
+    without_frame,
+)
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.transmission import approach_along
+from campaigns.planning.paths import RobotModel
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import joints_of, pairs_of, poses_of
+from campaigns.shots.shot_sets import ShotSet
+
+FRAME_PRECISION = 1e-8
+"""Precision of the frame's unknowns, in mm and mrad, before any shot: as good as none."""
+FEWEST_SHOTS = 4
+"""Shots that place the tracker's frame, with one to spare."""
+LEAST_SHARE = 0.9
+"""Share of the workspace that the robot must be able to take."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecast:
+    """Standard uncertainty that the shots of a plan will give."""
+
+    shots: int
+    """Shots to identify from."""
+    std: dict[str, float]
+    """1 σ of the robot's parameters that shots determine, by name in its file unit."""
+    units: dict[str, str]
+    """Unit of each name: mm, deg or ppm."""
+    position_std_mm: Array
+    """1 σ of positions over the workspace, the frame best fitted, (N,)."""
+    from_below: tuple[float, ...]
+    """Share of the shots to which each joint comes from a smaller value, (n,)."""
+
+    def worst(self, unit: str) -> tuple[str, float] | None:
+        """Return the parameter in a unit that will be known worst, with its 1 σ."""
+        own = {name: std for name, std in self.std.items() if self.units[name] == unit}
+        return max(own.items(), key=lambda row: row[1]) if own else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """Positions that are judged: derivatives (N, 3, P) without the frame's motion."""
+
+    poses: Array
+    """(N, t)"""
+    by_unknowns: Array
+
+
+def forecast(
+    shots: Sequence[PlannedShot],
+    model: ErrorModel,
+    tracker_mm: Array,
+    instrument: TrackerUncertainty,
+    judged: Judged,
+) -> Forecast:
+    """Return the forecast of a plan seen from the tracker's place (3,) in the base frame.
+
+    Raise `PlanInvalid` for fewer shots than place the tracker's frame.
+    """
+    rows = pairs_of(shots, ShotSet.IDENTIFICATION).ravel()
+    if len(rows) < FEWEST_SHOTS:
+        raise PlanInvalid(
+            f"{len(rows)} shots to identify from place no frame of the tracker",
+            remedy=f"plan at least {FEWEST_SHOTS} shots, better 60",
+        )
+    joints, poses = joints_of(shots), poses_of(shots)
+    approach = approach_along(joints)[rows]
+    at = linearised_plan(model, joints[rows], poses[rows], approach, tracker_mm)
+    noise = point_covariance_mm2(poses[rows, :3] - tracker_mm, instrument)
+    weights = np.asarray(np.linalg.inv(noise), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(_precision(model, at, weights)), dtype=np.float64)
+    size = len(model.names)
+    null = null_directions_of(marginal_information(at.jacobian, weights, size), model.names)
+    return Forecast(
+        shots=len(rows),
+        std=_std_by_name(model, null.without(covariance[:size, :size])),
+        units={name: model.nominal.mechanism.parameters[name].unit for name in model.parameters},
+        position_std_mm=position_std_mm(judged.by_unknowns, covariance[:size, :size]),
+        from_below=_approach_shares(shots),
+    )
+
+
+def linearised_plan(
+    model: ErrorModel, joints: Array, poses: Array, approach: Array, tracker_mm: Array
+) -> Linearised:
+    """Return the model linearised at planned shots, the tracker upright in the base frame."""
+    observations = Observations(
+        joints=joints,
+        approach=approach,
+        near=poses,
+        points=poses[:, :3] - tracker_mm,
+        noise={},
+        frame=np.zeros(len(joints), dtype=np.intp),
+        warmth=np.zeros(len(joints)),
+    )
+    frame = Transform(np.eye(3), -tracker_mm)
+    return model.linearise(observations, np.zeros(len(model.names)), (frame,), poses)
+
+
+def prior_precision(model: ErrorModel) -> Array:
+    """Return the precision of all unknowns and the frame before any shot, (Q, Q)."""
+    return np.diag([1.0] * len(model.names) + [FRAME_PRECISION] * 6)
+
+
+def _precision(model: ErrorModel, at: Linearised, weights: Array) -> Array:
+    rows = at.jacobian.reshape(-1, at.jacobian.shape[2])
+    weighted = (weights @ at.jacobian).reshape(rows.shape)
+    return np.asarray(prior_precision(model) + weighted.T @ rows)
+
+
+def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
+    """Return 1 σ in file units of the parameters that shots determine."""
+    table = model.nominal.mechanism.parameters
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    values = {}
+    for place, name in enumerate(model.parameters):
+        if std[place] > 1e-6:
+            unit = float(table.units((name,))[0])
+            values[name] = float(std[place] * model.tolerance[place]) / unit
+    return values
+
+
+def _approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:
+    """Return the share of shots to which each joint comes from a smaller value, (n,)."""
+    joints = joints_of(shots)
+    counted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots])
+    return tuple(positive_approach_shares(joints, joints[0], counted).tolist())
+
+
+def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Judged:
+    """Return positions all over the workspace, the same for every plan of a robot.
+
+    `otherwise` (M, t) are poses for a robot that can take hardly any others. Raise `ConfigInvalid`
+    for a robot that cannot be assembled there.
+    """
+    poses = sample_workspace(robot.kinematics, robot.limits, robot.centre, robot.space)
+    if poses is None:
+        poses = otherwise
+    joints = robot.kinematics.inverse(poses)
+    if joints.found.sum() < LEAST_SHARE * len(poses):
+        raise ConfigInvalid(
+            f"robot.yaml: the robot can be assembled at {joints.found.sum()} of {len(poses)} poses "
+            f"of its workspace (limit {100.0 * LEAST_SHARE:g} %)",
+            remedy="correct its geometry and limits",
+        )
+    return judged_at(model, robot.kinematics, joints.values[joints.found], poses[joints.found])
+
+
+def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Judged:
+    """Return judged positions at known joints (N, n) and poses (N, t)."""
+    observations = Observations(
+        joints=joints,
+        approach=np.zeros_like(joints),
+        near=poses,
+        points=poses[:, :3],
+        noise={},
+        frame=np.zeros(len(joints), dtype=np.intp),
+        warmth=np.zeros(len(joints)),
+    )
+    by, _ = model.robot_columns(kinematics, observations, poses)
+    return Judged(poses, without_frame(by, poses[:, :3]))

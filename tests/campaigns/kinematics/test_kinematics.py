@@ -1,0 +1,371 @@
+"""Every mechanism: both ways against reference models, derivatives by differences, ranks."""
+
+import numpy as np
+import pytest
+from family_cases import (
+    ALL_MEMBERS,
+    BY_NAME,
+    PAR4_REFERENCE,
+    all_members,
+    closures_at,
+    closures_by_pose,
+    flat_in,
+    of_members,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from par4_cases import NOMINAL, TABLE1, central_differences, reachable_joints
+from par4_space import par4_of
+from scipy.optimize import root
+
+from campaigns.kinematics.closed_chain import CHUNK
+from campaigns.kinematics.feasibility import search_extent
+from campaigns.kinematics.mechanism import NoSolution
+from campaigns.kinematics.parameters import Role
+
+CLOSE = 1e-9
+"""mm and deg."""
+LEVER_MM = 100.0
+DECADES = (1e-3, 1e-4)
+"""Of steps: 0.001 is 0.001 rad or 0.1 mm."""
+DIRECTIONS = 6
+WORKSHOP = 0.04
+"""Share of the tilts of `Member.tilted` that makes them 2 mrad at most."""
+CONDITION = {"par4": 120, "delta": 89, "h4": 120, "i4r": 105, "linear-delta": 363, "i4l": 742}
+"""Of the reference models, for 200 shots of their own."""
+HIDDEN = {"par4": 4, "delta": 4, "h4": 4, "i4r": 5, "linear-delta": 11, "i4l": 13}
+"""Combinations of the geometry that no shot shows: motions of the base frame, and upright rails'
+own."""
+UPSIDE_DOWN = (
+    ([131.59, -317.79, -479.51, -0.4], [-86.12, 54.54, 265.75, -1.55]),
+    ([-134.45, -195.12, -398.44, 0.42], [142.34, 73.5, 290.29, 1.55]),
+    ([316.59, -117.96, -413.13, -0.59], [-182.9, 12.84, 288.99, -1.5]),
+)
+"""Par4's reachable poses, and close to another assembly of the same joints."""
+TORN_APART_DEG = {
+    "par4": ([90, -90, 90, -90], [0, 0, 180, 180], [90, 90, 90, -45], [90, -45, 90, -45]),
+    "delta": ([50, -80, -170], [40, -40, 180], [-150, -90, 30]),
+}
+TURNED_OVER_DEG = {
+    "par4": ([-2, -7, 21, -21], [30, -7, 15, 22]),
+    "delta": ([130, -170, 80], [-120, 130, 10], [-30, -110, -150]),
+}
+"""Every assembly of these is turned over, above the elbows or in the other assembly mode."""
+
+some_members = of_members("par4", "i4r", "linear-delta")
+"""Each platform once, one on rails."""
+
+
+def steps(member, size):
+    """A step of each entry of a vector: 0.01 is 0.01 rad or 1 mm."""
+    units = [member.space[name].unit for name in member.space.of_robot]
+    return size * np.where(np.array(units) == "mm", LEVER_MM, 1.0)
+
+
+def singular_values(robot, poses, names):
+    """Singular values of points by parameters and by a free frame, columns scaled."""
+    joints = robot.inverse(poses).values_or_raise()
+    places = robot.mechanism.parameters.places(names)
+    jacobian, points = robot.jacobian(joints, poses)[:, :3, places], poses[:, :3]
+    turns = np.stack([np.cross(axis, points) for axis in np.eye(3)], axis=-1)
+    shifts = np.tile(np.eye(3), (len(poses), 1, 1))
+    rows = np.concatenate([jacobian, turns, shifts], axis=-1).reshape(3 * len(poses), -1)
+    sizes = np.maximum(np.linalg.norm(rows, axis=0), 1e-3)  # an upright rail has no azimuth
+    return np.linalg.svd(rows / sizes, compute_uv=False)
+
+
+def rank(values):
+    return np.count_nonzero(values > 1e-7 * values[0])
+
+
+class TestReferenceModel:
+    @all_members
+    def test_poses_and_joints_are_its_own_both_ways(self, member):
+        """Forward with and without a hint: where the nominal robot would stand."""
+        for case in member.reference["cases"]:
+            robot = member.robot_in(case["geometry"])
+            poses, joints = member.poses_of(case), member.joints_of(case)
+            found = robot.inverse(poses).values_or_raise()
+            apart = (found - joints) / member.file_units(member.mechanism.joints)
+            assert np.abs(apart).max() < CLOSE
+            for hint in (None, member.nominal.forward(joints).values_or_raise()):
+                found = robot.forward(joints, hint).values_or_raise()
+                apart = (found - poses) / member.file_units(member.mechanism.task)
+                assert np.abs(apart).max() < CLOSE
+            assert member.name == "par4" or robot.feasibility(member.limits, poses).feasible.all()
+            assert np.abs(closures_at(robot, joints, poses)).max() < 1e-9
+
+    @pytest.mark.parametrize("member", ALL_MEMBERS[1:], ids=lambda each: each.name)
+    def test_the_shipped_robot_is_the_reference_s(self, member):
+        robot, reference = member.shipped, member.reference
+        expected = flat_in(reference["robot"]["geometry"])
+        assert robot.mechanism.name == member.name
+        assert dict(robot.parameters) == pytest.approx(expected, abs=1e-12)
+        assert robot.workspace_centre.tolist() == reference["home_mm_deg"]
+        limits, joint = reference["robot"]["limits"], member.mechanism.joints[0]
+        in_file = [joint.to_file(end) for end in robot.limits.joint]
+        assert in_file == pytest.approx(limits[f"joint_{reference['joint_unit']}"])
+        assert np.degrees(robot.limits.forearm_swing_rad) == limits["forearm_swing_deg"]
+        assert list(member.free) == member.answers("exact")["free"]
+
+    @pytest.mark.parametrize("pose", PAR4_REFERENCE["unreachable_poses_mm_rad"])
+    def test_poses_that_it_cannot_reach_say_so(self, pose):
+        solution = NOMINAL.inverse(np.array([pose], dtype=float))
+        assert not solution.found[0]
+        with pytest.raises(NoSolution, match="row 0 of 1"):
+            solution.values_or_raise()
+
+
+def where_spheres_meet(elbows_mm, forearm_mm):
+    """Both points (N, 2, 3) at given distances from three others (N, 3, 3); NaN where none is."""
+    first, second, third = elbows_mm.swapaxes(0, 1)
+    apart = np.linalg.norm(second - first, axis=1, keepdims=True)
+    along = (second - first) / apart
+    part = np.sum(along * (third - first), axis=1, keepdims=True)
+    across = third - first - part * along
+    height = np.linalg.norm(across, axis=1, keepdims=True)
+    across = across / height
+    square = forearm_mm**2
+    x = (square[0] - square[1] + apart**2) / (2.0 * apart)
+    y = (square[0] - square[2] + part**2 + height**2) / (2.0 * height) - part / height * x
+    square_of_z = square[0] - x**2 - y**2
+    z = np.sqrt(np.where(square_of_z >= 0.0, square_of_z, np.nan))
+    between, normal = first + x * along + y * across, np.cross(along, across)
+    return np.stack([between - z * normal, between + z * normal], axis=1)
+
+
+def delta_elbows(robot, joints):
+    """A_i = P_i + l_i (cos q u_i - sin q z0), (N, 3, 3), of a robot without tilted axes."""
+    arms = robot.p[:21].reshape(3, 7)
+    angle, azimuth = joints + arms[:, 4], arms[:, 3]
+    outward = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=-1)
+    crank = np.cos(angle)[..., None] * outward - np.sin(angle)[..., None] * np.eye(3)[2]
+    return arms[:, :3] + arms[:, 5, None] * crank
+
+
+class TestForwardAndInverse:
+    @all_members
+    @pytest.mark.parametrize("kind", ["perturbed", "tilted"])
+    def test_undo_each_other_all_over_the_workspace(self, member, kind):
+        robot = member.robots[kind]
+        poses = member.reachable_poses(robot, 200 if kind == "perturbed" else 40, seed=11)
+        joints = robot.inverse(poses).values_or_raise()
+        unit = member.file_units(member.mechanism.task)
+        aside = np.random.default_rng(1).uniform(-1.0, 1.0, poses.shape)
+        for hint in (None, poses + 0.1 * aside, poses + aside * [20, 20, 20, 0.1][: len(unit)]):
+            found = robot.forward(joints, hint)
+            assert found.found.all()
+            assert np.abs((found.values - poses) / unit).max() < CLOSE
+        again = robot.inverse(found.values).values_or_raise()
+        apart = (again - joints) / member.file_units(member.mechanism.joints)
+        assert np.abs(apart).max() < CLOSE
+
+    @all_members
+    def test_a_hint_on_another_assembly_leads_to_the_wanted_one(self, member):
+        """The platform mirrored over its elbows closes the chain or nearly does, but stands."""
+        poses = member.reachable_poses(member.nominal, 200, seed=12)
+        joints = member.nominal.inverse(poses).values_or_raise()
+        above = poses * np.where(np.arange(poses.shape[1]) == 2, -1.0, 1.0)
+        found = member.nominal.forward(joints, above).values_or_raise()
+        assert np.abs(found - poses).max() < 1e-6
+
+    def test_par4_s_other_real_assembly_is_never_taken(self):
+        joints = reachable_joints(NOMINAL, 40, seed=5)
+        wanted = NOMINAL.forward(joints).values_or_raise()
+        others = np.full_like(wanted, np.nan)
+        for row, pose in enumerate(wanted):
+            start = np.add(pose, [0.0, 0.0, 50.0, np.copysign(1.9, pose[3])])
+            one = joints[[row]]
+            answer = root(lambda x, one=one: closures_at(NOMINAL, one, x[None])[0], start)
+            if answer.success and np.abs(answer.x - pose).max() > 1.0:
+                others[row] = answer.x
+        known = np.isfinite(others[:, 0])
+        assert known.sum() >= 12
+        assert (np.abs(others[known, 3]) > np.pi / 2).all()
+        assert (others[known, 2] > wanted[known, 2]).all()
+        found = NOMINAL.forward(joints[known], others[known]).values_or_raise()
+        assert np.abs(found - wanted[known]).max() < 1e-8
+
+    @pytest.mark.parametrize(("pose", "above_the_elbows"), UPSIDE_DOWN)
+    def test_a_hint_above_the_elbows_still_leads_to_the_wanted_one(self, pose, above_the_elbows):
+        """There forearms point upwards; assembly mode and |θ| alone would let it pass."""
+        joints, above = NOMINAL.inverse(np.array([pose])).values, np.array([above_the_elbows])
+        signs = [
+            np.sign(np.linalg.det(closures_by_pose(NOMINAL, joints, each)))
+            for each in (above, np.array([pose]))
+        ]
+        assert signs[0] == signs[1]
+        found = NOMINAL.forward(joints, above).values_or_raise()
+        assert np.abs(found - pose).max() < 1e-8
+
+    def test_newton_agrees_with_three_spheres_for_any_joints_within_limits(self):
+        """Below the middle of its elbows and with the sign of det as at home."""
+        member = BY_NAME["delta"]
+        home = np.array([member.reference["home_mm_deg"]])
+        at_home = home[:, None] - delta_elbows(member.nominal, member.nominal.inverse(home).values)
+        for robot in (member.nominal, member.perturbed):
+            joints = np.random.default_rng(7).uniform(*member.limits.joint, (2000, 3))
+            elbows = delta_elbows(robot, joints)
+            both = where_spheres_meet(elbows, robot.p[[6, 13, 20]])
+            sign = np.sign(np.linalg.det(both[:, :, None] - elbows[:, None]))
+            below = both[..., 2] < elbows[..., 2].mean(axis=1)[:, None]
+            wanted = below & (sign == np.sign(np.linalg.det(at_home)))
+            assert (wanted.sum(axis=1) == 1).all()
+            found = robot.forward(joints).values_or_raise()
+            assert np.abs(found - both[wanted]).max() < CLOSE
+
+    @pytest.mark.parametrize(
+        ("name", "degrees"),
+        [(name, each) for name in TORN_APART_DEG for each in TORN_APART_DEG[name]]
+        + [(name, each) for name in TURNED_OVER_DEG for each in TURNED_OVER_DEG[name]],
+    )
+    def test_joints_without_the_wanted_assembly_say_so(self, name, degrees):
+        solution = BY_NAME[name].nominal.forward(np.radians([degrees]))
+        assert not solution.found[0]
+        with pytest.raises(NoSolution, match="row 0 of 1"):
+            solution.values_or_raise()
+
+    @some_members
+    def test_joints_that_no_forearm_can_span_have_no_assembly(self, member):
+        p = member.nominal.p.copy()
+        p[member.space.columns["forearm"]] = 150.0
+        joints = np.zeros((1, len(member.mechanism.joints)))
+        assert not member.robot_of(p).forward(joints).found[0]
+
+    def test_a_robot_whose_forearms_are_too_short_for_level_arms_works_with_lowered_ones(self):
+        """At joints of 0 it cannot be assembled: its elbows are 455 mm out, its forearms 420."""
+        member = BY_NAME["delta"]
+        p = member.nominal.p.copy()
+        p[[6, 13, 20]] = 420.0
+        robot = member.robot_of(p)
+        poses = np.array([[0.0, 0.0, -420.0], [30.0, -40.0, -450.0]])
+        joints = robot.inverse(poses).values_or_raise()
+        assert np.abs(robot.forward(joints).values_or_raise() - poses).max() < CLOSE
+        assert not robot.forward(np.zeros((1, 3))).found[0]
+
+    @pytest.mark.slow
+    @given(st.sampled_from(ALL_MEMBERS), st.integers(0, 2**32 - 1), st.booleans())
+    def test_any_joints_and_any_hint_give_a_closed_mechanism_or_none(self, member, seed, hinted):
+        rng, robot = np.random.default_rng(seed), member.nominal
+        scale = np.pi * np.array([axis.scale for axis in member.mechanism.joints])
+        joints = scale * rng.uniform(-1.0, 1.0, (1, len(scale)))
+        hint = rng.uniform(-2000.0, 2000.0, (1, len(member.mechanism.task))) if hinted else None
+        solution = robot.forward(joints, hint)
+        if not solution.found[0]:
+            assert np.isnan(solution.values).all()
+            return
+        pose = solution.values
+        assert np.abs(closures_at(robot, joints, pose)).max() < 1e-6
+        fields = member.mechanism.geometry(robot.p).arms
+        assert pose[0, 2] < member.mechanism.limb.upper_ends(fields, joints)[2].mean()
+        assert member.name not in {"par4", "h4"} or abs(pose[0, 3]) < np.pi / 2
+
+    @some_members
+    @pytest.mark.parametrize("bad", [np.nan, 1e308])
+    def test_a_meaningless_joint_or_hint_never_gets_through(self, member, bad):
+        poses = member.reachable_poses(member.nominal, 3, seed=1)
+        joints = member.nominal.inverse(poses).values_or_raise()
+        hint = np.full(poses.shape, bad)
+        assert member.nominal.forward(joints, hint).found.all()
+        joints[1, 2] = np.nan
+        assert member.nominal.forward(joints, hint).found.tolist() == [True, False, True]
+
+    @some_members
+    def test_one_unreachable_pose_leaves_the_others_alone(self, member):
+        poses = member.reachable_poses(member.nominal, 3, seed=2)
+        expected = member.nominal.inverse(poses).values_or_raise()
+        poses[1, 0] = 5000.0
+        solution = member.nominal.inverse(poses)
+        assert solution.found.tolist() == [True, False, True]
+        assert np.isnan(solution.values[1]).all()
+        assert (solution.values[[0, 2]] == expected[[0, 2]]).all()
+        with pytest.raises(NoSolution, match="row 1 of 3"):
+            solution.values_or_raise()
+
+    def test_a_row_s_answer_does_not_depend_on_the_rows_beside_it(self):
+        joints = reachable_joints(NOMINAL, CHUNK + 3, seed=3)
+        together = NOMINAL.forward(joints).values_or_raise()
+        for row in (0, 17, CHUNK - 1, CHUNK, CHUNK + 2):
+            alone = NOMINAL.forward(joints[[row]]).values_or_raise()
+            assert np.abs(alone - together[row]).max() < 1e-10
+
+    @some_members
+    def test_no_rows_give_no_rows(self, member):
+        joints, task = len(member.mechanism.joints), len(member.mechanism.task)
+        found = member.nominal.forward(np.empty((0, joints))).values_or_raise()
+        assert found.shape == (0, task)
+
+
+def jacobian_errors(member, robot):
+    """Largest differences of the Jacobian from differences with each step, over its own largest.
+
+    All parameters are changed at once, each by a share of its own in each of a few directions.
+    """
+    poses = member.reachable_poses(robot, 1, seed=23, limits=member.well_inside)
+    joints = robot.inverse(poses).values_or_raise()
+    shares = np.random.default_rng(24).standard_normal((len(robot.p), DIRECTIONS))
+    ways = steps(member, 1.0)[:, None] * shares / np.linalg.norm(shares, axis=0)
+    unit = np.where(np.arange(poses.shape[1]) < 3, 1.0, LEVER_MM)[:, None]
+
+    def moved(along):
+        there = member.robot_of(robot.p + ways @ along)
+        return there.forward(joints, poses).values_or_raise()
+
+    exact = robot.jacobian(joints, poses) @ ways * unit
+    nowhere = np.zeros(DIRECTIONS)
+    differences = (central_differences(moved, nowhere, nowhere + step) * unit for step in DECADES)
+    return [np.abs(each - exact).max() / np.abs(exact).max() for each in differences]
+
+
+class TestJacobian:
+    @all_members
+    def test_of_the_pose_by_every_parameter_is_exact(self, member):
+        """What differences are off by falls with the square of their step, to rounding."""
+        errors = jacobian_errors(member, member.perturbed)
+        assert errors[1] < 1e-7
+        assert errors[1] < 0.02 * errors[0]
+
+    @all_members
+    def test_of_imperfect_parts_leaves_out_the_curvature_of_rods_that_do_not_close(self, member):
+        """Rods of four arms are strained a little; those of three close exactly."""
+        perfect, tilted = member.perturbed.p, member.tilted.p
+        robot = member.robot_of(perfect + WORKSHOP * (tilted - perfect))
+        assert jacobian_errors(member, robot)[1] < (1e-7 if member.space.arms == 3 else 1e-3)
+
+    def test_predicts_but_for_the_square_of_the_parameters_errors(self):
+        joints = reachable_joints(NOMINAL, 50, seed=2)
+        poses = NOMINAL.forward(joints).values_or_raise()
+        jacobian, errors = NOMINAL.jacobian(joints, poses), TABLE1.p - NOMINAL.p
+
+        def missed_mm(part):
+            moved = par4_of(NOMINAL.p + part * errors).forward(joints).values_or_raise()
+            return np.abs(poses + jacobian @ (part * errors) - moved)[:, :3].max()
+
+        assert missed_mm(0.1) == pytest.approx(100.0 * missed_mm(0.01), rel=0.1)
+        assert missed_mm(0.01) < 1e-2
+
+
+class TestWhatShotsDetermine:
+    @all_members
+    def test_all_that_the_papers_method_fits(self, member):
+        poses = member.reachable_poses(member.nominal, 200, seed=3)
+        values = singular_values(member.nominal, poses, member.free)
+        assert rank(values) == len(member.free) + 6
+        assert values[0] / values[-1] < 1.6 * CONDITION[member.name]
+
+    @all_members
+    def test_all_geometry_but_motions_of_the_base_frame(self, member):
+        poses = member.reachable_poses(member.nominal, 200, seed=4)
+        names = member.space.select(Role.GEOMETRY)
+        found = rank(singular_values(member.nominal, poses, names))
+        assert found == len(names) + 6 - HIDDEN[member.name]
+
+
+@all_members
+def test_the_searched_box_holds_the_workspace(member):
+    rng, centre = np.random.default_rng(33), member.shipped.workspace_centre
+    extent = search_extent(member.mechanism, member.nominal.p, member.limits, centre)
+    wide = centre + rng.uniform(-2.0, 2.0, (20_000, len(extent))) * extent
+    feasible = wide[member.nominal.feasibility(member.limits, wide).feasible]
+    assert len(feasible) > 10
+    assert (np.abs(feasible - centre) <= extent).all()

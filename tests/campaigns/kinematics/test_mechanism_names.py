@@ -1,0 +1,146 @@
+"""Only kinematics and its robot files know a mechanism: nothing else names it or its shape.
+
+Looked through are the work, the door and the part of the instruments that any robot speaks.
+Kinematics, robot files, LinuxCNC's driver (whose kinematics module is Par4's) and
+the simulated cell, which is built of one mechanism's parts, are left out.
+"""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from campaigns.kinematics.catalog import MECHANISMS
+
+ROOT = Path(__file__).parents[3]
+LOOKED_THROUGH = (
+    "campaigns/**/*.py",
+    "app/**/*.py",
+    "app/**/*.jinja",
+    "drivers/*.py",
+    "drivers/robotline/*.py",
+    "drivers/wire/robotline*.py",
+)
+LEFT_OUT = ("campaigns/kinematics/", "campaigns/controllers/linuxcnc_export.py")
+
+TELLTALE = {
+    "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\b[Hh]4\b|\b[Ii]4[RrLl]\b"
+    r"|\b(?:LINEAR_)?DELTA\b|\bDelta\b|[\"'](?:linear-)?delta[\"']",
+    "a platform's turn": r"\btheta\w*|\bTHETA\w*|θ",
+    "a platform's parameter": r"\bplate_mm\b|\bpinion_mm\b",
+    "a fourth arm": r"\barm3\b|\bq3(?:_\w+)?\b",
+    "a number of arms": r"\b(?:three|four|3|4) (?:rotary )?(?:arms|joints|motors|forearms)\b"
+    r"|\b\w*(?:JOINTS|ARMS|MOTORS) = \d"
+    r"|\brange\(4\)|\([NMn](?:, n)?, 4\)",
+    "a number of parameters": r"\b(?:15|20|21|22|29) (?:free )?(?:parameters|values|pins)\b",
+    "a unit or an arm in a name": r"endswith\(f?\(?[\"'][._]*(?:deg|mm)\b|removeprefix\([\"']arm"
+    r"|startswith\(f?[\"']arm|endswith\([\"']\.?\w+_(?:deg|mm)[\"']",
+    "a turn's place": r"\[(?:\.\.\.|:|\w+), 3(?:, None)?\]",
+}
+TOLD = {
+    "a mechanism's name": (
+        "PAR4.parameters",
+        "is DELTA",
+        'if name == "delta":',
+        "of a Par4",
+        "an H4's",
+        "I4R.joints",
+        'word == "linear-delta"',
+    ),
+    "a platform's turn": ("theta_rad", "while θ turns", "THETA_LIMIT", "pose.theta_deg"),
+    "a platform's parameter": ('flat["plate_mm"]',),
+    "a fourth arm": ("arm3.x_mm", "q3_deg", "q0_deg…q3_deg"),
+    "a number of arms": ("four joints", "JOINTS = 4", "range(4)", "joints (N, 4)"),
+    "a number of parameters": ("the 22 parameters",),
+    "a unit or an arm in a name": (
+        'name.endswith("_deg")',
+        'cause.startswith(f"arm{arm}.")',
+        'arm.removeprefix("arm")',
+        'name.endswith(".axis_tilt_deg")',
+    ),
+    "a turn's place": ("poses[:, 3]", "poses[..., 3]", "poses[row, 3]"),
+}
+INNOCENT = (
+    "found.delta",
+    "timedelta",
+    "poses[:, :3]",
+    "poses[:, 3:]",
+    "number(value, 4)",
+    "parameters of a robot",
+    "three coordinates",
+)
+
+EXAMPLE = "an example in a text for people"
+LETTER = "the letter of a platform's turn, drawn only where poses have one or a test of it was made"
+POSE = "a pose has a turn where the platform turns, and says None elsewhere"
+ALLOWED = (
+    ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
+    ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
+    ("app/cli/import_shots.py", "The header for a robot of four arms is", EXAMPLE),
+    ("app/cli/import_shots.py", "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm", EXAMPLE),
+    ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
+    ("app/cli/import_shots.py", "x,y,z,theta,q0,q1", EXAMPLE),
+    ("app/report/figures/tests.py", "while θ turns", LETTER),
+    ("app/report/figures/tests.py", '("θ, °"', LETTER),
+    ("app/report/figures/workspace.py", '"θ, °"', LETTER),
+    ("app/report/sections.jinja", "while only θ should change", LETTER),
+    ("campaigns/identification/paper.py", "Levenberg-Marquardt, 22 parameters", "the paper's own"),
+    ("campaigns/identification/result.py", '["delta"] = own.delta', "a parameter's change"),
+    ("drivers/ports.py", "`plate_mm`", EXAMPLE),
+    ("drivers/values.py", "theta_rad: float | None = None", POSE),
+    ("drivers/values.py", "if self.theta_rad is None", POSE),
+)
+"""File, a part of the line, and why it may stand there."""
+
+
+@cache
+def lines_looked_through():
+    return [
+        (name, number, line)
+        for path in sorted(path for pattern in LOOKED_THROUGH for path in ROOT.glob(pattern))
+        if not (name := path.relative_to(ROOT).as_posix()).startswith(LEFT_OUT)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+    ]
+
+
+def is_allowed(name, line):
+    return any(name == file and part in line for file, part, _ in ALLOWED)
+
+
+@pytest.mark.parametrize("kind", TELLTALE)
+def test_nothing_else_knows(kind):
+    found = [
+        f"{name}:{number}: {line.strip()}"
+        for name, number, line in lines_looked_through()
+        if re.search(TELLTALE[kind], line) and not is_allowed(name, line)
+    ]
+    assert not found, "\n".join([f"{kind} outside of the mechanism's file:", *found])
+
+
+def test_every_exception_is_still_needed():
+    for file, part, _why in ALLOWED:
+        lines = [line for name, _, line in lines_looked_through() if name == file and part in line]
+        assert len(lines) == 1, (file, part)
+        assert any(re.search(pattern, lines[0]) for pattern in TELLTALE.values()), (file, part)
+
+
+@pytest.mark.parametrize("kind", TELLTALE)
+def test_what_should_be_found_is_found(kind):
+    for text in TOLD[kind]:
+        assert re.search(TELLTALE[kind], text), text
+    for text in INNOCENT:
+        assert not re.search(TELLTALE[kind], text), text
+
+
+def test_everything_is_looked_through():
+    names = {name for name, _, _ in lines_looked_through()}
+    for room in ("planning", "measuring", "identification", "fit", "evaluation", "journal"):
+        assert any(name.startswith(f"campaigns/{room}/") for name in names), room
+    for room in ("shots", "design", "studies"):
+        assert any(name.startswith(f"campaigns/{room}/") for name in names), room
+    assert {"app/main.py", "app/report/page.py", "drivers/robotline/robot.py"} <= names
+
+
+def test_each_has_the_word_under_which_it_is_found():
+    assert all(chain.name == word for word, chain in MECHANISMS.items())

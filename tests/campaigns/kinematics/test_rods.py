@@ -1,0 +1,184 @@
+"""The simulator's rods and the kinematic model, which share no equation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from family_cases import ALL_MEMBERS, all_members
+
+from sim.geometry import KINDS, geometry_of
+from sim.robot.assembly import assemble, follow, joints_for
+from sim.robot.rods import Build, Plate, RodMechanism
+
+OFFSET_MM = np.array([20.0, -30.0, -45.0])
+POSES = 20
+LARGE_RAD = 0.02
+
+
+def kind_of(member):
+    return KINDS[member.name]
+
+
+def twin(member, robot, *, rods_mm=0.0, tilts_rad=0.0, leans_rad=0.0, seed=0):
+    """Rods of a robot whose plate joints are a few cm from its controlled point, each elsewhere."""
+    arms, draw = member.space.arms, np.random.default_rng(seed)
+    flat = robot.parameters
+    geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
+    aside = 50.0 * geometry.outward + draw.uniform(-10.0, 10.0, (arms, 3))
+    build = Build(
+        plate_joints_mm=aside,
+        rod_spacing_mm=80.0,
+        rod_errors_mm=rods_mm * draw.standard_normal((arms, 2)),
+        axis_tilts_rad=tilts_rad * draw.standard_normal(arms),
+        leans_rad=leans_rad * draw.standard_normal(arms) if kind_of(member).on_rails else None,
+    )
+    return RodMechanism(geometry, build)
+
+
+def plate_at(member, pose):
+    turn = pose[3] if len(pose) > 3 else 0.0
+    return Plate.level(kind_of(member), pose[:3], turn)
+
+
+def settled(member, rods, joints, poses):
+    return [
+        rods.settle(row, plate_at(member, pose))[0] for row, pose in zip(joints, poses, strict=True)
+    ]
+
+
+@all_members
+def test_perfect_rods_equal_the_model(member):
+    """From a guess beside, both in place and in direction."""
+    robot = member.perturbed
+    rods = twin(member, robot)
+    poses = member.reachable_poses(robot, POSES, seed=41)
+    joints = robot.inverse(poses).values_or_raise()
+    beside = poses + np.random.default_rng(1).uniform(-2.0, 2.0, poses.shape) * [
+        *(1.0, 1.0, 1.0, 0.01)[: poses.shape[1]]
+    ]
+    for plate, pose in zip(settled(member, rods, joints, beside), poses, strict=True):
+        assert np.abs(plate.position_mm - pose[:3]).max() < 1e-9
+        assert np.abs(plate.unknowns[3:6]).max() < 1e-11
+        assert np.abs(np.degrees(plate.unknowns[6:] - pose[3:])).max(initial=0.0) < 1e-9
+        seen = rods.reflector_mm(plate, OFFSET_MM * [0.0, 0.0, 1.0])
+        assert np.abs(seen - pose[:3] - [0.0, 0.0, OFFSET_MM[2]]).max() < 1e-8
+
+
+@all_members
+def test_the_controller_s_own_inverse_agrees_with_the_model_s(member):
+    robot = member.perturbed
+    flat = robot.parameters
+    geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
+    poses = member.reachable_poses(robot, 50, seed=42)
+    joints = robot.inverse(poses).values_or_raise()
+    for row, pose in zip(joints, poses, strict=True):
+        turn = pose[3] if len(pose) > 3 else 0.0
+        assert np.abs(joints_for(geometry, pose[:3], turn) - row).max() < 1e-10
+
+
+@all_members
+def test_names_of_parameters_and_joints_are_the_same(member):
+    kind = kind_of(member)
+    assert kind.names == member.space.names
+    assert [f"q{arm}_{kind.unit}" for arm in range(kind.arms)] == [
+        axis.column for axis in member.mechanism.joints
+    ]
+    assert kind.unknowns == 3 + len(member.mechanism.task)
+
+
+@all_members
+def test_it_follows_its_joints_over_the_workspace_and_back(member):
+    robot = member.perturbed
+    rods = twin(member, robot)
+    flat = robot.parameters
+    geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
+    centre = member.shipped.workspace_centre
+    home = assemble(rods, geometry, centre[:3], 0.0)
+    for pose in member.reachable_poses(robot, 3, seed=43, limits=member.well_inside):
+        (joints,) = robot.inverse(pose[None]).values_or_raise()
+        there = follow(rods, home, joints)
+        assert np.abs(there.plate.position_mm - pose[:3]).max() < 1e-8
+        back = follow(rods, there, home.joints)
+        assert np.abs(back.plate.position_mm - centre[:3]).max() < 1e-8
+
+
+@all_members
+def test_unequal_rods_and_tilts_tilt_the_plate_and_move_the_reflector(member):
+    robot = member.nominal
+    poses = member.reachable_poses(robot, 20, seed=44, limits=member.well_inside)
+    joints = robot.inverse(poses).values_or_raise()
+    for imperfect in (twin(member, robot, rods_mm=0.05), twin(member, robot, tilts_rad=5e-4)):
+        plates = settled(member, imperfect, joints, poses)
+        tilts = [np.abs(plate.unknowns[3:6]).max() for plate in plates]
+        assert 1e-4 < np.median(tilts) < 1e-2
+        moved = [
+            np.linalg.norm(imperfect.reflector_mm(plate, OFFSET_MM) - pose[:3] - OFFSET_MM)
+            for plate, pose in zip(plates, poses, strict=True)
+        ]
+        assert np.median(moved) > 0.02
+
+
+@pytest.mark.parametrize(
+    "member",
+    [each for each in ALL_MEMBERS if not kind_of(each).on_rails],
+    ids=lambda each: each.name,
+)
+def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
+    robot, arms = member.nominal, member.space.arms
+    tilts = LARGE_RAD * np.random.default_rng(5).standard_normal(arms)
+    p, flat = robot.p.copy(), robot.parameters
+    p[member.space.columns["axis_tilt"]] = tilts
+    geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
+    rods = RodMechanism(geometry, Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts))
+    joints = robot.inverse(member.reachable_poses(robot, 20, seed=45)).values_or_raise()
+    fields = member.mechanism.geometry(p).arms
+    elbows = member.mechanism.limb.upper_ends(fields, joints).transpose(1, 2, 0)
+    for row, place in zip(joints, elbows, strict=True):
+        middle = rods.elbows_mm(row).reshape(arms, 2, 3).mean(axis=1)
+        assert np.abs(middle - place).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "member", [each for each in ALL_MEMBERS if kind_of(each).on_rails], ids=lambda each: each.name
+)
+def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
+    geometry = geometry_of(member.nominal.parameters, kind_of(member))
+    arms = member.space.arms
+    tilts, leans = np.full(arms, LARGE_RAD), np.full(arms, -0.5 * LARGE_RAD)
+    build = Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts, leans)
+    rods = RodMechanism(geometry, build)
+    low, high = (rods.elbows_mm(np.full(arms, q)).reshape(arms, 2, 3) for q in (-300.0, 300.0))
+    way = (high - low).mean(axis=1) / 600.0
+    assert np.linalg.norm(way, axis=1) == pytest.approx(np.ones(arms))
+    assert np.sum(way * geometry.sideways, axis=1) == pytest.approx(-LARGE_RAD, abs=1e-3)
+    assert np.sum(way * geometry.outward, axis=1) == pytest.approx(-0.5 * LARGE_RAD, abs=1e-3)
+    bars = low[:, 1] - low[:, 0]
+    assert np.sum(way * bars, axis=1) == pytest.approx(np.zeros(arms), abs=1e-9)
+
+
+@pytest.mark.parametrize("half", [1, 2])
+@pytest.mark.parametrize(
+    "member", [each for each in ALL_MEMBERS if kind_of(each).turn], ids=lambda each: each.name
+)
+def test_a_reflector_on_either_half_is_where_the_model_has_it(member, half):
+    controlled = member.perturbed
+    robot = replace(controlled, mechanism=member.mechanism.seen_from(half))
+    rods = twin(member, controlled)
+    poses = member.reachable_poses(robot, POSES, seed=46)
+    joints = robot.inverse(poses).values_or_raise()
+    level = controlled.forward(joints).values_or_raise()
+    assert np.abs(level - robot.controlled.forward(joints).values_or_raise()).max() < 1e-9
+    for plate, pose in zip(settled(member, rods, joints, level), poses, strict=True):
+        assert np.abs(rods.reflector_mm(plate, OFFSET_MM, half) - OFFSET_MM - pose[:3]).max() < 1e-8
+        assert np.abs(plate.theta_rad - pose[3]) < 1e-10
+    assert robot.forward(joints).values_or_raise() == pytest.approx(poses, abs=1e-8)
+
+
+def test_only_the_crossbar_of_an_h4_turns_its_reflector():
+    for member in ALL_MEMBERS:
+        rods = twin(member, member.nominal)
+        turned = Plate.level(kind_of(member), np.zeros(3), 0.5)
+        moved = rods.reflector_mm(turned, OFFSET_MM) - OFFSET_MM
+        assert (np.abs(moved).max() > 1.0) == (member.name == "h4")
+        upright = np.array([0.0, 0.0, OFFSET_MM[2]])
+        assert rods.reflector_mm(turned, upright) == pytest.approx(upright)

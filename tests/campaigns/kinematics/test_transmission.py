@@ -1,0 +1,180 @@
+"""Transmission of joints: against independent shots, by differences, for every member."""
+
+import json
+
+import numpy as np
+import pytest
+from family_cases import BY_NAME, VECTORS, all_members, flat_in
+from par4_cases import NOMINAL, central_differences
+
+from campaigns.fit.error_model import ErrorModel, Observations, first_frames, moved_frames
+from campaigns.fit.error_sources import TRACKER_SOURCES
+from campaigns.kinematics.parameters import Role
+from campaigns.kinematics.transmission import approach_along, true_joints
+from campaigns.shots.shots import shots_of_rows
+from campaigns.shots.shots_csv import read_shots
+from sim.geometry import KINDS, geometry_of
+from sim.robot.rods import Build, Growth, Plate, RodMechanism
+
+SIZES = {"deg": np.radians(0.03), "mm": 0.04, "ppm": 300e-6}
+FIELDS = {
+    "a_deg": "eccentricity_sin_deg",
+    "b_deg": "eccentricity_cos_deg",
+    "c_deg": "ripple_sin_deg",
+    "d_deg": "ripple_cos_deg",
+    "beta_deg": "backlash_deg",
+}
+
+
+def geared(member):
+    """Perturbed robot whose joints all have every error, and sides of approach of three shots."""
+    robot = member.perturbed
+    rate = 30.0 if member.mechanism.joints[0].is_revolute else 20.0
+    p, space, draw = robot.p.copy(), member.space, np.random.default_rng(3)
+    for name in space.select(Role.TRANSMISSION):
+        p[space.places([name])] = SIZES[space[name].unit] * draw.uniform(-1.0, 1.0)
+    poses = member.reachable_poses(robot, 3, seed=5, limits=member.well_inside)
+    own = type(robot)(robot.mechanism.with_ripples(rate), p)
+    return own, poses, draw.choice([-1.0, 0.0, 1.0], (3, space.arms))
+
+
+@all_members
+def test_readings_and_poses_undo_each_other_from_either_side(member):
+    robot, poses, approach = geared(member)
+    joints = robot.inverse(poses, approach).values_or_raise()
+    found = robot.forward(joints, approach=approach).values_or_raise()
+    assert np.abs(found - poses).max() < 1e-9
+    assert np.abs(robot.forward(joints).values_or_raise() - poses).max() > 1e-3
+    assert np.abs(member.perturbed.inverse(poses).values_or_raise() - joints).max() > 1e-5
+
+
+@all_members
+def test_derivatives_by_every_parameter_are_those_of_differences(member):
+    robot, poses, approach = geared(member)
+    joints, space = robot.inverse(poses, approach).values_or_raise(), member.space
+    gears = space.places(space.select(Role.TRANSMISSION))
+    scale = np.where(np.array([space[name].unit for name in space.of_robot]) == "mm", 1.0, 300.0)
+
+    def moved(vector):
+        return type(robot)(robot.mechanism, vector).forward(joints, poses, approach).values
+
+    exact = robot.jacobian(joints, poses, approach) / scale
+    differences = central_differences(moved, robot.p, 0.01 / scale) / scale
+    assert np.abs(exact - differences).max() < 1e-6 * np.abs(exact).max()
+    assert (np.abs(exact[:, :, gears]).max(axis=(0, 1)) > 1e-3).all()
+
+
+@all_members
+def test_a_warm_robot_grows_as_its_lengths_do(member):
+    """Arms or scales of rails, forearms, and frame from its origin to where the limbs are."""
+    robot, poses, _ = geared(member)
+    chain, places = robot.mechanism, robot.mechanism.parameters.columns
+    joints = robot.inverse(poses).values_or_raise()
+
+    def grown(shares):
+        p = robot.p.copy()
+        if "arm" in places:
+            p[places["arm"]] *= 1.0 + shares[0]
+        p[places["forearm"]] *= 1.0 + shares[1]
+        for axis, own in zip("xyz", np.transpose(chain.plate.joints_mm), strict=True):
+            p[places[axis]] += shares[2] * (p[places[axis]] + own)
+        if "arm" in places:
+            return type(robot)(chain, p).forward(joints, poses).values_or_raise()[:, :3]
+        rows = []
+        for row, pose in zip(joints[:, None], poses[:, None], strict=True):
+            own, geometry = p.copy(), chain.geometry(robot.p)
+            travel = true_joints(geometry.transmission, row, None, chain.phase_rate)[0]
+            own[places["joint_offset"]] += shares[0] * (travel + p[places["joint_offset"]])
+            rows.append(type(robot)(chain, own).forward(row, pose).values_or_raise()[0, :3])
+        return np.array(rows)
+
+    differences = central_differences(grown, np.zeros(3), np.full(3, 1e-5))
+    by_p = robot.jacobian(joints, poses)[:, :3]
+    columns = chain.growth_columns(robot.p, by_p, joints)
+    assert np.abs(columns - differences).max() < 1e-5 * np.abs(differences).max()
+
+
+@all_members
+def test_a_frame_that_grows_beside_a_cold_plate_moves_points_as_independent_rods_do(member):
+    robot, share = member.nominal.controlled, 1e-5
+    kind, flat, level = KINDS[member.name], robot.parameters, np.zeros(member.space.arms)
+    build = Build(np.array(robot.mechanism.plate.joints_mm), 80.0, np.zeros((len(level), 2)), level)
+    geometry = geometry_of({name: flat[name] for name in kind.names}, kind)
+    rods = RodMechanism(geometry, build)
+    poses = member.reachable_poses(robot, 5, seed=6, limits=member.well_inside)
+    joints = robot.inverse(poses).values_or_raise()
+    starts = [Plate.level(kind, row[:3], float(row[3:].sum())) for row in poses]
+    growth = Growth(frame=share)
+    true = [rods.settle(*each, growth)[0].position_mm for each in zip(joints, starts, strict=True)]
+    by_p = robot.jacobian(joints, poses)[:, :3]
+    columns = robot.mechanism.growth_columns(robot.p, by_p, joints)
+    moved = np.array(true) - poses[:, :3]
+    assert np.abs(moved).max() > 1e-3
+    assert np.abs(moved - share * columns[..., 2]).max() < 1e-4 * np.abs(moved).max()
+
+
+def shots(case):
+    """Shots of a vector's file, whose columns `side0` … say how joints came, and its answers."""
+    path = VECTORS / f"{case}.csv"
+    data = shots_of_rows(read_shots(path, NOMINAL.mechanism), NOMINAL)
+    return data, json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+
+
+def named(answer):
+    """Values of an answer by the names of parameters."""
+    flat = flat_in(answer["geometry"])
+    return flat | {
+        f"arm{arm}.{field}": value
+        for key, field in FIELDS.items()
+        for arm, value in enumerate(answer[key])
+    }
+
+
+@pytest.mark.parametrize(
+    ("case", "answer", "within"),
+    [
+        ("transmission-exact", "truth", {"mm": 1e-6, "deg": 1e-7}),
+        ("transmission-noise", "least_squares_points", {"mm": 1e-5, "deg": 1e-7}),
+    ],
+)
+def test_all_terms_are_found_as_an_independent_model_has_them(case, answer, within):
+    data, answers = shots(case)
+    nominal = type(NOMINAL)(NOMINAL.mechanism.with_ripples(answers["N"]), NOMINAL.p)
+    table, expected = nominal.mechanism.parameters, named(answers[answer])
+    gears = [name for name in table.select(Role.TRANSMISSION) if name in expected]
+    free = {*BY_NAME["par4"].free, *gears}
+    assert len(free) == 42
+    held = {*table.model, *TRACKER_SOURCES} - free
+    found = least_squares(ErrorModel(nominal, held), data)
+    for name, value in zip(found.parameters.table.of_robot, found.p, strict=True):
+        if name in free:
+            apart = value / table.units([name])[0] - expected[name]
+            assert abs(apart) < within[table[name].unit], name
+
+
+def least_squares(model, data):
+    """Robot that fits shots best by their stated covariance, without priors."""
+    observed = Observations(
+        joints=data.joints,
+        approach=data.approach,
+        near=data.commanded,
+        points=data.points_in_tracker_mm,
+        noise={},
+        frame=np.zeros(len(data), dtype=int),
+        warmth=np.zeros(len(data)),
+    )
+    frames, _ = first_frames(model, observed, np.ones(len(data), dtype=bool))
+    whitening = np.linalg.inv(np.linalg.cholesky(data.stated_covariance_mm2))
+    x = np.zeros(len(model.names))
+    for _ in range(12):
+        at = model.linearise(observed, x, frames, observed.near)
+        rows = (whitening @ at.jacobian).reshape(-1, at.jacobian.shape[2])
+        residual = (whitening @ at.residual[..., None]).ravel()
+        step = np.linalg.lstsq(rows, -residual, rcond=None)[0]
+        x, frames = x + step[: len(x)], moved_frames(frames, step[len(x) :])
+    return model.kinematics(x)
+
+
+def test_joints_keep_the_side_that_they_came_from_while_they_stand():
+    joints = np.array([[0.0, 1.0], [0.1, 1.0], [0.1, 0.9], [0.0, 0.9]])
+    assert approach_along(joints).tolist() == [[0, 0], [1, 0], [1, -1], [-1, -1]]

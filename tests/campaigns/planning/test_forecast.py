@@ -1,0 +1,147 @@
+"""What a plan makes known, foreseen before anything moves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import CENTRE, NOMINAL, ROBOT
+from small_plans import LIMITS
+
+from campaigns.design.pose_sampling import sample_workspace
+from campaigns.design.restricted_space import Disc, RestrictedSpace, Zone
+from campaigns.errors import ConfigInvalid, PlanInvalid
+from campaigns.fit.error_model import ErrorModel, Observations
+from campaigns.fit.posterior import Prior, fit
+from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.fit.uncertainty import position_std_mm
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.transmission import approach_along
+from campaigns.planning import plans
+from campaigns.planning.forecast import Forecast, forecast, judged_at, judged_positions
+from campaigns.planning.paths import RobotModel
+from campaigns.shots.shot_sets import ShotSet
+from drivers.values import Pose
+
+MIDDLE = Pose(*CENTRE.tolist())
+VIEW = plans.View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
+TRACKER_MM = np.array(VIEW.tracker_mm)
+MODEL, INSTRUMENT = ErrorModel(NOMINAL), TrackerUncertainty()
+OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
+JUDGED = judged_positions(MODEL, OPEN, np.zeros((0, 4)))
+SHOTS = 60
+
+
+def planned(shots=SHOTS, seed=1):
+    request = plans.PlanRequest(shots, 4, 2, MIDDLE)
+    return plans.make_plan(ROBOT, VIEW, request, np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return planned()
+
+
+def foreseen(shots, tracker_mm=TRACKER_MM, instrument=INSTRUMENT, model=MODEL) -> Forecast:
+    return forecast(shots, model, tracker_mm, instrument, JUDGED)
+
+
+def mean_mm(found: Forecast) -> float:
+    return float(found.position_std_mm.mean())
+
+
+def measured(shots, x) -> Observations:
+    """The plan's shots measured of a robot and a tracker with errors x (P,), in tolerances."""
+    own = [shot.purpose is ShotSet.IDENTIFICATION for shot in shots]
+    joints, poses = plans.joints_of(shots)[own], plans.poses_of(shots)[own]
+    approach = approach_along(plans.joints_of(shots))[own]
+    noise = point_covariance_mm2(poses[:, :3] - TRACKER_MM, INSTRUMENT)
+    rows = Observations(
+        joints=joints,
+        approach=approach,
+        near=poses,
+        points=poses[:, :3] - TRACKER_MM,
+        noise={"stated": noise},
+        frame=np.zeros(len(joints), dtype=np.intp),
+        warmth=np.zeros(len(joints)),
+    )
+    at = MODEL.linearise(rows, x, (Transform(np.eye(3), -TRACKER_MM),), poses)
+    rng = np.random.default_rng(4)
+    scatter = np.array([rng.multivariate_normal(np.zeros(3), each) for each in noise])
+    return replace(rows, points=rows.points + at.residual + scatter)
+
+
+@pytest.fixture(scope="module")
+def fitted(plan):
+    """Posterior of a robot as far off as its tolerances say, which scatters by nothing.
+
+    Its geometry, whose tolerances are broad and stay as they are, is off by a fifth of them.
+    """
+    x = np.random.default_rng(3).standard_normal(len(MODEL.names))
+    learned = np.concatenate([*MODEL.learned.values()])
+    x[np.setdiff1d(np.arange(len(x)), learned)] *= 0.2
+    quiet = Prior(factors={"stated": 1.0, "points": 1e-8, "joints": 1e-8})
+    return fit(MODEL, measured(plan, x), quiet)
+
+
+def test_what_a_plan_predicts_is_what_a_fit_of_its_shots_states(plan, fitted) -> None:
+    robot = MODEL.kinematics(fitted.x)
+    joints = robot.inverse(JUDGED.poses)
+    rows = joints.found
+    judged = judged_at(MODEL, robot, joints.values[rows], JUDGED.poses[rows])
+    size = len(MODEL.names)
+    stated = position_std_mm(judged.by_unknowns, fitted.covariance[:size, :size])
+    assert mean_mm(foreseen(plan)) == pytest.approx(stated.mean(), rel=0.1)
+
+
+def test_parameters_that_no_shot_determines_are_left_out_and_others_have_their_unit(plan) -> None:
+    found = foreseen(plan)
+    assert found.shots == SHOTS
+    assert set(found.std) <= set(MODEL.parameters)
+    assert not [name for name in found.std if found.units[name] == "mm" and found.std[name] > 5.0]
+    name, std = found.worst("mm")
+    assert name.endswith("_mm")
+    assert std == max(found.std[own] for own in found.std if own.endswith("_mm"))
+    assert found.worst("") is None
+
+
+def test_more_shots_a_nearer_and_a_better_tracker_make_more_known(plan) -> None:
+    whole = mean_mm(foreseen(plan))
+    assert whole < 0.8 * mean_mm(foreseen(planned(20)))
+    far = mean_mm(foreseen(plan, np.array([6000.0, 0.0, -500.0])))
+    rough = TrackerUncertainty.of_limits(40.0, 20.0, 60.0, 24.0)
+    assert whole < 0.9 * min(far, mean_mm(foreseen(plan, instrument=rough)))
+
+
+def test_what_is_held_counts_as_known(plan) -> None:
+    held = frozenset(name for name in MODEL.names if "forearm" in name)
+    model = ErrorModel(NOMINAL, held=held)
+    judged = judged_positions(model, OPEN, np.zeros((0, 4)))
+    found = forecast(plan, model, TRACKER_MM, INSTRUMENT, judged)
+    assert mean_mm(found) < mean_mm(foreseen(plan))
+    assert not held & set(found.std)
+
+
+def test_joints_come_from_both_sides(plan) -> None:
+    assert all(0.3 <= share <= 0.7 for share in foreseen(plan).from_below)
+
+
+def test_too_few_shots_place_no_tracker() -> None:
+    with pytest.raises(PlanInvalid, match="2 shots to identify from place no frame"):
+        foreseen(planned(2))
+
+
+def test_a_robot_that_takes_too_few_of_its_poses_is_refused(plan) -> None:
+    p = NOMINAL.p.copy()
+    p[NOMINAL.mechanism.parameters.columns["forearm"]] -= 400.0
+    robot = Kinematics(NOMINAL.mechanism, p)
+    elsewhere = Zone("cabinet", Disc((9000.0, 0.0), 1.0), (0.0, 1.0), keeps_in=True)
+    short = RobotModel(robot, LIMITS, CENTRE, RestrictedSpace((elsewhere,)))
+    with pytest.raises(ConfigInvalid, match=r"at \d+ of \d+ poses of its workspace \(limit 90 %\)"):
+        judged_positions(ErrorModel(robot), short, plans.poses_of(plan))
+
+
+def test_positions_that_are_judged_are_the_same_for_every_plan() -> None:
+    again = judged_positions(MODEL, OPEN, np.zeros((0, 4)))
+    np.testing.assert_array_equal(again.poses, JUDGED.poses)
+    np.testing.assert_array_equal(JUDGED.poses, sample_workspace(NOMINAL, LIMITS, CENTRE))
