@@ -45,7 +45,7 @@ def test_a_robot_is_identified_from_a_table_of_shots(example, tmp_path):
     assert "hold-out pairs, after" in (tmp_path / "identify.svg").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(400)
 def test_the_papers_figures_are_reproduced(capsys):
     """One seed: between limits that the percentiles of 20 seeds leave room to."""
