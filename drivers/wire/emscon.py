@@ -44,6 +44,7 @@ ANSWERS: Mapping[Command, type[bodies.Body]] = {
     Command.GET_COORDINATE_SYSTEM_TYPE: bodies.Code,
     Command.GET_STATIONARY_MODE_PARAMS: bodies.StationaryMode,
     Command.GET_REFLECTOR: bodies.Code,
+    Command.GET_FACE: bodies.Code,
     Command.GET_REFLECTORS: bodies.ReflectorEntry,
     Command.GET_SEARCH_PARAMS: bodies.SearchParams,
     Command.GET_SYSTEM_SETTINGS: bodies.SystemSettings,

@@ -85,6 +85,7 @@ class EmsconInstrument:
             Command.GET_SYSTEM_STATUS: self._system_status,
             Command.GET_ENVIRONMENT_PARAMS: lambda now_s: said.Environment(*tracker.weather(now_s)),
             Command.GET_REFLECTOR: lambda _: said.Code(tracker.selected),
+            Command.GET_FACE: lambda _: said.Code(1),
             Command.GET_SEARCH_PARAMS: lambda _: said.SearchParams(
                 tracker.search_radius_mm, round(tracker.search_timeout_s * MS_PER_S)
             ),

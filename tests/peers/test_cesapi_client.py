@@ -151,14 +151,7 @@ TOLD = {
     *("SystemStatus", "TrackerInfo", "TrackerStatus"),
 }
 MEASURING = {
-    *(
-        "ChangeFace",
-        "FindReflector",
-        "GoAndMeasure",
-        "GoPosition",
-        "Initialize",
-        "StartMeasurement",
-    ),
+    *("FindReflector", "GoAndMeasure", "GoPosition", "Initialize", "StartMeasurement"),
     *(f"Set{name}" for name in SET_AND_TOLD),
     *(f"Get{name}" for name in SET_AND_TOLD | TOLD),
 }
