@@ -11,8 +11,6 @@ Mask = NDArray[np.bool_]
 
 AXES = ("x", "y", "z")
 """Names of the coordinates of a point."""
-SHOTS_AT_ONCE = 256
-"""Shots of which sums are formed together: their columns stay in the processor's cache."""
 
 
 def batch(values: ArrayLike, columns: Sequence[str], what: str) -> Array:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.files.table import Column, words
-from campaigns.fit.error_sources import SOURCES
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.identification.findings import Finding
 from campaigns.identification.hold_out_test import HoldOut
 from campaigns.identification.result import (
@@ -24,8 +24,6 @@ DECIMALS = 4
 """Decimals of parameters and of shares in a budget."""
 STRONGEST = 8
 """Number of correlations that are listed."""
-TRACKER_UNITS = {"constant": "mm", "transit": "deg", "scale": "ppm"}
-"""Units in which results give the tracker's errors."""
 Named = tuple[str, IdentifiedParameter]
 
 VALUES: tuple[Column[Named], ...] = (
@@ -95,7 +93,7 @@ TRACKER_ERRORS: tuple[Column[TrackerError], ...] = (
     words("error of the tracker", lambda row: SOURCES[row[0]].words),
     Column("estimate", lambda row: row[1][0], decimals=DECIMALS, signed=True),
     Column("σ", lambda row: row[1][1], decimals=DECIMALS),
-    words("unit", lambda row: TRACKER_UNITS[row[0]]),
+    words("unit", lambda row: TRACKER_SOURCES[row[0]]),
 )
 
 CORRELATIONS: tuple[Column[Correlation], ...] = (

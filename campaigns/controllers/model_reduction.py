@@ -22,9 +22,6 @@ SETTLED_MM = 1e-10
 """Largest change of a position that ends the search."""
 HIDDEN = 1e-9
 """Singular value, over the largest, of a combination of parameters that no position shows."""
-NEAR_START = 1e-4
-"""Weight of a parameter's distance from where the search starts, mm a mm or rad: it decides between
-sets that move the frame alone."""
 CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
 
 

@@ -67,12 +67,6 @@ NEARER = 0.3
 FAR_MM = 1000.0
 """Distance from a rough place, below which that is right."""
 PLACES = ("x_mm", "y_mm", "z_mm")
-SCALE_FREEDOM = 3
-
-"""So often chance alone raises it, half of what is promised."""
-AGREEMENT = 0.05
-"""One-sided chance below which lengths of other kinds count as changed likewise."""
-LEAST_SHARE = 5e-4
 
 
 @dataclass(frozen=True, slots=True)

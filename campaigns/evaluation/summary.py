@@ -26,6 +26,15 @@ class BeforeAfter:
     before: Spread
     after: Spread
 
+    @property
+    def says(self) -> str:
+        """Mean and largest error before and after, in words."""
+        before, after = self.before, self.after
+        return (
+            f"mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
+            f"max {before.max_abs:.3f} → {after.max_abs:.3f} mm"
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorSummary:

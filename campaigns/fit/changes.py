@@ -15,8 +15,8 @@ repeated, until nothing alarms.
 Several parts often explain the same change nearly as well: the set of them is reported, not one.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -41,6 +41,13 @@ STEP_MM = 0.2
 TURN_MRAD = STEP_MM / 3.0
 ENCODER_RAD = 0.1 * DEG
 WRONG_SHOT_MM = 0.3
+PARTS: Mapping[str, tuple[str, ...]] = {
+    "encoder": ("joint_offset",),
+    "arm": ("arm",),
+    "forearm": ("forearm",),
+    "mount": ("x", "y", "z"),
+}
+"""Parts of an arm that may change, with the stems of the parameters that describe each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +108,7 @@ def part_columns(posterior: Posterior) -> dict[str, Array]:
     """Return how the points move by a usual change of each part, (N, 3, k) by its name."""
     model, jacobian = posterior.model, posterior.at.jacobian
     mechanism = model.nominal.mechanism
-    table, names = mechanism.parameters, model.names
+    table = mechanism.parameters
     count = len(jacobian)
     columns = {SHOT: np.broadcast_to(WRONG_SHOT_MM * np.eye(3), (count, 3, 3))}
     frame = sum(jacobian[..., first : first + 6] for first in _frame_places(posterior))
@@ -111,17 +118,12 @@ def part_columns(posterior: Posterior) -> dict[str, Array]:
     for arm in range(table.arms):
         encoder = ENCODER_RAD if revolute else STEP_MM
         columns[f"encoder {arm}"] = posterior.at.by_joint[..., [arm]] * encoder
-        for part, fields in (
-            ("arm", ("arm",)),
-            ("forearm", ("forearm",)),
-            ("mount", ("x", "y", "z")),
-        ):
-            own = [
-                table.every[table.columns[stem][arm]].name
-                for stem in fields
-                if stem in table.columns
+        for part in ("arm", "forearm", "mount"):
+            places = [
+                place
+                for place, name in enumerate(model.parameters)
+                if table[name].arm == arm and table[name].field.stem in PARTS[part]
             ]
-            places = [names.index(name) for name in own if name in names]
             if places:
                 unit = STEP_MM / model.tolerance[places]
                 columns[f"{part} {arm}"] = jacobian[..., places] * unit
@@ -150,13 +152,10 @@ def since_before(posterior: Posterior) -> dict[str, float]:
     For shots fitted with a former result as prior: parts that changed since. The frame of a new
     stand is flat and shows no change.
     """
-    weighted = posterior.weights @ posterior.at.jacobian
-    pulls = posterior.weights @ posterior.at.residual[..., None]
     whole = np.array([[0, len(posterior.kept)]])
+    candidates = _scanned(posterior, {}, whole)
     return {
-        part: float(_scanned(posterior, (weighted, pulls), part, columns, whole).log_factors[0])
-        for part, columns in part_columns(posterior).items()
-        if part not in (SHOT, FRAME)
+        own.part: float(own.log_factors[0]) for own in candidates if own.part not in (SHOT, FRAME)
     }
 
 
@@ -169,32 +168,33 @@ def scan(posterior: Posterior) -> list[Candidates]:
     pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
     intervals = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     shots = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
-    spans_of = {SHOT: shots, FRAME: np.concatenate([steps, intervals])}
-    weighted = posterior.weights @ posterior.at.jacobian
-    pulls = posterior.weights @ posterior.at.residual[..., None]
-    return [
-        _scanned(posterior, (weighted, pulls), part, columns, spans_of.get(part, steps))
-        for part, columns in part_columns(posterior).items()
-    ]
+    return _scanned(posterior, {SHOT: shots, FRAME: np.concatenate([steps, intervals])}, steps)
 
 
 def _scanned(
-    posterior: Posterior, weighted: tuple[Array, Array], part: str, columns: Array, spans: Index
-) -> Candidates:
-    """Return the candidates of one part, from sums over rows up to each span's ends."""
-    transposed = columns.swapaxes(1, 2)
+    posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Index
+) -> list[Candidates]:
+    """Return the candidates of each part over its spans, `otherwise` those of all others."""
+    weighted = posterior.weights @ posterior.at.jacobian
+    pulls = posterior.weights @ posterior.at.residual[..., None]
+    found = []
+    for part, columns in part_columns(posterior).items():
+        spans, transposed = spans_of.get(part, otherwise), columns.swapaxes(1, 2)
+        score = _over_spans(transposed @ pulls, spans)
+        shared = _over_spans(transposed @ weighted, spans)
+        own = _over_spans(transposed @ (posterior.weights @ columns), spans)
+        left = own - shared @ posterior.covariance @ shared.swapaxes(1, 2)
+        matrix = left + np.eye(columns.shape[2])
+        gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
+        log_factors = 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1]
+        found.append(Candidates(part, spans, log_factors))
+    return found
 
-    def over_spans(rows: Array) -> Array:
-        sums = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
-        return np.asarray(sums[spans[:, 1]] - sums[spans[:, 0]])
 
-    jacobian, pulls = weighted
-    score = over_spans(transposed @ pulls)
-    shared = over_spans(transposed @ jacobian)
-    own = over_spans(transposed @ (posterior.weights @ columns))
-    matrix = own - shared @ posterior.covariance @ shared.swapaxes(1, 2) + np.eye(columns.shape[2])
-    gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
-    return Candidates(part, spans, 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])
+def _over_spans(rows: Array, spans: Index) -> Array:
+    """Return the sums of rows (N, …) over spans (M, 2), as differences of running sums."""
+    sums = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
+    return np.asarray(sums[spans[:, 1]] - sums[spans[:, 0]])
 
 
 def _likeliest(posterior: Posterior) -> Change | None:
@@ -214,14 +214,16 @@ def _likeliest(posterior: Posterior) -> Change | None:
         worst = int(misfit.argmax())
         return Change(SHOT, worst, worst + 1, (SHOT,), 0.0, 0.0)
     since, until = best.spans[best.log_factors.argmax()].tolist()
-    return Change(best.part, since, until, _as_likely(candidates), 0.0, 0.0)
-
-
-def _as_likely(candidates: list[Candidates]) -> tuple[str, ...]:
-    """Return the parts whose evidence comes close to the best one's, that one first."""
     evidence = {
-        own.part: special.logsumexp(own.log_factors) for own in candidates if own.part != SHOT
+        own.part: float(special.logsumexp(own.log_factors))
+        for own in candidates
+        if own.part != SHOT
     }
+    return Change(best.part, since, until, as_likely(evidence), 0.0, 0.0)
+
+
+def as_likely(evidence: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the parts whose log evidence comes close to the best one's, that one first."""
     order = sorted(evidence, key=evidence.__getitem__, reverse=True)
     return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
 
@@ -235,7 +237,7 @@ def _sized(posterior: Posterior, changes: list[Change]) -> Iterator[Change]:
         if change.part == SHOT:
             size = float(np.linalg.norm(posterior.at.residual[change.since]))
             std = float(np.sqrt(np.trace(posterior.total_noise[change.since])))
-            yield Change(SHOT, change.since, change.until, change.parts, size, std)
+            yield replace(change, size=size, std=std)
             continue
         count = columns[change.part].shape[2]
         own = slice(place, place + count)
@@ -249,4 +251,4 @@ def _sized(posterior: Posterior, changes: list[Change]) -> Iterator[Change]:
         worst = int(np.abs(values).argmax())
         std = float(np.sqrt(np.diag(posterior.covariance)[own][worst]) * unit[worst])
         size = float(values[worst])
-        yield Change(change.part, change.since, change.until, change.parts, size, std)
+        yield replace(change, size=size, std=std)

@@ -11,6 +11,7 @@ mrad and a shift in mm.
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -50,6 +51,19 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @classmethod
+    def unmeasured(cls, joints: Array, near: Array, approach: Array | None = None) -> Self:
+        """Return the observations of joints (N, n) at poses (N, t) of which no point is known."""
+        return cls(
+            joints=joints,
+            approach=np.zeros_like(joints) if approach is None else approach,
+            near=near,
+            points=near[:, :3],
+            noise={},
+            frame=np.zeros(len(joints), dtype=np.intp),
+            warmth=np.zeros(len(joints)),
+        )
 
     def rows(self, rows: Index | Mask) -> "Observations":
         """Return the observations of some rows."""
@@ -147,10 +161,8 @@ class ErrorModel:
 
     def kinematics(self, x: Array) -> Kinematics:
         """Return the robot with the deviations `x` (P or more,) in tolerances."""
-        size = len(self.nominal.mechanism.parameters.of_robot)
-        p = np.zeros(size)
-        p[: len(self.nominal.p)] = self.nominal.p
-        in_robot = self.places < size
+        p = self.nominal.whole_p
+        in_robot = self.places < len(p)
         change = (x[: len(self.parameters)] * self.tolerance[: len(self.parameters)])[in_robot]
         p[self.places[in_robot]] += change
         return Kinematics(self.nominal.mechanism, p)

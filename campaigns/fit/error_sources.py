@@ -15,12 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.kinematics.parameters import Parameter
+from campaigns.kinematics.parameters import Parameter, Unit
 
 DEG = float(np.pi / 180.0)
 ARCMIN, ARCSEC = DEG / 60.0, DEG / 3600.0
-MM_PER_RAD = 300.0
-"""Length of a typical crank, over which an angle's tolerance becomes a carriage's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +90,18 @@ SOURCES: Mapping[str, ErrorSource] = {
                     "measure a known length", is_learned=False),
     )
 }  # fmt: skip
-TRACKER_SOURCES = ("constant", "transit", "scale")
-"""Sources that are no parameter of the robot."""
+TRACKER_SOURCES: Mapping[str, Unit] = {"constant": "mm", "transit": "deg", "scale": "ppm"}
+"""Sources that are no parameter of the robot, and the units in which they are shown."""
 SCATTER_TOLERANCE_MM = 0.5
 """Tolerance of the scatter of the robot's point, 1 σ an axis: worse is no robot that repeats."""
 SCATTER_TOLERANCE_RAD = 5 * ARCMIN
 SCATTER_TOLERANCE_JOINT_MM = 0.1
 """Tolerances of the scatter of joints about their readings."""
+
+
+def scatter_tolerance_of_joints(*, revolute: bool) -> float:
+    """Return the tolerance (1 σ) of the scatter of joints, rad of cranks, mm of carriages."""
+    return SCATTER_TOLERANCE_RAD if revolute else SCATTER_TOLERANCE_JOINT_MM
 
 
 def tolerance_of(parameter: Parameter) -> float:

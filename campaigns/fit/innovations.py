@@ -31,10 +31,8 @@ def innovations(posterior: Posterior, observations: Observations) -> Innovations
     parts = noise_parts(model, observations, at.by_joint)
     factors = posterior.components.factors
     noise = sum(factors.get(part, 1.0) * covariance for part, covariance in parts.items())
-    size, total = len(model.names), len(posterior.covariance)
-    own = np.r_[0:size, len(posterior.at.x) : total]
     rows = at.jacobian.reshape(-1, at.jacobian.shape[2])
-    covariance = rows @ posterior.covariance[np.ix_(own, own)] @ rows.T
+    covariance = rows @ posterior.covariance_without_changes @ rows.T
     for shot, block in enumerate(np.asarray(noise)):
         place = slice(3 * shot, 3 * shot + 3)
         covariance[place, place] += block

@@ -39,22 +39,11 @@ def away_from_best_line(points_mm: Array) -> Array:
     return np.asarray(centred - np.outer(centred @ direction, direction))
 
 
-def longest_mm(vectors_mm: Array) -> float:
-    """The length of the longest of vectors (N, 3)."""
-    return float(np.linalg.norm(vectors_mm, axis=1).max())
-
-
 def farthest_apart(points_mm: Array) -> tuple[int, int]:
     """The rows of the two points between which the distance is largest."""
     distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
     first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
     return int(first), int(second)
-
-
-def diameter_mm(points_mm: Array) -> float:
-    """The largest distance between two of the points."""
-    first, second = farthest_apart(points_mm)
-    return float(np.linalg.norm(points_mm[first] - points_mm[second]))
 
 
 def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:

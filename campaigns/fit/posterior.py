@@ -21,11 +21,7 @@ from campaigns.fit.error_model import (
     first_frames,
     moved_frames,
 )
-from campaigns.fit.error_sources import (
-    SCATTER_TOLERANCE_JOINT_MM,
-    SCATTER_TOLERANCE_MM,
-    SCATTER_TOLERANCE_RAD,
-)
+from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM, scatter_tolerance_of_joints
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.variance_components import Components, LinearModel, estimate_components
 
@@ -86,9 +82,21 @@ class Posterior:
         return self.at.x[: len(self.model.names)]
 
     @property
+    def own_covariance(self) -> Array:
+        """Covariance of the model's unknowns in tolerances, (P, P)."""
+        size = len(self.model.names)
+        return self.covariance[:size, :size]
+
+    @property
+    def covariance_without_changes(self) -> Array:
+        """Covariance of the model's unknowns and the frames, of shots that no change touches."""
+        own = np.r_[: len(self.model.names), len(self.at.x) : len(self.covariance)]
+        return np.asarray(self.covariance[np.ix_(own, own)])
+
+    @property
     def std(self) -> Array:
         """1 σ of the model's unknowns in tolerances, (P,)."""
-        return np.sqrt(np.diag(self.covariance)[: len(self.model.names)])
+        return np.sqrt(np.diag(self.own_covariance))
 
     @property
     def total_noise(self) -> Array:
@@ -251,7 +259,7 @@ def _fixed_prior(
 def noise_parts(model: ErrorModel, observations: Observations, by_joint: Array) -> dict[str, Array]:
     """Return the parts of the noise: the tracker's, and the robot's scatter at its tolerance."""
     revolute = model.nominal.mechanism.joints[0].is_revolute
-    joint = SCATTER_TOLERANCE_RAD if revolute else SCATTER_TOLERANCE_JOINT_MM
+    joint = scatter_tolerance_of_joints(revolute=revolute)
     point = np.broadcast_to(SCATTER_TOLERANCE_MM**2 * np.eye(3), (len(observations), 3, 3))
     of_joints = joint**2 * by_joint @ by_joint.swapaxes(1, 2)
     return {**observations.noise, "points": point, "joints": of_joints}

@@ -35,6 +35,11 @@ class TrackerUncertainty:
     reflector_mm: float = SOURCES["constant"].of_lengths
     """Error of the reflector's constant, along the beam."""
 
+    @property
+    def common(self) -> dict[str, float]:
+        """1 σ of what all shots have in common, by source: mm, rad and a ratio."""
+        return {"constant": self.reflector_mm, "transit": self.axes_per_mm, "scale": self.scale}
+
     @classmethod
     def of_limits(
         cls, along_um: float, along_um_per_m: float, across_um: float, across_um_per_m: float
@@ -82,12 +87,7 @@ def covariance_by_direction_mm2(
 def common_shifts_mm(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> list[Array]:
     """Return shifts of points, (N, 3) each, by 1 σ of each error that all shots have in common."""
     columns = tracker_columns(points_from_tracker_mm)
-    sizes = {
-        "constant": uncertainty.reflector_mm,
-        "transit": uncertainty.axes_per_mm,
-        "scale": uncertainty.scale,
-    }
-    return [sizes[source] * column for source, column in columns.items()]
+    return [uncertainty.common[source] * column for source, column in columns.items()]
 
 
 def distance_variance_mm2(

@@ -15,7 +15,7 @@ from scipy import special
 from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
 from campaigns.evaluation.decision import Decision
-from campaigns.fit.changes import ALARM, ENCODER_RAD, STEP_MM, since_before
+from campaigns.fit.changes import ALARM, ENCODER_RAD, PARTS, STEP_MM, as_likely, since_before
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.posterior import Posterior, Prior, fit
@@ -31,13 +31,8 @@ FEWEST_SHOTS = 6
 """Shots of a check: six coordinates place its frame, the others judge the robot."""
 MISFIT_LEVEL = 1e-3
 """Probability of a larger χ² below which the shots contradict the former result."""
-PART_OF = {
-    "joint_offset": "encoder", "arm": "arm", "forearm": "forearm",
-    "x": "mount", "y": "mount", "z": "mount",
-}  # fmt: skip
+PART_OF = {stem: part for part, stems in PARTS.items() for stem in stems}
 """Part of an arm by the stem of its parameter."""
-INDISTINCT = 4.0
-"""Difference of log Bayes factors within which parts explain a change as well as the best one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,18 +78,19 @@ def former_prior(former: StoredPosterior, model: ErrorModel, changed: Sequence[s
             "the last result has other unknowns than this robot",
             remedy="run `pkmcal identify` again, without --fix, and check by that result",
         )
-    order = [former.names.index(name) for name in model.names]
-    scale = np.array(former.tolerances)[order] / model.tolerance
+    order, scale = _places_in(former, model)
     covariance = np.array(former.covariance)[np.ix_(order, order)] * np.outer(scale, scale)
     covariance = covariance + np.diag((_drift(model, changed) / model.tolerance) ** 2)
-    mean = np.array(former.mean)[order] * scale
-    return Prior(mean=mean, precision=np.asarray(np.linalg.inv(covariance)), factors=former.factors)
+    return Prior(
+        mean=_mean(former, model),
+        precision=np.asarray(np.linalg.inv(covariance)),
+        factors=former.factors,
+    )
 
 
 def former_datum(former: StoredPosterior, model: ErrorModel) -> NullDirections:
     """Return the directions that stay at nominal in a former result: an update keeps its datum."""
-    order = [former.names.index(name) for name in model.names]
-    scale = np.array(former.tolerances)[order] / model.tolerance
+    order, scale = _places_in(former, model)
     vectors = np.array(former.undetermined).reshape(-1, len(order)).T[order] * scale[:, None]
     return NullDirections.spanned_by(np.linalg.qr(vectors)[0], model.names)
 
@@ -144,11 +140,7 @@ def check(
     values = np.array(list(factors.values()))
     log_mean = float(special.logsumexp(values) - np.log(len(values)))
     chi2, dof, p = goodness(posterior, former)
-    parts = tuple(
-        part
-        for part in sorted(factors, key=factors.__getitem__, reverse=True)
-        if factors[part] > max(values) - INDISTINCT
-    )
+    parts = as_likely(factors)
     is_changed = log_mean > -np.log(ALARM)
     decision: Decision = "fail" if is_changed or p < MISFIT_LEVEL else "pass"
     words = {
@@ -181,7 +173,12 @@ def goodness(posterior: Posterior, former: StoredPosterior) -> tuple[float, int,
 
 
 def _mean(former: StoredPosterior, model: ErrorModel) -> Array:
+    """Return a former result's mean (P,) in the model's order and tolerances."""
+    order, scale = _places_in(former, model)
+    return np.asarray(np.array(former.mean)[order] * scale)
+
+
+def _places_in(former: StoredPosterior, model: ErrorModel) -> tuple[list[int], Array]:
+    """Return the place of each unknown in a former result, and its tolerance then over now."""
     order = [former.names.index(name) for name in model.names]
-    return np.asarray(
-        np.array(former.mean)[order] * np.array(former.tolerances)[order] / model.tolerance
-    )
+    return order, np.array(former.tolerances)[order] / model.tolerance

@@ -5,19 +5,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.evaluation.region import FARTHER_OFF, Region
 from campaigns.fit.changes import FRAME, SHOT, Change
 from campaigns.fit.error_sources import (
-    SCATTER_TOLERANCE_JOINT_MM,
+    ARCMIN,
     SCATTER_TOLERANCE_MM,
-    SCATTER_TOLERANCE_RAD,
     SOURCES,
     TRACKER_SOURCES,
+    scatter_tolerance_of_joints,
 )
 from campaigns.fit.posterior import Posterior
+from campaigns.fit.uncertainty import NullDirections
 from campaigns.identification.hold_out_test import HOLD_OUT_LEVEL, HoldOut
+from campaigns.kinematics.parameters import INNER, SIGNS
 
 FAR_TOLERANCES = 3.0
 """Tolerances beyond which a value is far outside."""
@@ -65,18 +66,14 @@ class Finding:
         return replace(self, accepted=True) if self.name in names else self
 
 
-def tolerance_findings(posterior: Posterior, null: Array) -> Iterator[Finding]:
+def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[Finding]:
     """Yield a finding for each group with an unknown that is surely far outside its tolerance.
 
-    Along directions `null` (P, k) that no shot determines nothing is known, so nothing is far off.
+    Along the directions `null` that no shot determines nothing is known, so nothing is far off.
     """
     model = posterior.model
-    projector = np.eye(len(null)) - null @ null.T
-    x = projector @ posterior.x
-    size = len(model.names)
-    std = np.sqrt(
-        np.maximum(np.diag(projector @ posterior.covariance[:size, :size] @ projector), 0)
-    )
+    x = null.at_nominal(posterior.x)
+    std = np.sqrt(np.maximum(np.diag(null.without(posterior.own_covariance)), 0.0))
     excess = np.abs(x) - SURE_SIGMAS * std - FAR_TOLERANCES
     groups = np.array(model.groups)
     for group in dict.fromkeys(model.groups):
@@ -93,14 +90,13 @@ def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int)
         model.tolerance[place],
         SOURCES[model.groups[place]],
     )
-    words, unit, sign = source.words, _unit_of(name), " mm"
-    if name not in TRACKER_SOURCES:
+    if name in TRACKER_SOURCES:
+        words, unit = source.words, TRACKER_SOURCES[name]
+    else:
         parameter = model.nominal.mechanism.parameters[name]
-        words, sign = parameter.words, parameter.sign
-        unit = float(model.nominal.mechanism.parameters.units((name,))[0])
-    elif name != "constant":
-        sign = "°" if name == "transit" else " ppm"
-    value, width, limit = x * tolerance / unit, COVERAGE * std * tolerance / unit, tolerance / unit
+        words, unit = parameter.words, parameter.unit
+    sign, limit = SIGNS[unit], tolerance / INNER[unit]
+    value, width = x * limit, COVERAGE * std * limit
     more = f" (and {others} more of {source.words})" if others else ""
     says = (
         f"{words} is off by {value:+.3g} ± {width:.2g}{sign}{more}, usual are {limit:.2g}{sign}: "
@@ -109,11 +105,6 @@ def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int)
     numbers: dict[str, float | str] = {"parameter": name, "value": float(value)}
     numbers |= {"U": float(width), "tolerance": float(limit)}
     return Finding(BEYOND_TOLERANCE, says, "fail", numbers)
-
-
-def _unit_of(name: str) -> float:
-    """Return the unit in which a source of the tracker is reported: mm, deg or ppm."""
-    return {"constant": 1.0, "transit": float(np.pi / 180.0), "scale": 1e-6}.get(name, 1.0)
 
 
 def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
@@ -130,10 +121,10 @@ def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
         says = f"the points scatter by {point:.3g} mm, limit {SCATTER_TOLERANCE_MM:g} mm: {remedy}"
         yield Finding(SCATTER, says, "fail", {"mm": point})
     if factors["joints"] > 1.0:
-        size, limit, unit = joint * SCATTER_TOLERANCE_JOINT_MM, SCATTER_TOLERANCE_JOINT_MM, " mm"
+        limit, unit = scatter_tolerance_of_joints(revolute=revolute), " mm"
         if revolute:
-            arc_minutes = 60.0 * np.degrees(SCATTER_TOLERANCE_RAD)
-            size, limit, unit = joint * arc_minutes, arc_minutes, "′"
+            limit, unit = limit / ARCMIN, "′"
+        size = joint * limit
         says = f"the joints scatter by {size:.3g}{unit}, limit {limit:g}{unit}: {remedy}"
         yield Finding(SCATTER, says, "fail", {"joints": size})
 

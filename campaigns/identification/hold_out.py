@@ -7,7 +7,7 @@ from scipy import special
 
 from campaigns.arrays import Array, Index
 from campaigns.fit.innovations import innovations
-from campaigns.fit.point_sets import distances_mm
+from campaigns.fit.point_sets import directions, distances_mm
 from campaigns.fit.posterior import Posterior
 from campaigns.identification.hold_out_test import HoldOut
 from campaigns.identification.observations import observations_of
@@ -60,8 +60,7 @@ def unseen_pairs(
     usable = at_nominal.found[pairs].all(axis=1)
     if options.sessions:
         session = shots.session[pairs]
-        is_fitted = [purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes]
-        known = shots.session[np.array(is_fitted, dtype=bool)]
+        known = shots.session[shots.rows_of(ShotSet.IDENTIFICATION)]
         usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], known)
     taken = identified.found[pairs].all(axis=1)
     lost = tuple(
@@ -71,15 +70,20 @@ def unseen_pairs(
     rows = pairs[usable & taken]
     if not len(rows):
         return UnseenPairs(rows, None, None, lost)
-    measured = shots.measured_distances_mm(rows)
-    before, after = (
-        (distances_mm(solution.values[:, :3], rows[:, 0], rows[:, 1]) - measured)[:, None]
-        for solution in (at_nominal, identified)
-    )
-    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
-    table = ResidualTable.from_arrays("pairs", numbers, before, after)
+    table = distance_errors(shots, rows, at_nominal.values, identified.values)
     test = _tested(posterior, shots, at_nominal.values, rows, options)
     return UnseenPairs(rows, table, test, lost)
+
+
+def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> ResidualTable:
+    """Return modelled minus measured distances of pairs (M, 2), by poses (N, t) of all shots."""
+    measured = shots.measured_distances_mm(rows)
+    errors = (
+        (distances_mm(poses[:, :3], rows[:, 0], rows[:, 1]) - measured)[:, None]
+        for poses in (before, after)
+    )
+    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
+    return ResidualTable.from_arrays("pairs", numbers, *errors)
 
 
 def _tested(
@@ -90,13 +94,11 @@ def _tested(
     some = shots.rows(used)
     observations = observations_of(some, near[used], options)
     if options.sessions:
-        is_fitted = [purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes]
-        known = np.unique(shots.session[np.array(is_fitted, dtype=bool)])
+        known = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
         observations = replace(observations, frame=np.searchsorted(known, some.session))
     unseen = innovations(posterior, observations)
     first, second = places.reshape(rows.shape).T
-    apart = some.points_in_tracker_mm[second] - some.points_in_tracker_mm[first]
-    along = apart / np.linalg.norm(apart, axis=1, keepdims=True)
+    along = directions(some.points_in_tracker_mm, first, second)
     by_points = np.zeros((len(rows), len(used), 3))
     pair = np.arange(len(rows))
     by_points[pair, second] += along

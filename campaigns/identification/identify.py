@@ -20,9 +20,9 @@ from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import limits_met
 from campaigns.fit.changes import SHOT, Change, fit_with_changes
 from campaigns.fit.error_sources import (
-    SCATTER_TOLERANCE_JOINT_MM,
     SCATTER_TOLERANCE_MM,
-    SCATTER_TOLERANCE_RAD,
+    TRACKER_SOURCES,
+    scatter_tolerance_of_joints,
 )
 from campaigns.fit.posterior import Posterior, Prior
 from campaigns.fit.rigid_transforms import fit_transform
@@ -49,6 +49,7 @@ from campaigns.identification.result import (
     StoredPosterior,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.parameters import INNER
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -201,9 +202,8 @@ class _Case:
 
     def _parameters(self, null: NullDirections) -> dict[str, IdentifiedParameter]:
         model, table = self.posterior.model, self.nominal.mechanism.parameters
-        size = len(model.names)
-        covariance = null.without(self.posterior.covariance[:size, :size])
-        deviations = self.posterior.x - null.vectors @ (null.vectors.T @ self.posterior.x)
+        covariance = null.without(self.posterior.own_covariance)
+        deviations = null.at_nominal(self.posterior.x)
         old = self.nominal.parameters
         parameters = {}
         for name in (*table.of_robot, *(n for n in model.parameters if n not in table.of_robot)):
@@ -226,32 +226,30 @@ class _Case:
 
     def _covariance(self, null: NullDirections, ratio: float) -> ParameterCovariance:
         model, table = self.posterior.model, self.nominal.mechanism.parameters
-        size = len(model.names)
         own = [n for n, name in enumerate(model.names) if name in table.of_robot]
         names = tuple(model.names[place] for place in own)
         unit = model.tolerance[own] / table.units(names)
-        matrix = null.without(self.posterior.covariance[:size, :size])[np.ix_(own, own)]
+        matrix = null.without(self.posterior.own_covariance)[np.ix_(own, own)]
         matrix = matrix * np.outer(unit, unit)
         return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
 
     def _tracker(self) -> dict[str, tuple[float, float]]:
         model, std = self.posterior.model, self.posterior.std
         values = {}
-        for source, unit in (("constant", 1.0), ("transit", np.pi / 180.0), ("scale", 1e-6)):
+        for source, unit in TRACKER_SOURCES.items():
             if source in model.names:
                 place = model.names.index(source)
-                scale = float(model.tolerance[place] / unit)
+                scale = float(model.tolerance[place] / INNER[unit])
                 values[source] = (float(self.posterior.x[place]) * scale, float(std[place]) * scale)
         return values
 
     def _stored(self, null: NullDirections) -> StoredPosterior:
-        posterior, size = self.posterior, len(self.posterior.model.names)
-        covariance = posterior.covariance[:size, :size]
+        posterior = self.posterior
         return StoredPosterior(
             posterior.model.names,
             tuple(posterior.model.tolerance.tolist()),
             tuple(posterior.x.tolist()),
-            tuple(map(tuple, covariance.tolist())),
+            tuple(map(tuple, posterior.own_covariance.tolist())),
             {group: float(own) for group, own in posterior.components.sizes.items()},
             {part: float(own) for part, own in posterior.components.factors.items()},
             tuple(map(tuple, null.vectors.T.tolist())),
@@ -261,8 +259,8 @@ class _Case:
         factors = self.posterior.components.factors
         axis = self.nominal.mechanism.joints[0]
         point = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
-        joint_tolerance = SCATTER_TOLERANCE_RAD if axis.is_revolute else SCATTER_TOLERANCE_JOINT_MM
-        joint = axis.to_file(joint_tolerance * factors["joints"] ** 0.5)
+        tolerance = scatter_tolerance_of_joints(revolute=axis.is_revolute)
+        joint = axis.to_file(tolerance * factors["joints"] ** 0.5)
         of_instrument: dict[str, float] = {
             p: factors[p] ** 0.5 for p in ("along", "across") if p in factors
         }
@@ -294,9 +292,9 @@ class _Case:
 
     def _modelled(self, solution: KinematicSolution, pairs: Index) -> ModelledTable:
         counted = np.array(self.fitted.numbers)[self.posterior.kept]
-        is_fitted = [p is ShotSet.IDENTIFICATION for p in self.shots.purposes]
-        own = np.isin(self.shots.numbers, counted) & np.array(is_fitted, dtype=bool)
-        rows = np.union1d(np.flatnonzero(own & solution.found), pairs.ravel())
+        own = self.shots.rows_of(ShotSet.IDENTIFICATION)
+        own = own[np.isin(np.array(self.shots.numbers)[own], counted) & solution.found[own]]
+        rows = np.union1d(own, pairs.ravel())
         before, after = self.at_nominal.values[rows], solution.values[rows]
         return ModelledTable.of(self.shots.rows(rows), before, after)
 
@@ -328,7 +326,7 @@ class _Case:
             says = "the fit did not settle: look for gross errors, or measure at more poses"
             yield Finding(findings.NOT_ARRIVED, says, "fail")
         accepted = findings.ACCEPTABLE if options.accept_large_change else ()
-        for finding in findings.tolerance_findings(posterior, null.vectors):
+        for finding in findings.tolerance_findings(posterior, null):
             yield finding.accept(accepted)
         yield from findings.scatter_findings(posterior)
         yield from findings.change_findings(self.changes, self.fitted.numbers, revolute=revolute)
@@ -366,10 +364,7 @@ def _verdict(
         decision: Decision = "fail" if failed else "not decided"
         return decision, tuple(own.says for own in shown), tuple(own.name for own in shown)
     errors, left = unseen.summary(), residuals.summary()
-    gain = (
-        f"hold-out pairs: mean {errors.before.mean_abs:.3f} → {errors.after.mean_abs:.3f} mm, "
-        f"max {errors.before.max_abs:.3f} → {errors.after.max_abs:.3f} mm"
-    )
+    gain = f"hold-out pairs: {errors.says}"
     if errors.after.rms > errors.before.rms:
         gain += " (no change shown)"
     fitted = f"fitted shots: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"

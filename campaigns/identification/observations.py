@@ -25,18 +25,13 @@ def error_model(
 
     Parts may have grown where shots have their temperatures; None for shots that are planned.
     """
-    table, instrument = nominal.mechanism.parameters, options.instrument
+    table = nominal.mechanism.parameters
     held = {name for pattern in options.fix for name in matching(pattern, table)}
-    tracker = {
-        "constant": instrument.reflector_mm,
-        "transit": instrument.axes_per_mm,
-        "scale": instrument.scale,
-    }
     return ErrorModel(
         nominal,
         held=frozenset(held),
         tolerances=named_priors(options.prior, table),
-        group_tolerances={**options.tolerances, **tracker},
+        group_tolerances={**options.tolerances, **options.instrument.common},
         with_growth=shots is not None and bool(np.isfinite(shots.part_temperature_degC).any()),
     )
 
@@ -89,9 +84,8 @@ def rows_to_fit(
 
     Raise `ShotsMissing` for a session with too few shots to place the tracker's frame.
     """
-    wanted = np.array([purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes], dtype=bool)
     order = shots.order_of_time()
-    order = order[wanted[order]]
+    order = order[np.isin(order, shots.rows_of(ShotSet.IDENTIFICATION))]
     excluded = tuple(
         Excluded("the nominal robot cannot be assembled at its joints", shot=shots.numbers[row])
         for row in order[~at_nominal.found[order]].tolist()

@@ -11,7 +11,7 @@ from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import shown, suggestion
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.tracker_noise import TrackerUncertainty
-from campaigns.kinematics.parameters import ParameterTable
+from campaigns.kinematics.parameters import INNER, ParameterTable
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
@@ -158,6 +158,6 @@ def named_priors(texts: Sequence[str], table: ParameterTable) -> dict[str, float
                 "is known for sure, with --fix",
             )
         for name in matching(pattern.strip(), table):
-            unit = 1.0 if name in TRACKER_SOURCES else float(table.units((name,))[0])
-            priors[name] = std * unit
+            unit = TRACKER_SOURCES[name] if name in TRACKER_SOURCES else table[name].unit
+            priors[name] = std * INNER[unit]
     return priors

@@ -10,7 +10,8 @@ import scipy.optimize
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsMissing
 from campaigns.evaluation.decision import Decision
-from campaigns.fit.point_sets import distances_mm
+from campaigns.fit.point_sets import directions, distances_mm
+from campaigns.identification.hold_out import distance_errors
 from campaigns.identification.options import IdentificationOptions, matching
 from campaigns.identification.result import (
     Excluded,
@@ -57,7 +58,7 @@ def identify_as_paper(
             remedy=f"measure at least {len(names)} pairs, better 60; or fix some parameters",
         )
     problem = _Distances(nominal, places, shots.rows(rows.ravel()), at_nominal.values[rows.ravel()])
-    start = _full(nominal)[places]
+    start = nominal.whole_p[places]
     solved = scipy.optimize.least_squares(
         problem.residual, start, problem.jacobian, method="lm", x_scale="jac", xtol=SMALL_STEP
     )
@@ -66,9 +67,13 @@ def identify_as_paper(
     jacobian = np.asarray(solved.jac, dtype=np.float64)
     covariance = variance * np.linalg.pinv(jacobian.T @ jacobian) / np.outer(units, units)
     identified = problem.robot(solved.x)
-    fitted = _errors(shots, at_nominal, identified, rows)
     validation, unusable = _pairs(shots, at_nominal, ShotSet.VALIDATION, options)
-    unseen = _errors(shots, at_nominal, identified, validation) if len(validation) else None
+    nominal_poses = at_nominal.values
+    poses = identified.forward(shots.joints, nominal_poses, shots.approach).values
+    fitted = distance_errors(shots, rows, nominal_poses, poses)
+    unseen = None
+    if len(validation):
+        unseen = distance_errors(shots, validation, nominal_poses, poses)
     decision, reason = _verdict(unseen, converged=bool(solved.success))
     return IdentificationResult(
         model="paper",
@@ -97,7 +102,7 @@ class _Distances:
 
     def robot(self, x: Array) -> Kinematics:
         """Return the robot with the free parameters x (F,)."""
-        p = _full(self._nominal)
+        p = self._nominal.whole_p
         p[self._places] = x
         return Kinematics(self._nominal.mechanism, p)
 
@@ -112,15 +117,8 @@ class _Distances:
         robot, shots = self.robot(x), self._shots
         poses = robot.forward(shots.joints, self._near, shots.approach).values_or_raise()
         by = robot.jacobian(shots.joints, poses, shots.approach)[:, :3, self._places]
-        apart = poses[self._second, :3] - poses[self._first, :3]
-        along = apart / np.linalg.norm(apart, axis=1, keepdims=True)
+        along = directions(poses[:, :3], self._first, self._second)
         return np.asarray(np.einsum("mk,mkf->mf", along, by[self._second] - by[self._first]))
-
-
-def _full(nominal: Kinematics) -> Array:
-    p = np.zeros(len(nominal.mechanism.parameters.of_robot))
-    p[: len(nominal.p)] = nominal.p
-    return p
 
 
 def _pairs(
@@ -140,23 +138,6 @@ def _pairs(
         for row in rows[wrong, 0].tolist()
     )
     return rows[of_one & found], excluded
-
-
-def _errors(
-    shots: Shots, at_nominal: KinematicSolution, identified: Kinematics, rows: Index
-) -> ResidualTable:
-    """Return the errors of pairs (M, 2) by both robots."""
-    joints, approach = shots.joints[rows.ravel()], shots.approach[rows.ravel()]
-    near = at_nominal.values[rows.ravel()]
-    poses = identified.forward(joints, near, approach).values[:, :3].reshape(*rows.shape, 3)
-    nominal = near[:, :3].reshape(*rows.shape, 3)
-    measured = shots.measured_distances_mm(rows)
-    before, after = (
-        (np.linalg.norm(own[:, 1] - own[:, 0], axis=1) - measured)[:, None]
-        for own in (nominal, poses)
-    )
-    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
-    return ResidualTable.from_arrays("pairs", numbers, before, after)
 
 
 def _parameters(
@@ -183,8 +164,5 @@ def _verdict(unseen: ResidualTable | None, *, converged: bool) -> tuple[Decision
     if unseen is None:
         return "not decided", "no validation pairs: nothing shows that the result holds elsewhere"
     errors = unseen.summary()
-    gain = (
-        f"hold-out pairs: mean {errors.before.mean_abs:.3f} → {errors.after.mean_abs:.3f} mm, "
-        f"max {errors.before.max_abs:.3f} → {errors.after.max_abs:.3f} mm"
-    )
+    gain = f"hold-out pairs: {errors.says}"
     return ("pass", gain) if errors.after.rms < errors.before.rms else ("fail", f"worse: {gain}")

@@ -46,30 +46,18 @@ def uncertainty_of_positions(
     `ratio` multiplies it where hold-out pairs showed more than it states. Return None where the
     identified robot can take too few of the poses.
     """
-    joints = identified.inverse(workspace)
-    solution = identified.forward(joints.values[joints.found], workspace[joints.found])
-    sample = workspace[joints.found][solution.found]
+    at_sample, sample = identified.assembled(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
         return None
-    shots = posterior.observations.rows(posterior.kept)
-    at_sample = joints.values[joints.found][solution.found]
-    joints_of_both = np.vstack([at_sample, shots.joints])
-    count, total = len(sample), len(joints_of_both)
-    both = Observations(
-        joints=joints_of_both,
-        approach=np.zeros_like(joints_of_both),
-        near=np.vstack([sample, shots.near]),
-        points=np.zeros((total, 3)),
-        noise={},
-        frame=np.zeros(total, dtype=np.intp),
-        warmth=np.zeros(total),
+    shots, count = posterior.observations.rows(posterior.kept), len(sample)
+    both = Observations.unmeasured(
+        np.vstack([at_sample, shots.joints]), np.vstack([sample, shots.near])
     )
     robot, assembly = posterior.model.positions(posterior.x, both, both.near)
     if not assembly.found.all():
         return None
     by, _ = posterior.model.robot_columns(robot, both, assembly.unknowns)
-    size = len(posterior.model.names)
-    covariance = posterior.covariance[:size, :size]
+    covariance = posterior.own_covariance
     by_sample = without_frame(by[:count], assembly.poses[:count, :3])
     std = ratio * position_std_mm(by_sample, covariance)
     of_both = position_std_mm(without_frame(by, assembly.poses[:, :3]), covariance)

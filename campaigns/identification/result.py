@@ -30,8 +30,6 @@ from campaigns.shots.shots import Shots
 SCHEMA = "pkmcal/identification/2"
 STRONG = 0.9
 """Correlation from which two parameters are named."""
-COVERAGE_95 = 1.96
-"""Half-width of 95 % intervals in σ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,14 @@ from campaigns.kinematics import transmission
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.limbs import Limb, dot, vectors
 from campaigns.kinematics.parameters import ParameterTable, Role
-from campaigns.kinematics.platforms import SAG, PlateGeometry, Platform, sag_basis, sag_slopes
+from campaigns.kinematics.platforms import (
+    SAG,
+    PlateGeometry,
+    Platform,
+    TurnScale,
+    sag_basis,
+    sag_slopes,
+)
 
 STEP = 1e-200
 """Complex step: without cancellation, so as small as numbers go."""
@@ -202,8 +209,7 @@ class ClosedChain:
         (…, N, t + 3) a tilted one's. Sums of all arms come first, then weighted differences.
         """
         fields, size = geometry.arms, len(self.task)
-        turn = y[..., 3:size] if size > 3 else np.zeros((1, 1))
-        offsets = self.platform.offsets(geometry.length, turn)
+        offsets = self._offsets(geometry, y)
         forearm, forearm_mm = self._forearms(fields, offsets, joints, y), fields["forearm"]
         if y.shape[-1] == size:
             return (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
@@ -217,6 +223,11 @@ class ClosedChain:
         sums = (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
         differences = dot(forearm, bars) / forearm_mm - fields["parallelogram_skew"]
         return np.concatenate([sums, HALF_WIDTH_MM * differences], axis=-1)
+
+    def _offsets(self, geometry: Geometry, y: Array) -> Array:
+        """Return the lower ends of a level plate seen from the controlled point, (…, 3, N, n)."""
+        turn = y[..., 3 : len(self.task)] if len(self.task) > 3 else np.zeros((1, 1))
+        return self.platform.offsets(geometry.length, turn)
 
     def _forearms(
         self, fields: Mapping[str, Array], offsets: Array, joints: Array, y: Array
@@ -324,10 +335,14 @@ class ClosedChain:
             start = None if near is None else near[rows]
             y[rows], found[rows] = self._assembled(geometry, true[rows], start)
         y[~found] = np.nan
-        poses = y[:, :size].copy()
+        return Assembly(y, self._sagged(geometry, y), found)
+
+    def _sagged(self, geometry: Geometry, y: Array) -> Array:
+        """Return the poses (N, t) of a plate whose unknowns y (N, k) leave its sag out."""
+        poses = y[:, : len(self.task)].copy()
         if geometry.sag.any():
             poses[:, 2] += geometry.sag @ sag_basis(*y[:, :3].T)
-        return Assembly(y, poses, found)
+        return poses
 
     def _assembled(
         self, geometry: Geometry, joints: Array, near: Array | None
@@ -360,7 +375,7 @@ class ClosedChain:
     ) -> tuple[Array, Mask]:
         """Return unknowns from starts (N, k) by limited Gauss-Newton steps, and which settled."""
         y, settled, size = start.copy(), np.zeros(len(start), dtype=bool), len(self.task)
-        turn = self.platform.turn_scale(float(geometry.length[0, 0]), _mean_forearm(geometry))
+        turn = self._turn_scale(geometry)
         active = np.arange(len(start))
         for _ in range(ITERATIONS):
             residual, by_y = self._by_unknowns(geometry, plate, joints[active], y[active])
@@ -378,6 +393,11 @@ class ClosedChain:
             if not len(active):
                 break
         return y, settled
+
+    def _turn_scale(self, geometry: Geometry) -> TurnScale:
+        """Return the scales of the platform's turn for this robot's sizes."""
+        forearm_mm = float(np.mean(geometry.arms["forearm"]))
+        return self.platform.turn_scale(float(geometry.length[0, 0]), forearm_mm)
 
     def _guess(self, geometry: Geometry, joints: Array, turn_rad: float, lift_mm: float) -> Array:
         """Return poses (N, t) of a platform that hangs under the middle of its elbows."""
@@ -405,7 +425,7 @@ class ClosedChain:
         _, by_pose = self._by_unknowns(geometry, plate, joints, poses)
         elbows = self.limb.upper_ends(geometry.arms, joints)
         wanted = (poses[:, 2] < elbows[2].mean(axis=-1)) & (np.linalg.det(by_pose) * sign > 0.0)
-        scale = self.platform.turn_scale(float(geometry.length[0, 0]), _mean_forearm(geometry))
+        scale = self._turn_scale(geometry)
         return np.asarray(wanted & (np.abs(poses[:, 3:]) < scale.limit_rad).all(axis=1))
 
     def _with_tilt(
@@ -444,17 +464,13 @@ class ClosedChain:
     def _reached(self, geometry: Geometry, joints: Array, poses: Array) -> Array:
         """Return the poses (N, t) of true joints (N, n) near poses; NaN where there are none."""
         y, found = self._assembled(geometry, joints, poses)
-        reached = y[:, : len(self.task)].copy()
-        reached[:, 2] += geometry.sag @ sag_basis(*y[:, :3].T)
+        reached = self._sagged(geometry, y)
         reached[~found] = np.nan
         return reached
 
     def _level_inverse(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
-        turn = poses[:, 3:] if len(self.task) > 3 else np.zeros((len(poses), 1))
-        offsets = self.platform.offsets(geometry.length, turn)
-        targets = as_vectors(poses[:, :3]) + offsets
-        joints, found = self.limb.inverse(geometry.arms, targets)
-        return joints, found
+        targets = as_vectors(poses[:, :3]) + self._offsets(geometry, poses)
+        return self.limb.inverse(geometry.arms, targets)
 
     # --- margins ------------------------------------------------------------------------------
 
@@ -466,13 +482,11 @@ class ClosedChain:
         geometry = self.geometry(p)
         plate, fields = self.plate_of(geometry), geometry.arms
         true = self._true_joints(geometry, joints, None)
-        turn = poses[:, 3:] if len(self.task) > 3 else np.zeros((1, 1))
-        offsets = self.platform.offsets(geometry.length, turn)
-        forearms = self._forearms(fields, offsets, true, poses)
+        forearms = self._forearms(fields, self._offsets(geometry, poses), true, poses)
         singular_value = np.full(len(poses), np.nan)
         rows = np.isfinite(joints).all(axis=1)
         _, by_pose = self._by_unknowns(geometry, plate, true[rows], poses[rows])
-        scale = self.platform.turn_scale(float(geometry.length[0, 0]), _mean_forearm(geometry))
+        scale = self._turn_scale(geometry)
         by_pose[..., 3:] /= scale.lever_mm
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
         singular_value[rows] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
@@ -515,7 +529,3 @@ def cross(a: Array, b: Array) -> Array:
 def as_vectors(rows: Array) -> Array:
     """Return rows (…, N, 3) as vectors that all arms share, (…, 3, N, 1)."""
     return rows.swapaxes(-1, -2)[..., None]
-
-
-def _mean_forearm(geometry: Geometry) -> float:
-    return float(np.mean(geometry.arms["forearm"]))

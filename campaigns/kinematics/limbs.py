@@ -84,9 +84,9 @@ class Limb(ABC):
     def upper_ends(self, fields: Fields, joints: Array) -> Array:
         """Return the upper ends of the forearms in the base frame, (…, 3, N, n)."""
 
-    @abstractmethod
     def upper_bars(self, fields: Fields, bar_azimuths: Array) -> Array:
-        """Return the directions of the upper bars, (…, 3, 1, n)."""
+        """Return the directions of the upper bars, (…, 3, 1, n): level but for the axis's tilt."""
+        return crank_frames(bar_azimuths, fields["axis_tilt"])[1]
 
     @abstractmethod
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
@@ -160,10 +160,6 @@ class Crank(Limb):
         outward, _, lowered = crank_frames(fields["azimuth"], fields["axis_tilt"])
         turned = along(np.cos(angle), outward) + along(np.sin(angle), lowered)
         return _place(fields) + along(fields["arm"], turned)
-
-    @override
-    def upper_bars(self, fields: Fields, bar_azimuths: Array) -> Array:
-        return crank_frames(bar_azimuths, fields["axis_tilt"])[1]
 
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
@@ -250,10 +246,6 @@ class Carriage(Limb):
     @override
     def upper_ends(self, fields: Fields, joints: Array) -> Array:
         return _place(fields) + along(joints + fields["joint_offset"], rail_directions(fields))
-
-    @override
-    def upper_bars(self, fields: Fields, bar_azimuths: Array) -> Array:
-        return crank_frames(bar_azimuths, fields["axis_tilt"])[1]
 
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:

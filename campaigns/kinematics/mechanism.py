@@ -62,6 +62,13 @@ class Kinematics:
         return Parameters.of_vector(self.mechanism.parameters, self.p, self.mechanism.rate)
 
     @property
+    def whole_p(self) -> Array:
+        """Copy of all parameters, (P,), 0 beyond those that `p` has."""
+        p = np.zeros(len(self.mechanism.parameters.of_robot))
+        p[: len(self.p)] = self.p
+        return p
+
+    @property
     def controlled(self) -> "Kinematics":
         """Model of the point that the controller's poses are of, wherever the reflector is."""
         return replace(self, mechanism=self.mechanism.seen_from(None))
@@ -83,12 +90,12 @@ class Kinematics:
         assembly = self.mechanism.assemble(self.p, self._joints(joints), start, signs)
         return KinematicSolution(assembly.poses, assembly.found)
 
-    def assembles(self, poses: Array) -> Mask:
-        """Return which poses (N, t) have joints that lead back to an assembly there, (N,)."""
+    def assembled(self, poses: Array) -> tuple[Array, Array]:
+        """Return the joints (M, n) and poses (M, t) of those poses (N, t) that it can take."""
         joints = self.inverse(poses)
         found = joints.found.copy()
         found[found] = self.forward(joints.values[found], poses[found]).found
-        return found
+        return joints.values[found], poses[found]
 
     def jacobian(
         self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None

@@ -9,7 +9,7 @@ Vectors of parameters are in mm, rad and ratios; files and screens give mm, deg 
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from typing import Literal, Self
@@ -347,10 +347,6 @@ class Parameters(Mapping[str, float]):
     def with_values(self, values: Mapping[str, float]) -> "Parameters":
         """Return these parameters with some values replaced, without the covariance."""
         return Parameters.of(self.table, self | values)
-
-    def with_covariance(self, covariance: Array) -> "Parameters":
-        """Return these parameters with another covariance (P, P) in mm, deg, ppm."""
-        return replace(self, covariance=covariance)
 
     def digest(self) -> str:
         """Return the SHA-256 of all listed values: equal exactly when all doubles are.

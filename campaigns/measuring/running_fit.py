@@ -73,9 +73,7 @@ class RunningFit:
         observation = self._observations(joints[None], near)
         observation = replace(observation, near=solution.values)
         at = self._model.linearise(observation, posterior.x, (frame,), solution.values)
-        size = len(self._model.names)
-        own = np.r_[0:size, len(posterior.at.x) : len(posterior.covariance)]
-        covariance = posterior.covariance[np.ix_(own, own)]
+        covariance = posterior.covariance_without_changes
         spread = at.jacobian[0] @ covariance @ at.jacobian[0].T
         return near[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
 
@@ -112,13 +110,6 @@ class RunningFit:
             return
 
     def _observations(self, joints: Array, points: Array) -> Observations:
-        near = self._model.nominal.forward(joints).values
-        return Observations(
-            joints=joints,
-            approach=np.zeros_like(joints),
-            near=near,
-            points=points,
-            noise={"stated": point_covariance_mm2(points, self._instrument)},
-            frame=np.zeros(len(joints), dtype=np.intp),
-            warmth=np.zeros(len(joints)),
-        )
+        observations = Observations.unmeasured(joints, self._model.nominal.forward(joints).values)
+        noise = {"stated": point_covariance_mm2(points, self._instrument)}
+        return replace(observations, points=points, noise=noise)

@@ -101,14 +101,11 @@ class UncertaintyMonitor:
     def _stated(self, posterior: Posterior) -> PositionUncertainty | None:
         """Return the uncertainty of positions at the poses that the fitted robot can take."""
         robot = self.model.kinematics(posterior.x)
-        joints = robot.inverse(self.judged.poses)
-        found = joints.found.copy()
-        found[found] = robot.forward(joints.values[found], self.judged.poses[found]).found
-        if not found.any():
+        joints, poses = robot.assembled(self.judged.poses)
+        if not len(poses):
             return None
-        judged = judged_at(self.model, robot, joints.values[found], self.judged.poses[found])
-        size = len(self.model.names)
-        std = position_std_mm(judged.by_unknowns, posterior.covariance[:size, :size])
+        judged = judged_at(self.model, robot, joints, poses)
+        std = position_std_mm(judged.by_unknowns, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
         scatter = SCATTER_TOLERANCE_MM * posterior.components.factors["points"] ** 0.5
         count = int(posterior.kept.sum())
@@ -116,8 +113,8 @@ class UncertaintyMonitor:
 
     def _worst_length(self, posterior: Posterior) -> tuple[str, float]:
         """Return the length that is known worst, with its 1 σ in mm."""
-        size, table = len(self.model.names), self.model.nominal.mechanism.parameters
-        covariance = null_directions(posterior).without(posterior.covariance[:size, :size])
+        table = self.model.nominal.mechanism.parameters
+        covariance = null_directions(posterior).without(posterior.own_covariance)
         std: Array = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * self.model.tolerance
         lengths = {
             name: float(std[place])

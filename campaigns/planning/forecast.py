@@ -5,7 +5,7 @@ shots that scatter as the tracker states.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,15 +105,8 @@ def linearised_plan(
     model: ErrorModel, joints: Array, poses: Array, approach: Array, tracker_mm: Array
 ) -> Linearised:
     """Return the model linearised at planned shots, the tracker upright in the base frame."""
-    observations = Observations(
-        joints=joints,
-        approach=approach,
-        near=poses,
-        points=poses[:, :3] - tracker_mm,
-        noise={},
-        frame=np.zeros(len(joints), dtype=np.intp),
-        warmth=np.zeros(len(joints)),
-    )
+    observations = Observations.unmeasured(joints, poses, approach)
+    observations = replace(observations, points=poses[:, :3] - tracker_mm)
     frame = Transform(np.eye(3), -tracker_mm)
     return model.linearise(observations, np.zeros(len(model.names)), (frame,), poses)
 
@@ -169,14 +162,6 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
 
 def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Judged:
     """Return judged positions at known joints (N, n) and poses (N, t)."""
-    observations = Observations(
-        joints=joints,
-        approach=np.zeros_like(joints),
-        near=poses,
-        points=poses[:, :3],
-        noise={},
-        frame=np.zeros(len(joints), dtype=np.intp),
-        warmth=np.zeros(len(joints)),
-    )
+    observations = Observations.unmeasured(joints, poses)
     by, _ = model.robot_columns(kinematics, observations, poses)
     return Judged(poses, without_frame(by, poses[:, :3]))

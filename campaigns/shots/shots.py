@@ -173,12 +173,6 @@ class Shots:
         seconds, _ = times_s(self.measured_utc)
         return None if seconds is None else seconds - seconds.min()
 
-    def with_shorter_ranges(self, by_mm: float) -> "Shots":
-        """The same with every point so much nearer to the tracker."""
-        points = self.points_in_tracker_mm
-        nearer = points * (1.0 - by_mm / np.linalg.norm(points, axis=1, keepdims=True))
-        return replace(self, points_in_tracker_mm=nearer)
-
     def rows(self, rows: Index) -> "Shots":
         """Shots of these rows; the same where these are all, as they stand."""
         if len(rows) == len(self) and np.array_equal(rows, np.arange(len(self))):

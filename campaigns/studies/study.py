@@ -155,11 +155,9 @@ def _noise(setup: StudySetup, points: Array, rng: np.random.Generator) -> Array:
 def _parameter_errors(setup: StudySetup, posterior: Posterior, true: Array) -> tuple[Array, Array]:
     """Return errors and stated σ of the robot's parameters, (F,), in file units."""
     model = posterior.model
-    size, count = len(model.names), len(model.parameters)
-    null = null_directions(posterior)
-    off = posterior.x - true
-    off = off - null.vectors @ (null.vectors.T @ off)
-    variance = np.diag(null.without(posterior.covariance[:size, :size]))
+    count, null = len(model.parameters), null_directions(posterior)
+    off = null.at_nominal(posterior.x - true)
+    variance = np.diag(null.without(posterior.own_covariance))
     units = setup.nominal.mechanism.parameters.units(model.parameters)
     scale = model.tolerance[:count] / units
     return off[:count] * scale, np.sqrt(np.maximum(variance[:count], 0.0)) * scale
@@ -174,8 +172,7 @@ def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tup
     )
     left = real[:, :3] - fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
     judged = judged_at(posterior.model, identified, joints, modelled)
-    size = len(posterior.model.names)
-    std = position_std_mm(judged.by_unknowns, posterior.covariance[:size, :size])
+    std = position_std_mm(judged.by_unknowns, posterior.own_covariance)
     return float(np.sqrt((left**2).sum(axis=1).mean())), float(np.sqrt((std**2).mean()))
 
 

@@ -9,10 +9,11 @@ import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
-from campaigns.identification.result import COVERAGE_95
 from campaigns.studies.study import CampaignEstimate, CampaignRow
 
 CONFIDENCE = 0.95
+COVERAGE_95 = 1.96
+"""Half-width of 95 % intervals in σ."""
 LEAST_CAMPAIGNS = 2
 FALSE_ALARM = 0.01
 """Chance that any parameter of an honest study lies outside its `Chance`."""

@@ -152,16 +152,6 @@ def _redrawn(picture: Picture) -> Figure:
     return figure
 
 
-def zero_line(axes: Axes) -> None:
-    """Line at zero, above the grid and below the data."""
-    axes.axhline(0.0, color=QUIET, linewidth=0.8, zorder=1.5)
-
-
-def say_instead(axes: Axes, text: str) -> None:
-    """Words in the middle of a panel that has nothing to show."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=QUIET)
-
-
 def legend_above(figure: FigureBase, axes: Axes, columns: int) -> None:
     """One legend for the whole figure, over it, that names each label once."""
     handles, labels = axes.get_legend_handles_labels()
