@@ -202,15 +202,15 @@ class ClosedChain:
 
     # --- the closures and their derivatives ---------------------------------------------------
 
-    def closures(self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array) -> Array:
+    def closures(self, geometry: Geometry, plate: PlateGeometry, ends: Array, y: Array) -> Array:
         """Return by how much the rods do not close, (…, N, n) or (…, N, 2 n), in mm.
 
-        `joints` (N, n) are true joints less their offsets, `y` (…, N, t) a level plate's pose or
+        `ends` (…, 3, N, n) are the forearms' upper ends, `y` (…, N, t) a level plate's pose or
         (…, N, t + 3) a tilted one's. Sums of all arms come first, then weighted differences.
         """
         fields, size = geometry.arms, len(self.task)
         offsets = self._offsets(geometry, y)
-        forearm, forearm_mm = self._forearms(fields, offsets, joints, y), fields["forearm"]
+        forearm, forearm_mm = as_vectors(y[..., :3]) + offsets - ends, fields["forearm"]
         if y.shape[-1] == size:
             return (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
         tilt = as_vectors(y[..., size:])
@@ -229,18 +229,12 @@ class ClosedChain:
         turn = y[..., 3 : len(self.task)] if len(self.task) > 3 else np.zeros((1, 1))
         return self.platform.offsets(geometry.length, turn)
 
-    def _forearms(
-        self, fields: Mapping[str, Array], offsets: Array, joints: Array, y: Array
-    ) -> Array:
-        """Return the forearms to a level plate's joints, (…, 3, N, n)."""
-        return np.asarray(as_vectors(y[..., :3]) + offsets - self.limb.upper_ends(fields, joints))
-
     def _by_unknowns(
-        self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array
+        self, geometry: Geometry, plate: PlateGeometry, ends: Array, y: Array
     ) -> tuple[Array, Array]:
         """Return the closures (N, m) and their derivatives by y, (N, m, k)."""
         steps = STEP * np.eye(y.shape[1])[:, None]
-        stepped = self.closures(geometry, plate, joints, y + 1j * steps)
+        stepped = self.closures(geometry, plate, ends, y + 1j * steps)
         return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
 
     def jacobian(
@@ -254,8 +248,9 @@ class ClosedChain:
         geometry, table = self.geometry(p), self.parameters
         plate, true = self.plate_of(geometry), self._true_joints(geometry, joints, approach)
         size = len(self.task)
-        y = poses if poses.shape[1] > size else self._with_tilt(geometry, plate, true, poses)
-        _, by_y = self._by_unknowns(geometry, plate, true, y)
+        ends = self.limb.upper_ends(geometry.arms, true)
+        y = poses if poses.shape[1] > size else self._with_tilt(geometry, plate, ends, poses)
+        _, by_y = self._by_unknowns(geometry, plate, ends, y)
         transposed = by_y.swapaxes(1, 2)
         by_closures = -np.linalg.solve(transposed @ by_y, transposed)[:, :size]
         columns = np.zeros((len(joints), size, len(table.of_robot)))
@@ -265,7 +260,7 @@ class ClosedChain:
             columns[..., self._columns[stem]] = both.reshape(*both.shape[:2], 2, -1).sum(axis=2)
         if self._own_length:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
-            by_length = self.closures(longer, plate, true, y).imag / STEP
+            by_length = self.closures(longer, plate, ends, y).imag / STEP
             columns[..., self._columns[self._own_length]] = by_closures @ by_length[..., None]
         by_offset = columns[..., table.offsets]
         for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
@@ -283,7 +278,8 @@ class ClosedChain:
             **geometry.arms,
             **{stem: geometry.arms[stem] + step for stem, step in zip(stems, steps, strict=True)},
         }
-        stepped = self.closures(replace(geometry, arms=arms), plate, joints, y).imag / STEP
+        ends = self.limb.upper_ends(arms, joints)
+        stepped = self.closures(replace(geometry, arms=arms), plate, ends, y).imag / STEP
         return dict(zip(stems, stepped, strict=True))
 
     def _with_sag(self, geometry: Geometry, y: Array, columns: Array) -> Array:
@@ -350,6 +346,7 @@ class ClosedChain:
         """Solve one chunk: a level plate from each start until one is right, then its tilt."""
         plate, sign, size = self.plate_of(geometry), self.assembly_sign(geometry), len(self.task)
         starts = [] if near is None else [near[:, :size]]
+        ends = self.limb.upper_ends(geometry.arms, joints)
         y, found = np.empty((len(joints), size)), np.zeros(len(joints), dtype=bool)
         for number in range(len(starts) + len(GUESSES)):
             rows = np.flatnonzero(~found)
@@ -358,27 +355,27 @@ class ClosedChain:
             if number < len(starts):
                 start = starts[number]
             else:
-                start = self._guess(geometry, joints[rows], *GUESSES[number - len(starts)])
-            y[rows], settled = self._newton(geometry, plate, joints[rows], start)
-            wanted = self._is_wanted(geometry, plate, joints[rows], y[rows], sign)
+                start = self._guess(geometry, ends[:, rows], *GUESSES[number - len(starts)])
+            y[rows], settled = self._newton(geometry, plate, ends[:, rows], start)
+            wanted = self._is_wanted(geometry, plate, ends[:, rows], y[rows], sign)
             found[rows] = settled & wanted
         if not geometry.tilts or not found.any():
             return np.pad(y, ((0, 0), (0, 3))) if geometry.tilts else y, found
         tilted = np.pad(y, ((0, 0), (0, 3)))
-        tilted[found], settled = self._newton(geometry, plate, joints[found], tilted[found])
+        tilted[found], settled = self._newton(geometry, plate, ends[:, found], tilted[found])
         found[found] = settled
         return tilted, found
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _newton(
-        self, geometry: Geometry, plate: PlateGeometry, joints: Array, start: Array
+        self, geometry: Geometry, plate: PlateGeometry, ends: Array, start: Array
     ) -> tuple[Array, Mask]:
         """Return unknowns from starts (N, k) by limited Gauss-Newton steps, and which settled."""
         y, settled, size = start.copy(), np.zeros(len(start), dtype=bool), len(self.task)
         turn = self._turn_scale(geometry)
         active = np.arange(len(start))
         for _ in range(ITERATIONS):
-            residual, by_y = self._by_unknowns(geometry, plate, joints[active], y[active])
+            residual, by_y = self._by_unknowns(geometry, plate, ends[:, active], y[active])
             transposed = by_y.swapaxes(1, 2)
             normal = transposed @ by_y + 1e-14 * np.eye(y.shape[1])  # no exception where singular
             step = -np.linalg.solve(normal, transposed @ residual[..., None])[..., 0]
@@ -387,7 +384,7 @@ class ClosedChain:
             shorter = np.maximum(np.maximum(way / STEP_MM, angles / turn.step_rad), 1.0)
             y[active] += step / shorter[:, None]
             size_mm = way + turn.lever_mm * angles + 50.0 * np.abs(step[:, size:]).sum(axis=1)
-            misfit = np.abs(residual[:, : joints.shape[1]]).max(axis=1)
+            misfit = np.abs(residual[:, : ends.shape[2]]).max(axis=1)
             settled[active] = (size_mm < CONVERGED_MM) & (misfit < 1.0)  # mm: minima are none
             active = active[(size_mm >= CONVERGED_MM) & np.isfinite(size_mm)]
             if not len(active):
@@ -399,11 +396,10 @@ class ClosedChain:
         forearm_mm = float(np.mean(geometry.arms["forearm"]))
         return self.platform.turn_scale(float(geometry.length[0, 0]), forearm_mm)
 
-    def _guess(self, geometry: Geometry, joints: Array, turn_rad: float, lift_mm: float) -> Array:
-        """Return poses (N, t) of a platform that hangs under the middle of its elbows."""
-        elbows = self.limb.upper_ends(geometry.arms, joints)
-        middle = elbows.mean(axis=-1)
-        outward2 = ((elbows[:2] - middle[:2, :, None]) ** 2).sum(axis=0)
+    def _guess(self, geometry: Geometry, ends: Array, turn_rad: float, lift_mm: float) -> Array:
+        """Return poses (N, t) of a platform that hangs under the middle of its upper ends."""
+        middle = ends.mean(axis=-1)
+        outward2 = ((ends[:2] - middle[:2, :, None]) ** 2).sum(axis=0)
         drop = np.sqrt(np.maximum(geometry.arms["forearm"] ** 2 - outward2, 0.0).mean(axis=-1))
         aside = self.platform.offsets(geometry.length, np.array([[turn_rad]])).mean(axis=-1)
         pose = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop + lift_mm]
@@ -412,30 +408,29 @@ class ClosedChain:
 
     def assembly_sign(self, geometry: Geometry) -> float:
         """Return the sign of the closures' determinant at home: joints 0, platform well below."""
-        home = np.zeros((1, self.platform.arms))
-        pose = self._guess(geometry, home, 0.0, -WELL_BELOW_MM)
-        _, by_pose = self._by_unknowns(geometry, self.plate_of(geometry), home, pose)
+        ends = self.limb.upper_ends(geometry.arms, np.zeros((1, self.platform.arms)))
+        pose = self._guess(geometry, ends, 0.0, -WELL_BELOW_MM)
+        _, by_pose = self._by_unknowns(geometry, self.plate_of(geometry), ends, pose)
         return float(np.sign(np.linalg.det(by_pose))[0])
 
     @np.errstate(invalid="ignore", over="ignore")
     def _is_wanted(
-        self, geometry: Geometry, plate: PlateGeometry, joints: Array, poses: Array, sign: float
+        self, geometry: Geometry, plate: PlateGeometry, ends: Array, poses: Array, sign: float
     ) -> Mask:
-        """Return which poses (N, t) hang below their elbows, in the assembly mode of home."""
-        _, by_pose = self._by_unknowns(geometry, plate, joints, poses)
-        elbows = self.limb.upper_ends(geometry.arms, joints)
-        wanted = (poses[:, 2] < elbows[2].mean(axis=-1)) & (np.linalg.det(by_pose) * sign > 0.0)
+        """Return which poses (N, t) hang below their upper ends, in the assembly mode of home."""
+        _, by_pose = self._by_unknowns(geometry, plate, ends, poses)
+        wanted = (poses[:, 2] < ends[2].mean(axis=-1)) & (np.linalg.det(by_pose) * sign > 0.0)
         scale = self._turn_scale(geometry)
         return np.asarray(wanted & (np.abs(poses[:, 3:]) < scale.limit_rad).all(axis=1))
 
     def _with_tilt(
-        self, geometry: Geometry, plate: PlateGeometry, joints: Array, poses: Array
+        self, geometry: Geometry, plate: PlateGeometry, ends: Array, poses: Array
     ) -> Array:
-        """Return the unknowns (N, t + 3) of poses (N, t) that these joints assemble to."""
+        """Return the unknowns (N, t + 3) of poses (N, t) of forearms with these upper ends."""
         y = np.pad(poses, ((0, 0), (0, 3)))
         if geometry.sag.any():
             y[:, 2] -= geometry.sag @ sag_basis(*y[:, :3].T)
-        return self._newton(geometry, plate, joints, y)[0] if geometry.tilts else y
+        return self._newton(geometry, plate, ends, y)[0] if geometry.tilts else y
 
     # --- inverse and transmission -------------------------------------------------------------
 
@@ -482,10 +477,11 @@ class ClosedChain:
         geometry = self.geometry(p)
         plate, fields = self.plate_of(geometry), geometry.arms
         true = self._true_joints(geometry, joints, None)
-        forearms = self._forearms(fields, self._offsets(geometry, poses), true, poses)
+        ends = self.limb.upper_ends(fields, true)
+        forearms = as_vectors(poses[:, :3]) + self._offsets(geometry, poses) - ends
         singular_value = np.full(len(poses), np.nan)
         rows = np.isfinite(joints).all(axis=1)
-        _, by_pose = self._by_unknowns(geometry, plate, true[rows], poses[rows])
+        _, by_pose = self._by_unknowns(geometry, plate, ends[:, rows], poses[rows])
         scale = self._turn_scale(geometry)
         by_pose[..., 3:] /= scale.lever_mm
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
@@ -494,7 +490,7 @@ class ClosedChain:
             self.limb.swing_rad(fields, forearms),
             self.limb.leverage(fields, true, forearms),
             singular_value,
-            self.limb.upper_ends(fields, true)[2].mean(axis=-1),
+            ends[2].mean(axis=-1),
         )
 
     def _true_joints(self, geometry: Geometry, joints: Array, approach: Array | None) -> Array:

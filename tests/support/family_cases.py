@@ -153,7 +153,8 @@ def closures_at(robot, joints, poses):
     """Closures of a level mechanism (N, n), mm: zero where it is assembled."""
     chain = robot.mechanism
     geometry = chain.geometry(robot.p)
-    return chain.closures(geometry, chain.plate_of(geometry), joints, poses)
+    ends = chain.limb.upper_ends(geometry.arms, joints)
+    return chain.closures(geometry, chain.plate_of(geometry), ends, poses)
 
 
 def closures_by_pose(robot, joints, poses):
