@@ -20,8 +20,6 @@ LEAST_SHARE = 0.9
 ROUNDS = 20
 SETTLED_MM = 1e-10
 """Largest change of a position that ends the search."""
-HIDDEN = 1e-9
-"""Singular value, over the largest, of a combination of parameters that no position shows."""
 CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
 
 
@@ -89,27 +87,28 @@ def left_as_commanded(
 def project_plain(identified: Kinematics, workspace: Workspace) -> ModelReduction:
     """Nearest parameters of those that every controller knows; the others are 0.
 
-    They leave the least mean square error of position. Raises `IdentificationRefused` when the
-    controller's robot cannot take the joints.
+    They leave the least mean square error of position. Parameters that only place the base frame,
+    and the directions of arms and rails, stay as they were identified: an upright rail that leans
+    a little aside would be one of another azimuth, by any angle. Raises `IdentificationRefused`
+    when the controller's robot cannot take the joints.
     """
     space, fixed = identified.mechanism.parameters, identified.p.copy()
     fixed[len(space.names) :] = 0.0
-    places = space.places(space.names)
+    places = space.places(identified.mechanism.free_by_paper)
 
     def controller(values: Array) -> Kinematics:
         p = fixed.copy()
         p[places] = values
         return Kinematics(identified.mechanism, p)
 
-    # Gauss-Newton by the shortest step, which leaves alone what no position shows, such as motions
-    # of the base frame. The errors are small, so a few rounds end it.
+    # Gauss-Newton: the errors are small, so a few rounds end it.
     values = fixed[places]
     for _ in range(ROUNDS):
         robot = controller(values)
         poses, frame, errors = _fitted(robot, workspace)
         by_values = frame.rotation @ robot.jacobian(workspace.joints, poses)[:, :3, places]
         rows = without_frame(by_values, workspace.poses[:, :3] + errors).reshape(errors.size, -1)
-        step = np.linalg.lstsq(rows, -errors.ravel(), rcond=HIDDEN)[0]
+        step = np.linalg.lstsq(rows, -errors.ravel())[0]
         values = values + step
         if np.abs(rows @ step).max() < SETTLED_MM:
             break

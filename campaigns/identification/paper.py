@@ -21,7 +21,6 @@ from campaigns.identification.result import (
     ResidualTable,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
-from campaigns.kinematics.parameters import ParameterTable, Role
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -32,16 +31,10 @@ def free_names(nominal: Kinematics, options: IdentificationOptions) -> tuple[str
     """Return the parameters that the paper's method fits, by the options."""
     mechanism = nominal.mechanism
     table = mechanism.parameters
-    held = {name for own in mechanism.held_by_paper for name in _meant(own, table)}
-    names = [name for name in table.select(Role.GEOMETRY) if name not in held]
     freed = {name for own in options.free for name in matching(own, table)}
     fixed = {name for own in options.fix for name in matching(own, table)}
-    return tuple(n for n in table.of_robot if (n in names or n in freed) and n not in fixed)
-
-
-def _meant(name: str, table: ParameterTable) -> tuple[str, ...]:
-    """Return a parameter, or a field of all arms."""
-    return (name,) if name in table else table.select(field=name)
+    wanted = {*mechanism.free_by_paper, *freed} - fixed
+    return tuple(name for name in table.of_robot if name in wanted)
 
 
 def identify_as_paper(

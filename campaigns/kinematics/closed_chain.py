@@ -143,6 +143,12 @@ class ClosedChain:
         platform, limb = self.platform, self.limb
         return ParameterTable.of(platform.arms, limb.fields, platform.fields, limb.rate)
 
+    @cached_property
+    def free_by_paper(self) -> tuple[str, ...]:
+        """Names of the geometry that the paper's method fits."""
+        table, held = self.parameters, set(self.held_by_paper)
+        return tuple(name for name in table.names if not {name, table[name].field.name} & held)
+
     @property
     def phase_rate(self) -> float:
         """Phase of a ripple in rad over a reading in rad or mm."""

@@ -24,10 +24,10 @@ def workspace_of(member, robot, count=300):
 
 def slightly_tilted(member):
     """Skews and tilts as workshops leave them."""
-    p, space = member.perturbed.p.copy(), member.space
-    for stem in ("rail_tilt", "axis_tilt", "parallelogram_skew"):
-        places = space.columns.get(stem, np.zeros(0, dtype=int))
-        p[places] += np.random.default_rng(2).normal(0.0, 5e-4, len(places))
+    p, columns = member.perturbed.p.copy(), member.space.columns
+    first = {"rail_tilt": 1, "axis_tilt": 2, "parallelogram_skew": 0}  # others turn the base frame
+    places = np.concatenate([columns[stem][arm:] for stem, arm in first.items() if stem in columns])
+    p[places] += np.random.default_rng(2).normal(0.0, 5e-4, len(places))
     return Kinematics(member.mechanism, p)
 
 
