@@ -75,7 +75,10 @@ class UncertaintyMonitor:
 
         None for too few of them.
         """
-        shots = [s for s in self.planned.values() if s.purpose is ShotSet.IDENTIFICATION][:count]
+        shots = list(self.planned.values())
+        places = [n for n, s in enumerate(shots) if s.purpose is ShotSet.IDENTIFICATION]
+        if count is not None and count < len(places):
+            shots = shots[: places[count]]  # with what lies between, from which joints come
         instrument = self.options.instrument
         try:
             at = forecast(shots, self.model, np.array(tracker_mm), instrument, self.judged)

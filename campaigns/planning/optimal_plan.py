@@ -13,14 +13,19 @@ from campaigns.fit.design import ShotDesign
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.planning import plans
-from campaigns.planning.forecast import FEWEST_SHOTS, judged_at, linearised_plan, prior_precision
+from campaigns.planning.forecast import (
+    FEWEST_SHOTS,
+    Judged,
+    judged_positions,
+    linearised_plan,
+    prior_precision,
+)
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 
 CANDIDATES = 2000
-WORKSPACE_SAMPLE = 300
-"""Poses, drawn for each plan, at which positions are to be known best."""
 MOST_SHOTS = 1000
 """Shots of a plan with a goal, at most."""
 MOST_EXCHANGED = 300
@@ -53,11 +58,10 @@ def make_optimal_plan(
     region = plans.requested_region(robot, view, wanted)
     try:
         poses = candidates(region, max(CANDIDATES, 2 * wanted.identification_shots), rng)
-        judged = pose_sampling.workspace_poses(
-            region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng, region.space
-        )
     except pose_sampling.WorkspaceTooSmall as error:
         raise plans.too_small(error, region, "candidates") from error
+    planner = RobotModel(robot.kinematics, robot.limits, region.centre, wanted.space)
+    judged = judged_positions(request.model, planner, poses)
     chosen = choose_shots(region, request, poses, judged)
     return _ordered(region, poses[chosen], unseen, wanted)
 
@@ -79,9 +83,9 @@ def candidates(region: FeasibleRegion, count: int, rng: np.random.Generator) -> 
 
 
 def choose_shots(
-    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Array
+    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Judged
 ) -> Index:
-    """Choose an even number of candidate poses (M, t) for the positions `judged` (K, t).
+    """Choose an even number of candidate poses (M, t) for the positions that are judged.
 
     Raise `PlanInvalid` for a goal that is out of reach.
     """
@@ -104,16 +108,14 @@ def choose_shots(
 
 
 def _design(
-    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Array
+    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Judged
 ) -> ShotDesign:
     model, tracker_mm = request.model, region.view_from_mm
     joints = region.kinematics.inverse(poses).values_or_raise()
     at = linearised_plan(model, joints, poses, np.zeros_like(joints), tracker_mm)
     covariance = point_covariance_mm2(poses[:, :3] - tracker_mm, request.uncertainty)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), at.jacobian)
-    there = region.kinematics.inverse(judged).values_or_raise()
-    by_unknowns = judged_at(model, region.kinematics, there, judged).by_unknowns
-    rows = by_unknowns.reshape(-1, by_unknowns.shape[2])
+    rows = judged.by_unknowns.reshape(-1, judged.by_unknowns.shape[2])
     return ShotDesign(whitened, prior_precision(model), np.pad(rows, ((0, 0), (0, 6))))
 
 

@@ -34,8 +34,7 @@ def slightly_tilted(member):
 @some_members
 def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
     workspace = workspace_of(member, member.perturbed)
-    found = project_plain(member.perturbed, workspace)
-    assert found.error.max_mm < 1e-9
+    assert project_plain(member.perturbed, workspace).error.max_mm < 1e-9
     assert left_by(member.nominal, workspace).mean_mm > 0.3
 
 
