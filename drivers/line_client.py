@@ -1,102 +1,118 @@
-"""Connection to a device that speaks in numbered lines: questions, and refusals as errors."""
+"""Client of a device that speaks in numbered lines: questions, and refusals as errors."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import TypeVar
 
 from drivers import errors
 from drivers.link import Link, LinkClient
 from drivers.transport import Transport
-from drivers.wire import numbered_lines as lines
 from drivers.wire.framing import ascii_bytes
+from drivers.wire.lines import (
+    EMPTY_LINE,
+    UNREAD_VERB,
+    Answer,
+    LineGrammar,
+    Nothing,
+    Question,
+    Refused,
+)
 
-CommandT = TypeVar("CommandT")
-AnswerKind = TypeVar("AnswerKind")
-
-Refusals = Mapping[str, tuple[type[errors.DeviceRefused], str]]
-"""Error and remedy for the code of a refusal."""
+Body = TypeVar("Body")
+NOTHING = Nothing()
+OPENING_S = 2.0
+"""How long the first bytes over a fresh connection may take to be sent."""
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect(Generic[CommandT]):
-    """A protocol as its client speaks it; `page` says where it is specified."""
+class Dialect:
+    """A protocol as its client speaks it: error and remedy for the code of each refusal.
 
-    grammar: lines.LineGrammar[CommandT, Any]
-    refusals: Refusals
+    `page` specifies it.
+    """
+
+    grammar: LineGrammar
+    refusals: Mapping[str, tuple[type[errors.DeviceRefused], str]]
     page: str
 
 
-class LineClient(LinkClient[lines.LineReply[Any]], Generic[CommandT]):
+class LineClient(LinkClient[Answer]):
     """Client that asks one question after another; only the last one can be answered.
 
-    A reply to another number is stale (after a fault it can sit in a serial line's buffer): the
+    An answer to another number is stale (after a fault it can sit in a serial line's buffer): the
     link keeps it with the events, of which these protocols have none, and nobody ever reads it.
+    `numbers` are those of its questions. The verb `first` is sent before anything is read, so that
+    noise on the line cannot keep it back, behind an empty line, which ends what an earlier client
+    left half sent.
     """
 
     def __init__(
         self,
         transport: Transport,
-        dialect: Dialect[CommandT],
+        dialect: Dialect,
         numbers: Iterator[int],
         *,
         clock_s: Callable[[], float],
         cancelled: Callable[[], bool],
+        first: str = "",
     ) -> None:
         link = Link(
             transport,
-            dialect.grammar.replies(),
+            dialect.grammar.answers(),
             clock_s=clock_s,
-            is_event=lambda reply: reply.sequence != self._asked,
+            is_event=lambda answer: answer.number != self._asked,
             cancelled=cancelled,
         )
         super().__init__(link)
         self._dialect = dialect
         self._numbers = numbers
         self._asked = 0
+        self._first = Question(next(numbers), first) if first else None
+        opening = EMPTY_LINE
+        if self._first is not None:
+            opening += dialect.grammar.encode_question(self._first)
+        try:
+            transport.send(opening, OPENING_S)
+        except errors.DriverError:
+            transport.close()
+            raise
 
     def ask(
-        self, command: CommandT, kind: type[AnswerKind], within_s: float
-    ) -> tuple[AnswerKind, str]:
+        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float
+    ) -> tuple[Body, str]:
         """Return the answer, and the line in which it came.
 
         Raises what a refusal means, or `LinkDown`, `WireError`, `Cancelled`; these three close.
         """
-        self._asked = number = next(self._numbers)
-        verb = self._dialect.grammar.verb_of(command)
-        reply = self._link.ask(
-            self._dialect.grammar.encode_request(lines.LineRequest(number, command)),
-            answers=lambda reply: _is_answer(reply, number, verb, kind),
+        question = Question(next(self._numbers), verb, body)
+        self._asked = question.number
+        answer = self._link.ask(
+            self._dialect.grammar.encode_question(question),
+            answers=lambda answer: _is_answer(answer, question, kind),
             within_s=within_s,
             what=verb,
         )
-        return self._outcome(reply, verb, kind)
+        return self._body_of(answer, verb, kind)
 
-    def await_answer(
-        self, blind: lines.LineRequest[CommandT], kind: type[AnswerKind], within_s: float
-    ) -> tuple[AnswerKind, str]:
-        """Return the answer to what was said blindly when this connection began; raises as `ask`.
+    def await_first(self, kind: type[Body], within_s: float) -> Body:
+        """Return the answer to the verb that was sent first; raises as `ask`.
 
-        Nothing else has been asked since: its answer has a number that nobody asks for now, and so
-        it lies among the late ones.
+        Nothing else has been asked since: to the link, its answer is a late one.
         """
-        verb = self._dialect.grammar.verb_of(blind.command)
-        reply = self._link.await_event(
-            lambda reply: _is_answer(reply, blind.sequence, verb, kind),
-            within_s=within_s,
-            what=verb,
+        first = self._first
+        assert first is not None, "a verb was sent first"
+        answer = self._link.await_event(
+            lambda answer: _is_answer(answer, first, kind), within_s=within_s, what=first.verb
         )
-        return self._outcome(reply, verb, kind)
+        return self._body_of(answer, first.verb, kind)[0]
 
-    def _outcome(
-        self, reply: lines.LineReply[Any], verb: str, kind: type[AnswerKind]
-    ) -> tuple[AnswerKind, str]:
-        if isinstance(reply.outcome, kind):
-            return reply.outcome, reply.line
-        if isinstance(reply.outcome, lines.Refused):
-            raise self._refusal(reply.outcome, verb)
-        raise AssertionError(reply)
+    def _body_of(self, answer: Answer, verb: str, kind: type[Body]) -> tuple[Body, str]:
+        if isinstance(answer.body, Refused):
+            raise self._refusal(answer.body, verb)
+        assert isinstance(answer.body, kind), "only such an answer was accepted"
+        return answer.body, answer.line
 
-    def _refusal(self, refused: lines.Refused, verb: str) -> errors.DriverError:
+    def _refusal(self, refused: Refused, verb: str) -> errors.DriverError:
         problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"
         if refused.code == "CHECKSUM":
             self.close()
@@ -110,42 +126,17 @@ class LineClient(LinkClient[lines.LineReply[Any]], Generic[CommandT]):
         return error(problem, remedy=remedy, code=refused.code)
 
 
-def _is_answer(reply: lines.LineReply[Any], number: int, verb: str, kind: type[object]) -> bool:
-    if reply.sequence != number or reply.verb not in {verb, lines.UNREAD_VERB}:
-        return False
-    return isinstance(reply.outcome, (kind, lines.Refused))
+def _is_answer(answer: Answer, question: Question, kind: type[object]) -> bool:
+    return (
+        answer.number == question.number
+        and answer.verb in {question.verb, UNREAD_VERB}
+        and isinstance(answer.body, (kind, Refused))
+    )
 
 
-def open_client(
-    transport: Transport,
-    dialect: Dialect[CommandT],
-    numbers: Iterator[int],
-    *,
-    clock_s: Callable[[], float],
-    cancelled: Callable[[], bool],
-    blindly: lines.LineRequest[CommandT] | None = None,
-    within_s: float,
-) -> LineClient[CommandT]:
-    """Begin on a fresh transport; an empty line ends what an earlier client left half sent.
-
-    A command can be sent `blindly`, before anything is read: noise on the line cannot keep it back.
-    """
-    opening = lines.EMPTY_LINE
-    if blindly is not None:
-        opening += dialect.grammar.encode_request(blindly)
-    try:
-        transport.send(opening, within_s)
-    except errors.DriverError:
-        transport.close()
-        raise
-    return LineClient(transport, dialect, numbers, clock_s=clock_s, cancelled=cancelled)
-
-
-def answer_said(
-    grammar: lines.LineGrammar[Any, Any], raw: str, kind: type[AnswerKind], what: str
-) -> AnswerKind:
-    """Answer of a line as records keep it; raises `WireError` for what is not `what`."""
-    told = grammar.decode_reply(ascii_bytes(raw)).outcome
-    if isinstance(told, kind):
-        return told
-    raise errors.WireError(f"no {what}: {raw!r:.80}")
+def recorded_answer(grammar: LineGrammar, line: str, kind: type[Body]) -> Body:
+    """Read an answer from a line as records keep it; raises `WireError` for another one."""
+    body = grammar.decode_answer(ascii_bytes(line)).body
+    if isinstance(body, kind):
+        return body
+    raise errors.WireError(f"not a line of {kind.__name__}: {line!r:.80}")

@@ -1,6 +1,6 @@
 """An instrument that speaks pointline (docs/pointline.md): units and meaning."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot
 from typing import TypeVar
@@ -9,20 +9,20 @@ from typing_extensions import override
 
 from drivers import errors, values
 from drivers.declaration import Surroundings, TrackerDriver
-from drivers.line_client import Dialect, LineClient, Refusals, answer_said, open_client
+from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
 from drivers.link import never
 from drivers.plausible import RESTART, require, require_point, require_weather
 from drivers.ports import Clock
 from drivers.session import PreparedTracker
 from drivers.transport import Transport
 from drivers.wire import pointline as wire
-from drivers.wire.numbered_lines import LAST_SEQUENCE, CommandDone, Hello, sequence_from
+from drivers.wire.lines import LAST_NUMBER, Hello, Nothing, numbers_from
 
-NONE = "NONE"
+NOT_THERE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
 MOST_REFLECTORS = 100
 BEAM = "clear the line of sight, and let the instrument see the reflector"
-REFUSALS: Refusals = {
+REFUSALS: Mapping[str, tuple[type[errors.DeviceRefused], str]] = {
     "BEAM": (errors.BeamBroken, BEAM),
     "NOBEAM": (errors.NoReflector, BEAM),
     "REFLECTOR": (
@@ -32,9 +32,9 @@ REFUSALS: Refusals = {
     "COLD": (errors.DeviceNotReady, "wait until the instrument is warm, then try again"),
     "FAULT": (errors.DeviceNotReady, "look at the instrument's own display, then try again"),
 }
-DIALECT: Dialect[wire.Command] = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md")
+DIALECT = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md")
 
-AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
+Body = TypeVar("Body")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class PointlineDeadlines:
     measuring_margin_s: float = 15.0
 
 
-class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, wire.Prepare]):
+class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
     """An instrument at the other end of a wire.
 
     `first_sequence`, 1 to 999999999, should differ from session to session.
@@ -65,13 +65,13 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
         cancelled: Callable[[], bool] = never,
     ) -> None:
         super().__init__(open_transport, clock, cancelled)
-        self._numbers = sequence_from(first_sequence)
+        self._numbers = numbers_from(first_sequence)
         self._deadlines = deadlines
         self._last_count = 0
 
     @override
     def state(self) -> values.TrackerState:
-        status = self._ask(wire.Order.STATE, wire.InstrumentStatus)
+        status = self._ask("STATE", wire.InstrumentStatus)
         readiness = values.Readiness.NOT_READY
         if status.busy:
             readiness = values.Readiness.BUSY
@@ -87,7 +87,7 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
 
     @override
     def weather(self) -> values.Weather | None:
-        told = self._if_it_has(wire.Order.AIR, wire.Air)
+        told = self._if_it_has("AIR", wire.Air)
         if told is None:
             return None
         air = values.Weather(told.temperature_degC, told.pressure_hPa, told.humidity_percent)
@@ -100,7 +100,7 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
         count = 1
         while len(found) < min(count, MOST_REFLECTORS):
             index = len(found)
-            told = self._ask(wire.ReadReflector(index), wire.ReflectorDefinition)
+            told = self._ask("REFLECTOR", wire.ReflectorDefinition, wire.ReadReflector(index))
             count = told.count
             found.append(values.Reflector(told.name, index, told.surface_offset_mm))
         return tuple(found)
@@ -117,7 +117,7 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
         """
         client, wanted, _ = self._prepared()
         within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
-        told, line = client.ask(wire.Order.MEASURE, wire.PointMeasured, within_s)
+        told, line = client.ask("MEASURE", wire.PointMeasured, within_s=within_s)
         covariance_mm2 = _covariance_mm2(client.name, told)
         before, self._last_count = self._last_count, told.count
         if told.count == before != 0:
@@ -134,52 +134,55 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
 
     @override
     def direction(self) -> values.Vector3 | None:
-        told = self._if_it_has(wire.Order.DIRECTION, wire.BeamDirection)
+        told = self._if_it_has("DIRECTION", wire.BeamDirection)
         if told is None or not (length := hypot(*told.direction)):
             return None
         return values.vector(value / length for value in told.direction)
 
     @override
     def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
-        self._aim(wire.GoTo(values.vector(point_in_tracker_mm)))
+        self._aim("GOTO", wire.GoTo(values.vector(point_in_tracker_mm)))
 
     @override
     def find_reflector(self, distance_mm: float) -> None:
-        self._aim(wire.Find(distance_mm))
+        self._aim("FIND", wire.Find(distance_mm))
 
-    def _aim(self, command: wire.GoTo | wire.Find) -> None:
+    def _aim(self, verb: str, target: wire.GoTo | wire.Find) -> None:
         self._prepared()
-        self._ask(command, CommandDone, self._deadlines.motion_s)
+        self._ask(verb, Nothing, target, within_s=self._deadlines.motion_s)
 
-    def _if_it_has(self, command: wire.Command, kind: type[AnswerKind]) -> AnswerKind | None:
+    def _if_it_has(self, verb: str, kind: type[Body]) -> Body | None:
         try:
-            return self._ask(command, kind)
+            return self._ask(verb, kind)
         except errors.DeviceRefused as refused:
-            if refused.code != NONE:
+            if refused.code != NOT_THERE:
                 raise
             return None
 
     def _ask(
-        self, command: wire.Command, kind: type[AnswerKind], within_s: float | None = None
-    ) -> AnswerKind:
+        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float | None = None
+    ) -> Body:
         within_s = within_s or self._deadlines.answer_s
-        return self._session.connection.ask(command, kind, within_s)[0]
+        return self._session.connection.ask(verb, kind, body, within_s=within_s)[0]
 
     @override
-    def _opened(self) -> LineClient[wire.Command]:
-        return open_client(
+    def _opened(self) -> LineClient:
+        return LineClient(
             self._open_transport(),
             DIALECT,
             self._numbers,
             clock_s=self._clock.now_s,
             cancelled=self._cancelled,
-            within_s=self._deadlines.answer_s,
         )
 
     @override
-    def _who(self, client: LineClient[wire.Command]) -> values.Identity:
-        hello = Hello(wire.VERSION)
-        told, _ = client.ask(hello, wire.InstrumentGreeting, self._deadlines.greeting_s)
+    def _who(self, client: LineClient) -> values.Identity:
+        told, _ = client.ask(
+            "HELLO",
+            wire.InstrumentGreeting,
+            Hello(wire.VERSION),
+            within_s=self._deadlines.greeting_s,
+        )
         identity = values.Identity(
             told.vendor, told.model, told.serial, told.firmware, f"pointline {told.version}"
         )
@@ -191,8 +194,8 @@ class PointlineTracker(PreparedTracker[LineClient[wire.Command], wire.Prepare, w
         return identity
 
     @override
-    def _set_up(self, client: LineClient[wire.Command], wanted: wire.Prepare) -> wire.Prepare:
-        client.ask(wanted, CommandDone, self._deadlines.prepare_s)
+    def _set_up(self, client: LineClient, wanted: wire.Prepare) -> wire.Prepare:
+        client.ask("PREPARE", Nothing, wanted, within_s=self._deadlines.prepare_s)
         return wanted
 
 
@@ -216,7 +219,7 @@ def _covariance_mm2(where: str, told: wire.PointMeasured) -> values.Matrix3 | No
 
 def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
     """Point, mm, and covariance, mm², of an answer as records keep it; raises `DriverError`."""
-    told = answer_said(wire.GRAMMAR, raw, wire.PointMeasured, "measurement of an instrument")
+    told = recorded_answer(wire.GRAMMAR, raw, wire.PointMeasured)
     return told.point_mm, _covariance_mm2("the tracker", told)
 
 
@@ -224,7 +227,7 @@ def _made(given: Surroundings, _instrument_clock: Clock | None) -> PointlineTrac
     return PointlineTracker(
         given.open_transport,
         clock=given.clock,
-        first_sequence=given.draws.randint(1, LAST_SEQUENCE),
+        first_sequence=given.draws.randint(1, LAST_NUMBER),
         cancelled=given.cancelled,
     )
 

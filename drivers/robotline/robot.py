@@ -17,7 +17,7 @@ from drivers.errors import (
     WireError,
     WrongDevice,
 )
-from drivers.line_client import Dialect, LineClient, Refusals, answer_said, open_client
+from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
 from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock, RobotController
@@ -26,12 +26,12 @@ from drivers.stopping import Alarm, StopProcedure, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
-from drivers.wire.numbered_lines import LAST_SEQUENCE, CommandDone, Hello, sequence_from
+from drivers.wire.lines import LAST_NUMBER, Hello, Nothing, Title, numbers_from
 
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
 
-REFUSALS: Refusals = {
+REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
     "LIMIT": (LimitViolation, "compare the plan's limits with the controller's"),
     "REACH": (LimitViolation, "compare the plan's robot file with the controller's parameters"),
     "FAULT": (MotionFault, "clear the fault at the controller, then start again"),
@@ -40,7 +40,7 @@ REFUSALS: Refusals = {
     "GEOMETRY": (DeviceRefused, "check the robot file; the controller keeps its old parameters"),
 }
 
-AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
+Body = TypeVar("Body")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class LineRobot(RobotController):
         self._layout = layout
         self._dialect = Dialect(wire.grammar(layout), REFUSALS, "docs/robotline.md")
         self._clock = clock
-        self._numbers = sequence_from(first_sequence)
+        self._numbers = numbers_from(first_sequence)
         self._deadlines = deadlines
         self._session = DeviceSession("controller", self._opened, self._greet)
         self._known: tuple[str, ...] | None = None
@@ -117,7 +117,7 @@ class LineRobot(RobotController):
         client = self._session.connection
         deadlines = self._deadlines
         within_s = deadlines.moving_answer_s if self._is_moving else deadlines.answer_s
-        status, line = client.ask(wire.Order.STATE, wire.ControllerStatus, within_s)
+        status, line = client.ask("STATE", wire.ControllerStatus, within_s=within_s)
         self._is_moving = status.moving
         joints = inner_units(self._layout.joints, status.joints)
         require_joints(client.name, self._layout.joints, joints)
@@ -135,12 +135,12 @@ class LineRobot(RobotController):
     @override
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         on_wire = outer_units(self._layout.joints, joints)
-        self._begin(wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT))
+        self._begin("MOVEJ", wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT))
 
     @override
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         on_wire = outer_units(self._layout.coordinates, pose.coordinates)
-        self._begin(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT))
+        self._begin("MOVEP", wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT))
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or the operator has asked to stop.
@@ -173,10 +173,10 @@ class LineRobot(RobotController):
         with self._stopping.undisturbed():
             try:
                 for part in self._layout.parts_of(geometry):
-                    self._ask(part, CommandDone)
-                self._ask(wire.Order.COMMIT, CommandDone, self._deadlines.commit_s)
+                    self._ask("STAGE", Nothing, part)
+                self._ask("COMMIT", Nothing, within_s=self._deadlines.commit_s)
             except DeviceRefused:
-                self._ask(wire.Order.ABANDON, CommandDone)
+                self._ask("ABANDON", Nothing)
                 raise
 
     @override
@@ -186,7 +186,7 @@ class LineRobot(RobotController):
     def _read(self, parts: Iterable[str]) -> dict[str, float]:
         geometry: dict[str, float] = {}
         for name in parts:
-            part = self._ask(wire.ReadPart(name), wire.Part)
+            part = self._ask("GEOM", wire.Part, wire.ReadPart(Title(name)))
             if part.name != name:
                 self.close()
                 raise WireError(f"the controller answered for {part.name}, asked for {name}")
@@ -213,46 +213,41 @@ class LineRobot(RobotController):
         return True
 
     def _ask(
-        self, command: wire.Command, kind: type[AnswerKind], within_s: float | None = None
-    ) -> AnswerKind:
-        answer, _ = self._session.connection.ask(
-            command, kind, within_s or self._deadlines.answer_s
-        )
-        return answer
+        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float | None = None
+    ) -> Body:
+        within_s = within_s or self._deadlines.answer_s
+        return self._session.connection.ask(verb, kind, body, within_s=within_s)[0]
 
-    def _begin(self, command: wire.MoveJoints | wire.MovePose) -> None:
-        self._ask(command, wire.MotionBegun)
+    def _begin(self, verb: str, move: wire.MoveJoints | wire.MovePose) -> None:
+        self._ask(verb, wire.MotionBegun, move)
         self._is_moving = True
 
-    def _greet(self, conversation: LineClient[wire.Command]) -> Identity:
-        greeting, _ = conversation.ask(
-            Hello(wire.VERSION), wire.ControllerGreeting, self._deadlines.answer_s
+    def _greet(self, client: LineClient) -> Identity:
+        greeting, _ = client.ask(
+            "HELLO", wire.ControllerGreeting, Hello(wire.VERSION), within_s=self._deadlines.answer_s
         )
         return _identity(greeting, len(self._layout.joints))
 
-    def _opened(self, blindly: wire.RobotlineRequest | None = None) -> LineClient[wire.Command]:
-        return open_client(
+    def _opened(self, first: str = "") -> LineClient:
+        return LineClient(
             self._open_transport(timeout_s=self._stopping.patience_s(CONNECT_S)),
             self._dialect,
             self._numbers,
             clock_s=self._clock.now_s,
             cancelled=self._stopping.is_cancelled,
-            blindly=blindly,
-            within_s=self._deadlines.answer_s,
+            first=first,
         )
 
     def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:
         if self._session.is_open:
-            self._ask(wire.Order.STOP, CommandDone, answer_s)
+            self._ask("STOP", Nothing, within_s=answer_s)
         else:
-            blind = wire.RobotlineRequest(next(self._numbers), wire.Order.STOP)
-            self._session.use(self._opened(blindly=blind))
-            self._session.connection.await_answer(blind, CommandDone, answer_s)
+            self._session.use(self._opened("STOP"))
+            self._session.connection.await_first(Nothing, answer_s)
 
         def is_moving() -> bool:
-            return self._ask(
-                wire.Order.STATE, wire.ControllerStatus, self._stopping.at_most_s(answer_s)
-            ).moving
+            within_s = self._stopping.at_most_s(answer_s)
+            return self._ask("STATE", wire.ControllerStatus, within_s=within_s).moving
 
         self._stopping.await_standstill(is_moving, give_up_s=give_up_s)
 
@@ -288,7 +283,7 @@ def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> 
 
 def joints_said(raw: str, layout: wire.RobotLayout) -> tuple[float, ...]:
     """Joint values, rad or mm, of a state as records keep it; raises `WireError`."""
-    status = answer_said(wire.grammar(layout), raw, wire.ControllerStatus, "state of a controller")
+    status = recorded_answer(wire.grammar(layout), raw, wire.ControllerStatus)
     return inner_units(layout.joints, status.joints)
 
 
@@ -297,7 +292,7 @@ def _made(given: RobotSurroundings) -> LineRobot:
         given.open_transport,
         layout=given.layout,
         clock=given.clock,
-        first_sequence=given.draws.randint(1, LAST_SEQUENCE),
+        first_sequence=given.draws.randint(1, LAST_NUMBER),
         cancelled=given.cancelled,
         alarm=given.alarm,
     )

@@ -1,28 +1,17 @@
 """Grammar of robotline, our protocol for robot controllers: docs/robotline.md is its specification.
 
-Millimetres and degrees, as on the wire. `MESSAGES` says which command each verb is, and what is
-answered; `FIELDS` of a message, which words it has: `s` speed in percent, `j` joints, `c`
-coordinates, `a` words that name a part, `v` the values of that part. How many joints, coordinates
-and parameters there are is the robot's: its `RobotLayout` counts.
+Millimetres and degrees, as on the wire. `VERBS` says what is asked and answered by each verb. How
+many joints, coordinates and parameters there are is the robot's: its `RobotLayout` counts.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Self
 
 from drivers.errors import WireError
 from drivers.values import Coordinate
-from drivers.wire.numbered_lines import (
-    CommandDone,
-    Hello,
-    LineGrammar,
-    LineMessage,
-    LineOrder,
-    LineReply,
-    LineRequest,
-    LineWords,
-)
+from drivers.wire.lines import Hello, LineGrammar, Nothing, Title
 
 VERSION = 1
 LINE_BYTES = 255
@@ -79,10 +68,10 @@ class RobotLayout:
     def parts_of(self, parameters: Mapping[str, float]) -> "Iterator[Part]":
         """Lines that hold a whole parameter set; raises `KeyError` for one that is missing."""
         for words, names in self.parts.items():
-            yield Part(words, tuple(parameters[name] for name in names))
+            yield Part(Title(words), tuple(parameters[name] for name in names))
         for name in self.extensions:
             if name in parameters:
-                yield Part(name, (parameters[name],))
+                yield Part(Title(name), (parameters[name],))
 
     def names_of(self, words: str) -> tuple[str, ...]:
         """Parameters of a line by the words that begin it; raises `KeyError`."""
@@ -92,64 +81,77 @@ class RobotLayout:
         """Parameters of a line by their names."""
         return dict(zip(self.names_of(part.name), part.values, strict=True))
 
+    def check(self, body: object) -> None:
+        """Raise `WireError` for a message that is of another robot, or for an impossible speed."""
+        match body:
+            case ControllerStatus(joints=joints):
+                _require_count("joints", joints, len(self.joints))
+            case MoveJoints(joints, speed_percent):
+                _require_count("joints", joints, len(self.joints))
+                _require_speed(speed_percent)
+            case MovePose(coordinates, speed_percent):
+                _require_count("coordinates", coordinates, len(self.coordinates))
+                _require_speed(speed_percent)
+            case ReadPart(name):
+                self._require_part(name)
+            case Part(name, values):
+                self._require_part(name)
+                _require_count(f"values of {name}", values, len(self.names_of(name)))
+
+    def _require_part(self, name: str) -> None:
+        if name not in self.parts and name not in self.extensions:
+            raise WireError(f"'{name}' is not a part of this robot: {', '.join(self.parts)}")
+
+
+def _require_count(what: str, values: tuple[float, ...], count: int) -> None:
+    if len(values) != count:
+        raise WireError(f"there are {len(values)} {what}, {count} are needed")
+
+
+def _require_speed(percent: float) -> None:
+    if not 0.0 < percent <= FASTEST_PERCENT:
+        raise WireError(f"the speed is {percent:g}, not above 0 and up to 100")
+
 
 @dataclass(frozen=True, slots=True)
-class MoveJoints(LineMessage):
-    """Starts a move to joint values."""
+class MoveJoints:
+    """Start of a move to joint values."""
 
-    FIELDS = "js"
     joints: tuple[float, ...]
     speed_percent: float
 
 
 @dataclass(frozen=True, slots=True)
-class MovePose(LineMessage):
-    """Starts a move to a pose by the controller's own kinematics."""
+class MovePose:
+    """Start of a move to a pose by the controller's own kinematics."""
 
-    FIELDS = "cs"
     coordinates: tuple[float, ...]
     speed_percent: float
 
 
-class Order(LineOrder):
-    """Command of a verb alone."""
-
-    STATE = "STATE"
-    """What do the encoders read now, and is anything wrong?"""
-    STOP = "STOP"
-    """Bring the robot to a stand at once."""
-    COMMIT = "COMMIT"
-    """Put all that was staged to work, or nothing."""
-    ABANDON = "ABANDON"
-    """Throw away what was staged."""
-
-
 @dataclass(frozen=True, slots=True)
-class Part(LineMessage):
-    """Parameters of one arm or a single one, by the words that name them.
+class Part:
+    """Parameters of one arm, or a single one, by the words that name them.
 
-    As a command: part of a new set, which is laid ready without any effect yet. As an answer: what
+    As a question: part of a new set, which is laid ready without any effect yet. As an answer: what
     the controller works with.
     """
 
-    FIELDS = "av"
-    name: str
+    name: Title
     values: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class ReadPart(LineMessage):
+class ReadPart:
     """Question for the parameters of one part that the controller works with."""
 
-    FIELDS = "a"
-    part: str
+    name: Title
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerGreeting(LineMessage):
-    """Identity of the controller in its greeting."""
+class ControllerGreeting:
+    """Identity of the controller."""
 
-    FIELDS = "wnnnnw"
     version: int
     vendor: str
     model: str
@@ -159,10 +161,9 @@ class ControllerGreeting(LineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerStatus(LineMessage):
+class ControllerStatus:
     """Readings of the encoders at that moment; `fault` is empty when there is none."""
 
-    FIELDS = "ffnj"
     moving: bool
     emergency_stop: bool
     fault: str
@@ -170,87 +171,26 @@ class ControllerStatus(LineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class MotionBegun(LineMessage):
+class MotionBegun:
     """A motion has been accepted and has begun."""
 
-    FIELDS = "d"
     expected_s: float
 
 
-Told = Hello | MoveJoints | MovePose | ReadPart | Part
-Command = Told | Order
-Answer = ControllerGreeting | ControllerStatus | MotionBegun | CommandDone | Part
-MESSAGES: Mapping[str, tuple[type[Told] | Order, type[Answer]]] = {
+VERBS: Mapping[str, tuple[type, type]] = {
     "HELLO": (Hello, ControllerGreeting),
-    "STATE": (Order.STATE, ControllerStatus),
+    "STATE": (Nothing, ControllerStatus),
     "MOVEJ": (MoveJoints, MotionBegun),
     "MOVEP": (MovePose, MotionBegun),
-    "STOP": (Order.STOP, CommandDone),
+    "STOP": (Nothing, Nothing),
     "GEOM": (ReadPart, Part),
-    "STAGE": (Part, CommandDone),
-    "COMMIT": (Order.COMMIT, CommandDone),
-    "ABANDON": (Order.ABANDON, CommandDone),
+    "STAGE": (Part, Nothing),
+    "COMMIT": (Nothing, Nothing),
+    "ABANDON": (Nothing, Nothing),
 }
-"""Command and answer of each verb."""
-RobotlineRequest = LineRequest[Command]
-RobotlineReply = LineReply[Answer]
+"""Question and answer of each verb."""
 
 
-class Words(LineWords):
-    """Words of a line of robotline."""
-
-    def __init__(self, words: Sequence[str], robot: RobotLayout) -> None:
-        super().__init__(words)
-        self._robot = robot
-        self._part = ""
-
-    def speed(self, meaning: str) -> float:
-        """Take a share of the full speed in percent."""
-        value = self.number(meaning)
-        if not 0.0 < value <= FASTEST_PERCENT:
-            raise WireError(f"{meaning} is {value:g}, not above 0 and up to 100")
-        return value
-
-    def joints(self, _meaning: str) -> tuple[float, ...]:
-        """Take as many numbers as the robot has joints."""
-        return tuple(self.number(f"joint {index}") for index in range(len(self._robot.joints)))
-
-    def coordinates(self, _meaning: str) -> tuple[float, ...]:
-        """Take as many numbers as the robot has coordinates."""
-        indices = range(len(self._robot.coordinates))
-        return tuple(self.number(f"coordinate {index}") for index in indices)
-
-    def part_name(self, _meaning: str) -> str:
-        """Take `ARM` with a number, or the name of a single parameter."""
-        parts = self._robot.parts
-        singles = [name for name in parts if " " not in name]
-        word = self.word(" or ".join(["ARM", *singles]))
-        if word in singles or word in self._robot.extensions:
-            self._part = word
-            return word
-        if word != "ARM":
-            raise WireError(f"'{word}' is neither {' nor '.join(['ARM', *singles])}")
-        name = f"ARM {self.whole('arm')}"
-        if name not in parts:
-            last = len(parts) - len(singles) - 1
-            raise WireError(f"arm is {name.removeprefix('ARM ')}, not 0 to {last}")
-        self._part = name
-        return name
-
-    def values(self, _meaning: str) -> tuple[float, ...]:
-        """Take the values of the part that was named before."""
-        return tuple(self.number(each) for each in self._robot.names_of(self._part))
-
-    READERS: ClassVar = {
-        **LineWords.READERS,
-        "s": speed,
-        "j": joints,
-        "c": coordinates,
-        "a": part_name,
-        "v": values,
-    }
-
-
-def grammar(robot: RobotLayout) -> LineGrammar[Command, Answer]:
-    """Grammar of a robot's lines."""
-    return LineGrammar(MESSAGES, LINE_BYTES, lambda words: Words(words, robot))
+def grammar(robot: RobotLayout) -> LineGrammar:
+    """Return the grammar of a robot's lines."""
+    return LineGrammar(VERBS, LINE_BYTES, robot.check)

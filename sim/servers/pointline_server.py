@@ -6,16 +6,15 @@ from typing_extensions import override
 
 from drivers.values import vector
 from drivers.wire import pointline as wire
-from drivers.wire.numbered_lines import BadRequest, CommandDone, Hello, Refused
+from drivers.wire.lines import Answer, BadQuestion, Hello, Nothing, Question, Refused
 from sim.servers.queueing import Later, QueueingSession
 from sim.tracker.instrument import SimulatedTracker
 
 MODEL = "SIM-PL"
-Outcome = wire.Answer | Refused
 UNSEEN = Refused("BEAM", "no reflector was found")
 
 
-class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
+class PointlineSession(QueueingSession[Question, object]):
     """Answers one client, one question after another; what was prepared is the tracker's."""
 
     def __init__(self, tracker: SimulatedTracker, send: Callable[[bytes], None]) -> None:
@@ -25,33 +24,28 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
         self._measuring_time_s = 1.0
 
     @override
-    def _read(self, line: bytes) -> wire.PointlineRequest | None:
+    def _read(self, line: bytes) -> Question | None:
         try:
-            return wire.GRAMMAR.decode_request(line)
-        except BadRequest as bad:
-            if bad.reply is not None:
-                self._send(wire.GRAMMAR.encode_reply(bad.reply))
+            return wire.GRAMMAR.decode_question(line)
+        except BadQuestion as bad:
+            if bad.answer is not None:
+                self._send(wire.GRAMMAR.encode_answer(bad.answer))
             return None
 
     @override
-    def _answer(self, request: wire.PointlineRequest, outcome: Outcome) -> None:
-        verb = wire.GRAMMAR.verb_of(request.command)
-        self._send(wire.GRAMMAR.encode_reply(wire.PointlineReply(request.sequence, verb, outcome)))
+    def _answer(self, request: Question, outcome: object) -> None:
+        self._send(wire.GRAMMAR.encode_answer(Answer(request.number, request.verb, outcome)))
 
     @override
-    def _obey(self, request: wire.PointlineRequest, now_s: float) -> Outcome | Later[Outcome]:
-        tracker, command = self._tracker, request.command
-        match command:
+    def _obey(self, request: Question, now_s: float) -> object | Later[object]:
+        tracker = self._tracker
+        match request.body:
             case Hello(version):
                 if version != wire.VERSION:
                     return Refused("VERSION", f"version {wire.VERSION} is spoken here")
                 return wire.InstrumentGreeting(
                     wire.VERSION, tracker.vendor, MODEL, tracker.serial, tracker.firmware
                 )
-            case wire.Order.MEASURE:
-                return self._measure(now_s)
-            case wire.Order():
-                return self._told(command, now_s)
             case wire.ReadReflector(index):
                 return self._definition(index)
             case wire.Prepare(name, seconds):
@@ -60,13 +54,13 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
                 return self._seen_after(tracker.go_to(point_mm, now_s), now_s)
             case wire.Find(distance_mm):
                 return self._seen_after(tracker.find(distance_mm, now_s), now_s)
-
-    def _told(self, what: wire.Order, now_s: float) -> wire.Answer:
-        tracker = self._tracker
-        if what is wire.Order.AIR:
-            return wire.Air(*tracker.weather(now_s))
-        if what is wire.Order.DIRECTION:
-            return wire.BeamDirection(vector(tracker.beam.point_in_tracker_mm(now_s)))
+        match request.verb:
+            case "MEASURE":
+                return self._measure(now_s)
+            case "AIR":
+                return wire.Air(*tracker.weather(now_s))
+            case "DIRECTION":
+                return wire.BeamDirection(vector(tracker.beam.point_in_tracker_mm(now_s)))
         return wire.InstrumentStatus(
             tracker.busy(now_s),
             tracker.initialised(now_s),
@@ -87,7 +81,7 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
         each = known[index]
         return wire.ReflectorDefinition(len(known), each.name, each.surface_offset_mm)
 
-    def _prepare(self, name: str, seconds: float, now_s: float) -> Outcome | Later[Outcome]:
+    def _prepare(self, name: str, seconds: float, now_s: float) -> object | Later[object]:
         tracker = self._tracker
         found = next((each for each in tracker.reflectors if each.name == name), None)
         if found is None:
@@ -97,9 +91,9 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
         tracker.select_reflector(found.id)
         self._measuring_time_s = seconds
         takes_s = 0.0 if tracker.initialised(now_s) else tracker.initialise(now_s)
-        return Later(now_s + takes_s, lambda _: CommandDone())
+        return Later(now_s + takes_s, lambda _: Nothing())
 
-    def _measure(self, now_s: float) -> Refused | Later[Outcome]:
+    def _measure(self, now_s: float) -> Refused | Later[object]:
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
         if due_s is None:
             return Refused("NOBEAM", "the beam is on no reflector")
@@ -114,8 +108,8 @@ class PointlineSession(QueueingSession[wire.PointlineRequest, Outcome]):
         terms = xx, xy, xz, yy, yz, zz
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
 
-    def _seen_after(self, seconds: float, now_s: float) -> Later[Outcome]:
-        def finish(end_s: float) -> CommandDone | Refused:
-            return CommandDone() if self._tracker.beam_locked(end_s) else UNSEEN
+    def _seen_after(self, seconds: float, now_s: float) -> Later[object]:
+        def finish(end_s: float) -> Nothing | Refused:
+            return Nothing() if self._tracker.beam_locked(end_s) else UNSEEN
 
         return Later(now_s + seconds, finish)

@@ -7,7 +7,7 @@ from typing_extensions import override
 
 from drivers.values import Coordinate
 from drivers.wire import robotline as wire
-from drivers.wire.numbered_lines import BadRequest, CommandDone, Hello, Refused
+from drivers.wire.lines import Answer, BadQuestion, Hello, Nothing, Question, Refused
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 from sim.servers.peers import ServedSession
@@ -40,7 +40,7 @@ class RobotlineSession(ServedSession):
         """Obey every line that these bytes complete, and answer each."""
         for line in self._lines.feed(data):
             if line and (reply := self._reply(line, now_s)) is not None:
-                self._send(self._grammar.encode_reply(reply))
+                self._send(self._grammar.encode_answer(reply))
 
     @override
     def closed(self, now_s: float) -> None:
@@ -49,36 +49,38 @@ class RobotlineSession(ServedSession):
         if self._has_moved and self._controller.state(now_s).moving:
             self._controller.stop(now_s)
 
-    def _reply(self, line: bytes, now_s: float) -> wire.RobotlineReply | None:
-        outcome: wire.Answer | Refused
+    def _reply(self, line: bytes, now_s: float) -> Answer | None:
         try:
-            request = self._grammar.decode_request(line)
-            outcome = self._obey(request.command, now_s)
-        except BadRequest as bad:
-            return bad.reply
+            question = self._grammar.decode_question(line)
+            outcome = self._obey(question, now_s)
+        except BadQuestion as bad:
+            return bad.answer
         except Refusal as refusal:
             outcome = Refused(refusal.code, refusal.text.replace("°", " deg"))
-        return wire.RobotlineReply(
-            request.sequence, self._grammar.verb_of(request.command), outcome
-        )
+        return Answer(question.number, question.verb, outcome)
 
-    def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | Refused:
-        match command:
+    def _obey(self, question: Question, now_s: float) -> object:
+        match question.body:
             case Hello(version):
                 return self._greet(version)
-            case wire.Order.STATE:
-                return self._status(now_s)
-            case wire.MoveJoints() | wire.MovePose():
+            case wire.MoveJoints() | wire.MovePose() as command:
                 return self._move(command, now_s)
-            case wire.Order.STOP:
-                self._controller.stop(now_s)
-                return CommandDone()
             case wire.ReadPart(name):
                 held = dict.fromkeys(self._layout.extensions, 0.0) | self._controller.geometry()
                 values = tuple(held[parameter] for parameter in self._layout.names_of(name))
                 return wire.Part(name, values)
-            case wire.Part() | wire.Order():
-                return self._replace_geometry(command, now_s)
+            case wire.Part() as part:
+                self._staged |= self._layout.flat(part)
+                return Nothing()
+        if question.verb == "STATE":
+            return self._status(now_s)
+        if question.verb == "STOP":
+            self._controller.stop(now_s)
+            return Nothing()
+        if question.verb == "COMMIT":
+            self._controller.replace_geometry(self._staged, now_s)
+        self._staged.clear()
+        return Nothing()
 
     def _greet(self, version: int) -> wire.ControllerGreeting | Refused:
         if version != wire.VERSION:
@@ -105,12 +107,3 @@ class RobotlineSession(ServedSession):
             expected_s = self._controller.move_pose(x_mm, y_mm, z_mm, theta_rad, speed, now_s)
         self._has_moved = True
         return wire.MotionBegun(expected_s)
-
-    def _replace_geometry(self, command: wire.Part | wire.Order, now_s: float) -> CommandDone:
-        if isinstance(command, wire.Part):
-            self._staged |= self._layout.flat(command)
-            return CommandDone()
-        if command is wire.Order.COMMIT:
-            self._controller.replace_geometry(self._staged, now_s)
-        self._staged.clear()
-        return CommandDone()

@@ -13,7 +13,7 @@ from command_line import change
 from robotline_layouts import PAR4_LAYOUT, PAR4_LINES
 
 from drivers.wire import pointline, robotline
-from drivers.wire.numbered_lines import LineRequest
+from drivers.wire.lines import Hello, Nothing, Question
 
 ROOT = Path(__file__).parents[2]
 SERVERS = ROOT / "examples/servers"
@@ -54,28 +54,31 @@ def test_controller_to_copy_answers_bad_lines_as_the_page_says(controller, case)
         assert answer is None
     else:
         assert answer.decode().startswith(case["answer"])
-        assert PAR4_LINES.decode_reply(answer[:-1])
+        assert PAR4_LINES.decode_answer(answer[:-1])
 
 
-def asked(session, grammar, command):
-    line = grammar.encode_request(LineRequest(7, command))
-    return session.answer(line[:-1])[:-1]
+def asked(session, grammar, verb, *body):
+    """The session's answer to a question, read by our grammar."""
+    line = session.answer(grammar.encode_question(Question(7, verb, *body))[:-1])
+    return grammar.decode_answer(line[:-1])
 
 
-@pytest.mark.parametrize("command", [*pointline.Order, pointline.Hello(1), pointline.Find(2500.0)])
-def test_instrument_to_copy_speaks_the_grammar(instrument, command):
-    told = pointline.GRAMMAR.decode_reply(asked(instrument, pointline.GRAMMAR, command))
-    assert told.verb == pointline.GRAMMAR.verb_of(command)
+@pytest.mark.parametrize(
+    "question",
+    [
+        *[(verb,) for verb, (body, _) in pointline.VERBS.items() if body is Nothing],
+        ("HELLO", Hello(1)),
+        ("FIND", pointline.Find(2500.0)),
+    ],
+)
+def test_instrument_to_copy_speaks_the_grammar(instrument, question):
+    assert asked(instrument, pointline.GRAMMAR, *question).verb == question[0]
 
 
 def test_instrument_to_copy_whose_robot_is_silent_says_so(instrument):
-    def told(command):
-        line = asked(instrument, pointline.GRAMMAR, command)
-        return pointline.GRAMMAR.decode_reply(line).outcome.code
-
     instrument._instrument._robot = "127.0.0.1", 1
-    assert told(pointline.Order.MEASURE) == "FAULT"
-    assert told(pointline.Order.DIRECTION) == "NONE"
+    assert asked(instrument, pointline.GRAMMAR, "MEASURE").body.code == "FAULT"
+    assert asked(instrument, pointline.GRAMMAR, "DIRECTION").body.code == "NONE"
 
 
 def test_controller_to_copy_replaces_all_parameters_or_none_and_keeps_them(monkeypatch, tmp_path):
@@ -83,20 +86,18 @@ def test_controller_to_copy_replaces_all_parameters_or_none_and_keeps_them(monke
     server = import_module("robotline_server")
     session = server.RobotlineSession(server.Controller(tmp_path / "kept"), Lock())
 
-    def told(command):
-        return PAR4_LINES.decode_reply(asked(session, PAR4_LINES, command)).outcome
+    def told(verb, *body):
+        return asked(session, PAR4_LINES, verb, *body).body
 
-    parts = [told(robotline.ReadPart(name)) for name in PAR4_LAYOUT.parts]
+    parts = [told("GEOM", robotline.ReadPart(name)) for name in PAR4_LAYOUT.parts]
     changed = [robotline.Part(p.name, tuple(1.5 + value for value in p.values)) for p in parts]
-    told(changed[0])
-    assert told(robotline.Order.COMMIT).code == "GEOMETRY"
+    told("STAGE", changed[0])
+    assert told("COMMIT").code == "GEOMETRY"
     for part in changed:
-        told(part)
-    assert told(robotline.Order.COMMIT) == robotline.CommandDone()
+        told("STAGE", part)
+    assert told("COMMIT") == Nothing()
     again = server.RobotlineSession(server.Controller(tmp_path / "kept"), Lock())
-    line = asked(again, PAR4_LINES, robotline.ReadPart("ARM 0"))
-    kept = PAR4_LINES.decode_reply(line)
-    assert kept.outcome == changed[0]
+    assert asked(again, PAR4_LINES, "GEOM", robotline.ReadPart("ARM 0")).body == changed[0]
 
 
 @pytest.mark.long

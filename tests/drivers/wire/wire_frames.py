@@ -5,9 +5,10 @@ from itertools import pairwise
 from random import Random
 from typing import NamedTuple
 
-from drivers.wire import emscon, emscon_messages, linuxcncrsh, numbered_lines, pointline, robotline
+from drivers.wire import emscon, emscon_messages, lines, linuxcncrsh, pointline, robotline
 from drivers.wire.emscon_constants import Command
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
+from drivers.wire.lines import Answer, Hello, Nothing, Question, Refused
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
 
@@ -55,48 +56,47 @@ PAR4_LINES = robotline.grammar(LAYOUT)
 PART = robotline.Part(
     "ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"])))
 )
-OUTCOMES: tuple[tuple[str, robotline.Answer | numbered_lines.Refused], ...] = (
-    ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
-    ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),
-    ("MOVEJ", robotline.MotionBegun(1.5)),
-    ("GEOM", PART),
-    ("STOP", robotline.CommandDone()),
-    ("MOVEP", numbered_lines.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
-)
-ROBOTLINE_REPLIES = tuple(
-    PAR4_LINES.encode_reply(robotline.RobotlineReply(7, verb, outcome))
-    for verb, outcome in OUTCOMES
-)
-ROBOTLINE_REQUESTS = tuple(
-    PAR4_LINES.encode_request(robotline.RobotlineRequest(7, command))
-    for command in (
-        robotline.Hello(1),
-        robotline.Order.STATE,
-        robotline.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0),
-        robotline.MovePose((1.5, -2.5, -575.0, 45.0), 100.0),
-        robotline.ReadPart("ARM 0"),
-        PART,
-        robotline.Order.COMMIT,
+ROBOTLINE_ANSWERS = tuple(
+    PAR4_LINES.encode_answer(Answer(7, verb, body))
+    for verb, body in (
+        ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-42", "2.1", 4)),
+        ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),
+        ("MOVEJ", robotline.MotionBegun(1.5)),
+        ("GEOM", PART),
+        ("STOP", Nothing()),
+        ("MOVEP", Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
     )
 )
-POINTLINE_REPLIES = tuple(
-    pointline.GRAMMAR.encode_reply(pointline.PointlineReply(7, verb, outcome))
-    for verb, outcome in (
+ROBOTLINE_QUESTIONS = tuple(
+    PAR4_LINES.encode_question(Question(7, verb, body))
+    for verb, body in (
+        ("HELLO", Hello(1)),
+        ("STATE", Nothing()),
+        ("MOVEJ", robotline.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0)),
+        ("MOVEP", robotline.MovePose((1.5, -2.5, -575.0, 45.0), 100.0)),
+        ("GEOM", robotline.ReadPart("ARM 0")),
+        ("STAGE", PART),
+        ("COMMIT", Nothing()),
+    )
+)
+POINTLINE_ANSWERS = tuple(
+    pointline.GRAMMAR.encode_answer(Answer(7, verb, body))
+    for verb, body in (
         ("HELLO", pointline.InstrumentGreeting(1, "Example Metrology", "T", "4711", "2.1")),
         ("STATE", pointline.InstrumentStatus(False, True, True, True, "CCR 1.5")),
         ("REFLECTOR", pointline.ReflectorDefinition(2, "CCR 1.5", 19.05)),
         ("MEASURE", pointline.PointMeasured(9, "CCR", (2e3, -1.5, 1e-300), (1e-4,) * 6)),
-        ("PREPARE", pointline.CommandDone()),
-        ("FIND", numbered_lines.Refused("BEAM", "nothing was found")),
+        ("PREPARE", Nothing()),
+        ("FIND", Refused("BEAM", "nothing was found")),
     )
 )
-POINTLINE_REQUESTS = tuple(
-    pointline.GRAMMAR.encode_request(pointline.PointlineRequest(7, command))
-    for command in (
-        pointline.Hello(1),
-        pointline.Order.MEASURE,
-        pointline.Prepare("CCR 1.5", 2.0),
-        pointline.GoTo((1.5, -2.5, 1e300)),
+POINTLINE_QUESTIONS = tuple(
+    pointline.GRAMMAR.encode_question(Question(7, verb, body))
+    for verb, body in (
+        ("HELLO", Hello(1)),
+        ("MEASURE", Nothing()),
+        ("PREPARE", pointline.Prepare("CCR 1.5", 2.0)),
+        ("GOTO", pointline.GoTo((1.5, -2.5, 1e300))),
     )
 )
 LINUXCNC = (
@@ -109,22 +109,22 @@ LINUXCNC = (
 )
 
 
-def _robotline_request():
-    lines = PAR4_LINES.line_framer()
+def _questions(grammar):
+    """A server's reading; what it answers to a bad question can be written and read."""
 
-    def feed(data):
-        return [_answerable(line) for line in lines.feed(data)]
+    def fresh():
+        framer = grammar.line_framer()
+        return lambda data: [_answerable(grammar, line) for line in framer.feed(data)]
 
-    return feed
+    return fresh
 
 
-def _answerable(line: bytes) -> robotline.RobotlineRequest:
-    """The request; what a server answers to a bad one can be written and read."""
+def _answerable(grammar, line):
     try:
-        return PAR4_LINES.decode_request(line)
-    except numbered_lines.BadRequest as bad:
-        if bad.reply is not None:
-            PAR4_LINES.decode_reply(PAR4_LINES.encode_reply(bad.reply)[:-1])
+        return grammar.decode_question(line)
+    except lines.BadQuestion as bad:
+        if bad.answer is not None:
+            grammar.decode_answer(grammar.encode_answer(bad.answer)[:-1])
         raise
 
 
@@ -141,26 +141,21 @@ def _linuxcnc():
     return feed
 
 
-def _pointline_request():
-    lines = pointline.GRAMMAR.line_framer()
-    return lambda data: [pointline.GRAMMAR.decode_request(line) for line in lines.feed(data)]
-
-
 def resealed_line(line: bytes) -> bytes:
     """The line with the checksum that fits what stands before it."""
     text = line.rstrip(b"\n").rpartition(b" *")[0]
-    return b"%s *%04X\n" % (text, numbered_lines.checksum(text))
+    return b"%s *%04X\n" % (text, lines.checksum(text))
 
 
 WIRES: tuple[Wire, ...] = (
     Wire("packets", lambda: PacketFramer().feed, FROM_INSTRUMENT),
-    Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_REPLIES),
+    Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_ANSWERS),
     Wire("emScon, instrument", emscon.from_server, FROM_INSTRUMENT),
     Wire("emScon, client", emscon.from_client, FROM_CLIENT),
-    Wire("robotline, controller", PAR4_LINES.replies, ROBOTLINE_REPLIES, resealed_line),
-    Wire("robotline, client", _robotline_request, ROBOTLINE_REQUESTS, resealed_line),
-    Wire("pointline, instrument", pointline.GRAMMAR.replies, POINTLINE_REPLIES, resealed_line),
-    Wire("pointline, client", _pointline_request, POINTLINE_REQUESTS, resealed_line),
+    Wire("robotline, controller", PAR4_LINES.answers, ROBOTLINE_ANSWERS, resealed_line),
+    Wire("robotline, client", _questions(PAR4_LINES), ROBOTLINE_QUESTIONS, resealed_line),
+    Wire("pointline, instrument", pointline.GRAMMAR.answers, POINTLINE_ANSWERS, resealed_line),
+    Wire("pointline, client", _questions(pointline.GRAMMAR), POINTLINE_QUESTIONS, resealed_line),
     Wire("linuxcncrsh", _linuxcnc, LINUXCNC),
 )
 

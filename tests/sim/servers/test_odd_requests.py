@@ -13,6 +13,7 @@ from drivers.wire.emscon import REQUESTS as BODIES
 from drivers.wire.emscon import EmsconRequest, encode
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import Nothing, codes_of
+from drivers.wire.lines import Question
 from sim.cell import Cell
 from sim.geometry import PAR4
 from sim.scenarios.scenario import load_scenario
@@ -42,16 +43,16 @@ def robotline_request(draw, number):
         return tuple(draw.choice(FINITE) for _ in range(count))
 
     parameters = len(layout_of(PAR4).parts[PART])
-    commands = (
-        messages.Order.STATE,
-        messages.Order.STOP,
-        messages.MoveJoints(some(4), 50.0),
-        messages.MovePose(some(4), 100.0),
-        messages.Part(PART, some(parameters)),
-        messages.Order.COMMIT,
-        messages.ReadPart(PART),
+    questions = (
+        ("STATE",),
+        ("STOP",),
+        ("MOVEJ", messages.MoveJoints(some(4), 50.0)),
+        ("MOVEP", messages.MovePose(some(4), 100.0)),
+        ("STAGE", messages.Part(PART, some(parameters))),
+        ("COMMIT",),
+        ("GEOM", messages.ReadPart(PART)),
     )
-    return PAR4_LINES.encode_request(messages.RobotlineRequest(number, draw.choice(commands)))
+    return PAR4_LINES.encode_question(Question(number, *draw.choice(questions)))
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotline_layouts import PAR4_LAYOUT, PAR4_LINES, TILTING_LAYOUT
 
+from drivers.wire.lines import written
 from drivers.wire.robotline import grammar
 from sim.geometry import PAR4
 from sim.robot.controller import Refusal
@@ -36,14 +37,14 @@ class Client:
         self.session.received(checked(f">5 {command}"), NOW_S)
         (answer,) = self.sent
         head = f"<5 {command.split()[0]} "
-        grammar(self.layout).decode_reply(answer[:-1])
+        grammar(self.layout).decode_answer(answer[:-1])
         body = answer.decode().rpartition(" *")[0]
         assert body.startswith(head)
         return body.removeprefix(head)
 
     def stage_all(self, geometry):
         return [
-            self.ask(" ".join(["STAGE", *part.words()])) for part in PAR4_LAYOUT.parts_of(geometry)
+            self.ask(" ".join(["STAGE", *written(part)])) for part in PAR4_LAYOUT.parts_of(geometry)
         ]
 
 
@@ -187,7 +188,7 @@ def test_question_is_answered_whatever_came_before(client, before):
 
 def test_every_question_of_one_delivery_is_answered_in_turn(client):
     client.session.received(checked(">8 STOP") + checked(">9 STATE")[:-1] + b"\r\n>10 ST", NOW_S)
-    assert [PAR4_LINES.decode_reply(line[:-1]).sequence for line in client.sent] == [8, 9]
+    assert [PAR4_LINES.decode_answer(line[:-1]).number for line in client.sent] == [8, 9]
 
 
 @given(
@@ -203,7 +204,7 @@ def test_garbage_never_raises_and_every_answer_is_sound(pieces):
     for piece in pieces:
         client.session.received(piece, NOW_S)
     for line in client.sent:
-        PAR4_LINES.decode_reply(line[:-1])
+        PAR4_LINES.decode_answer(line[:-1])
 
 
 def test_extensions_are_unknown_words_to_a_plain_controller(client):
