@@ -2,23 +2,18 @@
 
 import os
 import threading
-from contextlib import closing, suppress
-from time import monotonic
+from contextlib import suppress
 from typing import Annotated
 
 import typer
 
 from app.console import terminal_of
 from app.interrupt import awaited_signal
-from app.monitor.follower import Follower
-from app.monitor.live_state import utc_now
-from app.monitor.server import LiveServer, News, follow
+from app.monitor.server import LiveServer
 from app.options import Folder, Json, Port
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid
 
-EVERY_S = 0.3
-"""Or as long as the last look took: of a processor it has no more than half."""
 POLITE = 10
 """Added to the process's niceness: a run on the same machine comes first."""
 Host = Annotated[
@@ -41,16 +36,15 @@ def command(
 ) -> None:
     """Serve a live page of the campaign, for a tablet or a wall screen.
 
-    What is measured, what is left and when it ends, a map as the tracker sees it, drift, how well
-    the parameters are known, and the next command. It only reads the campaign's folder and changes
-    nothing: it may start before a run, and it goes on when the measuring process has ended, for
-    whatever reason. Prints the page's address, then serves until Ctrl-C or SIGTERM.
+    What is measured, what is left and when it ends, the last events, what `status` says, and the
+    next command. It only reads the campaign's folder and changes nothing: it may start before a
+    run, and it goes on when the measuring process has ended, for whatever reason. Prints the page's
+    address, then serves until Ctrl-C or SIGTERM.
     """
     terminal = terminal_of(context, as_json=json)
     open_campaign(folder)
-    news, over = News(), threading.Event()
     try:
-        server = LiveServer(host, port, news)
+        server = LiveServer(host, port, folder)
     except (OSError, OverflowError) as error:
         raise OptionsInvalid(
             f"--host {host} --port {port}: cannot serve there: {error}",
@@ -58,32 +52,11 @@ def command(
         ) from error
     with suppress(OSError, AttributeError):
         os.nice(POLITE)
-
-    def read() -> None:
-        pause_s = EVERY_S
-        with closing(Follower(folder, utc_now)) as follower:
-
-            def look() -> dict[str, object] | None:
-                nonlocal pause_s
-                began_s = monotonic()
-                state = follower.news()
-                pause_s = max(EVERY_S, monotonic() - began_s)
-                return state
-
-            follow(look, news, lambda: over.wait(pause_s))
-
-    threads = [
-        threading.Thread(target=read, name="follower", daemon=True),
-        threading.Thread(target=server.serve_forever, name="server", daemon=True),
-    ]
+    serving = threading.Thread(target=server.serve_forever, name="server", daemon=True)
     with awaited_signal() as wait, server:
-        for thread in threads:
-            thread.start()
+        serving.start()
         terminal.say(f"live page: {server.url}")
         terminal.document({"url": server.url})
         wait()
-        over.set()
-        news.close()
         server.shutdown()
-        for thread in threads:
-            thread.join()
+        serving.join()

@@ -26,7 +26,13 @@ from campaigns.measuring.run_state import EngineState, PositionUncertainty, Prog
 HERE = Path(__file__).parent
 PKMCAL = [sys.executable, "-m", "app.main"]
 BROWSER = shutil.which("chromium") or "chromium"
-QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--timeout=4000")
+QUIET = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--hide-scrollbars",
+    "--virtual-time-budget=4000",
+)
 RUN = Progress(
     34,
     163,
@@ -66,8 +72,8 @@ def live_pages(folder: Path) -> None:
         assert watch.stdout is not None
         url = json.loads(watch.stdout.readline())["url"]
         time.sleep(20.0)
-        screenshot(url, "live-desktop", 1280, 760)
-        screenshot(url, "live-phone", 500, 1300)
+        screenshot(url, "live-desktop", 1280, 700)
+        screenshot(url, "live-phone", 500, 900)
         run.wait(300.0)
     finally:
         run.kill()

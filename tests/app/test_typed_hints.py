@@ -3,9 +3,7 @@
 import re
 import shlex
 import shutil
-from contextlib import closing
 from dataclasses import fields
-from datetime import UTC, datetime
 from enum import Enum
 from typing import get_args, get_type_hints
 
@@ -13,7 +11,7 @@ import pytest
 from command_line import SMALL_TESTS, change
 
 from app.main import run_command
-from app.monitor.follower import Follower
+from app.monitor.live_state import live_state
 from campaigns.identification.options import IdentificationOptions
 from campaigns.options import PlanOptions, RunOptions
 from campaigns.settings.option import Option
@@ -81,8 +79,7 @@ class Typist:
     def hints(self, ended):
         """Commands that are next: of the last command, status, its --json and the live page."""
         status, document = self.types("status").out, self.types("status", "--json").document
-        with closing(Follower(self.folder, lambda: datetime.now(UTC))) as follower:
-            page = follower.news()
+        page = live_state(self.folder)
         lines = [*ended.err.splitlines(), *status.splitlines(), f"next: {page['next']}"]
         said = [re.search(r"^next: .*?(pkmcal .*?)(?: \(.*)?$", line) for line in lines]
         commands = {match[1] for match in said if match}
