@@ -1,5 +1,7 @@
 """Next command, named at the end of every command, and who else works on a campaign meanwhile."""
 
+from dataclasses import replace
+
 from app.console import TALK, WARNING, Terminal
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import present_state, state_of
@@ -38,9 +40,10 @@ def tell_next(
             state = present_state(campaign, held=held, **known)
         else:
             state = state_of(evaluation, held=held, **known)
-        step = next_step(state)
+        worker = lock_holder(campaign.folder)
+        step = next_step(replace(state, worker=worker.says if worker else ""))
     except CampaignError:
-        return {"next": None, "before_next": None}
+        return next_document(None)
     if step is not None:
         terminal.note(f"next: {step.says}", TALK)
     return next_document(step)
@@ -48,4 +51,6 @@ def tell_next(
 
 def next_document(step: NextStep | None) -> dict[str, object]:
     """Return the next step for programs."""
-    return {"next": step and step.text, "before_next": (step and step.first) or None}
+    if step is None:
+        return {"next": None, "before_next": None, "next_reason": None}
+    return {"next": step.text, "before_next": step.first or None, "next_reason": step.why or None}

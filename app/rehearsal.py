@@ -45,13 +45,14 @@ def rehearse(
     if found.verdict != "pass":
         return document, found.reasons
     heading(terminal, 5, "export")
-    path, _ = export(campaign)
-    terminal.say(path.name)
-    document["parameter_file"] = str(path)
-    heading(terminal, 6, "load")
-    if state_of(evaluate(campaign)).form == "needed":
+    if state_of(evaluate(campaign)).to_export == "plain":
         path = export_plain(campaign).path
         terminal.say(f"the controller takes no tilts and skews: {path.name}")
+    else:
+        path, _ = export(campaign)
+        terminal.say(path.name)
+    document["parameter_file"] = str(path)
+    heading(terminal, 6, "load")
     kept = load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")

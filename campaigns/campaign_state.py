@@ -1,26 +1,22 @@
-"""State of a campaign by its evidence, as far as the next step depends on it.
-
-What judges is imported where there is something to judge: a new campaign's first hints need none.
-"""
+"""State of a campaign by its evidence, as far as the next step depends on it."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from campaigns.campaign import Campaign
-from campaigns.controllers.export import PLAIN_FILE
+from campaigns.controllers.controller_state import ControllerState
+from campaigns.controllers.export import FILE_NAME, PLAIN_FILE
+from campaigns.controllers.programs import is_plan_program_there
 from campaigns.errors import CampaignError
+from campaigns.evidence import Evaluation, Evidence, evaluate
+from campaigns.identification.result import RecordedIdentification
+from campaigns.journal.views import Series
 from campaigns.kinematics.parameters import Parameters
-from campaigns.next_step import After, Answer, CampaignState, Held
-from campaigns.shots.shot_sets import ShotSet
-
-if TYPE_CHECKING:
-    from campaigns.controllers.controller_state import ControllerState
-    from campaigns.evidence import Evaluation, Evidence
-    from campaigns.identification.result import RecordedIdentification
-    from campaigns.journal.views import Series
-    from campaigns.planning.plan_file import PlannedShot
+from campaigns.next_step import After, Answer, CampaignState, remedy_for
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plan_match import plan_difference
 
 
 def present_state(
@@ -28,27 +24,23 @@ def present_state(
     *,
     answered: bool = False,
     reported: bool = False,
-    held: "ControllerState | None" = None,
+    held: ControllerState | None = None,
 ) -> CampaignState:
     """State of a campaign by its files, else as `state_of`; raises as `gather` does."""
     if campaign.journal_path.exists():
-        from campaigns.evidence import evaluate
-
         return state_of(evaluate(campaign), answered=answered, reported=reported, held=held)
     plan, program = None, False
     if campaign.plan_path.exists():
         with suppress(CampaignError):
             plan = campaign.read_plan()
     if campaign.is_offline:
-        from campaigns.controllers.programs import is_plan_program_there
-
         program = is_plan_program_there(campaign.folder, plan, campaign.robot.mechanism)
     return _unmeasured(campaign, plan, program=program, answered=answered, reported=reported)
 
 
 def _unmeasured(
     campaign: Campaign,
-    plan: "Sequence[PlannedShot] | None",
+    plan: Sequence[PlannedShot] | None,
     *,
     program: bool,
     answered: bool,
@@ -66,11 +58,11 @@ def _unmeasured(
 
 
 def state_of(
-    evaluation: "Evaluation",
+    evaluation: Evaluation,
     *,
     answered: bool = False,
     reported: bool = False,
-    held: "ControllerState | None" = None,
+    held: ControllerState | None = None,
 ) -> CampaignState:
     """State of a campaign by its evidence; the rest is known to the command that ends.
 
@@ -79,8 +71,8 @@ def state_of(
     evidence = evaluation.evidence
     campaign, found = evidence.campaign, evidence.identification
     every = evidence.journal.series if evidence.journal else ()
-    bars = [shot for each in every if each.of_known_lengths for shot in each.shots]
-    runs = [each for each in every if each.to_identify]
+    bars = [shot for series in every if series.of_known_lengths for shot in series.shots]
+    runs = [series for series in every if series.to_identify]
     # where a run or import leads on nothing asks for the plan, which takes long to read
     plan = () if runs else evidence.plan
     program = campaign.is_offline and evidence.has_program
@@ -95,101 +87,107 @@ def state_of(
     left = "" if imported else _left(evidence, latest)
     state = replace(state, measured="import" if imported else "run", left=left)
     last = max(shot.number for shot in (*latest.shots, *bars))
-    if found is None or (found.series, found.robot_digest) != (
+    is_of_latest = found is not None and (found.series, found.robot_digest) == (
         latest.number,
         campaign.robot.digest(),
-    ):
+    )
+    if not is_of_latest or found is None or last > found.journal_records:
         return state
-    if last > found.journal_records or campaign.outdated(found):
+    if campaign.outdated(found):
         return state
-    if found.verdict == "pass":
-        passed = replace(state, verdict="pass", check=_to_answer(evidence, found))
-        return _calibrated(evaluation, found, passed, held)
-    from campaigns.way_on import way_on
-
-    shots = [
-        shot.number for shot in latest.shots if shot.intent.purpose == ShotSet.IDENTIFICATION.value
-    ]
-    step = way_on(found, shots, state.folder, imported=imported)
-    return replace(state, verdict=found.verdict, way_on=step)
+    if found.verdict != "pass":
+        return replace(state, verdict=found.verdict, remedy=remedy_for(found))
+    passed = replace(state, verdict="pass", check=_to_answer(evidence, found))
+    return _calibrated(evaluation, found, passed, held)
 
 
-def _to_answer(evidence: "Evidence", found: "RecordedIdentification") -> Answer:
+def _to_answer(evidence: Evidence, found: RecordedIdentification) -> Answer:
     """What answers a check that is not good."""
     check = evidence.unanswered
     if check is None:
         return ""
     space = evidence.campaign.robot.mechanism.parameters
-    if check.of != Parameters.of(space, found.flat()).digest():
-        return "again"
-    if check.decision == "not decided":
+    is_of_latest = check.of == Parameters.of(space, found.flat()).digest()
+    if not is_of_latest or check.decision == "not decided":
         return "again"
     return "update" if check.parts else "anew"
 
 
-def _left(evidence: "Evidence", latest: "Series") -> Literal["", "run", "anew"]:
+def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
     """Whether something of plan.csv is left to measure: of this series, or of a newer plan."""
-    plan, started = evidence.plan, latest.started
+    plan = evidence.plan
     if plan is None:
         return ""
-    from campaigns.planning.plan_match import plan_difference
-
     taken = [shot.intent for shot in latest.shots]
     other = plan_difference(taken, plan)
     if not latest.finished:
         return "anew" if other else "run"
     further = {row.shot for row in plan} - {intent.shot for intent in taken}
-    is_same = not (other or further) or evidence.has_plan(started.plan_digest)
+    is_same = not (other or further) or evidence.has_plan(latest.started.plan_digest)
     return "" if is_same else "run"
 
 
 def _calibrated(
-    evaluation: "Evaluation",
-    found: "RecordedIdentification",
+    evaluation: Evaluation,
+    found: RecordedIdentification,
     state: CampaignState,
-    held: "ControllerState | None",
+    held: ControllerState | None,
 ) -> CampaignState:
     """State after an identification that passed: file, controller, validation."""
     evidence = evaluation.evidence
-    space, journal = evidence.campaign.robot.mechanism.parameters, evidence.journal
-    identified = Parameters.of(space, found.flat())
-    digest, loaded = identified.digest(), evidence.loaded
-    every = [each.started.lacks for each in (journal.series if journal else ())]
-    lacks = next((each for each in reversed(every) if each is not None), None)
-    lacking = {*(lacks or ())} & {*identified.extended_by}
-    own = [each for each in evidence.forms if each.projection and each.projection.of == digest]
-    taken = next((each for each in own if not any(each.wanted.get(n) for n in lacking)), None)
-    has_form = taken is not None and (bool(lacking) or lacks is None)
+    campaign = evidence.campaign
+    identified = Parameters.of(campaign.robot.mechanism.parameters, found.flat())
+    digest = identified.digest()
     held = held or evidence.controller
-    kinds: dict[str, Held] = {"identified": "identified", "form": "form"}
-    known_other = held is not None and held.origin != digest and not evidence.campaign.is_offline
-    known = held is not None and held.origin == digest and not evidence.campaign.is_offline
-    holds = kinds.get(held.kind, "") if held and known else ""
+    holds = held is not None and held.origin == digest and not campaign.is_offline
     after = evidence.held("after")
-    after = after if after and after.origin == digest else None
+    if after is not None and (after.origin != digest or _is_outlived(evidence, after, held)):
+        after = None
+    corrected = evidence.written is not None and evidence.written.by == "targets"
     verdict = evaluation.validated("after")
     decided: After = "worse" if verdict.worse else verdict.decision or "no limits"
-    missed = [
-        each.error for each in verdict.requirements if each.decision in {"fail", "not decided"}
-    ]
-    weak = bool(verdict.beyond) or any(error is not None for error in missed)
-    taken_back = loaded is not None and loaded.rolls_back is not None
-    corrected = evidence.written is not None and evidence.written.by == "targets"
-    by_targets = after is not None and after.targets
-    given_back = taken_back and not holds and state.measured != "import"
-    known_other &= after is not None and not (by_targets or after.declared)
-    if not given_back and (evidence.loaded_since or known_other):
-        after = None
-    is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
     return replace(
-        state,
-        file="identified" if evidence.file_origin == digest else "other" if is_there else "",
-        form="exported" if has_form else "needed" if lacking else "",
-        form_file=taken.file if taken else PLAIN_FILE,
-        form_there=any(each.file == PLAIN_FILE for each in evidence.forms),
+        _with_file(evidence, identified, state),
         holds=holds,
         after=decided if after else "",
         reasons="; ".join(verdict.reasons),
-        weak=weak and after is not None and after.kind == "form" and not by_targets,
-        to_correct=not holds and not by_targets and (taken_back or corrected),
+        by_targets=corrected and not holds and not (after and after.targets),
     )
+
+
+def _is_outlived(evidence: Evidence, after: ControllerState, held: ControllerState | None) -> bool:
+    """Whether the controller holds something else since it was validated, and not by a rollback."""
+    lost = held is not None and held.origin != after.origin
+    if lost and evidence.loaded is not None and evidence.loaded.rolls_back is not None:
+        return False
+    is_read = not (after.targets or after.declared or evidence.campaign.is_offline)
+    return evidence.loaded_since or (is_read and lost)
+
+
+def _with_file(evidence: Evidence, identified: Parameters, state: CampaignState) -> CampaignState:
+    """State with the robot file to export or to load: all parameters, or what the controller knows.
+
+    What it lacks is known from the latest series that was measured with it.
+    """
+    digest, series = identified.digest(), evidence.journal.series if evidence.journal else ()
+    stated = [each.started.lacks for each in series if each.started.lacks is not None]
+    lacking = {*stated[-1]} & {*identified.extended_by} if stated else set[str]()
+    plain = next(
+        (
+            form
+            for form in evidence.forms
+            if form.projection
+            and form.projection.of == digest
+            and not any(form.wanted.get(name) for name in lacking)
+        ),
+        None,
+    )
+    if lacking and plain is None:
+        there = any(form.file == PLAIN_FILE for form in evidence.forms)
+        return replace(state, to_export="plain", overwrite=there)
+    if plain is not None and (lacking or not stated):
+        return replace(state, file=plain.file)
+    if evidence.file_origin != digest:
+        there = evidence.file_origin is not None or evidence.spoilt_parameter_file
+        return replace(state, to_export="yaml", overwrite=there)
+    return replace(state, file=FILE_NAME)

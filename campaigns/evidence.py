@@ -647,10 +647,11 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
         yield Check(statement, holds=True, detail="as then")
     loaded = evidence.loaded
     statement = "the parameter file contains the identified parameters"
+    forms = [form.projection.of for form in evidence.forms if form.projection]
     if evidence.spoilt_parameter_file:
         yield Check(statement, holds=False, detail="it cannot be read")
     else:
-        yield same_digest(statement, evidence.file_origin, parameters)
+        yield same_digest(statement, evidence.file_origin or next(iter(forms), None), parameters)
     after = evidence.after[-1].series.started if evidence.after else None
     how = "the controller held the identified set"
     if after is not None and after.stage == "after by targets":

@@ -1,26 +1,27 @@
-"""Next step: the one command that follows from a campaign's state, whatever it has reached.
-
-Pure. A step changes the state that it follows from, so that no advice leads back.
-"""
+"""Next step: the one command that follows from a campaign's state, by a table. Pure."""
 
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.controllers.export import PLAIN, PLAIN_FILE
+from campaigns.controllers.export import FILE_NAME
 from campaigns.evaluation.decision import Decision
+from campaigns.fit.error_sources import TRACKER_SOURCES
+from campaigns.identification import findings
+from campaigns.identification.result import RecordedIdentification
 
-Held = Literal["", "identified", "form"]
 Answer = Literal["", "again", "update", "anew"]
 After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
 
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """Command to type next, and what has to be done by hand before it; empty: nothing."""
+    """Command to type next, what has to be done by hand before it, and why it is next."""
 
     command: tuple[str, ...]
     first: str = ""
+    why: str = ""
 
     @property
     def text(self) -> str:
@@ -29,8 +30,9 @@ class NextStep:
 
     @property
     def says(self) -> str:
-        """What to do first and the command, in one line."""
-        return f"{self.first}, then: {self.text}" if self.first else self.text
+        """What to do first, the command and its reason, in one line."""
+        command = f"{self.first}, then: {self.text}" if self.first else self.text
+        return f"{command} ({self.why})" if self.why else command
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,133 +40,184 @@ class CampaignState:
     """State of a campaign, as far as the next step depends on it."""
 
     folder: str = "DIR"
+    worker: str = ""
+    """Process that works on the campaign now; empty: none."""
     answered: bool = True
     """Whether the devices were asked who they are; a simulated cell need not be."""
     offline: bool = False
-    """Whether nothing is connected: what a command would measure is imported."""
+    """Whether no device is connected: shots are imported."""
     program: bool = False
-    """Whether there is a program of plan.csv; of an offline campaign."""
+    """Whether an offline campaign has a program of plan.csv."""
     program_after: bool = False
-    """Whether there is one for what was exported last."""
+    """Whether it has one for what was exported last."""
     planned: bool = False
     before: bool = False
-    """Whether the robot was validated before."""
+    """Whether the robot was validated before calibration."""
     measured: Literal["", "run", "import"] = ""
     left: Literal["", "run", "anew"] = ""
-    """Whether plan.csv has what is not measured yet, and takes a new series."""
+    """Whether plan.csv has shots that are not measured yet, and takes a new series."""
     verdict: Decision | None = None
-    """Of an identification from what was measured last."""
-    way_on: NextStep | None = None
-    """Next step after an identification that did not pass."""
+    """Of an identification of the latest shots."""
+    remedy: NextStep | None = None
+    """Of an identification that did not pass; its words may have `{folder}` and `{again}`."""
     check: Answer = ""
-    """What answers a check of it that is not good: another check, an update by the shots of this
-    one, or a new campaign."""
-    file: Literal["", "other", "identified"] = ""
-    form: Literal["", "needed", "exported"] = ""
-    """Plain parameters, of which a controller without plate tilt takes the file."""
-    form_file: str = PLAIN_FILE
-    """The form's, in the campaign's folder."""
-    form_there: bool = False
-    """Whether an older form has the file's default name."""
-    holds: Held = ""
-    """What the controller holds."""
+    """What answers a check that is not good: another check, an update by its shots, new shots."""
+    to_export: Literal["", "yaml", "plain"] = ""
+    """Robot file that is missing: all parameters, or those that the controller knows."""
+    overwrite: bool = False
+    """Whether an older file has the missing one's name."""
+    file: str = FILE_NAME
+    """Robot file to load, in the campaign's folder."""
+    holds: bool = False
+    """Whether the controller holds what was identified, or a form of it."""
     after: After = ""
     """Verdict on the robot with what was identified last."""
     reasons: str = ""
-    """What stands against it."""
-    weak: bool = False
-    """Whether a form breaks limits that corrected targets may keep."""
-    to_correct: bool = False
-    """Whether targets are to be corrected, for a controller that keeps its parameters or was given
-    them back, and nothing was validated with them."""
+    """Reasons against that verdict."""
+    by_targets: bool = False
+    """Whether targets were corrected, and nothing was validated with them."""
     reported: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Row of the table: when it applies, the command, what to do by hand first, and why."""
+
+    applies: Callable[[CampaignState], bool]
+    command: str
+    """Words; `next_step` says what stands for those in braces."""
+    first: str = ""
+    why: str = ""
+
+
+LOOK = "look through campaign.yaml (tracker.place_mm!)"
+MEASURE = "run program-{} on the controller, and measure at each of its stops"
+CHANGED = "look for what changed since the shots, and measure again"
+LIMITS = "under acceptance in campaign.yaml"
+
+ROWS = (
+    Row(
+        lambda s: bool(s.worker),
+        "status {folder}",
+        "wait, or look on by `pkmcal watch`",
+        "{worker} works on this campaign",
+    ),
+    Row(
+        lambda s: not (s.planned or s.measured or s.answered or s.offline), "devices {folder}", LOOK
+    ),
+    Row(lambda s: not (s.planned or s.measured) and s.offline, "plan {folder}", LOOK),
+    Row(lambda s: not (s.planned or s.measured), "plan {folder}"),
+    Row(lambda s: not (s.measured or s.program) and s.offline, "plan {folder} --program csv"),
+    Row(
+        lambda s: not (s.measured or s.before) and s.offline,
+        "import {folder} FILE --stage before",
+        MEASURE.format("before"),
+    ),
+    Row(lambda s: not s.measured and s.offline, "import {folder} FILE", MEASURE.format("run")),
+    Row(lambda s: not (s.measured or s.before), "validate {folder} --stage before"),
+    Row(lambda s: not s.measured or s.left == "run", "run {folder}"),
+    Row(lambda s: s.left == "anew", "run {folder} --anew"),
+    Row(lambda s: s.verdict is None, "identify {folder}"),
+    Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy}"),
+    Row(lambda s: s.check == "again", "check {folder}"),
+    Row(lambda s: s.check == "update", "identify {folder} --update"),
+    Row(lambda s: s.check == "anew", "{again}", CHANGED),
+    Row(
+        lambda s: s.to_export == "plain",
+        "export {folder} --format plain {overwrite}",
+        why="the controller does not know all parameters",
+    ),
+    Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
+    Row(
+        lambda s: s.after == "worse" and s.holds,
+        "load {folder} --rollback",
+        why="the robot became worse by what it was loaded with",
+    ),
+    Row(lambda s: s.after == "worse", "{again}", CHANGED),
+    Row(
+        lambda s: s.by_targets and s.measured == "run",
+        "validate {folder} --stage after --by targets",
+    ),
+    Row(
+        lambda s: not s.after and s.program and not s.program_after,
+        "plan {folder} --program csv --stage after",
+    ),
+    Row(
+        lambda s: not s.after and s.measured == "import",
+        "import {folder} FILE --stage after",
+        "put the exported file into the controller, or correct the targets, and measure pairs",
+    ),
+    Row(lambda s: not (s.after or s.holds), "load {folder} {file}"),
+    Row(lambda s: not s.after, "validate {folder} --stage after"),
+    Row(lambda s: not s.reported, "report {folder}"),
+    Row(
+        lambda s: s.after == "no limits",
+        "report {folder}",
+        f"set the limits that must be met, {LIMITS}",
+    ),
+    Row(
+        lambda s: s.after == "not decided",
+        "report {folder}",
+        "measure with a smaller uncertainty, or agree other limits with whoever asks for them, "
+        f"{LIMITS} ({{reasons}})",
+    ),
+    Row(
+        lambda s: s.after == "fail",
+        "report {folder}",
+        "mend what breaks the limits, or agree other ones with whoever asks for them, "
+        f"{LIMITS} ({{reasons}})",
+    ),
+)
+"""The first row that applies says what is next. Its command changes what made it apply."""
+
+
 def next_step(state: CampaignState) -> NextStep | None:
-    """The next step; None where nothing is left to do."""
-    here = state.folder
-    if not state.measured:
-        return _to_measure(state)
-    if state.left:
-        anew = ["--anew"] if state.left == "anew" else []
-        return NextStep(("run", here, *anew))
-    if state.verdict is None:
-        return NextStep(("identify", here))
-    return state.way_on or _to_answer_a_check(state) or _to_calibrate(state) or _to_show(state)
-
-
-def _to_measure(state: CampaignState) -> NextStep:
-    here, look = state.folder, "look through campaign.yaml (tracker.place_mm!)"
-    if not state.planned and not state.answered and not state.offline:
-        return NextStep(("devices", here), look)
-    if not state.planned:
-        return NextStep(("plan", here), look if state.offline else "")
-    if state.offline and not state.program:
-        return NextStep(("plan", here, "--program", "csv"))
-    if state.offline and not state.before:
-        first = "run program-before on the controller, and measure at each of its stops"
-        return NextStep(("import", here, "FILE", "--stage", "before"), first)
-    if state.offline:
-        first = "run program-run on the controller, and measure at each of its stops"
-        return NextStep(("import", here, "FILE"), first)
-    if not state.before:
-        return NextStep(("validate", here, "--stage", "before"))
-    return NextStep(("run", here))
-
-
-def _to_answer_a_check(state: CampaignState) -> NextStep | None:
-    steps = {
-        "again": NextStep(("check", state.folder)),
-        "update": NextStep(("identify", state.folder, "--update")),
-        "anew": _measured_anew(state),
+    """Return the next step; None where nothing is left to do."""
+    row = next((row for row in ROWS if row.applies(state)), None)
+    if row is None:
+        return None
+    remedy = state.remedy or NextStep(("{again}",))
+    again = "import {folder} FILE" if state.measured == "import" else "run {folder} --anew"
+    words = {
+        "folder": "{folder}",
+        "again": again,
+        "remedy": " ".join(remedy.command).replace("{again}", again),
+        "overwrite": "--overwrite" if state.overwrite else "",
+        "file": "" if state.file == FILE_NAME else "--file {file}",
     }
-    return steps.get(state.check)
-
-
-def _measured_anew(state: CampaignState) -> NextStep:
-    here, imported = state.folder, state.measured == "import"
-    anew = ("import", here, "FILE") if imported else ("run", here, "--anew")
-    return NextStep(anew, "look for what changed since the shots, and measure again")
-
-
-def _to_calibrate(state: CampaignState) -> NextStep | None:
-    """Steps until the robot was measured with what was identified; None: it was."""
-    here, imported = state.folder, state.measured == "import"
-    after = ("validate", here, "--stage", "after")
-    if state.file != "identified":
-        return NextStep(("export", here, *(["--overwrite"] if state.file else [])))
-    by_targets = state.weak or state.to_correct
-    if state.holds and (by_targets or state.after == "worse"):
-        return NextStep(("load", here, "--rollback"))
-    if state.after == "worse":
-        return _measured_anew(state)
-    if by_targets and not imported:
-        return NextStep((*after, "--by", "targets"))
-    if state.after or state.holds:
-        return None if state.after else NextStep(after)
-    if state.program and not state.program_after:
-        return NextStep(("plan", here, "--program", "csv", "--stage", "after"))
-    if imported:
-        put = "put the exported file into the controller, or correct the targets, and measure pairs"
-        return NextStep(("import", here, "FILE", "--stage", "after"), put)
-    if state.form == "needed":
-        again = ["--overwrite"] if state.form_there else []
-        return NextStep(("export", here, "--format", PLAIN, *again))
+    paths = {"{folder}": state.folder, "{file}": f"{state.folder}/{state.file}"}
+    command = row.command.format_map(words).split()
+    reasons = {"worker": state.worker, "remedy": remedy.first, "reasons": state.reasons}
     return NextStep(
-        ("load", here, *(["--file", f"{here}/{state.form_file}"] if state.form else []))
+        tuple(paths.get(word, word) for word in command),
+        row.first.format_map(reasons),
+        row.why.format_map(reasons),
     )
 
 
-def _to_show(state: CampaignState) -> NextStep | None:
-    report = ("report", state.folder)
-    if not state.reported:
-        return NextStep(report)
-    there = "under acceptance in campaign.yaml"
-    by_hand = {
-        "no limits": f"set the limits that must be met, {there}",
-        "not decided": f"widen or remove the limits that are not decided, {there} "
-        f"({state.reasons})",
-        "fail": f"mend what breaks the limits, or widen them, {there} ({state.reasons})",
-    }
-    first = by_hand.get(state.after)
-    return None if first is None else NextStep(report, first)
+def remedy_for(found: RecordedIdentification) -> NextStep:
+    """Return the remedy for an identification that did not pass, by the first finding against it.
+
+    An option is named only where the identification had none: two would have to be typed together.
+    """
+    name = next(iter(found.obstacles), "")
+    numbers = next((finding.numbers for finding in found.findings if finding.name == name), {})
+    options, first = "", "mend what the findings name, and measure again"
+    if found.asked or found.pedigree is not None:
+        return NextStep(("{again}",), first)
+    match name:
+        case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:
+            first = "correct units, joints or robot.yaml; if the robot is built so"
+            options = "--accept-large-change"
+        case findings.CHANGE if "last_shot" not in numbers:
+            first = "mend what changed; the shots after it may be enough"
+            options = f"--shots {float(numbers['before_shot']):.0f}-"
+        case findings.NOTHING_UNSEEN:
+            options, first = "--hold-out 20%", ""
+        case findings.EXTRAPOLATION:
+            first = (
+                "plan poses there, or leave that space out (`space` in campaign.yaml), and "
+                "measure again"
+            )
+    command = ("identify", "{folder}", *options.split()) if options else ("{again}",)
+    return NextStep(command, first)

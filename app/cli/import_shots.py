@@ -2,9 +2,8 @@
 
 import shlex
 from collections.abc import Sequence
-from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -26,12 +25,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
 
-
-class Form(Enum):
-    """Kinds of files; the value is the word on the command line."""
-
-    SHOTS = "shots"
-    ASCII = "ascii"
+Form = Literal["shots", "ascii"]
 
 
 def command(
@@ -44,7 +38,7 @@ def command(
     *,
     form: Annotated[
         Form, typer.Option("--format", help="shots: as above; ascii: points of other software.")
-    ] = Form.SHOTS,
+    ] = "shots",
     unit: Annotated[
         LengthUnit | None,
         typer.Option(help="Unit of lengths in the file; required for ascii files, otherwise mm."),
@@ -129,12 +123,12 @@ def command(
             remedy="give --stage before or after, or leave --with out",
         )
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
-    if form is Form.SHOTS and (joints or columns):
+    if form == "shots" and (joints or columns):
         raise OptionsInvalid(
             "--joints and --columns are for point files of other software",
             remedy="add --format ascii, or leave them out",
         )
-    if form is Form.ASCII and joints is None:
+    if form == "ascii" and joints is None:
         raise OptionsInvalid(
             "--format ascii without --joints: points alone do not say where the joints were",
             remedy="give --joints FILE, a file with each point's joints",

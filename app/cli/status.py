@@ -9,7 +9,6 @@ from app.console import DECISIONS, WARNING, terminal_of
 from app.next import next_document
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
-from campaigns.files.lock import lock_holder
 from campaigns.workflow.status import CampaignStatus, campaign_status
 
 LATEST = 5
@@ -22,19 +21,19 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     Who measures now, which series exist, what is open, what is doubtful, the verdict, and the next
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
-    terminal, held_by = terminal_of(context, as_json=json), lock_holder(folder)
+    terminal = terminal_of(context, as_json=json)
     found = campaign_status(open_campaign(folder))
-    for number, (text, style) in enumerate(_lines(found)):
+    for text, style in _lines(found):
         terminal.say(text, style)
-        if number == 0 and held_by is not None:
-            terminal.say(f"now: {held_by.says}", WARNING)
     document: dict[str, object] = {each.name: getattr(found, each.name) for each in fields(found)}
-    terminal.document(document | next_document(found.next) | {"measuring": held_by})
+    terminal.document(document | next_document(found.next))
 
 
 def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
     """Lines of the answer, and how each looks."""
     yield f"{found.name} ({found.robot}): {found.phase}", "bold"
+    if found.measuring is not None:
+        yield f"now: {found.measuring.says}", WARNING
     yield from ((f"  series {s.series}, {s.says}", "") for s in found.series[-LATEST:])
     yield from ((f"open: {text}", WARNING) for text in found.open)
     yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)

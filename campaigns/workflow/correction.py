@@ -1,8 +1,6 @@
 """Correction of targets by a campaign: for controllers that take no parameters."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection
@@ -13,22 +11,11 @@ from campaigns.errors import ConfigInvalid, TargetsInvalid
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile
-from campaigns.settings.option import Option
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.files import recorded
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import CSV_BYTES
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectionTerms:
-    """Parameter set that counts as the robot's."""
-
-    robot: Annotated[
-        Path | None,
-        Option("The identified set. Default, in DIR: robot-compensated.yaml.", metavar="FILE"),
-    ] = None
 
 
 def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection:
@@ -69,14 +56,14 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
 
 
 def correct_file(
-    campaign: Campaign, source: Path, to: Path, terms: CorrectionTerms, *, overwrite: bool
+    campaign: Campaign, source: Path, to: Path, identified: Path | None = None, *, overwrite: bool
 ) -> CorrectedFile:
-    """Write a CSV file of wanted and commanded poses.
+    """Write a CSV file of wanted and commanded poses, by a robot file, by default export's.
 
     Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
     text = read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
-    robot = identified_set(campaign, terms.robot)
+    robot = identified_set(campaign, identified)
     form = form_of(robot.provenance, robot.name)
     found = correct_poses(text, str(source), _target_correction(campaign, robot))
     with recorded(campaign, to, robot.parameters, "targets", form):

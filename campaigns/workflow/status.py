@@ -4,12 +4,13 @@ Only reads, and takes no lock: another process may be measuring meanwhile.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import state_of
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, Evidence, evaluate
+from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.views import Series
 from campaigns.next_step import CampaignState, NextStep, next_step
 
@@ -56,6 +57,8 @@ class CampaignStatus:
     doubtful: tuple[str, ...]
     """What stands against the result."""
     next: NextStep | None
+    measuring: Holder | None
+    """Process that works on the campaign now."""
 
 
 def campaign_status(campaign: Campaign) -> CampaignStatus:
@@ -63,7 +66,9 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
     evaluation = evaluate(campaign)
     evidence, found = evaluation.evidence, evaluation.evidence.identification
     state = state_of(evaluation, reported=campaign.path(REPORT).exists())
-    series = tuple(_progress(evidence, each) for each in _every(evidence))
+    worker = lock_holder(campaign.folder)
+    every = evidence.journal.series if evidence.journal else ()
+    series = tuple(_progress(evidence, each) for each in every)
     verdict = evaluation.verdict if found is not None else None
     return CampaignStatus(
         folder=str(campaign.folder),
@@ -75,7 +80,8 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         answer=verdict.answer if verdict else "",
         open=tuple(_open(evidence, series)),
         doubtful=tuple(doubtful(evaluation)),
-        next=next_step(state),
+        next=next_step(replace(state, worker=worker.says if worker else "")),
+        measuring=worker,
     )
 
 
@@ -94,10 +100,6 @@ def phase(state: CampaignState) -> str:
     if state.before:
         return "validated before calibration"
     return "planned" if state.planned else "set up"
-
-
-def _every(evidence: Evidence) -> tuple[Series, ...]:
-    return evidence.journal.series if evidence.journal else ()
 
 
 def _progress(evidence: Evidence, series: Series) -> StageProgress:

@@ -2,148 +2,74 @@
 
 import re
 import shlex
-import shutil
-from dataclasses import fields
-from enum import Enum
-from typing import get_args, get_type_hints
+from dataclasses import replace
 
 import pytest
 from command_line import SMALL_TESTS, change
+from typer.main import get_command
 
-from app.main import run_command
-from app.monitor.live_state import live_state
-from campaigns.identification.options import IdentificationOptions
-from campaigns.options import PlanOptions, RunOptions
-from campaigns.settings.option import Option
+from app.main import app, run_command
+from campaigns.campaign import now_utc
+from campaigns.files.lock import campaign_lock
+from campaigns.next_step import ROWS, CampaignState, NextStep, next_step
 
-VALUES = {
-    "PlanOptions": {"shots": ("10",), "seed": ("3",), "until": ("5",), "placement": ("boundary",)},
-    "RunOptions": {"until": ("5",), "skip": ("3",), "retry": ("1",)},
-    "IdentificationOptions": {
-        "prior": ("arm*.arm_mm=0.05",),
-        "shots": ("0-14",),
-        "hold_out": ("20%",),
-        "free": (),
-        "model": ("full", "paper", "paper --free arm1.azimuth_deg"),
-    },
-    "": {"fix": ("arm2.*",)},
+OPTIONS = {
+    "plan": "--placement optimal --shots 40 --seed 3 --fix arm2.*",
+    "run": "--until 5 --skip 3 --retry 1 --yes",
+    "identify": "--prior arm*.arm_mm=0.05 --fix arm2.* --hold-out 20%",
 }
-"""Values of options that are no words of a list, by class; of any class by the empty name."""
-TOGETHER = {
-    PlanOptions: "--placement optimal --shots 12 --seed 3 --fix arm2.*",
-    RunOptions: "--until 5 --skip 3",
-    IdentificationOptions: "--prior arm*.arm_mm=0.05 --fix arm2.* --hold-out 20%",
-}
-"""Several options in one command."""
+"""Options that no hint after these commands may repeat."""
 SMALL = {"plan.shots": 40, "plan.validation_pairs": 1, **SMALL_TESTS}
-FAST = {"speed_up": 10_000}
-CONFIRMED = {"run", "validate", "load"}
-"""Commands that ask before they move the robot or write into its controller."""
 
 
-def every_option(options):
-    """None, each option alone, and several together."""
-    hints = get_type_hints(options, include_extras=True)
-    yield from ("", TOGETHER[options])
-    for field in fields(options):
-        option = getattr(hints[field.name], "__metadata__", (None,))[-1]
-        if isinstance(option, Option):
-            name = option.name or f"--{field.name.replace('_', '-')}"
-            yield from (f"{name} {value}" for value in values_of(options, field, hints))
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.command)
+def test_every_command_of_the_table_is_taken_by_the_command_line(row, monkeypatch):
+    state = CampaignState(
+        folder="a b",
+        remedy=NextStep(("identify", "{folder}", "--shots", "60-")),
+        overwrite=True,
+        file="robot-plain.yaml",
+    )
+    monkeypatch.setattr("campaigns.next_step.ROWS", (replace(row, applies=lambda _: True),))
+    step = next_step(state)
+    command, *words = shlex.split(step.text)[1:]
+    context = get_command(app).get_command(None, command).make_context(command, words)
+    assert str(context.params["folder"]) == "a b"
 
 
-def values_of(options, field, hints):
-    known = {**VALUES[""], **VALUES[options.__name__]}
-    if field.name in known:
-        return known[field.name]
-    kinds = (hints[field.name].__origin__, *get_args(hints[field.name].__origin__))
-    enums = (kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Enum))
-    return [[*enum][-1].value for enum in enums] or [""]
+def hint(ended):
+    """The command that is next, of which its words, status and the document say the same."""
+    (said,) = re.findall(r"^next: .*?(pkmcal [^()]*?)(?: \(.*)?$", ended.err + ended.out, re.M)
+    return said
 
 
-def typed_by(options):
-    return pytest.mark.parametrize("options", [*every_option(options)])
+@pytest.mark.slow
+def test_hints_after_options_of_all_commands_can_be_typed(pkmcal, tmp_path):
+    folder = tmp_path / "c"
+    run_command(["new", str(folder), "--robot", "delta", "--scenario", "drawn-robots"])
+    change(folder / "campaign.yaml", SMALL)
+    change(folder / "cell.yaml", {"speed_up": 10_000})
+    step = f"pkmcal plan {folder}"
+    for command, options in OPTIONS.items():
+        if command == "run":  # which was planned, and is validated before
+            assert step == f"pkmcal validate {folder} --stage before"
+            assert pkmcal(*shlex.split(step)[1:], "--only", "distances", "--yes").code == 0
+            step = f"pkmcal run {folder}"
+        assert step == f"pkmcal {command} {folder}"
+        ended = pkmcal(command, folder, *options.split())
+        assert ended.code in {0, 1}, ended.err
+        step = hint(ended)
+        assert hint(pkmcal("status", folder)) == step
+        assert pkmcal("status", folder, "--json").document["next"] == step
+    assert step == f"pkmcal run {folder} --anew"  # none of its options is repeated
 
 
-class Typist:
-    """Types commands on one campaign, and what is said to be next after them."""
-
-    def __init__(self, pkmcal, folder):
-        self.folder = folder
-        self._pkmcal = pkmcal
-
-    def types(self, command, options=""):
-        yes = ["--yes"] if command in CONFIRMED else []
-        return self._pkmcal(command, self.folder, *options.split(), *yes)
-
-    def hints(self, ended):
-        """Commands that are next: of the last command, status, its --json and the live page."""
-        status, document = self.types("status").out, self.types("status", "--json").document
-        page = live_state(self.folder)
-        lines = [*ended.err.splitlines(), *status.splitlines(), f"next: {page['next']}"]
-        said = [re.search(r"^next: .*?(pkmcal .*?)(?: \(.*)?$", line) for line in lines]
-        commands = {match[1] for match in said if match}
-        assert len([match for match in said if match]) >= 3, ended
-        return commands | {document["next"]}
-
-    def follows(self, ended):
-        """Type every hint; a command of the right form ends well, or says what it did not find."""
-        for hint in sorted(self.hints(ended)):
-            _, command, folder, *words = shlex.split(hint)
-            assert folder == str(self.folder)
-            there = Typist(self._pkmcal, self.folder.with_name(f"then-{command}"))
-            shutil.copytree(self.folder, there.folder)
-            answer = there.types(command, shlex.join(words))
-            assert answer.code in {0, 1}, (hint, answer.err)
-            shutil.rmtree(there.folder)
-
-
-@pytest.fixture(scope="module")
-def stages(tmp_path_factory):
-    """Folders of one campaign on a fast simulated robot: validated before, and measured."""
-    before, measured = (tmp_path_factory.mktemp("hints") / stage for stage in ("a", "b"))
-    run_command(["new", str(before), "--robot", "delta", "--scenario", "drawn-robots"])
-    change(before / "campaign.yaml", SMALL)
-    change(before / "cell.yaml", FAST)
-    run_command(["plan", str(before)])
-    pairs = ["--only", "distances", "--yes"]
-    run_command(["validate", str(before), "--stage", "before", *pairs])
-    shutil.copytree(before, measured)
-    assert run_command(["run", str(measured), "--yes"]) == 0
-    return {"before": before, "measured": measured}
-
-
-@pytest.fixture
-def at(stages, tmp_path, pkmcal):
-    """A person at a copy of the campaign at a stage."""
-
-    def come(stage):
-        return Typist(pkmcal, shutil.copytree(stages[stage], tmp_path / stage))
-
-    return come
-
-
-@typed_by(PlanOptions)
-def test_hints_after_a_plan_can_be_typed(at, options):
-    typist = at("before")
-    planned = typist.types("plan", options)
-    assert typist.hints(planned) == {f"pkmcal run {typist.folder}"}
-
-
-@typed_by(RunOptions)
-def test_hints_after_a_run_can_be_typed(at, options):
-    typist = at("before")
-    ran = typist.types("run", options)
-    assert typist.hints(ran) == {f"pkmcal identify {typist.folder}"}
-
-
-@typed_by(IdentificationOptions)
-def test_hints_after_an_identification_can_be_typed(at, options):
-    typist = at("measured")
-    typist.follows(typist.types("identify", options))
-
-
-def test_hints_after_options_of_all_commands_can_be_typed(at):
-    typist = at("before")
-    for command, options in zip(("plan", "run", "identify"), TOGETHER.values(), strict=True):
-        typist.follows(typist.types(command, options))
+def test_who_works_on_a_campaign_is_waited_for_or_watched(pkmcal, tmp_path):
+    folder = tmp_path / "c"
+    run_command(["new", str(folder)])
+    with campaign_lock(folder, now_utc=now_utc):
+        ended = pkmcal("status", folder)
+        document = pkmcal("status", folder, "--json").document
+    assert "next: wait, or look on by `pkmcal watch`" in ended.out
+    assert document["next"] == f"pkmcal status {folder}"
+    assert hint(pkmcal("status", folder)) == f"pkmcal plan {folder}"

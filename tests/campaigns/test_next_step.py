@@ -1,10 +1,11 @@
 """One next step for whatever a campaign has reached, and no advice that leads back."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from paper_campaign import MECHANISM, PaperCampaign, new_campaign
@@ -17,181 +18,103 @@ from campaigns.evidence import Evaluation, Evidence, evaluate, gather
 from campaigns.identification import findings
 from campaigns.identification.checking import RecordedCheck
 from campaigns.identification.findings import Finding
-from campaigns.identification.result import IdentifiedParameter, RecordedIdentification
+from campaigns.identification.result import IdentifiedParameter
 from campaigns.kinematics.parameters import Parameters
-from campaigns.next_step import Answer, CampaignState, NextStep, next_step
+from campaigns.next_step import Answer, CampaignState, NextStep, next_step, remedy_for
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
-from campaigns.way_on import BUILT_SO, way_on
 from campaigns.workflow.status import doubtful
 
 FAILING = (
     findings.BEYOND_TOLERANCE,
     findings.SCATTER,
-    findings.WORSE,
-    findings.NOT_TAKEN,
-    findings.WRONG_SHOTS,
+    findings.CHANGE,
     findings.KNOWN_LENGTH,
+    findings.NOTHING_UNSEEN,
+    findings.EXTRAPOLATION,
 )
-OPEN = (findings.NOTHING_UNSEEN, findings.HOLD_OUT, findings.EXTRAPOLATION, findings.NO_POSITIONS)
-CHANGES = (60.0, 20.0, 110.0)
-"""Numbers of the first shot after a change."""
-DEVICES = {"devices", "run", "validate", "load", "check"}
-ANSWERS: tuple[Answer, ...] = ("", "update", "anew")
-OFFLINE = ("plan", "program", "before", "import", "identify", "export", "program", "after")
-ANEW = "mend what the findings name, then: run DIR --anew"
+MEASURED = {"measured": "run", "planned": True}
+PASSED = {**MEASURED, "verdict": "pass"}
+MEND = "mend what the findings name, and measure again"
+BUILT_SO = "correct units, joints or robot.yaml; if the robot is built so"
+ANEW = f"{MEND}, then: run DIR --anew"
 
 
-def is_another_campaign(state: CampaignState, step: NextStep) -> bool:
-    """Whether a person has mended something, and measures anew, or has corrected a limit."""
-    match step.command:
-        case ("import", _, "FILE"):
-            return bool(state.measured)
-        case ("run" | "report" | "check", *_):
-            return bool(step.first)
-    return False
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A state, and what of the campaign the next identification depends on."""
-
-    state: CampaignState
-    shots: int = 120
-    asked: tuple[str, ...] = ()
-
-
-def identified(
-    place: Place, verdict: str, name: str, before_shot: float = 60.0
-) -> RecordedIdentification:
+def identified(name: str, asked: tuple[str, ...] = (), **numbers: float | str) -> Any:
     """An identification against which one thing stands."""
-    finding = Finding(name, "", "fail", {"before_shot": before_shot})
-    return RecordedIdentification(
-        model="full",
-        converged=True,
-        iterations=1,
-        parameters={},
-        findings=(finding,),
-        verdict=verdict,  # type: ignore[arg-type] # one of three words
-        reasons=(),
-        obstacles=(name,),
-        series=1,
-        robot_digest="",
-        plan_digest="",
-        journal_digest="",
-        journal_records=1,
-        at_utc="",
-        asked=place.asked,
-    )
+    finding = Finding(name, "", "fail", {"before_shot": 60.0, **numbers})
+    return SimpleNamespace(findings=(finding,), obstacles=(name,), asked=asked, pedigree=None)
 
 
-def way(place: Place, found: RecordedIdentification) -> NextStep:
-    """The step after an identification."""
-    imported = place.state.measured == "import"
-    return way_on(found, range(place.shots), "DIR", imported=imported)
-
-
-def outcomes(place: Place, step: NextStep) -> Iterator[Place]:
-    """All that may come of typing the step."""
-    state, words = place.state, step.command
-    if words[0] == "identify":
-        yield from identifications(place, step)
-    elif words[0] == "check":
-        yield from (replace(place, state=replace(place.state, check=each)) for each in ANSWERS)
-    elif "after" in words:  # validated, or imported as such
-        for after in ("worse", "fail", "not decided", "no limits", "pass"):
-            weak = state.holds == "form" and after in {"fail", "not decided"}
-            judged = replace(state, after=after, weak=weak, to_correct=False)
-            yield replace(place, state=judged)
-    else:
-        shots = int(words[-1]) if "--shots" in words else place.shots
-        done = replace(state, **changed(words))
-        yield replace(
-            place, state=done, shots=shots, asked=() if words[0] == "run" else place.asked
-        )
-
-
-def changed(words: tuple[str, ...]) -> dict[str, object]:
-    """What a step does that has one outcome."""
+def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
+    """All that may come of typing the step; nothing once somebody measures anew by hand."""
+    words = step.command
     match words[0], words[2:]:
-        case "plan", ("--shots", _):
-            return {"left": "run"}
-        case "plan", ("--program", "csv"):
-            return {"program": True}
-        case "plan", ("--program", "csv", "--stage", "after"):
-            return {"program_after": True}
-        case "run", _:
-            return {"measured": "run", "left": "", "verdict": None, "way_on": None}
-        case "export", ("--format", "plain"):
-            return {"form": "exported"}
-        case "load", ("--rollback",):
-            return {"holds": "", "to_correct": True}
-        case "load", file:
-            return {"holds": "form" if file else "identified"}
-        case "import", ("FILE",):
-            return {"measured": "import"}
-    return {
-        "devices": {"answered": True},
-        "plan": {"planned": True},
-        "export": {"file": "identified"},
-        "validate": {"before": True},
-        "import": {"before": True},
-        "report": {"reported": True},
-    }[words[0]]
+        case ("import", ("FILE",)) | ("run", ("--anew",)) if step.first and state.verdict:
+            return
+        case "report", _ if step.first:
+            return
+        case "identify", options:
+            here = replace(state, check="")
+            for missing in ("yaml", "plain"):
+                yield replace(here, verdict="pass", remedy=None, to_export=missing)
+            for name in FAILING:
+                remedy = remedy_for(identified(name, () if options == ("--update",) else options))
+                yield replace(here, verdict="fail", remedy=remedy)
+        case "check", _:
+            yield from (replace(state, check=answer) for answer in ANSWERS)
+        case (("validate" | "import"), options) if "after" in options:
+            for after in ("worse", "fail", "not decided", "no limits", "pass"):
+                yield replace(state, after=after, by_targets=False)
+        case command, options:
+            yield replace(state, **CHANGED[(command, *options[:3])])
 
 
-def identifications(place: Place, step: NextStep) -> Iterator[Place]:
-    """Whatever may stand against an identification that is asked for with these words."""
-    asked = step.command[2:]
-    if asked == ("--update",):
-        asked = ()  # what an update leads to is checked again, or measured anew
-    here = replace(place, asked=asked, state=replace(place.state, check=""))
-    for form in ("", "needed"):  # the rest of the way is the same whatever it was identified with
-        yield Place(replace(here.state, verdict="pass", way_on=None, form=form))
-    cases = [("fail", name, 0.0) for name in FAILING]
-    cases += [("fail", findings.CHANGE, shot) for shot in CHANGES]
-    cases += [("not decided", name, 0.0) for name in OPEN]
-    for verdict, name, shot in cases:
-        if not (name == findings.BEYOND_TOLERANCE and "--accept-large-change" in asked):
-            told = way(here, identified(here, verdict, name, shot))
-            state = replace(here.state, verdict=verdict, way_on=told)  # type: ignore[arg-type]
-            yield replace(here, state=state)
+CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
+    ("devices",): {"answered": True},
+    ("plan",): {"planned": True},
+    ("plan", "--program", "csv"): {"program": True},
+    ("plan", "--program", "csv", "--stage"): {"program_after": True},
+    ("validate", "--stage", "before"): {"before": True},
+    ("import", "FILE", "--stage", "before"): {"before": True},
+    ("import", "FILE"): {"measured": "import"},
+    ("run",): {"measured": "run", "left": ""},
+    ("run", "--anew"): {"measured": "run", "left": ""},
+    ("export",): {"to_export": ""},
+    ("export", "--format", "plain"): {"to_export": "", "file": PLAIN_FILE},
+    ("load",): {"holds": True},
+    ("load", "--file", f"DIR/{PLAIN_FILE}"): {"holds": True},
+    ("load", "--rollback"): {"holds": False},
+    ("report",): {"reported": True},
+}
+"""What a step changes that has one outcome, by its words."""
+ANSWERS: tuple[Answer, ...] = ("", "update", "anew")
 
 
-@pytest.mark.slow
 def test_no_advice_leads_back_and_all_end() -> None:
     """From an empty folder, over all that may come of each step, to the end of each way."""
-    simulated, prior = CampaignState(), ("--fix", "rods")
-    under_way, done = set[Place](), dict[Place, int]()
+    under_way, done = set[CampaignState](), set[CampaignState]()
 
-    def walk(place: Place) -> int:
-        if place in done:
-            return done[place]
-        assert place not in under_way, f"a circle at {place}"
-        step = next_step(place.state)
-        if step is None or is_another_campaign(place.state, step):
-            return 0
-        if place.state.offline:
-            assert not {step.command[0]} & DEVICES, step
-        under_way.add(place)
-        further = list(outcomes(place, step))
-        assert further, step
-        assert place not in further, f"{step.says} changes nothing"
-        done[place] = 1 + max(map(walk, further))
-        under_way.remove(place)
-        return done[place]
+    def walk(state: CampaignState) -> None:
+        if state in done:
+            return
+        assert state not in under_way, f"a circle at {state}"
+        step = next_step(state)
+        under_way.add(state)
+        for further in outcomes(state, step) if step else ():
+            assert further != state, f"{step} changes nothing"
+            if state.offline and step:
+                assert step.command[0] not in {"devices", "run", "validate", "load", "check"}
+            walk(further)
+        under_way.remove(state)
+        done.add(state)
 
-    walk(Place(simulated, asked=prior))
-    walk(Place(CampaignState(answered=False)))
-    offline = Place(CampaignState(answered=False, offline=True), asked=prior)
-    assert walk(offline) > len(OFFLINE)
-    for held in ("identified", "form", ""):
-        walk(Place(replace(simulated, measured="import", holds=held), shots=60, asked=prior))
-    calibrated = replace(simulated, measured="run", verdict="pass", file="identified")
-    for held, answer in product(("identified", "form", ""), (*ANSWERS, "again")):
-        for after in ("worse", "fail", "pass", ""):
-            now = replace(calibrated, holds=held, check=answer, after=after, reported=bool(after))
-            walk(Place(now))
+    walk(CampaignState(answered=False))
+    walk(CampaignState(answered=False, offline=True))
+    for left in ("run", "anew"):
+        walk(CampaignState(**MEASURED, left=left))  # type: ignore[arg-type]
+    for check, by_targets in product((*ANSWERS, "again"), (False, True)):
+        walk(CampaignState(**PASSED, check=check, by_targets=by_targets))  # type: ignore[arg-type]
     assert len(done) > 100
 
 
@@ -199,73 +122,61 @@ def test_no_advice_leads_back_and_all_end() -> None:
     ("state", "says"),
     [
         ({"answered": False}, "look through campaign.yaml (tracker.place_mm!), then: devices DIR"),
-        ({"measured": "run", "left": "anew"}, "run DIR --anew"),
-        ({"left": "run"}, "run DIR"),
-        ({}, "identify DIR"),
-        ({"verdict": "pass", "file": "other"}, "export DIR --overwrite"),
-        ({"verdict": "pass", "check": "update"}, "identify DIR --update"),
-        ({"verdict": "pass", "check": "again"}, "check DIR"),
+        ({**MEASURED, "left": "anew"}, "run DIR --anew"),
+        ({**MEASURED, "left": "run"}, "run DIR"),
         (
-            {"verdict": "pass", "check": "anew"},
+            {**MEASURED, "left": "run", "worker": "process 7"},
+            "wait, or look on by `watch`, then: status DIR (process 7 works on this campaign)",
+        ),
+        (MEASURED, "identify DIR"),
+        ({**PASSED, "to_export": "yaml", "overwrite": True}, "export DIR --overwrite"),
+        (
+            {**PASSED, "to_export": "plain"},
+            "export DIR --format plain (the controller does not know all parameters)",
+        ),
+        ({**PASSED, "check": "update"}, "identify DIR --update"),
+        ({**PASSED, "check": "again"}, "check DIR"),
+        (
+            {**PASSED, "check": "anew"},
             "look for what changed since the shots, and measure again, then: run DIR --anew",
         ),
-        ({"verdict": "pass", "file": "identified", "form": "needed"}, "export DIR --format plain"),
+        ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --file DIR/elsewhere.yaml"),
         (
-            {"verdict": "pass", "file": "identified", "form": "exported"},
-            "load DIR --file DIR/robot-plain.yaml",
+            {**PASSED, "holds": True, "after": "worse"},
+            "load DIR --rollback (the robot became worse by what it was loaded with)",
         ),
-        (
-            {
-                "verdict": "pass",
-                "file": "identified",
-                "form": "exported",
-                "form_file": "elsewhere.yaml",
-            },
-            "load DIR --file DIR/elsewhere.yaml",
-        ),
-        (
-            {"verdict": "pass", "file": "identified", "to_correct": True},
-            "validate DIR --stage after --by targets",
-        ),
+        ({**PASSED, "by_targets": True}, "validate DIR --stage after --by targets"),
     ],
 )
-def test_step_names_a_command_that_can_be_typed(state: dict[str, object], says: str) -> None:
-    measured = {} if "answered" in state else {"measured": "run", "planned": True}
-    step = next_step(CampaignState(**(measured | state)))  # type: ignore[arg-type]
+def test_step_names_a_command_that_can_be_typed(state: dict[str, Any], says: str) -> None:
+    step = next_step(CampaignState(**state))
     assert step is not None
     assert step.says.replace("pkmcal ", "") == says
 
 
 @pytest.mark.parametrize(
-    ("name", "before_shot", "asked", "says"),
+    ("found", "says"),
     [
-        (findings.CHANGE, 60.0, (), "identify DIR --shots 60-"),
-        (findings.CHANGE, 70.0, (), "identify DIR --shots -69"),
-        (findings.CHANGE, 60.0, ("--fix", "a"), ANEW),
-        (findings.NOTHING_UNSEEN, 0.0, (), "identify DIR --hold-out 20%"),
-        (findings.EXTRAPOLATION, 0.0, (), "plan DIR --shots 240"),
-        (findings.SCATTER, 0.0, (), ANEW),
         (
-            findings.BEYOND_TOLERANCE,
-            0.0,
-            (),
+            identified(findings.CHANGE),
+            "mend what changed; the shots after it may be enough, then: identify DIR --shots 60-",
+        ),
+        (identified(findings.CHANGE, ("--fix", "a")), ANEW),
+        (identified(findings.CHANGE, last_shot=80.0), ANEW),
+        (identified(findings.NOTHING_UNSEEN), "identify DIR --hold-out 20%"),
+        (identified(findings.SCATTER), ANEW),
+        (identified(findings.BEYOND_TOLERANCE, parameter="scale"), ANEW),
+        (
+            identified(findings.BEYOND_TOLERANCE, parameter="arm1.arm_mm"),
             f"{BUILT_SO}, then: identify DIR --accept-large-change",
         ),
     ],
 )
-def test_way_on_from_an_identification_follows_what_stands_against_it(
-    name: str, before_shot: float, asked: tuple[str, ...], says: str
-) -> None:
-    place = Place(CampaignState(measured="run"), asked=asked)
-    step = way(place, identified(place, "fail", name, before_shot))
+def test_remedy_follows_the_first_finding(found: Any, says: str) -> None:
+    remedy = remedy_for(found)
+    step = next_step(CampaignState(**MEASURED, verdict="fail", remedy=remedy))  # type: ignore[arg-type]
+    assert step is not None
     assert step.says.replace("pkmcal ", "") == says
-
-
-def test_a_change_that_was_taken_back_is_measured_again() -> None:
-    place = Place(CampaignState(measured="run"))
-    found = identified(place, "fail", findings.CHANGE)
-    found.findings[0].numbers["last_shot"] = 80.0
-    assert way(place, found).says.replace("pkmcal ", "") == ANEW
 
 
 def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None:
@@ -362,7 +273,7 @@ def test_a_new_campaign_has_the_state_that_its_evidence_says(
 
 
 def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: PaperCampaign) -> None:
-    """A controller without tilts and backlash; tables are offered again where some were written."""
+    """By a controller without tilts and backlash, before all parameters are exported."""
     evidence = gather(open_campaign(whole.folder))
     found, journal = evidence.identification, evidence.journal
     assert found is not None
@@ -378,12 +289,11 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
     lacking = tuple(
         replace(each, started=replace(each.started, lacks=tuple(terms))) for each in journal.series
     )
-    file = SimpleNamespace(digest=identified.digest)
     told = replace(
         evidence,
         identification=found,
         journal=replace(journal, series=lacking),
-        parameter_file=file,
+        parameter_file=None,
         loaded=None,
     )
 

@@ -29,7 +29,7 @@ from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.import_export import exported_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
-from campaigns.workflow.correction import CorrectionTerms, correct_file
+from campaigns.workflow.correction import correct_file
 from campaigns.workflow.files import export
 from campaigns.workflow.identification import identify
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
@@ -89,8 +89,7 @@ def correct(paper: PaperCampaign, to: str = "corrected.csv") -> None:
     """Correct the targets of a program, as its user does."""
     targets = paper.folder / "targets.csv"
     targets.write_text("x_mm,y_mm,z_mm,theta_deg\n0,0,-600,0\n", encoding="utf-8")
-    terms = CorrectionTerms()
-    correct_file(paper.campaign, targets, paper.folder / to, terms, overwrite=True)
+    correct_file(paper.campaign, targets, paper.folder / to, overwrite=True)
 
 
 def taken_in(of: PaperCampaign | Campaign, stage, shots: Sequence[ShotRow], file=None, **options):
