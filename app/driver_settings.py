@@ -7,10 +7,10 @@ from campaigns.controllers import linuxcnc_export as export
 from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.settings.sections import BY_HAND, FILE, WATCH_FILE, LinuxcncConfig
 from campaigns.shots import ascii_points
-from drivers.by_hand.robot import HandSettings
+from drivers.by_hand import HandSettings
 from drivers.linuxcnc.hal_parameters import HalParameters, HalPins, ParameterFile
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
-from drivers.watch_file.tracker import WatchSettings
+from drivers.watch_file import WatchSettings
 from drivers.wire.command_prefix import command_prefix
 
 ACTIVE = "linuxcnc-active.hal"

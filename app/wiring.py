@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, cast
+from typing import cast
 
 from app import driver_settings
 from app.consent import require_consent
@@ -28,6 +28,7 @@ from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemCl
 from drivers.stopping import Alarm, unheard
 from drivers.transport import opener_of
 from drivers.values import Coordinate, Identity, RobotState
+from drivers.wire.lines import LAST_NUMBER
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
@@ -113,13 +114,13 @@ class DeviceConnections:
     def robot(self) -> Iterator[RobotController]:
         """The controller."""
         driver = controller_driver(self.campaign.config.controller.driver)
-        robot = driver.made(
+        robot = driver.make(
             RobotSurroundings(
                 open_transport=logged(opener_of(self.controller_url), "controller"),
                 clock=SystemClock(),
                 cancelled=self.stop_requested,
-                draws=random.SystemRandom(),
-                own=partial(_own_settings, "controller", self.campaign),
+                first_number=_first_number(),
+                settings=driver_settings.controller_settings(self.campaign),
                 prompt=self.prompt,
                 layout=_layout(self.campaign),
                 alarm=self.alarm,
@@ -141,16 +142,17 @@ class DeviceConnections:
         """The tracker."""
         config = self.campaign.config.tracker
         driver = tracker_driver(config.driver)
-        clock = self.awake(SystemClock())
-        given = Surroundings(
-            open_transport=logged(opener_of(self.tracker_url), "tracker"),
-            clock=clock,
-            cancelled=self.stop_requested,
-            draws=random.SystemRandom(),
-            own=partial(_own_settings, "tracker", self.campaign),
-            prompt=self.prompt,
+        tracker = driver.make(
+            Surroundings(
+                open_transport=logged(opener_of(self.tracker_url), "tracker"),
+                clock=self.awake(SystemClock()),
+                cancelled=self.stop_requested,
+                first_number=_first_number(),
+                settings=driver_settings.tracker_settings(self.campaign),
+                prompt=self.prompt,
+                instrument_clock=self.tracker_clock,
+            )
         )
-        tracker = driver.made(given, self.tracker_clock)
         try:
             with _named("tracker", self.tracker_url, (errors.BeamBroken,)) as greeted:
                 tracker.connect()
@@ -165,11 +167,9 @@ class DeviceConnections:
         return WakefulClock(clock, self.stop_requested)
 
 
-def _own_settings(device: Literal["controller", "tracker"], campaign: Campaign) -> object:
-    """What a campaign says to one driver alone."""
-    if device == "controller":
-        return driver_settings.controller_settings(campaign)
-    return driver_settings.tracker_settings(campaign)
+def _first_number() -> int:
+    """Draw where a session begins to count its questions, so that no old answer fits."""
+    return random.SystemRandom().randint(1, LAST_NUMBER)
 
 
 @contextmanager
@@ -330,7 +330,7 @@ def _raw_readers(campaign: Campaign) -> RawReaders:
     """Readers of the raw answers of a campaign's devices."""
     controller = controller_driver(campaign.config.controller.driver)
     tracker, layout = tracker_driver(campaign.config.tracker.driver), _layout(campaign)
-    return RawReaders(lambda raw: controller.joints(raw, layout), tracker.measured)
+    return RawReaders(lambda raw: controller.read_record(raw, layout), tracker.read_record)
 
 
 def _layout(campaign: Campaign) -> RobotLayout:

@@ -1,27 +1,53 @@
-"""The drivers there are, each by the word for it in campaign.yaml: a new one needs a line here.
+"""The drivers, each by the word for it in campaign.yaml: a new one needs an entry here."""
 
-Only the one that is asked for is loaded.
-"""
-
-from collections.abc import Mapping
-from importlib import import_module
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivers.declaration import ControllerDriver, TrackerDriver
+from drivers import by_hand, pointline, robotline, watch_file
+from drivers.declaration import RobotSurroundings, Surroundings
+from drivers.emscon import tracker as emscon
 from drivers.errors import AddressInvalid
+from drivers.linuxcnc import robot as linuxcnc
+from drivers.ports import LaserTracker, RobotController
+from drivers.values import Matrix3, Vector3
+from drivers.wire.robotline import RobotLayout
 
-TRACKERS: Mapping[str, str] = {
-    "emscon": "drivers.emscon.tracker",
-    "pointline": "drivers.pointline.tracker",
-    "by-hand": "drivers.by_hand.tracker",
-    "watch-file": "drivers.watch_file.tracker",
+
+@dataclass(frozen=True, slots=True)
+class TrackerDriver:
+    """Driver of a tracker."""
+
+    make: Callable[[Surroundings], LaserTracker]
+    """Make the device, not connected yet."""
+    read_record: Callable[[str], tuple[Vector3, Matrix3 | None]]
+    """Read point, mm, and covariance, mm², if any, from a measurement's raw answer.
+
+    Raises `DriverError`.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerDriver:
+    """Driver of a robot's controller."""
+
+    make: Callable[[RobotSurroundings], RobotController]
+    """Make the device, not connected yet."""
+    read_record: Callable[[str, RobotLayout], tuple[float, ...]]
+    """Read joints, rad or mm, from a state's raw answer; raises `WireError`."""
+
+
+TRACKERS: dict[str, TrackerDriver] = {
+    "emscon": TrackerDriver(emscon.EmsconTracker, emscon.recorded_measurement),
+    "pointline": TrackerDriver(pointline.PointlineTracker, pointline.recorded_measurement),
+    "by-hand": TrackerDriver(by_hand.TrackerByHand, by_hand.recorded_measurement),
+    "watch-file": TrackerDriver(watch_file.WatchedTracker, watch_file.recorded_measurement),
 }
-CONTROLLERS: Mapping[str, str] = {
-    "robotline": "drivers.robotline.robot",
-    "linuxcnc": "drivers.linuxcnc.robot",
-    "by-hand": "drivers.by_hand.robot",
+CONTROLLERS: dict[str, ControllerDriver] = {
+    "robotline": ControllerDriver(robotline.LineRobot, robotline.recorded_joints),
+    "linuxcnc": ControllerDriver(linuxcnc.make_robot, linuxcnc.joints_said),
+    "by-hand": ControllerDriver(by_hand.RobotByHand, by_hand.recorded_joints),
 }
-"""Modules whose `DRIVER` declares it."""
 
 if TYPE_CHECKING:
     TrackerName: TypeAlias = str
@@ -31,23 +57,21 @@ else:  # a choice that settings offer and check
 
 
 def tracker_driver(name: str) -> TrackerDriver:
-    """Return a tracker's driver; raises `AddressInvalid` for one that there is not."""
-    found = _declared("tracker", TRACKERS, name)
-    assert isinstance(found, TrackerDriver), "listed as a tracker's"
-    return found
+    """Return a tracker's driver; raises `AddressInvalid` for an unknown name."""
+    if name not in TRACKERS:
+        raise _unknown("tracker", name, tuple(TRACKERS))
+    return TRACKERS[name]
 
 
 def controller_driver(name: str) -> ControllerDriver:
-    """Return a controller's driver; raises `AddressInvalid` for one that there is not."""
-    found = _declared("controller", CONTROLLERS, name)
-    assert isinstance(found, ControllerDriver), "listed as a controller's"
-    return found
+    """Return a controller's driver; raises `AddressInvalid` for an unknown name."""
+    if name not in CONTROLLERS:
+        raise _unknown("controller", name, tuple(CONTROLLERS))
+    return CONTROLLERS[name]
 
 
-def _declared(device: str, drivers: Mapping[str, str], name: str) -> object:
-    if name not in drivers:
-        raise AddressInvalid(
-            f"there is no driver '{name}' for a {device}",
-            remedy=f"use one of {', '.join(drivers)}, or another version of pkmcal",
-        )
-    return import_module(drivers[name]).DRIVER
+def _unknown(device: str, name: str, names: tuple[str, ...]) -> AddressInvalid:
+    return AddressInvalid(
+        f"there is no driver '{name}' for a {device}",
+        remedy=f"use one of {', '.join(names)}, or another version of pkmcal",
+    )

@@ -1,62 +1,38 @@
-"""Declaration of a driver: how it is made, and how records of it are read without it."""
+"""What a driver is made with."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from random import Random
 
-from drivers.ports import Clock, LaserTracker, Prompt, RobotController
-from drivers.stopping import Alarm
+from drivers.link import never
+from drivers.ports import Clock, Prompt
+from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener
-from drivers.values import Matrix3, Vector3
 from drivers.wire.robotline import RobotLayout
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surroundings:
-    """What any driver is made with: its wire, real time, the operator's wish to stop.
-
-    `draws` is where the numbers of its questions begin: differently from session to session. `own`
-    gives what a campaign says to one driver alone, whose type only that driver knows. `prompt` is
-    None where nobody can be asked.
-    """
+    """A device's wire, real time, the operator's wish to stop."""
 
     open_transport: Opener
     clock: Clock
-    cancelled: Callable[[], bool]
-    draws: Random
-    own: Callable[[], object]
+    """Real time, also for a simulated cell that runs faster: the wire is real."""
+    cancelled: Callable[[], bool] = never
+    first_number: int = 1
+    """Number of the first question, 1 to 999999999: another one in each session."""
+    settings: object = None
+    """What a campaign says to this driver alone, whose type only that driver knows."""
     prompt: Prompt | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerDriver:
-    """Driver of a tracker."""
-
-    made: Callable[[Surroundings, Clock | None], LaserTracker]
-    """Not connected yet. The clock is a simulated tracker's time, None for one not served here."""
-    measured: Callable[[str], tuple[Vector3, Matrix3 | None]]
-    """Point, mm, of a measurement's raw answer, and its covariance, mm², where it states one.
-
-    Raises `DriverError`.
-    """
+    """Asks the operator; None where nobody can be asked."""
+    instrument_clock: Clock | None = None
+    """Time as a simulated tracker lives it; None for a tracker that is not served here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotSurroundings(Surroundings):
-    """What any controller's driver is made with.
-
-    `alarm` is told what the operator has to read at once.
-    """
+    """The same of a controller."""
 
     layout: RobotLayout
-    alarm: Alarm
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerDriver:
-    """Driver of a robot's controller."""
-
-    made: Callable[[RobotSurroundings], RobotController]
-    """Not connected yet."""
-    joints: Callable[[str, RobotLayout], tuple[float, ...]]
-    """Joint values of a state's raw answer, rad or mm; raises `WireError`."""
+    """Joints, coordinates and parameters of its robot."""
+    alarm: Alarm = unheard
+    """Shows the operator what he has to read at once."""

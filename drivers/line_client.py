@@ -73,7 +73,7 @@ class LineClient(LinkClient[Answer]):
             opening += dialect.grammar.encode_question(self._first)
         try:
             transport.send(opening, OPENING_S)
-        except errors.DriverError:
+        except BaseException:  # also an interrupt
             transport.close()
             raise
 

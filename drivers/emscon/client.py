@@ -121,6 +121,8 @@ class EmsconDeadlines:
     busy_s: float = 30.0
     initialise_s: float = 120.0
     motion_s: float = 30.0
+    search_timeout_s: float = 10.0
+    """How long the tracker looks for a lost reflector."""
     measuring_margin_s: float = 20.0
     old_connection_s: float = 5.0
     """Time for which it may hold a connection that has broken."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from drivers.emscon.client import EmsconClient
+from drivers.emscon.client import EmsconClient, EmsconDeadlines
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.session import changed, require_kept
 from drivers.texts import named_instead
@@ -21,6 +21,8 @@ UNITS = bodies.Units(
 CARTESIAN = bodies.Code(constants.RIGHT_HANDED_RECTANGULAR)
 STATIONARY = bodies.Code(constants.STATIONARY)
 ADM_ON = 1
+SEARCH_RADIUS_MM = 50.0
+"""How far around a place a lost reflector is looked for."""
 
 LASER_REMEDIES: dict[int, str] = {
     LaserStatus.COMMUNICATION_FAILED: "check the cable to the tracker head and restart the tracker",
@@ -33,19 +35,17 @@ LASER_REMEDIES: dict[int, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """Preparation wanted for a campaign, and how far and long a lost reflector is looked for."""
+    """Preparation wanted for a campaign."""
 
     reflector: str
     measuring_time_s: float
-    search_radius_mm: float
-    search_timeout_s: float
 
 
 Settings = Mapping[str, bodies.Body]
 """Settings by name, as read back, that decide what the numbers of a result mean."""
 
 
-def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> Settings:
+def set_up(client: EmsconClient, wanted: Preparation, deadlines: EmsconDeadlines) -> Settings:
     """Bring the tracker to what is wanted and return its settings as it then has them.
 
     Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
@@ -53,15 +53,15 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
     """
     client.tell(Command.SET_UNITS, UNITS)
     client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
-    _initialise(client, initialise_s)
+    _initialise(client, deadlines.initialise_s)
     identifier = _identifier(client, wanted.reflector)
     client.tell(Command.SET_REFLECTOR, bodies.Code(identifier))
     client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
     time_ms = round(wanted.measuring_time_s * 1e3)
     client.tell(Command.SET_STATIONARY_MODE_PARAMS, bodies.StationaryMode(time_ms, ADM_ON))
     _set_statistics(client)
-    timeout_ms = round(wanted.search_timeout_s * 1e3)
-    client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(wanted.search_radius_mm, timeout_ms))
+    timeout_ms = round(deadlines.search_timeout_s * 1e3)
+    client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(SEARCH_RADIUS_MM, timeout_ms))
     _set_switches(client)
     settings = read_settings(client)
     _require_kept(client.name, settings, identifier)

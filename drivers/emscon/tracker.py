@@ -1,12 +1,11 @@
 """emScon laser tracker: results as measurements with a covariance that can be used."""
 
-from collections.abc import Callable
 from math import cos, isfinite, radians, sin
 
 from typing_extensions import override
 
 from drivers import errors, values
-from drivers.declaration import Surroundings, TrackerDriver
+from drivers.declaration import Surroundings
 from drivers.emscon import setup
 from drivers.emscon.client import (
     OTHER_CLIENT,
@@ -17,11 +16,8 @@ from drivers.emscon.client import (
     failed_with_beam,
 )
 from drivers.emscon.own_result import OwnResult
-from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
-from drivers.ports import Clock
 from drivers.session import PreparedTracker
-from drivers.transport import Transport
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
@@ -65,7 +61,7 @@ def measurement_of(
     )
 
 
-def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
+def recorded_measurement(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
     """Point, mm, and covariance, mm², of a result as records keep it; raises `DriverError`."""
     try:
         packet = bytes.fromhex(raw)
@@ -129,25 +125,17 @@ def _symmetric(std: values.Vector3, covariance: values.Vector3) -> values.Matrix
 class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Settings]):
     """A tracker at the other end of a wire.
 
-    `instrument_clock` is time as the tracker lives it, by which its measuring time is judged; None
-    takes `clock`, and a simulated tracker is then not judged by it.
+    A simulated tracker of another process is not judged by its measuring time, which is not known.
     """
 
     def __init__(
         self,
-        open_transport: Callable[[], Transport],
-        *,
-        clock: Clock,
+        given: Surroundings,
         deadlines: EmsconDeadlines = EmsconDeadlines(),  # noqa: B008 - frozen
-        search_radius_mm: float = 50.0,
-        search_timeout_s: float = 10.0,
-        cancelled: Callable[[], bool] = never,
-        instrument_clock: Clock | None = None,
     ) -> None:
-        super().__init__(open_transport, clock, cancelled)
+        super().__init__(given.open_transport, given.clock, given.cancelled)
         self._deadlines = deadlines
-        self._search = search_radius_mm, search_timeout_s
-        self._instrument_clock = instrument_clock
+        self._instrument_clock = given.instrument_clock
         self._own_result = OwnResult()
 
     def reconnect(self) -> None:
@@ -191,7 +179,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
 
         Raises `DeviceNotReady` while it isn't warm and for a reflector that it doesn't know.
         """
-        self._prepare(setup.Preparation(reflector, measuring_time_s, *self._search))
+        self._prepare(setup.Preparation(reflector, measuring_time_s))
 
     def measure(self) -> values.Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
@@ -258,7 +246,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
 
     @override
     def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.Settings:
-        return setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
+        return setup.set_up(client, wanted, self._deadlines)
 
     def _is_connected_again(self, give_up_s: float) -> bool:
         """Whether the tracker is open again, or still holds our old connection."""
@@ -290,9 +278,9 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Preparation, setup.Setti
         return self._instrument_clock is not None or self._session.identity.model != SIMULATED
 
     def _move(self, command: Command, body: bodies.Body) -> None:
-        client, wanted, agreed = self._prepared()
+        client, _, agreed = self._prepared()
         setup.require_unchanged(client, agreed)
-        within_s = self._deadlines.motion_s + wanted.search_timeout_s
+        within_s = self._deadlines.motion_s + self._deadlines.search_timeout_s
         if status := client.attempt(command, body, within_s=within_s):
             raise self._failure(command.title, status)
         if self._readiness() is values.Readiness.NOT_READY:
@@ -333,15 +321,3 @@ def _model(client: EmsconClient) -> str:
     if info is None:
         return "laser tracker"
     return SENSOR_NAMES.get(info.sensor_type) or info.name or f"sensor {info.sensor_type}"
-
-
-def _made(given: Surroundings, instrument_clock: Clock | None) -> EmsconTracker:
-    return EmsconTracker(
-        given.open_transport,
-        clock=given.clock,
-        cancelled=given.cancelled,
-        instrument_clock=instrument_clock,
-    )
-
-
-DRIVER = TrackerDriver(_made, measurement_said)

@@ -7,10 +7,11 @@ from math import degrees, inf
 from typing_extensions import override
 
 from drivers import errors, stopping
-from drivers.declaration import ControllerDriver, RobotSurroundings
+from drivers.declaration import RobotSurroundings
 from drivers.link import never
 from drivers.linuxcnc.client import LinuxcncClient
-from drivers.linuxcnc.machine_state import Machine, Snapshot, agree, joints_said
+from drivers.linuxcnc.machine_state import Machine, Snapshot, agree
+from drivers.linuxcnc.machine_state import joints_said as joints_said
 from drivers.linuxcnc.moves import MachinePlace, block, rounded, way_to
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings, PosesOfJoints
 from drivers.polling import comes_true
@@ -426,8 +427,9 @@ def _listed(numbers: Sequence[float]) -> str:
     return ", ".join(f"{number:.4f}" for number in numbers)
 
 
-def _made(given: RobotSurroundings) -> LinuxcncRobot:
-    settings = given.own()
+def make_robot(given: RobotSurroundings) -> LinuxcncRobot:
+    """Make the robot that a campaign describes."""
+    settings = given.settings
     assert isinstance(settings, LinuxcncSettings), "the campaign's settings were checked"
     return LinuxcncRobot(
         given.open_transport,
@@ -436,6 +438,3 @@ def _made(given: RobotSurroundings) -> LinuxcncRobot:
         cancelled=given.cancelled,
         alarm=given.alarm,
     )
-
-
-DRIVER = ControllerDriver(_made, joints_said)

@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Sequence
 
 from drivers.errors import WireError
 
@@ -35,8 +34,3 @@ def typed_numbers(text: str, count: int) -> tuple[float, ...]:
     if not all(map(math.isfinite, values)):
         raise WireError(f"'{shown}' has a number that is too large", remedy=AGAIN)
     return values
-
-
-def written_numbers(values: Sequence[float], decimals: int) -> str:
-    """Numbers as a person can type them, and as `typed_numbers` reads them."""
-    return " ".join(f"{value:.{decimals}f}" for value in values)

@@ -1,6 +1,5 @@
 """The drivers there are: declared once, chosen by name, and refused by name."""
 
-import random
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from drivers import catalog
 from drivers.declaration import Surroundings
 from drivers.errors import AddressInvalid, WireError
 from drivers.ports import LaserTracker
-from drivers.watch_file.tracker import WatchSettings
+from drivers.watch_file import WatchSettings
 
 WATCHED = WatchSettings(
     serial="SN-1", path=Path(), wait_s=1.0, rows_of=lambda _: (), point_of=lambda *_: (0, 0, 0)
@@ -27,11 +26,9 @@ def test_tracker_is_made_as_its_declaration_says(name):
     given = Surroundings(
         open_transport=lambda **_: None,
         clock=HandClock(),
-        cancelled=lambda: False,
-        draws=random.Random(1),
-        own=lambda: WATCHED if name == "watch-file" else "SN-1",
+        settings=WATCHED if name == "watch-file" else "SN-1",
     )
-    tracker = catalog.tracker_driver(name).made(given, None)
+    tracker = catalog.tracker_driver(name).make(given)
     assert abstract_calls(LaserTracker) <= set(dir(tracker))
 
 
@@ -55,4 +52,4 @@ def test_driver_that_there_is_not_is_refused_by_its_name(found):
 def test_damaged_record_of_a_measurement_is_a_wire_error(name):
     for raw in ("", "00", "°", "%R1P,0,1:0,1.0"):
         with pytest.raises(WireError):
-            catalog.tracker_driver(name).measured(raw)
+            catalog.tracker_driver(name).read_record(raw)

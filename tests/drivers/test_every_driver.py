@@ -18,8 +18,9 @@ class Robotline:
     def is_silent(self, silent=True):
         self.end.answers["STATE"] = None if silent else ANSWERS["STATE"]
 
-    def is_another(self):
-        self.end.answers["HELLO"] = "OK 1 Example%20Robotics Par4 4711 2.1 4"
+    def is_another(self, another=True):
+        serial = "4711" if another else "SN-0042"
+        self.end.answers["HELLO"] = f"OK 1 Example%20Robotics Par4 {serial} 2.1 4"
 
 
 class Linuxcnc:
@@ -30,8 +31,9 @@ class Linuxcnc:
     def is_silent(self, silent=True):
         self.end.overrides = {"get machine": NEVER} if silent else {}
 
-    def is_another(self):
-        self.end.name = "4711"
+    def is_another(self, another=True):
+        self.usual = getattr(self, "usual", self.end.name)
+        self.end.name = "4711" if another else self.usual
 
 
 class Emscon:
@@ -42,8 +44,9 @@ class Emscon:
     def is_silent(self, silent=True):
         self.end.instrument.says = {Command.GET_SYSTEM_STATUS: []} if silent else {}
 
-    def is_another(self):
-        self.end.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(serial=4711)
+    def is_another(self, another=True):
+        status = system_status(serial=4711) if another else system_status()
+        self.end.instrument.state[Command.GET_SYSTEM_STATUS] = status
 
 
 class Pointline:
@@ -54,8 +57,9 @@ class Pointline:
     def is_silent(self, silent=True):
         self.end.answers["STATE"] = None if silent else "OK 0 1 1 1 CCR-1.5in"
 
-    def is_another(self):
-        self.end.answers["HELLO"] = "OK 1 Example%20Metrology T-1000 815-4711 2.1"
+    def is_another(self, another=True):
+        serial = "815-4711" if another else "4711"
+        self.end.answers["HELLO"] = f"OK 1 Example%20Metrology T-1000 {serial} 2.1"
 
 
 pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Pointline])
@@ -109,3 +113,25 @@ def test_closing_may_be_repeated(far):
     far.device.close()
     far.device.close()
     assert all(pipe.is_closed for pipe in far.end.pipes)
+
+
+def test_interrupted_greeting_leaves_no_connection_open(far):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    far = far()
+    far.end.respond = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        far.device.connect()
+    assert all(pipe.is_closed for pipe in far.end.pipes)
+    assert far.end.pipes
+
+
+def test_first_device_is_known_again_after_another_one_answered(far):
+    far = connected(far)
+    far.is_another()
+    with pytest.raises(WrongDevice):
+        far.device.reconnect()
+    far.is_another(False)
+    far.device.reconnect()
+    assert far.device.state()

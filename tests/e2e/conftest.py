@@ -1,6 +1,7 @@
 """Campaigns on a small, fast simulated cell, at the stages at which tests take them up."""
 
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,9 +10,10 @@ from command_line import SMALL_TESTS, change
 from filelock import FileLock
 
 from app.main import run_command
+from drivers import catalog
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
-from drivers.robotline.robot import LineRobot, RobotlineDeadlines
+from drivers.robotline import LineRobot, RobotlineDeadlines
 
 SMALL = {
     "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
@@ -34,9 +36,11 @@ IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 def impatient(monkeypatch):
     """Drivers that give up soon; `undo` makes them patient again."""
     robot = partial(LineRobot, deadlines=IMPATIENT_ROBOT)
-    monkeypatch.setattr("drivers.robotline.robot.LineRobot", robot)
+    driver = replace(catalog.CONTROLLERS["robotline"], make=robot)
+    monkeypatch.setitem(catalog.CONTROLLERS, "robotline", driver)
     tracker = partial(EmsconTracker, deadlines=IMPATIENT_TRACKER)
-    monkeypatch.setattr("drivers.emscon.tracker.EmsconTracker", tracker)
+    driver = replace(catalog.TRACKERS["emscon"], make=tracker)
+    monkeypatch.setitem(catalog.TRACKERS, "emscon", driver)
     return monkeypatch
 
 

@@ -16,7 +16,7 @@ import pytest
 from command_line import change, ended, started
 from relay import Relay
 
-from drivers.robotline.robot import LineRobot, RobotlineDeadlines
+from drivers.robotline import LineRobot, RobotlineDeadlines
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell

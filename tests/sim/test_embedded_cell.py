@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from robotline_layouts import PAR4_LAYOUT
 
+from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import DriverError
 from drivers.ports import SystemClock
-from drivers.robotline.robot import LineRobot
+from drivers.robotline import LineRobot
 from drivers.transport import opener_of
 from drivers.values import Pose
 from sim.cell import Cell
@@ -28,15 +29,12 @@ class Work:
 
     def __init__(self, served):
         clock = SystemClock()
+        opener = partial(opener_of(served.controller_url), timeout_s=1.0)
         self.robot = LineRobot(
-            partial(opener_of(served.controller_url), timeout_s=1.0),
-            layout=PAR4_LAYOUT,
-            clock=clock,
-            first_sequence=1,
+            RobotSurroundings(open_transport=opener, layout=PAR4_LAYOUT, clock=clock)
         )
-        self.tracker = EmsconTracker(
-            lambda: opener_of(served.tracker_url)(timeout_s=1.0), clock=clock
-        )
+        opener = partial(opener_of(served.tracker_url), timeout_s=1.0)
+        self.tracker = EmsconTracker(Surroundings(open_transport=opener, clock=clock))
 
     def __enter__(self):
         self.robot.connect()

@@ -5,9 +5,11 @@ from binascii import crc_hqx
 from robotline_layouts import PAR4_LAYOUT
 from timed_pipe import FarEnd
 
-from drivers.robotline.robot import LineRobot
+from drivers.declaration import RobotSurroundings
+from drivers.robotline import LineRobot, RobotlineDeadlines
 
 ANSWER_S = 0.001
+PATIENT = RobotlineDeadlines()
 ANSWERS = {
     "HELLO": "OK 1 Example%20Robotics Par4 SN-0042 2.1 4",
     "STATE": "OK 0 0 - 0.0 -45.0 90.0 180.0",
@@ -34,14 +36,13 @@ class ScriptedController(FarEnd):
     `accepts_after_s`.
     """
 
-    def __init__(self, layout=PAR4_LAYOUT, **settings):
+    def __init__(self, layout=PAR4_LAYOUT, deadlines=PATIENT, **given):
         super().__init__()
         self.answers = dict(ANSWERS)
         self.delays_s = {}
         self.questions = []
-        self.robot = LineRobot(
-            self.open, layout=layout, clock=self.clock, first_sequence=7, **settings
-        )
+        wire = {"open_transport": self.open, "clock": self.clock, "first_number": 7}
+        self.robot = LineRobot(RobotSurroundings(layout=layout, **wire, **given), deadlines)
 
     @property
     def verbs(self):

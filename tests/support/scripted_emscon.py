@@ -1,12 +1,15 @@
 """An emScon instrument at the other end of a pipe, which says what a test tells it to say."""
 
-from timed_pipe import InstrumentEnd
+from timed_pipe import FarEnd
 
+from drivers.declaration import Surroundings
+from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.wire import emscon_messages
 from drivers.wire.emscon import NOTHING, Answer, encode, from_client, refusal
 from drivers.wire.emscon_constants import Command
 
+PATIENT = EmsconDeadlines()
 RESULT = emscon_messages.SingleResult2(
     status=0,
     mode=0,
@@ -112,11 +115,28 @@ class Instrument:
         return [answer]
 
 
-class Station(InstrumentEnd):
+class Station(FarEnd):
     """A driver connected to a scripted instrument."""
 
-    def __init__(self, instrument=None, **options):
-        super().__init__(instrument or Instrument(), EmsconTracker, **options)
+    def __init__(self, instrument=None, deadlines=PATIENT, **given):
+        super().__init__()
+        self.instrument = instrument or Instrument()
+        self.tracker = EmsconTracker(
+            Surroundings(open_transport=self.open, clock=self.clock, **given), deadlines
+        )
+
+    def respond(self, data):
+        return self.instrument.respond(data)
+
+    def connected(self):
+        self.tracker.connect()
+        return self
+
+    def prepared(self, reflector="CCR-1.5in", measuring_time_s=2.0):
+        self.tracker.connect()
+        self.tracker.prepare(reflector, measuring_time_s)
+        self.instrument.asked.clear()
+        return self
 
     def comes(self, *messages):
         """Let messages come in unasked."""

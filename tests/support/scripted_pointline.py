@@ -2,8 +2,10 @@
 
 from scripted_controller import ScriptedController
 
-from drivers.pointline.tracker import PointlineTracker
+from drivers.declaration import Surroundings
+from drivers.pointline import PointlineDeadlines, PointlineTracker
 
+PATIENT = PointlineDeadlines()
 CCR = "CCR-1.5in"
 POINT_MM = (2510.0, -35.5, -75.0)
 SEEN = "2510.0 -35.5 -75.0 0.0001 0.0 0.0 0.0004 0.0 0.0004"
@@ -24,10 +26,11 @@ ANSWERS = {
 class ScriptedInstrument(ScriptedController):
     """A tracker behind as many connections as it is asked for; answers as a controller's."""
 
-    def __init__(self, **settings):
+    def __init__(self, deadlines=PATIENT, **given):
         super().__init__()
         self.answers = {verb: [*a] if isinstance(a, list) else a for verb, a in ANSWERS.items()}
-        self.tracker = PointlineTracker(self.open, clock=self.clock, first_sequence=7, **settings)
+        wire = {"open_transport": self.open, "clock": self.clock, "first_number": 7}
+        self.tracker = PointlineTracker(Surroundings(**wire, **given), deadlines)
 
     def prepared(self):
         self.tracker.connect()

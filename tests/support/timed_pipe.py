@@ -103,25 +103,3 @@ class FarEnd:
     def respond(self, data):
         """What is answered to these bytes, and after how many seconds."""
         raise NotImplementedError
-
-
-class InstrumentEnd(FarEnd):
-    """A tracker's driver and a scripted instrument."""
-
-    def __init__(self, instrument, new_tracker, **options):
-        super().__init__()
-        self.instrument = instrument
-        self.tracker = new_tracker(self.open, clock=self.clock, **options)
-
-    def respond(self, data):
-        return self.instrument.respond(data)
-
-    def connected(self):
-        self.tracker.connect()
-        return self
-
-    def prepared(self, reflector="CCR-1.5in", measuring_time_s=2.0):
-        self.tracker.connect()
-        self.tracker.prepare(reflector, measuring_time_s)
-        self.instrument.asked.clear()
-        return self

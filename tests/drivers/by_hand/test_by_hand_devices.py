@@ -5,8 +5,14 @@ from math import radians
 import pytest
 from robotline_layouts import PAR4_LAYOUT
 
-from drivers.by_hand.robot import HandSettings, RobotByHand, joints_said
-from drivers.by_hand.tracker import TrackerByHand, point_said
+from drivers.by_hand import (
+    HandSettings,
+    RobotByHand,
+    TrackerByHand,
+    recorded_joints,
+    recorded_measurement,
+)
+from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.errors import AddressInvalid, DeviceRefused, NotAMeasurement
 from drivers.values import Pose
 
@@ -37,9 +43,23 @@ def robot(*answers, prompt=...):
         lacks=lambda names: (),
         joints_of=lambda held, pose: TARGET,
     )
-    made = RobotByHand(PAR4_LAYOUT, person if prompt is ... else prompt, settings)
+    made = RobotByHand(
+        RobotSurroundings(
+            layout=PAR4_LAYOUT,
+            prompt=person if prompt is ... else prompt,
+            settings=settings,
+            open_transport=None,
+            clock=None,
+        )
+    )
     made.connect()
     return person, made
+
+
+def tracker(prompt):
+    return TrackerByHand(
+        Surroundings(prompt=prompt, settings="4711", open_transport=None, clock=None)
+    )
 
 
 def test_enter_takes_the_joints_that_were_shown():
@@ -49,7 +69,7 @@ def test_enter_takes_the_joints_that_were_shown():
     state = moved.state()
     assert state.joints == pytest.approx(TARGET, abs=1e-12)
     assert (state.moving, state.fault, state.emergency_stop) == (False, "", False)
-    assert joints_said(state.raw, PAR4_LAYOUT) == state.joints
+    assert recorded_joints(state.raw, PAR4_LAYOUT) == state.joints
 
 
 def test_display_that_shows_another_place_is_asked_for_again_until_the_robot_is_there():
@@ -88,8 +108,7 @@ def test_parameters_count_as_loaded_once_somebody_says_so():
 def test_nobody_there_is_refused_by_name_before_anything_moves():
     _, moved = robot(prompt=None)
     assert moved.state().joints == ()
-    tracker = TrackerByHand(None, "4711")
-    prepares = {"controller": moved.prepare, "tracker": lambda: tracker.prepare("CCR", 1.0)}
+    prepares = {"controller": moved.prepare, "tracker": lambda: tracker(None).prepare("CCR", 1.0)}
     for device, prepare in prepares.items():
         with pytest.raises(AddressInvalid, match=f"the {device} is worked by hand") as refused:
             prepare()
@@ -97,28 +116,28 @@ def test_nobody_there_is_refused_by_name_before_anything_moves():
 
 
 def test_point_is_taken_as_typed_and_read_again_from_the_record():
-    measured = TrackerByHand(Person("X=2510,5 Y=-35,25 Z=75,0 mm "), "4711").measure()
+    measured = tracker(Person("X=2510,5 Y=-35,25 Z=75,0 mm ")).measure()
     assert measured.point_in_tracker_mm == (2510.5, -35.25, 75.0)
     assert (measured.covariance_mm2, measured.weather) == (None, None)
     assert measured.raw == "X=2510,5 Y=-35,25 Z=75,0 mm"
-    assert point_said(measured.raw) == measured.point_in_tracker_mm
+    assert recorded_measurement(measured.raw) == (measured.point_in_tracker_mm, None)
 
 
 def test_line_that_is_no_point_is_asked_for_again_with_the_reason():
     person = Person("2510.5 -35.25", "9e9 0 0", "2510.5 -35.25 75.0")
-    assert TrackerByHand(person, "4711").measure().point_in_tracker_mm == (2510.5, -35.25, 75.0)
+    assert tracker(person).measure().point_in_tracker_mm == (2510.5, -35.25, 75.0)
     assert "2 numbers, 3 are needed" in person.asked[1]
     assert "possible is 0 to 200000 mm" in person.asked[2]
 
 
 def test_point_before_pasted_again_is_asked_for_again_unless_it_is_given_twice():
     person = Person("1 2 3", "1 2 3", "1 2 4", "1 2 4", "1 2 4")
-    tracker = TrackerByHand(person, "4711")
-    points = [tracker.measure().point_in_tracker_mm for _ in range(3)]
+    device = tracker(person)
+    points = [device.measure().point_in_tracker_mm for _ in range(3)]
     assert points == [(1, 2, 3), (1, 2, 4), (1, 2, 4)]
     assert sum("point before, to the last digit" in asked for asked in person.asked) == 2
 
 
 def test_no_point_is_no_measurement():
     with pytest.raises(NotAMeasurement, match="no point was given"):
-        TrackerByHand(Person("-"), "4711").measure()
+        tracker(Person("-")).measure()

@@ -4,6 +4,7 @@ from scripted_emscon import Station as ScriptedStation
 from timed_pipe import HandClock
 from tracker_stage import Stage, tracker
 
+from drivers.declaration import Surroundings
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import LinkDown
 from sim.faults import Counted, Fault, FaultScript
@@ -68,7 +69,11 @@ class SimulatedStation:
         self.faults = FaultScript([Fault(Counted.RESULT, *fault) for fault in faults], {})
         self.pipes = []
         self.tracker = EmsconTracker(
-            self._open, clock=self.clock, instrument_clock=self.clock if knows_time else None
+            Surroundings(
+                open_transport=self._open,
+                clock=self.clock,
+                instrument_clock=self.clock if knows_time else None,
+            )
         )
         self.tracker.connect()
         self.tracker.prepare("CCR-1.5in", measuring_time_s)
@@ -76,7 +81,7 @@ class SimulatedStation:
     def measured_mm(self):
         return self.tracker.measure().point_in_tracker_mm
 
-    def _open(self):
+    def _open(self, **_):
         self.pipes.append(
             SimulatedPipe(
                 self.clock, lambda send: EmsconSession(self.instrument, send, faults=self.faults)

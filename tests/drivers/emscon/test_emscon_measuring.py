@@ -167,7 +167,7 @@ class TestMotion:
         )
 
     def test_motion_may_take_its_time_and_the_search_too(self):
-        station = Station(search_timeout_s=10.0).prepared()
+        station = Station().prepared()
         station.instrument.says[Command.GO_POSITION] = [(39.0, Answer(Command.GO_POSITION))]
         station.tracker.go_to((1.0, 2.0, 3.0))
         station.instrument.says[Command.GO_POSITION] = [(41.0, Answer(Command.GO_POSITION))]

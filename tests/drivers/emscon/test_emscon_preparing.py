@@ -23,14 +23,14 @@ def started(*messages):
 
 class TestPrepare:
     def test_settings_are_those_of_the_campaign(self):
-        station = Station(search_radius_mm=30.0, search_timeout_s=4.0).connected()
+        station = Station(deadlines=EmsconDeadlines(search_timeout_s=4.0)).connected()
         station.tracker.prepare("RRR 1.5in", 2.5)
         instrument = station.instrument
         assert instrument.body_of(Command.SET_REFLECTOR) == bodies.Code(40)
         assert instrument.body_of(Command.SET_STATIONARY_MODE_PARAMS) == bodies.StationaryMode(
             2500, 1
         )
-        assert instrument.body_of(Command.SET_SEARCH_PARAMS) == bodies.SearchParams(30.0, 4000)
+        assert instrument.body_of(Command.SET_SEARCH_PARAMS) == bodies.SearchParams(50.0, 4000)
         assert instrument.body_of(Command.SET_STATISTIC_MODE).stationary == 1
         assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).value == 0
         assert instrument.body_of(Command.SET_MEASUREMENT_MODE).value == 0

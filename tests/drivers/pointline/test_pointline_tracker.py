@@ -5,7 +5,7 @@ from scripted_controller import checked
 from scripted_pointline import CCR, POINT_MM, SEEN, ScriptedInstrument
 
 from drivers import errors
-from drivers.pointline.tracker import measurement_said
+from drivers.pointline import recorded_measurement
 from drivers.values import Identity, Readiness, Reflector, Weather
 
 
@@ -33,7 +33,7 @@ def test_point_comes_with_its_covariance_the_air_and_the_answer(instrument):
     assert measured.point_in_tracker_mm == POINT_MM
     assert measured.covariance_mm2 == ((1e-4, 0.0, 0.0), (0.0, 4e-4, 0.0), (0.0, 0.0, 4e-4))
     assert measured.weather == Weather(20.5, 1013.25, 45.0)
-    assert measurement_said(measured.raw) == (POINT_MM, measured.covariance_mm2)
+    assert recorded_measurement(measured.raw) == (POINT_MM, measured.covariance_mm2)
 
 
 def test_instrument_may_state_no_covariance_know_no_air_and_no_direction(instrument):
@@ -41,7 +41,7 @@ def test_instrument_may_state_no_covariance_know_no_air_and_no_direction(instrum
     instrument.answers["AIR"] = instrument.answers["DIRECTION"] = "NO NONE"
     measured = instrument.tracker.measure()
     assert (measured.covariance_mm2, measured.weather) == (None, None)
-    assert measurement_said(measured.raw) == (POINT_MM, None)
+    assert recorded_measurement(measured.raw) == (POINT_MM, None)
     assert instrument.tracker.direction() is None
 
 

@@ -4,7 +4,7 @@ import pytest
 from scripted_controller import ANSWER_S, connected
 
 from drivers.errors import Cancelled, LinkDown, RobotStateUnknown
-from drivers.robotline.robot import RobotlineDeadlines
+from drivers.robotline import RobotlineDeadlines
 
 MOVING = "OK 1 0 - 0.0 0.0 0.0 0.0"
 STANDING = "OK 0 0 - 0.0 0.0 0.0 0.0"

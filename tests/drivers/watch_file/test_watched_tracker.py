@@ -7,8 +7,9 @@ from timed_pipe import HandClock
 
 from campaigns.errors import ShotsInvalid
 from campaigns.shots.ascii_points import data_rows, point_of_row
+from drivers.declaration import Surroundings
 from drivers.errors import Cancelled, ImplausibleAnswer, LinkDown, NotAMeasurement
-from drivers.watch_file.tracker import WatchedTracker, WatchSettings, point_said
+from drivers.watch_file import WatchedTracker, WatchSettings, recorded_measurement
 
 POINT = (2000.5, 10.25, -300.125)
 ROW = "Main p2 2000.5 10.25 -300.125"
@@ -55,7 +56,9 @@ def watched(tmp_path, before, *doings, unit="mm", columns=None, cancelled=lambda
         point_of=lambda row, text: point_of_row(row, text, path.name, unit=unit, columns=columns),
     )
     clock = Software(path, *doings)
-    tracker = WatchedTracker(settings, clock=clock, cancelled=cancelled)
+    tracker = WatchedTracker(
+        Surroundings(open_transport=None, clock=clock, cancelled=cancelled, settings=settings)
+    )
     tracker.connect()
     return clock, tracker
 
@@ -87,7 +90,7 @@ def test_row_that_comes_after_the_question_is_the_point(tmp_path, before, doings
     assert measured.point_in_tracker_mm == POINT
     assert (measured.covariance_mm2, measured.weather) == (None, None)
     assert measured.raw.endswith(f" = {ROW}")
-    assert point_said(measured.raw) == POINT
+    assert recorded_measurement(measured.raw) == (POINT, None)
 
 
 def test_line_is_a_row_with_its_end_only_however_long_its_writer_waits(tmp_path):

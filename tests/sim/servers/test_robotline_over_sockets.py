@@ -1,14 +1,13 @@
 """The device and the simulated controller's server together, over TCP and a pseudo-terminal."""
 
-from functools import partial
-
 import pytest
 from fake_controller import FakeController
 from robotline_layouts import PAR4_LAYOUT
 
+from drivers.declaration import RobotSurroundings
 from drivers.errors import LimitViolation, LinkDown, WireError
 from drivers.ports import SystemClock
-from drivers.robotline.robot import LineRobot
+from drivers.robotline import LineRobot
 from drivers.transport import opener_of
 from sim.clock import ScaledClock
 from sim.faults import Counted, Fault, FaultScript
@@ -28,10 +27,9 @@ class Served:
         serve = self.server.serve_tcp if wire == "tcp" else self.server.serve_pty
         url = serve(self._session, "controller")
         self.robot = LineRobot(
-            partial(opener_of(url), timeout_s=1.0),
-            layout=PAR4_LAYOUT,
-            clock=SystemClock(),
-            first_sequence=1,
+            RobotSurroundings(
+                open_transport=opener_of(url), layout=PAR4_LAYOUT, clock=SystemClock()
+            )
         )
 
     def _session(self, send, already_open):

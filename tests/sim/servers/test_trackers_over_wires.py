@@ -1,16 +1,16 @@
 """The drivers of trackers and the simulated ones, over a real socket and a pseudo-terminal."""
 
 from contextlib import ExitStack, closing, contextmanager, suppress
-from functools import partial
 from itertools import product
 
 import numpy as np
 import pytest
 
+from drivers.declaration import Surroundings
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, DriverError
-from drivers.pointline.tracker import PointlineDeadlines, PointlineTracker
+from drivers.pointline import PointlineDeadlines, PointlineTracker
 from drivers.ports import SystemClock
 from drivers.transport import opener_of
 from sim.cell import Cell
@@ -40,13 +40,13 @@ def served(speaks, wire="tcp", faults=(), speed_up=500.0, **tracker):
     server = CellServer(clock, FaultScript(faults, {}))
     serve = server.serve_pty if wire == "pty" else server.serve_tcp
     url = serve(tracker_sessions(cell, speaks), "tracker")
-    make = {
-        "emscon": partial(EmsconTracker, clock=SystemClock(), instrument_clock=clock),
-        "pointline": partial(PointlineTracker, clock=SystemClock(), first_sequence=20_000),
-    }
+    make = {"emscon": EmsconTracker, "pointline": PointlineTracker}[speaks]
 
-    def connected(**options):
-        driver = make[speaks](partial(opener_of(url), timeout_s=1.0), **options)
+    def connected(*deadlines):
+        given = Surroundings(
+            open_transport=opener_of(url), clock=SystemClock(), instrument_clock=clock
+        )
+        driver = make(given, *deadlines)
         drivers.enter_context(closing(driver))
         driver.connect()
         return driver
@@ -160,7 +160,7 @@ def test_whatever_the_wire_does_no_wrong_point_is_believed(speaks, wire, kind):
     faults = [Fault(Counted.TRACKER_ANSWER, at, kind, None) for at in FAULTS_AT[speaks]]
     measured, broken = 0, 0
     with served(speaks, wire, faults) as (cell, connected):
-        tracker = connected(deadlines=IMPATIENT[speaks])
+        tracker = connected(IMPATIENT[speaks])
         tracker.prepare(CCR, 0.5)
         # So many find the faults; more where a served cell waits too long for a processor.
         for tried in range(24):

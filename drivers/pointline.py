@@ -1,6 +1,6 @@
 """An instrument that speaks pointline (docs/pointline.md): units and meaning."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot
 from typing import TypeVar
@@ -8,15 +8,12 @@ from typing import TypeVar
 from typing_extensions import override
 
 from drivers import errors, values
-from drivers.declaration import Surroundings, TrackerDriver
+from drivers.declaration import Surroundings
 from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
-from drivers.link import never
 from drivers.plausible import RESTART, require, require_point, require_weather
-from drivers.ports import Clock
 from drivers.session import PreparedTracker
-from drivers.transport import Transport
 from drivers.wire import pointline as wire
-from drivers.wire.lines import LAST_NUMBER, Hello, Nothing, numbers_from
+from drivers.wire.lines import Hello, Nothing, numbers_from
 
 NOT_THERE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
@@ -50,22 +47,13 @@ class PointlineDeadlines:
 
 
 class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
-    """An instrument at the other end of a wire.
-
-    `first_sequence`, 1 to 999999999, should differ from session to session.
-    """
+    """An instrument at the other end of a wire."""
 
     def __init__(
-        self,
-        open_transport: Callable[[], Transport],
-        *,
-        clock: Clock,
-        first_sequence: int,
-        deadlines: PointlineDeadlines = PointlineDeadlines(),
-        cancelled: Callable[[], bool] = never,
+        self, given: Surroundings, deadlines: PointlineDeadlines = PointlineDeadlines()
     ) -> None:
-        super().__init__(open_transport, clock, cancelled)
-        self._numbers = numbers_from(first_sequence)
+        super().__init__(given.open_transport, given.clock, given.cancelled)
+        self._numbers = numbers_from(given.first_number)
         self._deadlines = deadlines
         self._last_count = 0
 
@@ -87,23 +75,22 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
 
     @override
     def weather(self) -> values.Weather | None:
-        told = self._if_it_has("AIR", wire.Air)
-        if told is None:
+        air = self._if_it_has("AIR", wire.Air)
+        if air is None:
             return None
-        air = values.Weather(told.temperature_degC, told.pressure_hPa, told.humidity_percent)
-        require_weather(self._session.connection.name, air)
-        return air
+        weather = values.Weather(air.temperature_degC, air.pressure_hPa, air.humidity_percent)
+        require_weather(self._session.connection.name, weather)
+        return weather
 
     @override
     def reflectors(self) -> tuple[values.Reflector, ...]:
-        found: list[values.Reflector] = []
+        reflectors: list[values.Reflector] = []
         count = 1
-        while len(found) < min(count, MOST_REFLECTORS):
-            index = len(found)
-            told = self._ask("REFLECTOR", wire.ReflectorDefinition, wire.ReadReflector(index))
-            count = told.count
-            found.append(values.Reflector(told.name, index, told.surface_offset_mm))
-        return tuple(found)
+        while (index := len(reflectors)) < min(count, MOST_REFLECTORS):
+            entry = self._ask("REFLECTOR", wire.ReflectorDefinition, wire.ReadReflector(index))
+            reflectors.append(values.Reflector(entry.name, index, entry.surface_offset_mm))
+            count = entry.count
+        return tuple(reflectors)
 
     @override
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
@@ -113,31 +100,31 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
     def measure(self) -> values.Measurement:
         """Take one point; raises `BeamBroken` when the reflector is lost.
 
-        `NoReflector` when it could not begin, `NotAMeasurement` for a number told before.
+        `NoReflector` when it could not begin, `NotAMeasurement` for a number that came before.
         """
         client, wanted, _ = self._prepared()
         within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
-        told, line = client.ask("MEASURE", wire.PointMeasured, within_s=within_s)
-        covariance_mm2 = _covariance_mm2(client.name, told)
-        before, self._last_count = self._last_count, told.count
-        if told.count == before != 0:
+        result, line = client.ask("MEASURE", wire.PointMeasured, within_s=within_s)
+        covariance_mm2 = _covariance_mm2(client.name, result)
+        before, self._last_count = self._last_count, result.count
+        if result.count == before != 0:
             raise errors.NotAMeasurement(
                 f"{client.name}: the point is that of the measurement before, number {before}",
                 remedy="measure again; if it comes back, compare the instrument's program with "
                 "docs/pointline.md",
             )
-        if told.reflector != wanted.reflector:
+        if result.reflector != wanted.reflector:
             raise self._not_ready(
-                f"measured with reflector '{told.reflector}', prepared was '{wanted.reflector}'"
+                f"measured with reflector '{result.reflector}', prepared was '{wanted.reflector}'"
             )
-        return values.Measurement(told.point_mm, covariance_mm2, self.weather(), line)
+        return values.Measurement(result.point_mm, covariance_mm2, self.weather(), line)
 
     @override
     def direction(self) -> values.Vector3 | None:
-        told = self._if_it_has("DIRECTION", wire.BeamDirection)
-        if told is None or not (length := hypot(*told.direction)):
+        beam = self._if_it_has("DIRECTION", wire.BeamDirection)
+        if beam is None or not (length := hypot(*beam.direction)):
             return None
-        return values.vector(value / length for value in told.direction)
+        return values.vector(value / length for value in beam.direction)
 
     @override
     def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
@@ -177,16 +164,20 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
 
     @override
     def _who(self, client: LineClient) -> values.Identity:
-        told, _ = client.ask(
+        greeting, _ = client.ask(
             "HELLO",
             wire.InstrumentGreeting,
             Hello(wire.VERSION),
             within_s=self._deadlines.greeting_s,
         )
         identity = values.Identity(
-            told.vendor, told.model, told.serial, told.firmware, f"pointline {told.version}"
+            vendor=greeting.vendor,
+            model=greeting.model,
+            serial=greeting.serial,
+            firmware=greeting.firmware,
+            protocol=f"pointline {greeting.version}",
         )
-        if told.version != wire.VERSION:
+        if greeting.version != wire.VERSION:
             raise errors.WrongDevice(
                 f"{identity} answers; pointline {wire.VERSION} is needed",
                 remedy="check the address and the instrument's program",
@@ -199,16 +190,16 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
         return wanted
 
 
-def _covariance_mm2(where: str, told: wire.PointMeasured) -> values.Matrix3 | None:
+def _covariance_mm2(where: str, result: wire.PointMeasured) -> values.Matrix3 | None:
     """Covariance of a point, None where the instrument states none; raises `ImplausibleAnswer`."""
-    require_point(where, told.point_mm)
-    if not any(told.covariance_mm2):
+    require_point(where, result.point_mm)
+    if not any(result.covariance_mm2):
         return None
-    xx, xy, xz, yy, yz, zz = told.covariance_mm2
+    xx, xy, xz, yy, yz, zz = result.covariance_mm2
     covariance: values.Matrix3 = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
     if not values.is_positive_definite(covariance):
         raise errors.ImplausibleAnswer(
-            f"{where}: a covariance of {told.covariance_mm2} mm² cannot be: it is not positive "
+            f"{where}: a covariance of {result.covariance_mm2} mm² cannot be: it is not positive "
             "definite",
             remedy=RESTART,
         )
@@ -217,19 +208,7 @@ def _covariance_mm2(where: str, told: wire.PointMeasured) -> values.Matrix3 | No
     return covariance
 
 
-def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
-    """Point, mm, and covariance, mm², of an answer as records keep it; raises `DriverError`."""
-    told = recorded_answer(wire.GRAMMAR, raw, wire.PointMeasured)
-    return told.point_mm, _covariance_mm2("the tracker", told)
-
-
-def _made(given: Surroundings, _instrument_clock: Clock | None) -> PointlineTracker:
-    return PointlineTracker(
-        given.open_transport,
-        clock=given.clock,
-        first_sequence=given.draws.randint(1, LAST_NUMBER),
-        cancelled=given.cancelled,
-    )
-
-
-DRIVER = TrackerDriver(_made, measurement_said)
+def recorded_measurement(line: str) -> tuple[values.Vector3, values.Matrix3 | None]:
+    """Read point, mm, and covariance, mm², from a record; raises `DriverError`."""
+    result = recorded_answer(wire.GRAMMAR, line, wire.PointMeasured)
+    return result.point_mm, _covariance_mm2("the tracker", result)

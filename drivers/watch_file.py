@@ -8,13 +8,12 @@ from pathlib import Path
 from typing_extensions import override
 
 from drivers import bounded_files, values
-from drivers.declaration import Surroundings, TrackerDriver
+from drivers.declaration import Surroundings
 from drivers.errors import Cancelled, LinkDown, NotAMeasurement
 from drivers.plausible import require_point
-from drivers.ports import Clock, LaserTracker
+from drivers.ports import LaserTracker
 from drivers.wire.typed_numbers import typed_numbers
 
-AXES = 3
 LOOK_S = 0.1
 """How often the file is looked at."""
 AS_IT_STOOD = " = "
@@ -65,13 +64,12 @@ class WatchedTracker(LaserTracker):
     not by any clock: neither that of its computer nor times in the rows have to agree with ours.
     """
 
-    def __init__(
-        self, settings: WatchSettings, *, clock: Clock, cancelled: Callable[[], bool]
-    ) -> None:
-        self._settings = settings
-        self._clock = clock
-        self._cancelled = cancelled
-        self._name = f"file {settings.path.name}"
+    def __init__(self, given: Surroundings) -> None:
+        assert isinstance(given.settings, WatchSettings), "the campaign has them for this driver"
+        self._settings = given.settings
+        self._clock = given.clock
+        self._cancelled = given.cancelled
+        self._name = f"file {given.settings.path.name}"
         self._last = ""
 
     def connect(self) -> None:
@@ -132,7 +130,7 @@ class WatchedTracker(LaserTracker):
         return values.Measurement(point_mm, None, None, raw)
 
     def _contents(self, otherwise: _Contents | None = None) -> _Contents:
-        """What it holds now; `otherwise` while somebody who writes keeps others from reading."""
+        """Read the file; returns `otherwise` while a writer keeps others from reading."""
         path = self._settings.path
         try:
             data = bounded_files.read_bounded(path, bounded_files.CSV_BYTES)
@@ -148,17 +146,8 @@ class WatchedTracker(LaserTracker):
         return _Contents(text, tuple(self._settings.rows_of(whole)), last[-1] if last else "")
 
 
-def point_said(raw: str) -> values.Vector3:
-    """Point, mm, of a record; raises `DriverError`."""
-    point_mm = values.vector(typed_numbers(raw.partition(AS_IT_STOOD)[0], AXES))
+def recorded_measurement(raw: str) -> tuple[values.Vector3, None]:
+    """Read a point, mm, from a record; raises `DriverError`."""
+    point_mm = values.vector(typed_numbers(raw.partition(AS_IT_STOOD)[0], 3))
     require_point("the record of a row", point_mm)
-    return point_mm
-
-
-def _made(given: Surroundings, _instrument_clock: Clock | None) -> WatchedTracker:
-    settings = given.own()
-    assert isinstance(settings, WatchSettings), "the campaign has them for this driver"
-    return WatchedTracker(settings, clock=given.clock, cancelled=given.cancelled)
-
-
-DRIVER = TrackerDriver(_made, lambda raw: (point_said(raw), None))
+    return point_mm, None

@@ -1,13 +1,13 @@
 """A robot controller that speaks robotline (docs/robotline.md): units and meaning."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import TypeVar
 
 from typing_extensions import override
 
-from drivers.declaration import ControllerDriver, RobotSurroundings
+from drivers.declaration import RobotSurroundings
 from drivers.errors import (
     DeviceNotReady,
     DeviceRefused,
@@ -18,15 +18,14 @@ from drivers.errors import (
     WrongDevice,
 )
 from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
-from drivers.link import never
 from drivers.plausible import require_joints
-from drivers.ports import Clock, RobotController
+from drivers.ports import RobotController
 from drivers.session import DeviceSession
-from drivers.stopping import Alarm, StopProcedure, unheard
-from drivers.transport import CONNECT_S, Opener
+from drivers.stopping import StopProcedure
+from drivers.transport import CONNECT_S
 from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
-from drivers.wire.lines import LAST_NUMBER, Hello, Nothing, Title, numbers_from
+from drivers.wire.lines import Hello, Nothing, Title, numbers_from
 
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
@@ -61,45 +60,34 @@ class LineRobot(RobotController):
     """A controller at the other end of a wire.
 
     Any fault of the wire closes it, and every call but `stop` raises `LinkDown` until `reconnect`.
-    Once `cancelled` says so, a question about a motion is abandoned, which closes the wire too;
-    `stop` then goes over a new one. What is asked of a robot at rest is always finished.
-    `clock` is real time, also for a simulated cell that runs faster: the wire is real.
-    `layout` names the robot's joints, coordinates and parameters. `first_sequence`, 1 to 999999999,
-    should differ from one session to the next.
+    At the operator's wish to stop, a question about a motion is abandoned, which closes the wire
+    too; `stop` then goes over a new one. What is asked of a robot at rest is always finished.
     """
 
     def __init__(
-        self,
-        open_transport: Opener,
-        *,
-        layout: wire.RobotLayout,
-        clock: Clock,
-        first_sequence: int,
-        deadlines: RobotlineDeadlines = RobotlineDeadlines(),
-        cancelled: Callable[[], bool] = never,
-        alarm: Alarm = unheard,
+        self, given: RobotSurroundings, deadlines: RobotlineDeadlines = RobotlineDeadlines()
     ) -> None:
-        self._open_transport = open_transport
-        self._layout = layout
-        self._dialect = Dialect(wire.grammar(layout), REFUSALS, "docs/robotline.md")
-        self._clock = clock
-        self._numbers = numbers_from(first_sequence)
+        self._open_transport = given.open_transport
+        self._clock = given.clock
+        self._layout = given.layout
+        self._dialect = Dialect(wire.grammar(given.layout), REFUSALS, "docs/robotline.md")
+        self._numbers = numbers_from(given.first_number)
         self._deadlines = deadlines
         self._session = DeviceSession("controller", self._opened, self._greet)
-        self._known: tuple[str, ...] | None = None
+        self._extensions: tuple[str, ...] | None = None
         self._is_moving = False
         self._stopping = StopProcedure(
-            clock,
+            given.clock,
             within_s=deadlines.standstill_s,
             answer_s=deadlines.stop_answer_s,
             pause_s=deadlines.poll_s,
-            cancelled=cancelled,
-            alarm=alarm,
+            cancelled=given.cancelled,
+            alarm=given.alarm,
         )
 
     @override
     def connect(self) -> None:
-        self._known = None
+        self._extensions = None
         with self._stopping.undisturbed():
             self._session.open()
 
@@ -198,10 +186,10 @@ class LineRobot(RobotController):
 
         It has those of a kind of all arms or of none, so that the first of a kind tells.
         """
-        if self._known is None:
+        if self._extensions is None:
             kinds = self._layout.extension_kinds
-            self._known = tuple(n for names in kinds if self._knows(names[0]) for n in names)
-        return self._known
+            self._extensions = tuple(n for names in kinds if self._knows(names[0]) for n in names)
+        return self._extensions
 
     def _knows(self, name: str) -> bool:
         try:
@@ -226,7 +214,21 @@ class LineRobot(RobotController):
         greeting, _ = client.ask(
             "HELLO", wire.ControllerGreeting, Hello(wire.VERSION), within_s=self._deadlines.answer_s
         )
-        return _identity(greeting, len(self._layout.joints))
+        identity = Identity(
+            vendor=greeting.vendor,
+            model=greeting.model,
+            serial=greeting.serial,
+            firmware=greeting.firmware,
+            protocol=f"robotline {greeting.version}",
+        )
+        axes = len(self._layout.joints)
+        if (greeting.version, greeting.axes) != (wire.VERSION, axes):
+            raise WrongDevice(
+                f"{identity} answers with {greeting.axes} axes; "
+                f"robotline {wire.VERSION} with {axes} axes is needed",
+                remedy="check the address and the controller's program",
+            )
+        return identity
 
     def _opened(self, first: str = "") -> LineClient:
         return LineClient(
@@ -252,23 +254,6 @@ class LineRobot(RobotController):
         self._stopping.await_standstill(is_moving, give_up_s=give_up_s)
 
 
-def _identity(greeting: wire.ControllerGreeting, axes: int) -> Identity:
-    identity = Identity(
-        vendor=greeting.vendor,
-        model=greeting.model,
-        serial=greeting.serial,
-        firmware=greeting.firmware,
-        protocol=f"robotline {greeting.version}",
-    )
-    if (greeting.version, greeting.axes) != (wire.VERSION, axes):
-        raise WrongDevice(
-            f"{identity} answers with {greeting.axes} axes; "
-            f"robotline {wire.VERSION} with {axes} axes is needed",
-            remedy="check the address and the controller's program",
-        )
-    return identity
-
-
 def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> None:
     """Refuse, before anything is sent, what the controller could only refuse half way."""
     wrong = sorted((geometry.keys() - set(layout.extensions)) ^ layout.parameters)
@@ -281,21 +266,7 @@ def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> 
         )
 
 
-def joints_said(raw: str, layout: wire.RobotLayout) -> tuple[float, ...]:
-    """Joint values, rad or mm, of a state as records keep it; raises `WireError`."""
-    status = recorded_answer(wire.grammar(layout), raw, wire.ControllerStatus)
+def recorded_joints(line: str, layout: wire.RobotLayout) -> tuple[float, ...]:
+    """Read joints, rad or mm, from a state as records keep it; raises `WireError`."""
+    status = recorded_answer(wire.grammar(layout), line, wire.ControllerStatus)
     return inner_units(layout.joints, status.joints)
-
-
-def _made(given: RobotSurroundings) -> LineRobot:
-    return LineRobot(
-        given.open_transport,
-        layout=given.layout,
-        clock=given.clock,
-        first_sequence=given.draws.randint(1, LAST_NUMBER),
-        cancelled=given.cancelled,
-        alarm=given.alarm,
-    )
-
-
-DRIVER = ControllerDriver(_made, joints_said)

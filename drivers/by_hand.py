@@ -1,0 +1,245 @@
+"""Devices worked by a person (docs/by-hand.md), who is shown what to do and types what he reads."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from typing_extensions import override
+
+from drivers import values
+from drivers.declaration import RobotSurroundings, Surroundings
+from drivers.errors import (
+    AddressInvalid,
+    DeviceRefused,
+    ImplausibleAnswer,
+    NotAMeasurement,
+    WireError,
+)
+from drivers.plausible import require_joints, require_point
+from drivers.ports import LaserTracker, Prompt, RobotController
+from drivers.wire.robotline import RobotLayout
+from drivers.wire.typed_numbers import typed_numbers
+
+NO_POINT = "-"
+QUESTION = f"measure the reflector and type or paste its point: x y z, mm ({NO_POINT} for none) "
+
+Read = TypeVar("Read")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandSettings:
+    """Facts about a robot that a person moves."""
+
+    serial: str
+    in_place: tuple[float, ...]
+    """Largest distance of each joint from its target, rad or mm."""
+    read: Callable[[], Mapping[str, float]]
+    """The parameters that the controller holds, as they were typed in last; the nominal ones."""
+    write: Callable[[Mapping[str, float]], None]
+    """Keep what has been typed into the controller."""
+    lacks: Callable[[Collection[str]], tuple[str, ...]]
+    joints_of: Callable[[Mapping[str, float], values.Pose], tuple[float, ...]]
+    """Joints of a pose by a parameter set; raises `LimitViolation`."""
+
+
+def _require_somebody(prompt: Prompt | None, device: str) -> Prompt:
+    """Return whom to ask; raises `AddressInvalid` where there is nobody."""
+    if prompt is None:
+        raise AddressInvalid(
+            f"the {device} is worked by hand, and there is no terminal to ask at",
+            remedy=f"run it on a terminal, or set another {device}.driver in campaign.yaml",
+        )
+    return prompt
+
+
+def _answer(prompt: Prompt, question: str, read: Callable[[str], Read]) -> Read:
+    """Ask a person, and again with the reason while `read` refuses the answer."""
+    text = question
+    while True:
+        try:
+            return read(prompt(text))
+        except WireError as error:
+            text = f"{error}\n{question}"
+        except ImplausibleAnswer as error:
+            text = f"{error.problem}\n{question}"
+
+
+class RobotByHand(RobotController):
+    """A robot of which nothing is known but what its display shows and somebody types."""
+
+    def __init__(self, given: RobotSurroundings) -> None:
+        assert isinstance(given.settings, HandSettings), "the campaign has them for this driver"
+        self._settings = given.settings
+        self._layout = given.layout
+        self._prompt = given.prompt
+        self._joints: tuple[float, ...] | None = None
+        self._raw = ""
+
+    @override
+    def connect(self) -> None:
+        self._joints = None
+
+    reconnect = connect
+
+    @override
+    def identity(self) -> values.Identity:
+        return values.Identity("operator", "robot", self._settings.serial, "-", "by hand")
+
+    def state(self) -> values.RobotState:
+        """Return the joints typed last: asked for if none were, empty if nobody can be asked."""
+        if self._joints is None and self._prompt is not None:
+            axes = self._layout.joints
+            question = "where is the robot? type the joints that its display shows"
+            self._joints, self._raw = _answer(
+                self._prompt,
+                f"{question}: {_names(axes)}, {_unit(axes)} ",
+                lambda text: (self._read(text), text.strip()),
+            )
+        joints = self._joints or ()
+        return values.RobotState(
+            joints, moving=False, fault="", emergency_stop=False, raw=self._raw
+        )
+
+    @override
+    def prepare(self) -> None:
+        _require_somebody(self._prompt, "controller")
+
+    def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:  # noqa: ARG002
+        """Have somebody go there; asked again while the display shows another place."""
+        self._move("move the robot", tuple(joints))
+
+    def move_pose(self, pose: values.Pose, speed_fraction: float) -> None:  # noqa: ARG002
+        """Have somebody go to a pose by the controller's own kinematics.
+
+        The joints to expect are those of the parameters that it holds.
+        """
+        axes = self._layout.coordinates
+        shown = zip(axes, values.outer_units(axes, pose.coordinates), strict=True)
+        place = " ".join(f"{a.name} {v:.3f}{' °' if a.is_angle else ' mm'}" for a, v in shown)
+        target = self._settings.joints_of(self._settings.read(), pose)
+        self._move(f"move the robot to the pose {place}, by its controller's kinematics", target)
+
+    def stop(self) -> None:
+        """Do nothing: whoever moves the robot stands beside it."""
+
+    @override
+    def read_geometry(self) -> Mapping[str, float]:
+        return self._settings.read()
+
+    @override
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        return self._settings.lacks(names)
+
+    @override
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        prompt = _require_somebody(self._prompt, "controller")
+        table = "\n".join(f"  {name:<32}{value:.6f}" for name, value in geometry.items())
+        question = f"type these parameters into the robot's controller:\n{table}"
+        if prompt(f"{question}\nhas it taken all of them? [y/N] ").lower() not in {"y", "yes"}:
+            raise DeviceRefused(
+                "nobody has typed the parameters into the controller",
+                remedy="load again when somebody can; put back by hand what was changed meanwhile",
+            )
+        self._settings.write(geometry)
+
+    def close(self) -> None:
+        """Do nothing: there is no wire."""
+
+    def _move(self, command: str, target: tuple[float, ...]) -> None:
+        prompt = _require_somebody(self._prompt, "controller")
+        axes = self._layout.joints
+        # 0.0001° is 2 µm at a metre
+        shown = " ".join(f"{value:.4f}" for value in values.outer_units(axes, target))
+        question = f"{command}, {_names(axes)} = {shown} {_unit(axes)}"
+
+        def read(text: str) -> tuple[tuple[float, ...], str]:
+            raw = text.strip() or shown
+            joints = self._read(raw)
+            self._require_there(joints, target)
+            return joints, raw
+
+        self._joints, self._raw = _answer(
+            prompt, f"{question}\nwhat does it show? [Enter: the same] ", read
+        )
+
+    def _read(self, text: str) -> tuple[float, ...]:
+        joints = recorded_joints(text, self._layout)
+        require_joints("the robot's display", self._layout.joints, joints)
+        return joints
+
+    def _require_there(self, joints: Sequence[float], target: Sequence[float]) -> None:
+        axes = self._layout.joints
+        for axis, here, there, limit in zip(
+            axes, joints, target, self._settings.in_place, strict=True
+        ):
+            if not abs(here - there) <= limit:
+                shown = values.outer_units([axis, axis], [abs(here - there), limit])
+                raise WireError(
+                    f"joint {axis.name} is {shown[0]:.4f} from its target, limit {shown[1]:g} "
+                    "(settle.in_place_deg)",
+                    remedy="move it there, or correct what was typed",
+                )
+
+
+def _names(axes: Sequence[values.Coordinate]) -> str:
+    return " ".join(axis.name for axis in axes)
+
+
+def _unit(axes: Sequence[values.Coordinate]) -> str:
+    return "deg" if axes[0].is_angle else "mm"
+
+
+class TrackerByHand(LaserTracker):
+    """A tracker of which nothing is known but the points that somebody gives."""
+
+    def __init__(self, given: Surroundings) -> None:
+        self._prompt = given.prompt
+        self._serial = str(given.settings)
+        self._last: values.Vector3 | None = None
+
+    def connect(self) -> None:
+        """Do nothing: there is no wire."""
+
+    reconnect = connect
+
+    @override
+    def identity(self) -> values.Identity:
+        return values.Identity("operator", "tracker", self._serial, "-", "by hand")
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
+        """Raise `AddressInvalid` where nobody can be asked; the rest is its operator's."""
+        _require_somebody(self._prompt, "tracker")
+
+    def measure(self) -> values.Measurement:
+        """Have somebody measure; raises `NotAMeasurement` when he gives no point.
+
+        The point before, to the last digit, is asked for again: what was copied then is pasted now.
+        """
+        prompt = _require_somebody(self._prompt, "tracker")
+        point_mm, raw = _answer(prompt, QUESTION, self._read)
+        return values.Measurement(point_mm, None, None, raw)
+
+    def _read(self, text: str) -> tuple[values.Vector3, str]:
+        if text.strip() == NO_POINT:
+            raise NotAMeasurement("no point was given", remedy="measure it again")
+        point_mm, _ = recorded_measurement(text)
+        before, self._last = self._last, point_mm
+        if point_mm == before:
+            self._last = None  # whoever gives it once more means it
+            raise WireError(
+                "this is the point before, to the last digit",
+                remedy="copy the new one; if it is right, give it once more",
+            )
+        return point_mm, text.strip()
+
+
+def recorded_joints(text: str, layout: RobotLayout) -> tuple[float, ...]:
+    """Read joints, rad or mm, from a typed line; raises `WireError`."""
+    return values.inner_units(layout.joints, typed_numbers(text, len(layout.joints)))
+
+
+def recorded_measurement(text: str) -> tuple[values.Vector3, None]:
+    """Read a point, mm, from a typed line; raises `DriverError`."""
+    point_mm = values.vector(typed_numbers(text, 3))
+    require_point("the typed line", point_mm)
+    return point_mm, None

@@ -1,1 +1,0 @@
-"""Instruments that speak pointline."""

@@ -1,1 +1,0 @@
-"""Controllers that speak robotline."""

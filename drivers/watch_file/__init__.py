@@ -1,1 +1,0 @@
-"""Trackers whose own software writes points into a file."""
