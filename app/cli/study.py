@@ -1,6 +1,7 @@
 """pkmcal study: many simulated campaigns, to see how good a plan and how honest its σ is."""
 
 import time
+from functools import partial
 from json import dumps as json_text
 
 import typer
@@ -16,6 +17,7 @@ from app.study import output
 from app.study.pictures import study_picture
 from app.study.running import run_study
 from app.study.setup import StudyOptions, study_of
+from app.study.workers import parts_of_cluster, simulated_parts
 from campaigns.campaign import now_utc, open_campaign
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
@@ -48,8 +50,12 @@ def command(
     table = StudyTable(to / f"{study.file_name}.jsonl", study.table_head())
     make_folder(to)
     with campaign_lock(to, now_utc=now_utc):
-        wanted, workers = range(options.campaigns), options.workers or cpu_count()
-        studied = run_study(study, table, wanted, workers, counting)
+        compute = (
+            partial(parts_of_cluster, scheduler=options.scheduler)
+            if options.scheduler
+            else partial(simulated_parts, processes=options.workers or cpu_count())
+        )
+        studied = run_study(study, table, range(options.campaigns), compute, counting)
         summary = studied.summary()
         seconds = time.monotonic() - began_s
         document = output.document(studied, summary) | {"seconds": seconds, "path": str(table.path)}

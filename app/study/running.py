@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from app.progress import CountedWork
 from app.study.setup import Study
-from app.study.workers import simulated_parts
+from app.study.workers import Numbers, Parts, Simulate
 from campaigns.errors import ShotsMissing
 from campaigns.studies.study import CampaignRow
 from campaigns.studies.summary import StudySummary, summarise
@@ -42,19 +42,19 @@ def run_study(
     study: Study,
     table: StudyTable,
     wanted: range,
-    workers: int,
+    compute: Callable[[Simulate, Sequence[Numbers]], Parts],
     counting: Callable[[int, int], CountedWork],
 ) -> Studied:
     """Simulate what a table lacks of the wanted campaigns.
 
-    `counting` shows how many of how many are done. Raises `OutputExists` and `WriteFailed`; what
-    had come back until then is kept.
+    `compute` yields parts as they are simulated; `counting` shows how many of how many campaigns
+    are done. Raise `OutputExists` and `WriteFailed`; what had come back until then is kept.
     """
     table.read()
     left = [number for number in wanted if number not in table.by_number]
     parts = [left[at : at + CAMPAIGNS_A_PART] for at in range(0, len(left), CAMPAIGNS_A_PART)]
     counted, lost, reasons = counting(len(wanted), len(wanted) - len(left)), 0, dict[str, None]()
-    with closing(simulated_parts(study.simulate, parts, workers)) as results, counted:
+    with closing(compute(study.simulate, parts)) as results, counted:
         table.write()
         for part in results:
             if part.lost:

@@ -50,12 +50,19 @@ class StudyOptions:
     )
     scenario: Annotated[
         str | None,
-        Option("What robots and noise to draw, if not by the campaign's own cell.", metavar="NAME"),
+        Option(
+            "Whose tracker and noise to simulate, if not those of the campaign's own cell.",
+            metavar="NAME",
+        ),
     ] = None
     fix: Fixed = ()
     seed: Annotated[int, Option("Seed of all that is drawn.", metavar="N", least=0)] = 1
     workers: Annotated[
         int | None, Option("Local processes.", metavar="N", least=1, default="one a processor")
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        Option("Dask scheduler whose workers compute, not this computer.", metavar="URL"),
     ] = None
     to: Annotated[Path | None, Option("Where tables go, if not DIR/study.", metavar="FOLDER")] = (
         None

@@ -7,7 +7,7 @@ from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfRe
 from campaigns.kinematics.axes import Axis
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
-from campaigns.planning.paths import Joints, PathCache
+from campaigns.planning.paths import Joints, RobotModel
 from campaigns.planning.steps import Step
 from campaigns.settings.sections import SettleConfig
 from drivers.errors import EmergencyStop, MotionFault
@@ -37,15 +37,15 @@ class Mover:
         clock: Clock,
         speed_fraction: float,
         settle: SettleConfig,
-        ways: PathCache,
+        model: RobotModel,
         stop_requested: Callable[[], bool],
     ) -> None:
         self._robot = robot
         self._clock = clock
         self._speed_fraction = speed_fraction
         self._settle = settle
-        self._ways = ways
-        self._axes = ways.axes
+        self._model = model
+        self._axes = model.kinematics.mechanism.joints
         self._stop_requested = stop_requested
         self._last_target: Joints | None = None
 
@@ -160,8 +160,8 @@ class Mover:
         return way
 
     def _legs(self, here: Joints, target: Joints, name: str) -> list[Joints]:
-        legs = self._ways.legs(here, target)
-        if legs is None and (fault := self._ways.standing_fault(here)):
+        legs = self._model.legs(here, target)
+        if legs is None and (fault := self._model.standing_fault(here)):
             raise JogRequired(
                 f"no way {name}: the robot stands where it may not be: {fault}",
                 remedy="jog it out of there, or correct `space` in campaign.yaml, then run again",

@@ -18,8 +18,7 @@ from campaigns.measuring.station import StationMonitor
 from campaigns.measuring.stopping_rule import UncertaintyGoal, in_words, is_met
 from campaigns.measuring.wishes import Wishes
 from campaigns.measuring.work import Cell, Session, Work
-from campaigns.planning.paths import PathCache
-from campaigns.planning.steps import Group, shots_of, stops_of
+from campaigns.planning.steps import Group, shots_of
 from campaigns.version import VERSION
 from drivers.values import Weather
 
@@ -112,9 +111,8 @@ def measure_series(
         done, total = len(left.kept), len(work.steps)
         goal_mm = work.goal.std_mm if work.goal else None
         run_state = RunState(observer, done=done, total=total, goal_mm=goal_mm)
-        ways = PathCache(work.robot, stops_of(left.left))
         mover = Mover(
-            cell.robot, cell.clock, work.speed_fraction, work.settle, ways, stop_requested
+            cell.robot, cell.clock, work.speed_fraction, work.settle, work.robot, stop_requested
         )
         session = Session(
             cell, work, log, run_state, work.gate_taught_by(left.kept), mover, wishes or Wishes()

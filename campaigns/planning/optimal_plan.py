@@ -13,13 +13,7 @@ from campaigns.fit.design import ShotDesign
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.planning import plans
-from campaigns.planning.forecast import (
-    FEWEST_SHOTS,
-    Judged,
-    judged_positions,
-    linearised_plan,
-    prior_precision,
-)
+from campaigns.planning.forecast import Judged, judged_positions, linearised_plan, prior_precision
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile
@@ -49,10 +43,9 @@ def make_optimal_plan(
     """Choose identification shots by optimal design; others are as in every plan.
 
     Raise `PlanInvalid` if too little of the workspace can be measured, the goal is out of reach, or
-    there are too few candidates or shots.
+    there are too few candidates.
     """
     wanted = request.plan
-    _check_shots(request)
     others = plans.make_plan(robot, view, replace(wanted, identification_shots=0), rng)
     unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
     region = plans.requested_region(robot, view, wanted)
@@ -64,15 +57,6 @@ def make_optimal_plan(
     judged = judged_positions(request.model, planner, poses)
     chosen = choose_shots(region, request, poses, judged)
     return _ordered(region, poses[chosen], unseen, wanted)
-
-
-def _check_shots(request: OptimalRequest) -> None:
-    count = request.plan.identification_shots
-    if count < FEWEST_SHOTS:
-        raise PlanInvalid(
-            f"{count} shots place no frame of the tracker",
-            remedy=f"ask for at least {FEWEST_SHOTS} shots, better 60",
-        )
 
 
 def candidates(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:

@@ -14,8 +14,8 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.tours import travel_rad
-from campaigns.kinematics.axes import Axis, outside
-from campaigns.kinematics.feasibility import Feasibility, Limits, Violation, path_feasibility
+from campaigns.kinematics.axes import outside
+from campaigns.kinematics.feasibility import Limits, Violation, path_feasibility
 from campaigns.kinematics.mechanism import Kinematics
 
 Joints = tuple[float, ...]
@@ -40,8 +40,6 @@ TOLERANCE_MM = 0.01
 """For poses on a zone's very wall."""
 STANDING_MM = 1.0
 """By so much a robot may read itself beyond a wall at which it stood; no way leads it further."""
-WAYS_AHEAD = 100
-"""Ways of a plan worked out at once."""
 WAYS_TOLD = 2000
 """Ways of a plan after which it is told how many are checked: fewer at once take longer."""
 MOVES_AT_ONCE = 500
@@ -49,7 +47,9 @@ MOVES_AT_ONCE = 500
 POINTS_AT_ONCE = 20_000
 """Likewise points on moves in a restricted space."""
 
+UNASSEMBLED = "the mechanism cannot be assembled"
 REASONS = {
+    Violation.OUT_OF_REACH: UNASSEMBLED,
     Violation.TASK_LIMIT: "{limited} leaves its limits",
     Violation.SWING_LIMIT: "a forearm swings too far",
     Violation.SINGULAR: "it passes near a singularity",
@@ -71,41 +71,44 @@ class RobotModel:
     space: RestrictedSpace = UNRESTRICTED
 
     def fault(self, start: Array, end: Array) -> PathFault | None:
-        """First fault on the coordinated move between joints, if any."""
-        fault = self._motion_fault(start, end)
-        if fault is None and self.space.is_restricted:
-            return self._space_faults(start[None], end[None])[0]
-        return fault
+        """Return the first fault on the coordinated move between joints, if any."""
+        return self.faults(start[None], end[None])[0]
+
+    def faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
+        """Return the first fault of each coordinated move (M, n), or None where it is safe."""
+        faults: list[PathFault | None] = []
+        for first in range(0, len(starts), MOVES_AT_ONCE):
+            moves = slice(first, first + MOVES_AT_ONCE)
+            faults += self._motion_faults(starts[moves], ends[moves])
+        if self.space.is_restricted:
+            clear = [move for move, fault in enumerate(faults) if fault is None]
+            for move, fault in zip(
+                clear, self._space_faults(starts[clear], ends[clear]), strict=True
+            ):
+                faults[move] = fault
+        return faults
 
     def are_safe(self, ways: Array) -> Mask:
-        """Whether each of M ways of joint targets (L + 1, M, n) is safe, (M,), as by `fault`.
+        """Return which of M ways of joint targets (L + 1, M, n) are safe, (M,)."""
+        joints = ways.shape[2]
+        faults = self.faults(ways[:-1].reshape(-1, joints), ways[1:].reshape(-1, joints))
+        safe = np.array([fault is None for fault in faults], dtype=np.bool_)
+        return np.asarray(safe.reshape(len(ways) - 1, -1).all(axis=0))
 
-        Together they take a fraction of the time.
-        """
-        legs, count, joints = ways.shape[0] - 1, *ways.shape[1:]
-        starts, ends = ways[:-1].reshape(-1, joints), ways[1:].reshape(-1, joints)
-        safe = np.zeros(len(starts), dtype=np.bool_)
-        for first in range(0, len(starts), MOVES_AT_ONCE):
-            some = slice(first, first + MOVES_AT_ONCE)
-            move, _, passed = self._samples(starts[some], ends[some])
-            solution = self.kinematics.forward(passed)
-            bad = ~solution.found
-            judged = self._passed(passed[~bad], solution.values[~bad])
-            bad[~bad] = (judged.violations & PASSING_VIOLATIONS) != 0
-            safe[some] = np.bincount(move, weights=bad) == 0
-        whole: Mask = np.asarray(safe.reshape(legs, count).all(axis=0))
-        if self.space.is_restricted:
-            starts, ends = (each[:, whole].reshape(-1, joints) for each in (ways[:-1], ways[1:]))
-            clear = np.array([fault is None for fault in self._space_faults(starts, ends)])
-            whole[whole] = clear.reshape(legs, -1).all(axis=0)
-        return whole
-
-    def standing_fault(self, joints: Array) -> str:
-        """What the space has against the place of joints, in words; empty: nothing."""
-        solution = self.kinematics.forward(joints[None])
-        if not solution.found[0] or self._lets_stand(solution.values[:, :3]):
+    def standing_fault(self, joints: Joints) -> str:
+        """Return what the space has against standing at joints, in words; empty: nothing."""
+        solution = self.kinematics.forward(np.array([joints]))
+        if not solution.found[0]:
             return ""
-        return self.space.fault(solution.values[0, :3])
+        clearance_mm = self.space.clearance_mm(solution.values[:, :3])
+        return (
+            self.space.fault(solution.values[0, :3]) if (clearance_mm < -STANDING_MM).any() else ""
+        )
+
+    def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
+        """Return targets of a safe way, the last being the very joints `there`; None: no way."""
+        way = self.safe_path(np.array(here), np.array(there))
+        return None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
 
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
         """Joint targets of a safe way, the last being `end`; None when none was found.
@@ -143,14 +146,28 @@ class RobotModel:
         safe[safe] = self.are_safe(ways[:, safe])
         return ways, safe
 
-    def _motion_fault(self, start: Array, end: Array) -> PathFault | None:
-        """First fault by the mechanism and its limits."""
-        _, part, joints = self._samples(start[None], end[None])
+    def _motion_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
+        """Return the first fault of each move (M, n) by the mechanism and its limits."""
+        move, part, joints = self._samples(starts, ends)
         solution = self.kinematics.forward(joints)
-        if not solution.found.all():
-            lost = float(part[np.argmin(solution.found)])
-            return "the mechanism cannot be assembled", lost
-        return self._passing_fault(joints, solution.values, part)
+        violations = np.zeros(len(joints), dtype=np.intp)
+        violations[solution.found] = self._passing_violations(
+            joints[solution.found], solution.values[solution.found]
+        )
+        violations[~solution.found] = Violation.OUT_OF_REACH
+        faults: list[PathFault | None] = [None] * len(starts)
+        for bad in np.unique(move[violations != 0]).tolist():
+            rows = np.flatnonzero(move == bad)
+            violation = next(reason for reason in REASONS if (violations[rows] & reason).any())
+            first = rows[np.argmax((violations[rows] & violation) != 0)]
+            faults[bad] = self._reason(violation), float(part[first])
+        return faults
+
+    def _reason(self, violation: Violation) -> str:
+        """Return a violation in words."""
+        task = zip(self.kinematics.mechanism.task, self.limits.task, strict=True)
+        limited = ", ".join(axis.name for axis, limit in task if limit)
+        return REASONS[violation].format(limited=limited)
 
     def _samples(self, starts: Array, ends: Array) -> tuple[Index, Array, Array]:
         """Samples (S,) of moves (M, n): number of the move, part of its way, joints (S, n)."""
@@ -160,27 +177,17 @@ class RobotModel:
         part = np.concatenate([np.linspace(0.0, 1.0, each) for each in steps])
         return move, part, starts[move] + part[:, None] * (ends - starts)[move]
 
-    def _passing_fault(self, joints: Array, poses: Array, part: Array) -> tuple[str, float] | None:
-        """First fault by limits at poses (N, t) that are passed, not measured."""
-        passed = self._passed(joints, poses)
-        task = zip(self.kinematics.mechanism.task, self.limits.task, strict=True)
-        limited = ", ".join(axis.name for axis, each in task if each)
-        for violation, reason in REASONS.items():
-            wrong = passed.violations & violation != 0
-            if wrong.any():
-                return reason.format(limited=limited), float(part[np.argmax(wrong)])
-        return None
-
-    def _passed(self, joints: Array, poses: Array) -> Feasibility:
-        """Feasibility of poses (N, t) that are passed, not measured."""
+    def _passing_violations(self, joints: Array, poses: Array) -> Index:
+        """Return the violations (N,) at poses (N, t) that are passed, not measured."""
         wider = self.limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
         passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
-        p = self.kinematics.p
-        return path_feasibility(self.kinematics.mechanism, p, passing, joints, poses)
+        kinematics = self.kinematics
+        passed = path_feasibility(kinematics.mechanism, kinematics.p, passing, joints, poses)
+        return passed.violations & PASSING_VIOLATIONS
 
     def _space_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
         """Zone that is entered on each move (M, n), or on straight lines a controller may take."""
-        found: list[PathFault | None] = [("the mechanism cannot be assembled", 0.0)] * len(starts)
+        found: list[PathFault | None] = [(UNASSEMBLED, 0.0)] * len(starts)
         space = self.space
         for moves, points, bulge_mm in self._fine_paths(starts, ends):
             steps = bulge_mm.shape[1]
@@ -241,9 +248,6 @@ class RobotModel:
             steps[some[~fine]] *= 2
             left = np.setdiff1d(left, some[fine | ~assembled])
 
-    def _lets_stand(self, points: Array) -> bool:
-        return bool((self.space.clearance_mm(points) >= -STANDING_MM).all())
-
 
 def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
     """Poses (K, …, t) to pass by between poses (…, t), from the shortest detour to the longest."""
@@ -283,45 +287,6 @@ def check_paths(
         turns = [robot.kinematics.comparable(joints) for joints in (here[1], *way)]
         travel += sum(float(travel_rad(a, b)) for a, b in pairwise(turns))
     return detours, travel, faults
-
-
-class PathCache:
-    """Safe ways, those between the stops of a plan worked out some time ahead, many at once."""
-
-    def __init__(self, robot: RobotModel, stops: Sequence[Joints]) -> None:
-        self._robot, self._stops = robot, stops
-        self._rows = {ends: row for row, ends in enumerate(pairwise(stops))}
-        self._known: dict[tuple[Joints, Joints], list[Joints] | None] = {}
-        if stops:
-            self._look_ahead(0)
-
-    def _look_ahead(self, row: int) -> None:
-        stops = self._stops[row : row + WAYS_AHEAD + 1]
-        ways = zip(pairwise(stops), self._robot.safe_paths(np.array(stops)), strict=True)
-        self._known |= {ends: _legs(way, ends[1]) for ends, way in ways}
-
-    @property
-    def axes(self) -> tuple[Axis, ...]:
-        """Joint axes of the robot."""
-        return self._robot.kinematics.mechanism.joints
-
-    def standing_fault(self, here: Joints) -> str:
-        """What the space has against standing there, in words; empty: nothing."""
-        return self._robot.standing_fault(np.array(here))
-
-    def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
-        """Joint targets of a safe way, the last being `there`; None when none was found."""
-        ends = here, there
-        if ends not in self._known and ends in self._rows:
-            self._look_ahead(self._rows[ends])
-        if ends not in self._known:
-            return _legs(self._robot.safe_path(np.array(here), np.array(there)), there)
-        return self._known[ends]
-
-
-def _legs(way: Sequence[Array] | None, there: Joints) -> list[Joints] | None:
-    """Targets of a way, the last being the very joints of its end; None of none."""
-    return None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
 
 
 def _fault(robot: RobotModel, here: Stop, there: Stop) -> str:

@@ -116,10 +116,7 @@ def _way(
     """Joints to go to, the last being `there`; [()] where there is no safe way."""
     if here is None:
         return [there]
-    legs = robot.safe_path(np.array(here), np.array(there))
-    if legs is None:
-        return [()]
-    return [*(tuple(leg.tolist()) for leg in legs[:-1]), there]
+    return robot.legs(here, there) or [()]
 
 
 def _commanded(held: Kinematics, step: Step) -> Array:

@@ -5,11 +5,11 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from app.main import run_command
 from app.study.workers import KILLED, Part, simulated_parts
 
 FAULT, POISON = 3, 5
@@ -63,11 +63,41 @@ def test_killed_worker_costs_what_had_not_come_back():
     assert {*lost.values()} == {KILLED}
 
 
+@pytest.fixture
+def dask_scheduler(tmp_path):
+    """Gives the address of a scheduler with two workers, each of them a process."""
+    file = tmp_path / "scheduler.json"
+    place = ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(file))
+    module = (sys.executable, "-m", "distributed.cli.dask_")
+    first = subprocess.Popen((*module[:2], f"{module[2]}scheduler", "--port", "0", *place))
+    worker = (*module[:2], f"{module[2]}worker", "--nworkers", "2", "--nthreads", "1", *place)
+    second = subprocess.Popen(worker)
+    try:
+        while not file.exists() or not file.read_text():
+            time.sleep(0.05)
+        yield json.loads(file.read_text())["address"]
+    finally:
+        for process in (second, first):
+            process.terminate()
+            process.wait()
+
+
 @pytest.mark.long
-def test_numbers_are_the_same_whoever_computes_them(planned_once, tmp_path):
-    options = ("--campaigns", "60", "--workers")
-    assert run_command(["study", str(planned_once), *options, "1", "--to", str(tmp_path)]) == 0
-    alone = (tmp_path / f"{NAME}.jsonl").read_bytes()
-    command = (sys.executable, "-m", "app.main", "study", str(planned_once), *options, "2")
-    subprocess.run((*command, "--to", str(tmp_path / "2")), check=True, timeout=110)
-    assert (tmp_path / "2" / f"{NAME}.jsonl").read_bytes() == alone
+def test_numbers_are_the_same_whoever_computes_them(planned_once, tmp_path, dask_scheduler):
+    command = (sys.executable, "-m", "app.main", "study", str(planned_once), "--campaigns", "30")
+    ways = {"alone": "--workers=1", "local": "--workers=2", "far": f"--scheduler={dask_scheduler}"}
+    tables = []
+    for name, way in ways.items():
+        subprocess.run((*command, way, "--to", str(tmp_path / name)), check=True, timeout=110)
+        tables.append((tmp_path / name / f"{NAME}.jsonl").read_bytes())
+    assert tables[0] == tables[1] == tables[2]
+
+
+@pytest.mark.long
+def test_scheduler_that_does_not_answer_is_named(planned_once):
+    options = ("--campaigns", "2", "--scheduler", "tcp://127.0.0.1:9")
+    command = (sys.executable, "-m", "app.main", "study", str(planned_once), *options)
+    quick = os.environ | {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "100ms"}
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=110, env=quick)
+    assert ended.returncode == 2
+    assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers" in ended.stderr

@@ -12,13 +12,11 @@ from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
-from campaigns.planning.paths import PathCache, RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import EmergencyStop
 
-NO_WAYS = PathCache(OPEN, ())
 NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
 
 
@@ -26,7 +24,7 @@ def go(
     cell: FakeCell, step: Step, speed_fraction=SPEED_FRACTION
 ) -> tuple[Arrival, list[EngineState]]:
     states: list[EngineState] = []
-    mover = Mover(cell.robot, cell.clock, speed_fraction, SETTLE, NO_WAYS, cell.wish)
+    mover = Mover(cell.robot, cell.clock, speed_fraction, SETTLE, OPEN, cell.wish)
     return mover.go(step, states.append), states
 
 
@@ -57,7 +55,7 @@ def test_a_stop_on_the_way_is_told_as_read_and_not_as_commanded() -> None:
 
 def test_a_robot_that_stands_where_it_comes_from_goes_straight_on() -> None:
     cell = FakeCell()
-    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, OPEN, cell.wish)
     far = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0)
     for step in (Step(far, "pose"), commanded_as_pose(NEAR, (far.joints,))):
         mover.go(step, lambda _: None)
@@ -100,24 +98,11 @@ def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
     assert len(moves(cell)) == 1
 
 
-def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    cell = FakeCell()
-    further = planned(8, ShotSet.ROTATION, None, -60.0, 0.0, -520.0)
-    ways = PathCache(OPEN, [NEAR.joints, further.joints])
-    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
-    mover.go(Step(NEAR, "joints"), lambda _: None)
-    monkeypatch.setattr(RobotModel, "safe_path", lambda *_: None)
-    mover.go(Step(further, "joints"), lambda _: None)
-    with pytest.raises(TargetOutOfReach):
-        mover.go(Step(NEAR, "joints"), lambda _: None)
-
-
 def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None:
     here, there = unsafe_ends()
     cell = FakeCell()
     target = replace(NEAR, joints=tuple(there.tolist()))
-    ways = PathCache(OPEN, [NEAR.joints, target.joints])
-    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, OPEN, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     cell.robot.joints = here
     cell.calls.clear()
@@ -221,7 +206,7 @@ def test_controller_that_goes_on_reporting_motion_is_not_settled() -> None:
 
 def test_robot_has_moved_when_a_joint_leaves_its_stillness_or_is_no_number() -> None:
     cell = FakeCell()
-    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, OPEN, cell.wish)
     before = cell.robot.state()
     for moved_deg, has_moved in ((0.001, False), (0.003, True)):
         cell.robot.joints = np.add(before.joints, np.radians([0.0, 0.0, 0.0, moved_deg]))

@@ -10,7 +10,7 @@ from small_plans import OPEN, joints_at
 
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning import paths
-from campaigns.planning.paths import SLACK_RAD, PathCache, RobotModel
+from campaigns.planning.paths import SLACK_RAD, RobotModel
 from campaigns.robots.robot import find_robot
 
 
@@ -128,22 +128,3 @@ def test_many_moves_are_judged_together_as_one_by_one(joints, monkeypatch):
     assert 20 < sum(one_by_one) < 90
     torn_apart = np.radians([[0.0] * 4, [90.0, -90.0, 90.0, -90.0]])
     assert OPEN.are_safe(torn_apart[:, None]).tolist() == [False]
-
-
-def test_ways_of_a_plan_are_looked_for_some_at_a_time_and_each_once(joints, monkeypatch):
-    looked, safe_paths = [], RobotModel.safe_paths
-    monkeypatch.setattr(paths, "WAYS_AHEAD", 2)
-    monkeypatch.setattr(
-        RobotModel,
-        "safe_paths",
-        lambda own, each: (looked.append(len(each)), safe_paths(own, each))[1],
-    )
-    stops = [tuple(each.tolist()) for each in joints[:6]]
-    cache = PathCache(OPEN, stops)
-    assert looked == [3]
-    ways = [cache.legs(*ends) for _ in range(2) for ends in pairwise(stops)]
-    assert looked == [3, 3, 2]
-    assert ways[:5] == ways[5:]
-    assert [way[-1] for way in ways[:5]] == stops[1:]
-    assert [len(way) for way in ways[:5]] == [len(way) for way in safe_paths(OPEN, joints[:6])]
-    assert cache.legs(stops[0], stops[3])[-1] == stops[3]

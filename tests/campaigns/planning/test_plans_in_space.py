@@ -25,7 +25,7 @@ from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
-from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel
+from campaigns.planning.paths import STANDING_MM, RobotModel
 from campaigns.planning.plan_check import check_plan
 from campaigns.planning.plans import (
     SPACE_RESERVE_MM,
@@ -185,10 +185,10 @@ def test_a_way_out_of_a_forbidden_place_is_none():
     inside, there = joints_at(0, 150, -600, 0), joints_at(0, -50, -600, 0)
     assert FENCED.safe_path(inside, there) is None
     assert FENCED.safe_path(there, inside) is None
-    told = PathCache(FENCED, ()).standing_fault(tuple(inside))
+    told = FENCED.standing_fault(tuple(inside))
     assert told.startswith("the plate (radius 30 mm and margin 5 mm) is")
     assert "too near pillar" in told
-    assert PathCache(FENCED, ()).standing_fault(tuple(there)) == ""
+    assert FENCED.standing_fault(tuple(there)) == ""
 
 
 def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
