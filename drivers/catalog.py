@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivers import by_hand, pointline, robotline, watch_file
 from drivers.declaration import RobotSurroundings, Surroundings
-from drivers.emscon import tracker as emscon
+from drivers.emscon.results import recorded_measurement
+from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import AddressInvalid
 from drivers.linuxcnc import robot as linuxcnc
 from drivers.ports import LaserTracker, RobotController
@@ -38,7 +39,7 @@ class ControllerDriver:
 
 
 TRACKERS: dict[str, TrackerDriver] = {
-    "emscon": TrackerDriver(emscon.EmsconTracker, emscon.recorded_measurement),
+    "emscon": TrackerDriver(EmsconTracker, recorded_measurement),
     "pointline": TrackerDriver(pointline.PointlineTracker, pointline.recorded_measurement),
     "by-hand": TrackerDriver(by_hand.TrackerByHand, by_hand.recorded_measurement),
     "watch-file": TrackerDriver(watch_file.WatchedTracker, watch_file.recorded_measurement),

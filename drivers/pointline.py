@@ -11,7 +11,7 @@ from drivers import errors, values
 from drivers.declaration import Surroundings
 from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
 from drivers.plausible import RESTART, require, require_point, require_weather
-from drivers.session import PreparedTracker
+from drivers.session import Preparation, PreparedTracker
 from drivers.wire import pointline as wire
 from drivers.wire.lines import Hello, Nothing, numbers_from
 
@@ -46,13 +46,14 @@ class PointlineDeadlines:
     measuring_margin_s: float = 15.0
 
 
-class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
+class PointlineTracker(PreparedTracker[LineClient, Preparation]):
     """An instrument at the other end of a wire."""
 
     def __init__(
         self, given: Surroundings, deadlines: PointlineDeadlines = PointlineDeadlines()
     ) -> None:
-        super().__init__(given.open_transport, given.clock, given.cancelled)
+        super().__init__()
+        self._given = given
         self._numbers = numbers_from(given.first_number)
         self._deadlines = deadlines
         self._last_count = 0
@@ -91,10 +92,6 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
             reflectors.append(values.Reflector(entry.name, index, entry.surface_offset_mm))
             count = entry.count
         return tuple(reflectors)
-
-    @override
-    def prepare(self, reflector: str, measuring_time_s: float) -> None:
-        self._prepare(wire.Prepare(reflector, measuring_time_s))
 
     @override
     def measure(self) -> values.Measurement:
@@ -153,17 +150,17 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
         return self._session.connection.ask(verb, kind, body, within_s=within_s)[0]
 
     @override
-    def _opened(self) -> LineClient:
+    def _open(self) -> LineClient:
         return LineClient(
-            self._open_transport(),
+            self._given.open_transport(),
             DIALECT,
             self._numbers,
-            clock_s=self._clock.now_s,
-            cancelled=self._cancelled,
+            clock_s=self._given.clock.now_s,
+            cancelled=self._given.cancelled,
         )
 
     @override
-    def _who(self, client: LineClient) -> values.Identity:
+    def _ask_identity(self, client: LineClient) -> values.Identity:
         greeting, _ = client.ask(
             "HELLO",
             wire.InstrumentGreeting,
@@ -185,8 +182,9 @@ class PointlineTracker(PreparedTracker[LineClient, wire.Prepare, wire.Prepare]):
         return identity
 
     @override
-    def _set_up(self, client: LineClient, wanted: wire.Prepare) -> wire.Prepare:
-        client.ask("PREPARE", Nothing, wanted, within_s=self._deadlines.prepare_s)
+    def _set_up(self, client: LineClient, wanted: Preparation) -> Preparation:
+        body = wire.Prepare(wanted.reflector, wanted.measuring_time_s)
+        client.ask("PREPARE", Nothing, body, within_s=self._deadlines.prepare_s)
         return wanted
 
 

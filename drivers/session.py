@@ -4,19 +4,18 @@ What goes wrong while a connection is opened closes it, and nothing is asked ove
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from typing_extensions import override
 
-from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
-from drivers.link import LinkClient, never
-from drivers.ports import Clock, LaserTracker
-from drivers.transport import Transport
+from drivers.errors import DeviceNotReady, LinkDown, WrongDevice
+from drivers.link import LinkClient
+from drivers.ports import LaserTracker
 from drivers.values import Identity
 
 Connected = TypeVar("Connected", bound=LinkClient[Any])
-Wanted = TypeVar("Wanted")
 Agreed = TypeVar("Agreed")
 
 
@@ -96,24 +95,23 @@ class DeviceSession(Generic[Connected]):
         return LinkDown(f"{closed}the {self._device} is not connected", remedy="connect again")
 
 
-class PreparedTracker(LaserTracker, Generic[Connected, Wanted, Agreed]):
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """Preparation of a tracker that is wanted for a campaign."""
+
+    reflector: str
+    measuring_time_s: float
+
+
+class PreparedTracker(LaserTracker, Generic[Connected, Agreed]):
     """A tracker at the other end of a wire, prepared anew after each reconnection.
 
-    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`. `clock` is
-    real time, also for a simulated cell that runs faster: the wire is real.
+    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
     """
 
-    def __init__(
-        self,
-        open_transport: Callable[[], Transport],
-        clock: Clock,
-        cancelled: Callable[[], bool] = never,
-    ) -> None:
-        self._open_transport = open_transport
-        self._clock = clock
-        self._cancelled = cancelled
-        self._session = DeviceSession("tracker", self._opened, self._greet)
-        self._wanted: Wanted | None = None
+    def __init__(self) -> None:
+        self._session = DeviceSession("tracker", self._open, self._greet)
+        self._wanted: Preparation | None = None
         self._agreed: Agreed | None = None
 
     def connect(self) -> None:
@@ -124,7 +122,8 @@ class PreparedTracker(LaserTracker, Generic[Connected, Wanted, Agreed]):
     def reconnect(self) -> None:
         """Open anew after a fault, and set the tracker up as it was wanted last, if ever."""
         self.connect()
-        self._prepare_again()
+        if self._wanted is not None:
+            self.prepare(self._wanted.reflector, self._wanted.measuring_time_s)
 
     @override
     def close(self) -> None:
@@ -132,34 +131,30 @@ class PreparedTracker(LaserTracker, Generic[Connected, Wanted, Agreed]):
 
     @override
     def identity(self) -> Identity:
-        return self._session.recognised(self._who(self._session.connection))
+        return self._session.recognised(self._ask_identity(self._session.connection))
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:
+        """Set the tracker up, which may move it; a preparation that breaks off stays wanted."""
+        self._wanted, self._agreed = Preparation(reflector, measuring_time_s), None
+        self._agreed = self._set_up(self._session.connection, self._wanted)
 
     @abstractmethod
-    def _opened(self) -> Connected:
+    def _open(self) -> Connected:
         """Open a connection; raises `LinkDown`."""
 
     @abstractmethod
-    def _who(self, client: Connected) -> Identity:
+    def _ask_identity(self, client: Connected) -> Identity:
         """Ask who answers."""
 
     def _greet(self, client: Connected) -> Identity:
         """Begin on a fresh connection, and ask who answers."""
-        return self._who(client)
+        return self._ask_identity(client)
 
     @abstractmethod
-    def _set_up(self, client: Connected, wanted: Wanted) -> Agreed:
-        """Bring it to what is wanted, and return how it then is."""
+    def _set_up(self, client: Connected, wanted: Preparation) -> Agreed:
+        """Bring the tracker to what is wanted, and return its settings as they then are."""
 
-    def _prepare(self, wanted: Wanted) -> None:
-        """Set it up; a preparation that breaks off is remembered as wanted."""
-        self._wanted, self._agreed = wanted, None
-        self._agreed = self._set_up(self._session.connection, wanted)
-
-    def _prepare_again(self) -> None:
-        if self._wanted is not None:
-            self._prepare(self._wanted)
-
-    def _prepared(self) -> tuple[Connected, Wanted, Agreed]:
+    def _prepared(self) -> tuple[Connected, Preparation, Agreed]:
         """Return the connection with what was wanted and agreed; raises `DeviceNotReady`."""
         connection = self._session.connection
         if self._wanted is None or self._agreed is None:
@@ -167,25 +162,8 @@ class PreparedTracker(LaserTracker, Generic[Connected, Wanted, Agreed]):
         return connection, self._wanted, self._agreed
 
     def _not_ready(self, problem: str) -> DeviceNotReady:
-        """Error that says that the tracker needs preparing."""
+        """Return the error that says that the tracker needs preparing."""
         return DeviceNotReady(
             f"{self._session.connection.name}: the tracker {problem}",
             remedy="prepare the tracker again",
-        )
-
-
-def changed(agreed: Mapping[str, object], current: Mapping[str, object]) -> str:
-    """Return the names in which two readings of one device's settings differ."""
-    return " and ".join(name for name in agreed if current[name] != agreed[name])
-
-
-def require_kept(device: str, kept: Mapping[str, bool], *, remedy: str) -> None:
-    """Raise `DeviceRefused` for settings that were accepted but are not reported as set.
-
-    `device` begins the sentence, with where it is.
-    """
-    lost = [name for name, is_kept in kept.items() if not is_kept]
-    if lost:
-        raise DeviceRefused(
-            f"{device} accepted but does not report its {' and '.join(lost)} as set", remedy=remedy
         )

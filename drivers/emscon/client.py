@@ -1,14 +1,18 @@
-"""Client of emScon: commands, answers, and statuses as errors that say what to do next."""
+"""Conversation with an emScon tracker: commands and answers, and what the tracker sends unasked.
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+Results come unasked, after the answer to StartMeasurement, and so do changes of state, errors, and
+all but the first answer of a list. The link calls `_hear` for each when it arrives; only results,
+errors that end a measurement, and entries of the list of reflectors are queued.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+from drivers.declaration import Surroundings
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, WireError
 from drivers.link import Link, LinkClient
 from drivers.polling import ask_until
-from drivers.ports import Clock
 from drivers.transport import Transport
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
@@ -25,6 +29,7 @@ from drivers.wire.framing import Packet
 BUSY_PAUSE_S = 0.1
 MOST_REFLECTORS = 1000
 OTHER_CLIENT = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+DATA_TYPES = frozenset(DataType)
 SETTINGS = frozenset(
     {
         SystemChange.UNITS,
@@ -39,12 +44,9 @@ SETTINGS = frozenset(
 STATES = frozenset(
     {Command.GET_SYSTEM_STATUS, Command.GET_TRACKER_STATUS, Command.GET_MEASUREMENT_STATUS_INFO}
 )
+"""Questions about the tracker's state: an answer to them that comes unasked changes nothing."""
 SETTINGS_COMMANDS = frozenset(c for c in Command if c.name.startswith(("GET_", "SET_")))
 """Commands whose error is not about a measurement; one that names a motion or nothing may be."""
-
-BodyType = TypeVar("BodyType", bound=bodies.Body)
-Result = bodies.SingleResult | bodies.SingleResult2
-
 NOT_READY: Mapping[int, str] = {
     ResultStatus.SERVER_BUSY: "wait until the tracker has finished, then try again",
     ResultStatus.WRONG_CURRENT_REFLECTOR: "prepare the tracker with the reflector that is mounted",
@@ -66,7 +68,7 @@ NOT_READY: Mapping[int, str] = {
     ResultStatus.ADM_HARDWARE_PROBLEM: "have the tracker's distance meter serviced",
     ResultStatus.ATR_HARDWARE_PROBLEM: "have the tracker's target camera serviced",
 }
-
+"""What to do about a tracker that is not ready, by the status of its answer."""
 BEAM_LOST: frozenset[int] = frozenset(
     {
         ResultStatus.UNKNOWN,
@@ -76,10 +78,10 @@ BEAM_LOST: frozenset[int] = frozenset(
     }
 )
 """Statuses that can mean a broken beam while one is needed: no public source has its number."""
-
 BEAM_REMEDY = "clear the line of sight and put the beam back on the reflector"
-OTHER_CLIENT_REMEDY = "end the other program that is connected to the tracker, then try again"
-REFUSAL_REMEDY = "see docs/emscon.md#errors and the tracker's own status"
+
+BodyType = TypeVar("BodyType", bound=bodies.Body)
+Result = bodies.SingleResult | bodies.SingleResult2
 
 
 def refused(where: str, doing: str, status: int) -> DeviceRefused:
@@ -87,9 +89,10 @@ def refused(where: str, doing: str, status: int) -> DeviceRefused:
     problem = f"{where}: {doing} was refused: {status_text(status)}"
     if remedy := NOT_READY.get(status):
         return DeviceNotReady(problem, remedy=remedy, code=str(status))
-    if status == ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED:
-        return DeviceRefused(problem, remedy=OTHER_CLIENT_REMEDY, code=str(status))
-    return DeviceRefused(problem, remedy=REFUSAL_REMEDY, code=str(status))
+    remedy = "see docs/emscon.md#errors and the tracker's own status"
+    if status == OTHER_CLIENT:
+        remedy = "end the other program that is connected to the tracker, then try again"
+    return DeviceRefused(problem, remedy=remedy, code=str(status))
 
 
 def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) -> DeviceRefused:
@@ -98,19 +101,10 @@ def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) ->
     `beam_lost` is what the tracker's traffic light says after the failure. It decides for the
     numbers that are in no public table, which a tracker's controller passes on.
     """
-    error = refused(where, doing, status)
-    if status in BEAM_LOST or (beam_lost and status not in set(ResultStatus)):
-        return BeamBroken(
-            f"{where}: the beam is lost: {doing} failed: {status_text(status)}",
-            remedy=BEAM_REMEDY,
-            code=str(status),
-        )
-    return error
-
-
-def beam_not_locked(where: str, doing: str) -> BeamBroken:
-    """Return the error for a search that ended well but found nothing."""
-    return BeamBroken(f"{where}: {doing} found no reflector", remedy=BEAM_REMEDY)
+    if status not in BEAM_LOST and not (beam_lost and status not in set(ResultStatus)):
+        return refused(where, doing, status)
+    problem = f"{where}: the beam is lost: {doing} failed: {status_text(status)}"
+    return BeamBroken(problem, remedy=BEAM_REMEDY, code=str(status))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,35 +125,32 @@ class EmsconDeadlines:
 class EmsconClient(LinkClient[wire.FromServer]):
     """Commands and their answers over one connection; any fault of the wire closes it.
 
-    Closing never sends ExitApplication: it would end the tracker's server. `instrument_clock` is
-    time as the tracker lives it, by which a measurement's duration is judged.
+    Closing never sends ExitApplication: it would end the tracker's server.
     """
 
     def __init__(
-        self,
-        transport: Transport,
-        clock: Clock,
-        cancelled: Callable[[], bool],
-        deadlines: EmsconDeadlines,
-        instrument_clock: Clock,
+        self, transport: Transport, given: Surroundings, deadlines: EmsconDeadlines
     ) -> None:
         link = Link(
             transport,
             wire.from_server(),
-            clock_s=clock.now_s,
-            is_event=_comes_unasked,
+            clock_s=given.clock.now_s,
+            is_event=is_event,
             keeps=self._hear,
-            cancelled=cancelled,
+            cancelled=given.cancelled,
         )
         super().__init__(link)
-        self._clock = clock
+        self._clock = given.clock
+        self._instrument_clock = given.instrument_clock or given.clock
         self._deadlines = deadlines
-        self._instrument_clock = instrument_clock
-        self._settings_in_doubt = False
+        self._changes = 0
         self._asked_s = 0.0
-        self._first_end_s: float | None = None
+        self._first_end_s = 0.0
+        self._has_ended = False
         self.may_hear_old_results = False
         """Whether the result of a measurement that failed may still come."""
+        self.changes_confirmed = 0
+        """Count of `changes_heard` up to which settings were read back and found unchanged."""
         self.passed_over = 0
         """Packets so far of types that nobody knows, and states that nobody asked for."""
 
@@ -172,16 +163,14 @@ class EmsconClient(LinkClient[wire.FromServer]):
         within_s: float | None = None,
     ) -> BodyType:
         """Return a command's answer; raises `DeviceRefused` when the tracker says no."""
-        reply = self._exchange(wire.EmsconRequest(command, body), within_s)
+        reply = self._exchange(command, body, within_s)
         if reply.status != ResultStatus.ALL_OK:
             raise refused(self.name, command.title, reply.status)
         return _body_of(reply, answer)
 
-    def ask_or_none(
-        self, command: Command, answer: type[BodyType], body: bodies.Body = wire.NOTHING
-    ) -> BodyType | None:
+    def ask_or_none(self, command: Command, answer: type[BodyType]) -> BodyType | None:
         """Return a command's answer, or None from a tracker that refuses it or lacks it."""
-        reply = self._exchange(wire.EmsconRequest(command, body), None)
+        reply = self._exchange(command)
         return None if reply.status != ResultStatus.ALL_OK else _body_of(reply, answer)
 
     def tell(
@@ -194,7 +183,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         self, command: Command, body: bodies.Body = wire.NOTHING, *, within_s: float | None = None
     ) -> int:
         """Give a command and return the status of its answer."""
-        return self._exchange(wire.EmsconRequest(command, body), within_s).status
+        return self._exchange(command, body, within_s).status
 
     def reflectors(self) -> list[bodies.ReflectorEntry]:
         """Return every reflector; the tracker sends one answer for each."""
@@ -202,7 +191,10 @@ class EmsconClient(LinkClient[wire.FromServer]):
         entries = [self.ask(Command.GET_REFLECTORS, bodies.ReflectorEntry)]
         total = entries[0].total
         if total > MOST_REFLECTORS:
-            raise self._wrong(f"it claims {total} reflectors, at most {MOST_REFLECTORS} are read")
+            self.close()
+            raise WireError(
+                f"{self.name}: it claims {total} reflectors, at most {MOST_REFLECTORS} are read"
+            )
         while len(entries) < total:
             reply = self._link.await_event(
                 _is_reflector, within_s=self._deadlines.answer_s, what="the list of reflectors"
@@ -215,7 +207,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         self.drain()
         return self.attempt(Command.START_MEASUREMENT)
 
-    def ending(self, within_s: float) -> tuple[Result | bodies.ErrorResponse, float]:
+    def await_end(self, within_s: float) -> tuple[Result | bodies.ErrorResponse, float]:
         """Return what ends a running measurement, its result or an error, and when it came.
 
         In seconds of the instrument's clock, from before the question was sent.
@@ -223,16 +215,15 @@ class EmsconClient(LinkClient[wire.FromServer]):
         message = self._link.await_event(
             _ends_measurement, within_s=within_s, what="the measurement"
         )
-        assert isinstance(
-            message, bodies.SingleResult | bodies.SingleResult2 | bodies.ErrorResponse
-        )
-        assert self._first_end_s is not None, "whatever ends a measurement was heard"
+        assert isinstance(message, Result | bodies.ErrorResponse)
         return message, self._first_end_s - self._asked_s
 
-    def another_ending(self) -> bool:
-        """Tell whether the measurement goes on, or is ended twice, after what seemed to end it.
+    def await_idle_and_see_another_end(self) -> bool:
+        """Wait until the tracker is idle, and tell whether the measurement ended a second time.
 
-        Waits until the tracker is no longer busy: by then its own result has come.
+        When the tracker is no longer busy, the measurement's own result has come: a second one
+        shows that the first may be that of an earlier measurement. So does a tracker that stays
+        busy.
         """
         light = ask_until(
             lambda light: light != TrackerLight.BUSY,
@@ -241,12 +232,12 @@ class EmsconClient(LinkClient[wire.FromServer]):
             give_up_s=self._clock.now_s() + self._deadlines.busy_s,
             pause_s=BUSY_PAUSE_S,
         )
-        return any(map(_ends_measurement, self._taken())) or light == TrackerLight.BUSY
+        return any(map(_ends_measurement, self._take_events())) or light == TrackerLight.BUSY
 
     def abandon_measurement(self) -> None:
         """Stop a measurement that failed; closes the wire when it cannot be stopped.
 
-        A result of it may be under way all the same: the next one is then looked at twice.
+        Its result may be under way all the same: the end of the next one is then looked at twice.
         """
         self.may_hear_old_results = True
         if self.attempt(Command.STOP_MEASUREMENT) == ResultStatus.SERVER_BUSY:
@@ -257,74 +248,60 @@ class EmsconClient(LinkClient[wire.FromServer]):
 
         Raises `DeviceRefused` when the tracker says that it belongs to another program.
         """
-        self._taken()
+        self._take_events()
 
-    def settings_in_doubt(self) -> bool:
-        """Drain, and tell whether settings may be others than when they were last confirmed.
+    def changes_heard(self) -> int:
+        """Drain, and count what may have changed settings since the connection was opened.
 
-        They may be after an event that says so, whoever caused it, after live results, which we
-        have switched off, and when the queue was too short for what came.
+        That is each event that says so, whoever caused it, all live results, which we have switched
+        off, and a queue that was too short for what came.
         """
         self.drain()
-        self._settings_in_doubt |= self._link.has_lost_events()
-        return self._settings_in_doubt
+        self._changes += self._link.has_lost_events()
+        return self._changes
 
-    @contextmanager
-    def confirming_settings(self) -> Iterator[None]:
-        """End the doubt about settings, unless the block raises or they are changed meanwhile."""
-        self._settings_in_doubt = False
-        try:
-            yield
-        except BaseException:
-            self._settings_in_doubt = True
-            raise
-
-    def _taken(self) -> list[wire.FromServer]:
+    def _take_events(self) -> list[wire.FromServer]:
         """Empty the queue of events; raises `DeviceRefused` for another program's tracker."""
         events = self._link.events()
-        self._first_end_s = None
+        self._has_ended = False
         if any(map(_is_other_client, events)):
             self.close()
             raise refused(self.name, "the connection", OTHER_CLIENT)
         return events
 
     def _hear(self, event: wire.FromServer) -> bool:
-        """Latch what an event says at its arrival, and tell whether it is worth queueing."""
-        self._settings_in_doubt |= _may_change_settings(event)
+        """Note what an event says at its arrival, and tell whether it is worth queueing."""
+        self._changes += _may_change_settings(event)
         self.passed_over += _is_passed_over(event)
         ends = _ends_measurement(event)
-        if ends and self._first_end_s is None:
-            self._first_end_s = self._instrument_clock.now_s()
+        if ends and not self._has_ended:
+            self._has_ended, self._first_end_s = True, self._instrument_clock.now_s()
         return ends or _is_reflector(event)
 
     def _exchange(
-        self, request: wire.EmsconRequest, within_s: float | None
+        self, command: Command, body: bodies.Body = wire.NOTHING, within_s: float | None = None
     ) -> wire.Answer | bodies.ErrorResponse:
         """Ask, and ask again while the tracker is busy with something else."""
+        request = wire.encode(wire.EmsconRequest(command, body))
+
+        def ask_once() -> wire.Answer | bodies.ErrorResponse:
+            self._asked_s = self._instrument_clock.now_s()
+            reply = self._link.ask(
+                request,
+                answers=lambda message: _is_answer(message, command),
+                within_s=within_s or self._deadlines.answer_s,
+                what=command.title,
+            )
+            assert isinstance(reply, wire.Answer | bodies.ErrorResponse)
+            return reply
+
         return ask_until(
             lambda reply: reply.status != ResultStatus.SERVER_BUSY,
-            lambda: self._once(request, within_s or self._deadlines.answer_s),
+            ask_once,
             self._clock,
             give_up_s=self._clock.now_s() + self._deadlines.busy_s,
             pause_s=BUSY_PAUSE_S,
         )
-
-    def _once(
-        self, request: wire.EmsconRequest, within_s: float
-    ) -> wire.Answer | bodies.ErrorResponse:
-        self._asked_s = self._instrument_clock.now_s()
-        reply = self._link.ask(
-            wire.encode(request),
-            answers=lambda message: _is_answer(message, request.command),
-            within_s=within_s,
-            what=request.command.title,
-        )
-        assert isinstance(reply, wire.Answer | bodies.ErrorResponse)
-        return reply
-
-    def _wrong(self, problem: str) -> WireError:
-        self.close()
-        return WireError(f"{self.name}: {problem}")
 
 
 def _body_of(reply: wire.FromServer, kind: type[BodyType]) -> BodyType:
@@ -334,26 +311,26 @@ def _body_of(reply: wire.FromServer, kind: type[BodyType]) -> BodyType:
 
 
 def _is_answer(message: wire.FromServer, command: Command) -> bool:
+    """Tell whether a message answers a command: also an error that names it."""
     if isinstance(message, bodies.ErrorResponse) and message.status != ResultStatus.ALL_OK:
         return message.command == command or _is_other_client(message)
     return isinstance(message, wire.Answer) and message.command == command
 
 
-def _comes_unasked(message: wire.FromServer) -> bool:
-    """Whether it is an event; of a list's answers all but the first come unasked."""
-    return not isinstance(message, wire.Answer) or _is_reflector(message) or _is_state(message)
+def is_event(message: wire.FromServer) -> bool:
+    """Tell whether a message that answers no open question may come all the same.
 
-
-def _is_state(message: wire.FromServer) -> bool:
-    """Whether it answers a question about the tracker's state, which changes nothing if unasked.
-
-    Asked for, it is an answer; an earlier one that came unasked is gone by then.
+    An answer may not, but for one about the tracker's state and those of a list after its first.
     """
-    return isinstance(message, wire.Answer) and message.command in STATES
+    if not isinstance(message, wire.Answer):
+        return True
+    return message.command in STATES or _is_reflector(message)
 
 
 def _is_passed_over(message: wire.FromServer) -> bool:
-    return _is_state(message) or (isinstance(message, Packet) and message.kind not in set(DataType))
+    if isinstance(message, Packet):
+        return message.kind not in DATA_TYPES
+    return isinstance(message, wire.Answer) and message.command in STATES
 
 
 def _is_reflector(message: wire.FromServer) -> bool:
@@ -365,22 +342,22 @@ def _is_reflector(message: wire.FromServer) -> bool:
 
 
 def _ends_measurement(message: wire.FromServer) -> bool:
-    """Whether it is a result, or an error that is none of a setting's or a question's."""
+    """Tell whether a message is a result, or an error that is not about a setting or question."""
     if isinstance(message, bodies.ErrorResponse):
         is_about_it = message.command not in SETTINGS_COMMANDS or _is_other_client(message)
         return is_about_it and message.status != ResultStatus.ALL_OK
-    return isinstance(message, bodies.SingleResult | bodies.SingleResult2)
+    return isinstance(message, Result)
 
 
 def _may_change_settings(message: wire.FromServer) -> bool:
-    """Tell events after which settings must be read back: changes, and streams that we never want.
+    """Tell whether settings must be read back after a message: a change, or an unwanted stream.
 
     A stream of positions or of continuous results shows that somebody switched it on.
     """
     if isinstance(message, bodies.StatusChange):
         return message.code in SETTINGS
     if isinstance(message, Packet):
-        return message.kind in set(DataType)
+        return message.kind in DATA_TYPES
     return isinstance(message, bodies.ReflectorPosition)
 
 

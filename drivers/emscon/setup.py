@@ -1,11 +1,9 @@
 """Set-up of an emScon tracker before it measures, and whether it still holds."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from drivers.emscon.client import EmsconClient, EmsconDeadlines
 from drivers.errors import DeviceNotReady, DeviceRefused
-from drivers.session import changed, require_kept
 from drivers.texts import named_instead
 from drivers.wire import emscon_constants as constants
 from drivers.wire import emscon_messages as bodies
@@ -23,7 +21,6 @@ STATIONARY = bodies.Code(constants.STATIONARY)
 ADM_ON = 1
 SEARCH_RADIUS_MM = 50.0
 """How far around a place a lost reflector is looked for."""
-
 LASER_REMEDIES: dict[int, str] = {
     LaserStatus.COMMUNICATION_FAILED: "check the cable to the tracker head and restart the tracker",
     LaserStatus.HEATING_UP: "wait until the tracker says that it is warm, then start again",
@@ -31,21 +28,22 @@ LASER_REMEDIES: dict[int, str] = {
     LaserStatus.OFF: "switch the laser on and let it warm up",
 }
 """States in which the laser cannot be used. `NOT_AVAILABLE` is none: an AT40x has only an ADM."""
+SETTINGS: dict[str, tuple[Command, type[bodies.Body]]] = {
+    "units": (Command.GET_UNITS, bodies.Units),
+    "coordinate system": (Command.GET_COORDINATE_SYSTEM_TYPE, bodies.Code),
+    "measurement mode": (Command.GET_MEASUREMENT_MODE, bodies.Code),
+    "stationary mode": (Command.GET_STATIONARY_MODE_PARAMS, bodies.StationaryMode),
+    "reflector": (Command.GET_REFLECTOR, bodies.Code),
+    "switches": (Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings),
+}
+"""Settings that decide what the numbers of a result mean, and how they are read back."""
+
+Settings = dict[str, bodies.Body]
 
 
-@dataclass(frozen=True, slots=True)
-class Preparation:
-    """Preparation wanted for a campaign."""
-
-    reflector: str
-    measuring_time_s: float
-
-
-Settings = Mapping[str, bodies.Body]
-"""Settings by name, as read back, that decide what the numbers of a result mean."""
-
-
-def set_up(client: EmsconClient, wanted: Preparation, deadlines: EmsconDeadlines) -> Settings:
+def set_up(
+    client: EmsconClient, reflector: str, measuring_time_s: float, deadlines: EmsconDeadlines
+) -> Settings:
     """Bring the tracker to what is wanted and return its settings as it then has them.
 
     Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
@@ -53,45 +51,43 @@ def set_up(client: EmsconClient, wanted: Preparation, deadlines: EmsconDeadlines
     """
     client.tell(Command.SET_UNITS, UNITS)
     client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
-    _initialise(client, deadlines.initialise_s)
-    identifier = _identifier(client, wanted.reflector)
-    client.tell(Command.SET_REFLECTOR, bodies.Code(identifier))
+    status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
+    require_laser(client.name, status)
+    if not is_initialised(status):
+        client.tell(Command.INITIALIZE, within_s=deadlines.initialise_s)
+    wanted_reflector = bodies.Code(_identifier(client, reflector))
+    client.tell(Command.SET_REFLECTOR, wanted_reflector)
     client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
-    time_ms = round(wanted.measuring_time_s * 1e3)
+    time_ms = round(measuring_time_s * 1e3)
     client.tell(Command.SET_STATIONARY_MODE_PARAMS, bodies.StationaryMode(time_ms, ADM_ON))
-    _set_statistics(client)
+    # Covariances; an instrument without them refuses, and states standard deviations alone.
+    extended = bodies.StatisticMode(constants.Statistics.EXTENDED, constants.Statistics.EXTENDED)
+    client.attempt(Command.SET_STATISTIC_MODE, extended)
     timeout_ms = round(deadlines.search_timeout_s * 1e3)
     client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(SEARCH_RADIUS_MM, timeout_ms))
     _set_switches(client)
     settings = read_settings(client)
-    _require_kept(client.name, settings, identifier)
-    _require_time_kept(client.name, settings["stationary mode"], time_ms)
+    _require_kept(client.name, settings, wanted_reflector, time_ms)
     return settings
 
 
 def read_settings(client: EmsconClient) -> Settings:
     """Read back everything that decides what a result means."""
-    return {
-        "units": client.ask(Command.GET_UNITS, bodies.Units),
-        "coordinate system": client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, bodies.Code),
-        "measurement mode": client.ask(Command.GET_MEASUREMENT_MODE, bodies.Code),
-        "stationary mode": client.ask(Command.GET_STATIONARY_MODE_PARAMS, bodies.StationaryMode),
-        "reflector": client.ask(Command.GET_REFLECTOR, bodies.Code),
-        "switches": client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings),
-    }
+    return {name: client.ask(command, kind) for name, (command, kind) in SETTINGS.items()}
 
 
 def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
     """Raise `DeviceNotReady` when somebody else has changed what a result means."""
-    if not client.settings_in_doubt():
+    heard = client.changes_heard()
+    if heard == client.changes_confirmed:
         return
-    with client.confirming_settings():
-        current = read_settings(client)
-        if current != agreed:
-            raise DeviceNotReady(
-                f"{client.name}: another program changed the tracker's {changed(agreed, current)}",
-                remedy="end the other program, then start again: the tracker will be prepared anew",
-            )
+    current = read_settings(client)
+    if changed := [name for name in agreed if current[name] != agreed[name]]:
+        raise DeviceNotReady(
+            f"{client.name}: another program changed the tracker's {' and '.join(changed)}",
+            remedy="end the other program, then start again: the tracker will be prepared anew",
+        )
+    client.changes_confirmed = heard
 
 
 def require_laser(where: str, status: bodies.SystemStatus) -> None:
@@ -105,42 +101,28 @@ def require_laser(where: str, status: bodies.SystemStatus) -> None:
 
 
 def is_warm(status: bodies.SystemStatus) -> bool:
-    """Whether the laser can be used."""
+    """Tell whether the laser can be used."""
     return status.laser_status not in LASER_REMEDIES
 
 
 def is_initialised(status: bodies.SystemStatus) -> bool:
-    """Whether the tracker has climbed its start-up ladder to the end."""
+    """Tell whether the tracker has climbed its start-up ladder to the end."""
     return status.processor_status == constants.ProcessorStatus.INITIALIZED
 
 
-def _initialise(client: EmsconClient, within_s: float) -> None:
-    status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
-    require_laser(client.name, status)
-    if not is_initialised(status):
-        client.tell(Command.INITIALIZE, within_s=within_s)
-
-
 def _identifier(client: EmsconClient, name: str) -> int:
-    entries = client.reflectors()
-    for entry in entries:
-        if entry.name == name:
-            return entry.identifier
+    identifiers = {entry.name: entry.identifier for entry in reversed(client.reflectors())}
+    if name in identifiers:
+        return identifiers[name]
     raise DeviceNotReady(
         f"{client.name}: the tracker has no reflector '{name}'",
         remedy=named_instead(
             name,
-            [entry.name for entry in entries],
+            list(reversed(identifiers)),
             listed="it knows",
             otherwise="define the reflector in the tracker's own software",
         ),
     )
-
-
-def _set_statistics(client: EmsconClient) -> None:
-    """Ask for covariances; an instrument without them answers with standard deviations alone."""
-    extended = bodies.StatisticMode(constants.Statistics.EXTENDED, constants.Statistics.EXTENDED)
-    client.ask_or_none(Command.SET_STATISTIC_MODE, bodies.Nothing, extended)
 
 
 def _set_switches(client: EmsconClient) -> None:
@@ -158,26 +140,28 @@ def _set_switches(client: EmsconClient) -> None:
     client.tell(Command.SET_SYSTEM_SETTINGS, wanted)
 
 
-def _require_kept(where: str, settings: Settings, identifier: int) -> None:
-    switches = settings["switches"]
+def _require_kept(where: str, settings: Settings, reflector: bodies.Code, time_ms: int) -> None:
+    """Raise `DeviceRefused` for settings that were accepted but are not reported as set."""
+    switches, mode = settings["switches"], settings["stationary mode"]
     assert isinstance(switches, bodies.SystemSettings), "asked for as these"
-    wanted: dict[str, bodies.Body]
-    wanted = {"units": UNITS, "coordinate system": CARTESIAN, "measurement mode": STATIONARY}
-    wanted["reflector"] = bodies.Code(identifier)
-    kept = {name: settings[name] == body for name, body in wanted.items()} | {
+    assert isinstance(mode, bodies.StationaryMode), "asked for as this"
+    is_kept = {
+        "units": settings["units"] == UNITS,
+        "coordinate system": settings["coordinate system"] == CARTESIAN,
+        "measurement mode": settings["measurement mode"] == STATIONARY,
+        "reflector": settings["reflector"] == reflector,
         "own frame": not (switches.apply_transformation or switches.apply_station_orientation),
         "unsolicited messages": bool(switches.send_unsolicited_messages),
     }
-    remedy = "end other programs that use the tracker, then start again"
-    require_kept(f"{where}: the tracker", kept, remedy=remedy)
-
-
-def _require_time_kept(where: str, mode: bodies.Body, wanted_ms: int) -> None:
-    """Raise `DeviceRefused` when the tracker measures for another time than it was told to."""
-    assert isinstance(mode, bodies.StationaryMode), "asked for as this"
-    if (found_ms := mode.time_ms) != wanted_ms:
+    if lost := [name for name, kept in is_kept.items() if not kept]:
         raise DeviceRefused(
-            f"{where}: the tracker's measuring time is {found_ms} ms after {wanted_ms} ms was set",
+            f"{where}: the tracker accepted but does not report its {' and '.join(lost)} as set",
+            remedy="end other programs that use the tracker, then start again",
+        )
+    if mode.time_ms != time_ms:
+        raise DeviceRefused(
+            f"{where}: the tracker's measuring time is {mode.time_ms} ms after {time_ms} ms was "
+            "set",
             remedy="set tracker.measuring_time_s in campaign.yaml to a time that it keeps, and end "
             "other programs that use the tracker",
         )

@@ -1,0 +1,131 @@
+"""Results of emScon: whose they are, and a covariance that can be used."""
+
+from math import isfinite
+
+from drivers import errors, values
+from drivers.emscon.client import EmsconClient, Result
+from drivers.plausible import require, require_point, require_weather
+from drivers.wire import emscon as wire
+from drivers.wire import emscon_messages as bodies
+from drivers.wire.emscon_constants import STATIONARY
+
+SPARE_SHARE = 0.1
+LEAST_SPARE_S = 0.1
+"""How much sooner a result may come: the last of an instrument's readings lies before the end."""
+NO_COVARIANCE: values.Vector3 = (0.0, 0.0, 0.0)
+LEAST_STD_MM = 1e-7
+"""Least value taken for a standard deviation; a zero is a field that the instrument left out."""
+SMALLEST_DETERMINANT = 1e-9
+"""Determinant of the correlation matrix: less is singular within the rounding of what was sent."""
+NOT_OWN_REMEDY = (
+    "measure again; if it comes back, end other programs that use the tracker, or restart it "
+    "(docs/emscon.md#results-that-cannot-be)"
+)
+
+
+class OwnResult:
+    """Check of one result after another; keeps the one before, over all connections."""
+
+    def __init__(self) -> None:
+        self._before: bytes | None = None
+
+    def require(
+        self, client: EmsconClient, result: Result, after_s: float, measuring_time_s: float | None
+    ) -> None:
+        """Raise `NotAMeasurement` for a result that cannot be of the measurement just started.
+
+        It came `after_s` after the start. `measuring_time_s` is None where the tracker's time is
+        not known.
+        """
+        # No instrument observes the same scatter twice, to the last bit. One that states none
+        # (zeros) could send the same numbers for a reflector that stands still.
+        before, self._before = self._before, wire.encode(result)
+        if self._before == before and any(value > 0.0 for value in result.std):
+            raise errors.NotAMeasurement(
+                f"{client.name}: the result is that of the measurement before, byte for byte",
+                remedy=NOT_OWN_REMEDY,
+            )
+        if measuring_time_s is not None:
+            spare_s = max(LEAST_SPARE_S, SPARE_SHARE * measuring_time_s)
+            if after_s < measuring_time_s - spare_s:
+                raise errors.NotAMeasurement(
+                    f"{client.name}: a result came {after_s:.3f} s after its measurement was "
+                    f"started, which takes {measuring_time_s:g} s",
+                    remedy=NOT_OWN_REMEDY,
+                )
+        if client.may_hear_old_results and client.await_idle_and_see_another_end():
+            raise errors.NotAMeasurement(
+                f"{client.name}: a second result followed, and either can be that of an earlier "
+                "measurement which failed: neither is taken",
+                remedy=NOT_OWN_REMEDY,
+            )
+
+
+def measurement_of(where: str, result: Result) -> values.Measurement:
+    """Interpret a result in mm, °C and hPa; raises `DeviceRefused` for one that is no data."""
+    if result.mode != STATIONARY or result.is_trial:
+        raise errors.DeviceRefused(
+            f"{where}: a result of mode {result.mode}, trial {result.is_trial}, "
+            f"is not the stationary measurement that was asked for",
+            remedy="end other programs that use the tracker, then prepare it again",
+        )
+    air = values.Weather(result.temperature, result.pressure, result.humidity)
+    require_point(where, result.point)
+    require_weather(where, air)
+    return values.Measurement(
+        point_in_tracker_mm=result.point,
+        covariance_mm2=_covariance(where, result),
+        weather=air,
+        raw=wire.encode(result).hex(),
+    )
+
+
+def recorded_measurement(raw: str) -> tuple[values.Vector3, values.Matrix3 | None]:
+    """Read point, mm, and covariance, mm², from a record; raises `DriverError`."""
+    try:
+        packet = bytes.fromhex(raw)
+    except ValueError as error:
+        raise errors.WireError(f"no packet in hexadecimal digits: {raw!r:.80}") from error
+    match wire.from_server()(packet):
+        case [bodies.SingleResult() | bodies.SingleResult2() as result]:
+            measurement = measurement_of("the tracker", result)
+            return measurement.point_in_tracker_mm, measurement.covariance_mm2
+    raise errors.WireError(f"no single measurement: {raw!r:.80}")
+
+
+def _covariance(where: str, result: Result) -> values.Matrix3:
+    """Return the larger by trace of the observed and the a-priori covariance.
+
+    The observed one is the scatter within this measurement and may be smaller than what the
+    instrument can do; the a-priori one comes from its accuracy model and doesn't know this shot.
+    """
+    for value in (*result.std, *result.apriori_std):
+        if isfinite(value) and value > 0.0:  # zeros and no numbers are fields that were left out
+            require(where, values.SIGMA, value)
+    observed, apriori = NO_COVARIANCE, NO_COVARIANCE
+    if isinstance(result, bodies.SingleResult2):
+        observed, apriori = result.covariance, result.apriori_covariance
+    candidates = [_matrix(result.std, observed), _matrix(result.apriori_std, apriori)]
+    possible = [matrix for matrix in candidates if matrix]
+    if not possible:
+        raise errors.DeviceRefused(
+            f"{where}: a result without uncertainty: observed {result.std} mm, "
+            f"a priori {result.apriori_std} mm",
+            remedy="measure again; if it comes back, look at the tracker's own status",
+        )
+    return max(possible, key=lambda m: m[0][0] + m[1][1] + m[2][2])
+
+
+def _matrix(std: values.Vector3, covariance: values.Vector3) -> values.Matrix3 | None:
+    """Return a positive definite matrix, its diagonal if the whole is none, or None."""
+    if not all(LEAST_STD_MM < value <= values.SIGMA.most for value in std):
+        return None
+    full = _symmetric(std, covariance)
+    possible = values.is_positive_definite(full, SMALLEST_DETERMINANT)
+    return full if possible else _symmetric(std, NO_COVARIANCE)
+
+
+def _symmetric(std: values.Vector3, covariance: values.Vector3) -> values.Matrix3:
+    xx, yy, zz = (value * value for value in std)
+    xy, xz, yz = covariance
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
