@@ -279,7 +279,7 @@ def _records(campaign: Campaign) -> int:
     """Number of records of the journal: no place was measured more often."""
     try:
         with campaign.journal_reader() as journal:
-            return journal.end().number
+            return journal.last_number()
     except (ShotsMissing, JournalFailed):  # whoever needs the journal says what is wrong with it
         return 0
 

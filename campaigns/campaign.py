@@ -17,9 +17,8 @@ from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.files.lock import campaign_lock
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.digest_chain import ChainEnd
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
-from campaigns.journal.own_file import rescued_copies, take_rescued
+from campaigns.journal.journal_files import rescued_copies, take_rescued
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning.paths import RobotModel
@@ -223,7 +222,6 @@ class Campaign:
         opened = open_journal(
             path,
             now_utc=now_utc,
-            create=not path.exists(),
             waits_for_disk=not self.is_simulated,  # a power cut moves no robot there
         )
         return self._own(opened)
@@ -267,21 +265,22 @@ class Campaign:
             try:
                 with read_journal(copy) as kept:
                     self.require_own(kept.series())
-                    end = kept.end()
+                    number, digest = kept.last_number(), kept.digest()
             except JournalFailed:  # not whole, or another campaign's
                 continue
-            if end.number and not self._holds(end):
+            if number and not self._holds(number, digest):
                 raise JournalFailed(
-                    f"{copy}: a rescued journal with {end.number} records, not all of which "
+                    f"{copy}: a rescued journal with {number} records, not all of which "
                     "campaign.db has",
-                    remedy=f"{take_rescued(copy.name)}; or move {copy.name} elsewhere",
+                    remedy=f"{take_rescued(copy.name)}; or bring campaign.db back from a backup "
+                    f"that has more, and move {copy.name} elsewhere",
                 )
 
-    def _holds(self, end: ChainEnd) -> bool:
+    def _holds(self, number: int, digest: str) -> bool:
         """Whether the journal is there, whole, and has all records up to this one."""
         try:
             with read_journal(self.journal_path) as journal:
-                return journal.holds(end)
+                return journal.holds(number, digest)
         except JournalFailed:
             return False
 

@@ -13,13 +13,14 @@ from app.options import Folder, Json
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
-from campaigns.journal.inspection import Inspection, Problem, inspect_journal, require_whole
+from campaigns.journal.digest_chain import Problem
 from campaigns.journal.journal import read_journal
+from campaigns.journal.verification import Inspection, inspect_journal, require_whole
 
 HEAD = 2000
 """So many characters of a report hold what it says of itself."""
 PAGE_JOURNAL = re.compile(
-    r'name="journal" content="(?P<records>\d{1,12}):(?P<digest>[0-9a-f]{64})"'
+    r'name="journal-end" content="(?P<records>\d{1,12}):(?P<digest>[0-9a-f]{64})"'
 )
 
 Page = Annotated[
@@ -57,7 +58,7 @@ def command(
     for problem in found.problems:
         terminal.say(f"! {problem.problem}", BAD)
     terminal.document(_document(campaign, found, found.problems))
-    require_whole(path, found)
+    require_whole(path, found.problems)
     if page is not None:
         require_page_of(campaign, page)
         terminal.say(f"{page} was made from this journal", GOOD)
@@ -96,7 +97,7 @@ def _contents(found: Inspection) -> str:
     state = "the journal is whole" if found.whole else "the journal is not what was written"
     crashed = f", {found.crashed} of them without an end" if found.crashed else ""
     older = found.records - found.chained
-    unchained = f", {older} of them from before there were digests" if older else ""
+    unchained = f", {older} of them from before there were digests" if found.whole and older else ""
     return (
         f"{state}: {found.records} records{unchained}, {found.series} series, {found.sessions} "
         f"sessions{crashed}, {found.shots} shots"

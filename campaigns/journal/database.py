@@ -1,26 +1,20 @@
-"""The journal as an SQLite file: its tables and rules, opened, verified, and errors explained."""
+"""Journal as an SQLite file: its tables and rules, opened, read, written, and errors explained."""
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.digest_chain import (
-    EMPTY,
-    FROM_BACKUP,
-    ChainEnd,
-    JournalDamaged,
-    Row,
-    chain_end,
-)
-from campaigns.journal.own_file import close_refused
+from campaigns.journal.digest_chain import FROM_BACKUP, StoredRecord
+from campaigns.journal.journal_files import close_untouched, log_of
 
-_PRIMARY_CODE = 0xFF
-"""SQLite's extended error codes keep their family in the lowest byte."""
-
-_LOCK_PATIENCE_S = 2.0
+APPLICATION_ID = 0x706B6D63  # "pkmc"
+VERSION = 2
+CHAINED = 2
+"""Version from which records have digests."""
+LOCK_TIMEOUT_S = 2.0
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
 _OTHER_PROGRAM = "close the other program that has the journal open, then start again: it resumes"
@@ -44,23 +38,14 @@ def sqlite_errors_explained(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        raise JournalFailed(f"{path}: {what}: {error}", remedy=_remedy(error)) from error
+        remedy = _REMEDIES.get(_primary_code(error), _AGAIN)
+        raise JournalFailed(f"{path}: {what}: {error}", remedy=remedy) from error
 
 
-def _remedy(error: sqlite3.Error) -> str:
-    code: int | None = getattr(
-        error, "sqlite_errorcode", None
-    )  # absent when Python itself complains
-    return _AGAIN if code is None else _REMEDIES.get(code & _PRIMARY_CODE, _AGAIN)
+def _primary_code(error: sqlite3.Error) -> int:
+    """Return the family of SQLite's extended code; 0 for an error of Python's own."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
-
-APPLICATION_ID = 0x706B6D63  # "pkmc"
-VERSION = 2
-CHAINED = 2
-"""Version from which records have digests."""
-
-Upgraders = Mapping[int, tuple[str, ...]]
-"""Version → the statements that bring a file of that version to the next one."""
 
 # The columns repeat from `body` what the database itself watches over: kind and numbers.
 # No STRICT table and no JSON functions: some supported systems come with an older SQLite.
@@ -133,8 +118,7 @@ BEGIN SELECT RAISE(ABORT, 'numbers are never reused: this attempt has its outcom
 )
 
 
-# The digests chain the records: chain.py says how. What the last one is stands beside them, so that
-# it shows when the last ones are missing. Records of version 1 have none, and come first.
+# `chain_end` shows when the last records are missing. Records of version 1 have no digest.
 _DIGESTS = "ALTER TABLE record ADD COLUMN digest TEXT"
 _CHAIN = (
     """
@@ -155,64 +139,142 @@ CREATE TRIGGER the_end_of_the_chain_is_never_removed BEFORE DELETE ON chain_end
 BEGIN SELECT RAISE(ABORT, 'the journal is append-only: the chain keeps its end'); END""",
 )
 
-UPGRADERS: Upgraders = {1: (_DIGESTS, *_CHAIN)}
+_BY_VERSION_2 = (_DIGESTS, *_CHAIN)
 
 
-def is_blank(connection: sqlite3.Connection) -> bool:
-    """Whether nothing was ever stored: a new file, or one whose making was cut short."""
-    tables: int = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    return tables == 0 and application_id(connection) == 0 and version(connection) == 0
+def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
+    """Make a journal of these records; raises `JournalFailed`.
 
-
-def application_id(connection: sqlite3.Connection) -> int:
-    """Return the mark of the program that made the file."""
-    return _pragma(connection, "application_id")
-
-
-def version(connection: sqlite3.Connection) -> int:
-    """Return the version of the file's tables."""
-    return _pragma(connection, "user_version")
-
-
-def create_tables(connection: sqlite3.Connection, rows: Sequence[Row] = ()) -> None:
-    """Make a blank file a journal of these records, at once or not at all.
-
-    The rules come last: of version 1 there are records without a digest.
+    It is made under another name first: a kill leaves a whole one at the path, or none.
     """
+    unfinished = path.with_name(f"{path.name}.new")
+    with sqlite_errors_explained(path, "the journal cannot be made"), _os_errors_explained(path):
+        unfinished.unlink(missing_ok=True)
+        with closing(sqlite3.connect(unfinished, isolation_level=None)) as connection:
+            connection.execute("PRAGMA synchronous = FULL")
+            _create_tables(connection, records)
+        unfinished.replace(path)
+
+
+@contextmanager
+def _os_errors_explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        problem = f"{path}: the journal cannot be made: {error.strerror or error}"
+        raise JournalFailed(problem, remedy=_RIGHTS) from error
+
+
+def _create_tables(connection: sqlite3.Connection, records: Sequence[StoredRecord]) -> None:
+    """Write tables and records at once, and the rules last: version 1 had no digests."""
     with in_one_commit(connection):
         connection.execute(_RECORD_TABLE)
         connection.execute(_DIGESTS)
-        connection.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        connection.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?)", records)
         for rule in (*_RULES, *_CHAIN):
             connection.execute(rule)
-        if rows and rows[-1][-1] is not None:
-            last = (rows[-1][0], rows[-1][-1])
+        if records:
+            last = (records[-1].number, records[-1].digest)
             connection.execute("INSERT INTO chain_end VALUES (1, ?, ?)", last)
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        connection.execute(_set_version(VERSION))
+        connection.execute(f"PRAGMA user_version = {VERSION}")
 
 
-def upgrade(
-    connection: sqlite3.Connection, *, to_version: int = VERSION, upgraders: Upgraders = UPGRADERS
-) -> None:
-    """Bring an older journal up to `to_version`, each step at once or not at all."""
-    for older in range(version(connection), to_version):
-        _in_one_commit(connection, (*upgraders[older], _set_version(older + 1)))
+def connect_to_write(path: Path) -> sqlite3.Connection:
+    """Open a connection in autocommit mode, to a new journal if there is none at the path.
+
+    Nothing is written yet; the caller closes it. Raises `JournalFailed`.
+    """
+    if not path.exists():
+        create_journal(path)
+    return _connect(path, "rw")
 
 
-def _set_version(number: int) -> str:
-    return f"PRAGMA user_version = {number}"
+def connect_to_read(path: Path) -> sqlite3.Connection:
+    """Open a connection that refuses to write; the caller closes it. Raises `JournalFailed`.
+
+    The file is opened for writing where it can be: only then does SQLite clear its -wal and -shm
+    files away at the end. On a medium that cannot be written the bare file is read.
+    """
+    if not path.is_file():
+        raise JournalFailed(
+            f"{path}: there is no journal", remedy="measure first (`run`), or `import` shots"
+        )
+    if os.access(path.parent, os.W_OK) and os.access(path, os.W_OK):
+        connection = _connect(path, "rw")
+    else:
+        _require_empty_log(path)
+        connection = _connect(path, "ro&immutable=1")
+    connection.execute("PRAGMA query_only = ON")
+    return connection
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    """Open a file; one that is not a journal or is newer is refused and left as it was."""
+    with sqlite_errors_explained(path, "the journal cannot be opened"):
+        connection = sqlite3.connect(
+            f"{path.resolve().as_uri()}?mode={mode}",
+            uri=True,
+            isolation_level=None,
+            timeout=LOCK_TIMEOUT_S,
+        )
+        # what is no UTF-8 becomes surrogates, which no digest takes
+        connection.text_factory = lambda text: text.decode("utf-8", errors="surrogateescape")
+        try:
+            _require_ours(connection, path)
+        except BaseException:
+            close_untouched(connection, path)
+            raise
+    return connection
+
+
+def _require_ours(connection: sqlite3.Connection, path: Path) -> None:
+    version = version_of(connection)
+    if _pragma(connection, "application_id") != APPLICATION_ID or version < 1:
+        raise JournalFailed(
+            f"{path}: not a journal of pkmcal", remedy="name the campaign's own campaign.db"
+        )
+    if version > VERSION:
+        raise JournalFailed(
+            f"{path}: made by a newer pkmcal (version {version}, known here: {VERSION})",
+            remedy="install the newer pkmcal; the file was left as it is",
+        )
+
+
+def _require_empty_log(path: Path) -> None:
+    log = log_of(path)
+    if log.exists() and log.stat().st_size:
+        raise JournalFailed(
+            f"{path}: the latest records are in {log.name}, and the folder is write-protected",
+            remedy="copy the campaign folder to where you may write, and open it there",
+        )
+
+
+def prepare_to_write(connection: sqlite3.Connection, path: Path, *, waits_for_disk: bool) -> None:
+    """Turn the write-ahead log on, and bring an older journal up to this version."""
+    with sqlite_errors_explained(path, "the journal cannot be opened"):
+        mode: str = connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
+        if mode != "wal":
+            raise JournalFailed(
+                f"{path}: the file system allows no write-ahead log (mode {mode!r})",
+                remedy="put the campaign folder on a local disk",
+            )
+        connection.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'NORMAL'}")
+        connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache
+        if version_of(connection) < CHAINED:
+            with in_one_commit(connection):
+                for statement in (*_BY_VERSION_2, f"PRAGMA user_version = {VERSION}"):
+                    connection.execute(statement)
+
+
+def version_of(connection: sqlite3.Connection) -> int:
+    """Return the version of the file's tables."""
+    return _pragma(connection, "user_version")
 
 
 def _pragma(connection: sqlite3.Connection, name: str) -> int:
     value: int = connection.execute(f"PRAGMA {name}").fetchone()[0]
     return value
-
-
-def _in_one_commit(connection: sqlite3.Connection, statements: tuple[str, ...]) -> None:
-    with in_one_commit(connection):
-        for statement in statements:
-            connection.execute(statement)
 
 
 @contextmanager
@@ -223,229 +285,56 @@ def in_one_commit(connection: sqlite3.Connection) -> Iterator[None]:
         yield
 
 
-def missing_rules(connection: sqlite3.Connection) -> list[str]:
-    """Names of the indexes and triggers that a journal of this version has, and this one lacks."""
-    with closing(sqlite3.connect(":memory:", isolation_level=None)) as whole:
-        whole.execute(_RECORD_TABLE)
-        if version(connection) >= CHAINED:
-            whole.execute(_DIGESTS)
-        for rule in (*_RULES, *(_CHAIN if version(connection) >= CHAINED else ())):
-            whole.execute(rule)
-        wanted, found = _names(whole), _names(connection)
-    return sorted(wanted - found)
+@contextmanager
+def snapshot(connection: sqlite3.Connection, path: Path) -> Iterator[None]:
+    """Let all that is read inside be of one moment; raises `JournalFailed`."""
+    with sqlite_errors_explained(path, "the journal cannot be read"):
+        connection.execute("BEGIN")
+        try:
+            yield
+        finally:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
 
 
-def _names(connection: sqlite3.Connection) -> set[str]:
-    rows = connection.execute("SELECT name FROM sqlite_master WHERE sql IS NOT NULL")
-    return {name for (name,) in rows}
+def damaged_pages(connection: sqlite3.Connection) -> str:
+    """Return what SQLite finds wrong with the file's pages and indexes; "" if nothing."""
+    text: str = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
+    return "" if text == "ok" else " ".join(text.split())
 
 
-def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]:
-    """All records as stored, in their order, and the last one that has a digest, of one moment."""
-    connection.execute("BEGIN")
-    try:
-        rows = records_after(connection, 0)
-        stated = (
-            connection.execute("SELECT record, digest FROM chain_end").fetchone()
-            if version(connection) >= CHAINED
-            else None
-        )
-    finally:
-        if connection.in_transaction:
-            connection.execute("ROLLBACK")
-    return rows, EMPTY if stated is None else ChainEnd(*stated)
+def stated_end(connection: sqlite3.Connection) -> tuple[int, str]:
+    """Return number and digest of the last record with a digest, as the file states them."""
+    if version_of(connection) < CHAINED:
+        return 0, ""
+    return connection.execute("SELECT record, digest FROM chain_end").fetchone() or (0, "")
 
 
-def records_after(connection: sqlite3.Connection, number: int) -> list[Row]:
-    """Records after that number as stored, in their order.
+def chained_records(connection: sqlite3.Connection) -> int:
+    """Count the records that have a digest."""
+    if version_of(connection) < CHAINED:
+        return 0
+    count: int = connection.execute("SELECT count(digest) FROM record").fetchone()[0]
+    return count
 
-    What is no UTF-8 in them becomes surrogates, which no digest takes.
-    """
-    digest = "digest" if version(connection) >= CHAINED else "NULL"
+
+def is_corrupt(error: sqlite3.DatabaseError) -> bool:
+    """Whether an error says that pages of the file are broken."""
+    return _primary_code(error) == sqlite3.SQLITE_CORRUPT
+
+
+def records_after(connection: sqlite3.Connection, number: int) -> Iterator[StoredRecord]:
+    """Read the records after that number, in their order."""
+    digest = "digest" if version_of(connection) >= CHAINED else "NULL"
     query = (
         f"SELECT id, at_utc, kind, series, shot, attempt, body, {digest} FROM record"  # noqa: S608 - one of two words
         f" WHERE id > {number:d} ORDER BY id"
     )
-    try:
-        return connection.execute(query).fetchall()
-    except sqlite3.OperationalError as error:
-        if hasattr(error, "sqlite_errorcode"):  # SQLite's own, not one of decoding
-            raise
-    connection.text_factory = _text  # which takes longer
-    return connection.execute(query).fetchall()
+    return map(StoredRecord._make, connection.execute(query))
 
 
-def last_number(connection: sqlite3.Connection) -> int:
-    """Return the number of the last record; 0 in an empty journal."""
-    number: int = connection.execute("SELECT ifnull(max(id), 0) FROM record").fetchone()[0]
-    return number
-
-
-def verified_records(connection: sqlite3.Connection, path: Path) -> tuple[list[Row], ChainEnd]:
-    """All records, and the end of their chain.
-
-    Raises `JournalDamaged` where a record is not what was written, and `JournalFailed` for what
-    SQLite cannot read.
-    """
-    with sqlite_errors_explained(path, "the journal cannot be read"):
-        rows, stated = stored_records(connection)
-    try:
-        return rows, chain_end(rows, stated)
-    except JournalDamaged as broken:
-        whole = rows[:-1] if broken.number == len(rows) else ()
-        problem = f"{path}: {broken.problem}"
-        raise JournalDamaged(problem, number=broken.number, whole=whole) from broken
-
-
-def verify_file(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise `JournalDamaged` where SQLite finds its pages, indexes or rules broken."""
-    with sqlite_errors_explained(path, "the journal cannot be read"):
-        found = [text for (text,) in connection.execute("PRAGMA integrity_check(1)")]
-    if found != ["ok"]:
-        raise JournalDamaged(f"{path}: the file is damaged: {' '.join(found[0].split())}")
-
-
-def is_whole(path: Path, end: ChainEnd) -> bool:
-    """Whether a journal can be read whole, page by page, and ends with that record."""
-    try:
-        with closing(connect_to_read(path)) as connection:
-            verify_file(connection, path)
-            return verified_records(connection, path)[1] == end
-    except JournalFailed:
-        return False
-
-
-def connect_to_write(
-    path: Path, *, create: bool, waits_for_disk: bool = True
-) -> sqlite3.Connection:
-    """Open a connection in autocommit mode; the caller closes it. Raises `JournalFailed`.
-
-    Also, before anything is written, for a file whose pages, indexes or rules are broken.
-    """
-    if not create:
-        _check_there(path)
-    elif not path.exists():
-        make_whole(path)
-
-    def prepare(connection: sqlite3.Connection) -> None:
-        blank = create and is_blank(connection)
-        if not blank:
-            _check_ours(connection, path)
-            verify_file(connection, path)
-        _make_durable(connection, path, "FULL" if waits_for_disk else "NORMAL")
-        if blank:
-            create_tables(connection)
-        upgrade(connection)
-
-    return _connect(path, "rwc" if create else "rw", prepare)
-
-
-@contextmanager
-def _rights_explained(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        problem = f"{path}: the journal cannot be made: {error.strerror or error}"
-        raise JournalFailed(problem, remedy=_RIGHTS) from error
-
-
-def make_whole(path: Path, rows: Sequence[Row] = ()) -> None:
-    """Make a journal of these records; raises `JournalFailed`.
-
-    It is made under another name first: a kill leaves a whole one at the path, or none.
-    """
-    unfinished = path.with_name(f"{path.name}.new")
-    with sqlite_errors_explained(path, "the journal cannot be made"), _rights_explained(path):
-        unfinished.unlink(missing_ok=True)
-        address = f"{unfinished.resolve().as_uri()}?mode=rwc"
-        with closing(sqlite3.connect(address, uri=True, isolation_level=None)) as connection:
-            connection.execute("PRAGMA synchronous = FULL")
-            create_tables(connection, rows)
-        unfinished.replace(path)
-
-
-def connect_to_read(path: Path) -> sqlite3.Connection:
-    """Open a connection that refuses to write; the caller closes it. Raises `JournalFailed`.
-
-    An older file stays as it is: `stored_records` reads every version.
-    The file is opened for writing where it can be: only then does SQLite clear its -wal and -shm
-    files away at the end. On a medium that cannot be written the bare file is read.
-    """
-    _check_there(path)
-
-    def prepare(connection: sqlite3.Connection) -> None:
-        _check_ours(connection, path)
-        connection.execute("PRAGMA query_only = ON")
-
-    if os.access(path.parent, os.W_OK) and os.access(path, os.W_OK):
-        return _connect(path, "rw", prepare)
-    _check_complete(path)
-    return _connect(path, "ro&immutable=1", prepare)
-
-
-def _connect(
-    path: Path, mode: str, prepare: Callable[[sqlite3.Connection], None]
-) -> sqlite3.Connection:
-    try:
-        address = f"{path.resolve().as_uri()}?mode={mode}"
-    except (OSError, RuntimeError) as error:  # before Python 3.13 a RuntimeError
-        raise JournalFailed(
-            f"{path}: leads nowhere ({error})",
-            remedy="take the link away, and bring campaign.db back from a backup",
-        ) from error
-    with sqlite_errors_explained(path, "the journal cannot be opened"):
-        connection = sqlite3.connect(
-            address, uri=True, isolation_level=None, timeout=_LOCK_PATIENCE_S
-        )
-        try:
-            prepare(connection)
-        except BaseException:
-            close_refused(connection, path)
-            raise
-    return connection
-
-
-def _text(stored: bytes) -> str:
-    """Text of a column; what is no UTF-8 becomes surrogates, which no digest takes."""
-    return stored.decode("utf-8", errors="surrogateescape")
-
-
-def _check_there(path: Path) -> None:
-    if not path.is_file():
-        raise JournalFailed(
-            f"{path}: there is no journal", remedy="measure first (`run`), or `import` shots"
-        )
-
-
-def _check_complete(path: Path) -> None:
-    remains = path.with_name(f"{path.name}-wal")
-    if remains.exists() and remains.stat().st_size:
-        raise JournalFailed(
-            f"{path}: the latest records are in {remains.name}, and the folder is write-protected",
-            remedy="copy the campaign folder to where you may write, and open it there",
-        )
-
-
-def _check_ours(connection: sqlite3.Connection, path: Path) -> None:
-    """Comes before anything is written: a file that is not ours is left as it was."""
-    found = version(connection)
-    if application_id(connection) != APPLICATION_ID or found < 1:
-        raise JournalFailed(
-            f"{path}: not a journal of pkmcal", remedy="name the campaign's own campaign.db"
-        )
-    if found > VERSION:
-        raise JournalFailed(
-            f"{path}: made by a newer pkmcal (version {found}, known here: {VERSION})",
-            remedy="install the newer pkmcal; the file was left as it is",
-        )
-
-
-def _make_durable(connection: sqlite3.Connection, path: Path, synchronous: str) -> None:
-    mode: str = connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
-    if mode != "wal":
-        raise JournalFailed(
-            f"{path}: the file system allows no write-ahead log (mode {mode!r})",
-            remedy="put the campaign folder on a local disk",
-        )
-    connection.execute(f"PRAGMA synchronous = {synchronous}")
-    connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache
+def insert(connection: sqlite3.Connection, record: StoredRecord) -> None:
+    """Write a record."""
+    # No RETURNING here: with it the commit waits until the row has been fetched to the end.
+    columns = "id, at_utc, kind, series, shot, attempt, body, digest"
+    connection.execute(f"INSERT INTO record ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", record)  # noqa: S608 - columns above

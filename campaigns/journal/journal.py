@@ -1,6 +1,5 @@
 """Journal of a campaign: its records, series, accepted shots and digest."""
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,14 +10,21 @@ from typing import Self, TypeVar
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal import records as kinds
-from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, Row, as_json, digest_after
-from campaigns.journal.own_file import (
-    OwnFile,
-    close_refused,
+from campaigns.journal.digest_chain import (
+    FROM_BACKUP,
+    JournalDamaged,
+    StoredRecord,
+    digest_after,
+    last_digest,
+)
+from campaigns.journal.journal_files import (
     close_untouched,
-    free_name,
+    file_states,
+    next_rescued_copy,
+    require_same,
     take_rescued,
 )
+from campaigns.journal.verification import is_whole, require_whole, verify
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
 RecordT = TypeVar("RecordT", bound=kinds.Record)
@@ -30,22 +36,30 @@ def read_journal(path: Path) -> "JournalReader":
     Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
     was written.
     """
-    return JournalReader(database.connect_to_read(path), path)
+    return JournalReader(path, database.connect_to_read(path))
 
 
 class JournalReader:
-    """Reader of a journal's records, verified when it is made. For one thread.
+    """Reader of a journal's records, all verified when it is made. For one thread.
 
     Everything raises `JournalFailed`.
     """
 
-    def __init__(self, connection: Connection, path: Path) -> None:
-        self._connection = connection
+    def __init__(self, path: Path, connection: Connection) -> None:
         self._path = path
+        self._open(connection)
+
+    def _open(self, connection: Connection) -> None:
+        """Verify the file, and read all records; closes the connection if they do not verify."""
+        self._connection = connection
         self._entries: list[Entry[kinds.Record]] = []
-        self._rows: list[Row] = []
-        """Records as stored, all that were read or written so far."""
-        self._end = self._verify()
+        try:
+            found = verify(connection, self._path)
+            require_whole(self._path, found.problems, found.records)
+        except BaseException:
+            close_untouched(connection, self._path)
+            raise
+        self._stored = found.records
 
     def __enter__(self) -> Self:
         return self
@@ -66,10 +80,12 @@ class JournalReader:
     def records(self, series: int | None = None) -> tuple[Entry[kinds.Record], ...]:
         """Return all records, or those of one series, in their order."""
         self._read_further()
-        self._entries += [self._entry(row) for row in self._rows[len(self._entries) :]]
-        if series is None:
-            return tuple(self._entries)
-        return tuple(entry for entry in self._entries if entry.series == series)
+        try:
+            for stored in self._stored[len(self._entries) :]:
+                self._entries.append(views.entry_of(stored))
+        except ValueError as error:
+            raise JournalDamaged(f"{self._path}: {error}") from error
+        return tuple(entry for entry in self._entries if series in (None, entry.series))
 
     def records_of(
         self, kind: type[RecordT], series: int | None = None
@@ -84,7 +100,7 @@ class JournalReader:
     def series(self, stage: kinds.Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
         every = views.all_series(self.records())
-        return tuple(each for each in every if stage in (None, each.started.stage))
+        return tuple(series for series in every if stage in (None, series.started.stage))
 
     def latest_series(self, stage: kinds.Stage) -> Series | None:
         """Return the series of that stage that began last, if any did."""
@@ -95,103 +111,78 @@ class JournalReader:
         return next((each.shots for each in self.series() if each.number == series), ())
 
     def last_number(self) -> int:
-        """Return the place of the last record; 0 in an empty journal."""
-        return len(self.records())
-
-    def end(self) -> ChainEnd:
-        """Return the end of the chain as it was verified, or written since."""
-        return self._end
-
-    def holds(self, end: ChainEnd) -> bool:
-        """Whether a record of this number and digest is in it: then all before that are, too."""
+        """Return the place of the last record, others' later ones too; 0 in an empty journal."""
         self._read_further()
-        return any(row[0] == end.number and row[-1] == end.digest for row in self._rows)
+        return len(self._stored)
 
     def digest(self, *, through: int | None = None) -> str:
-        """Return the SHA-256 (hex) over the records as stored, all or up to place `through`.
+        """Return the digest of the last record, or of that at place `through`; "" before the first.
 
-        Of records that were read before also once it is closed.
+        It stands for all records up to this one. Raises `IndexError` beyond the last.
         """
-        if through is None or through > len(self._rows):
+        if through is None or through > len(self._stored):
             self._read_further()
-        digest = hashlib.sha256()
-        for number, at_utc, kind, series, _, _, body, _ in self._rows[:through]:
-            digest.update(as_json((number, at_utc, kind, series, body)) + b"\n")
-        return digest.hexdigest()
+        last = len(self._stored) if through is None else through
+        return last_digest(self._stored[last - 1 : last]) if last else ""
 
-    def _verify(self) -> ChainEnd:
-        try:
-            self._rows, end = database.verified_records(self._connection, self._path)
-        except BaseException:
-            close_refused(self._connection, self._path)
-            raise
-        return end
+    def holds(self, number: int, digest: str) -> bool:
+        """Whether a record of this number and digest is in it: then all before that are, too."""
+        return number <= self.last_number() and self.digest(through=number) == digest
 
     def _read_further(self) -> None:
         """Read the records that another process has written since."""
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            self._rows += database.records_after(self._connection, len(self._rows))
-
-    def _entry(self, row: Row) -> Entry[kinds.Record]:
-        number, at_utc, kind, series, _, _, body, _ = row
-        try:
-            return Entry(number, at_utc, series, kinds.from_text(kind, body))
-        except ValueError as error:
-            problem = f"{self._path}: record {number} cannot be read: {error}"
-            raise JournalDamaged(problem, number=number) from error
+            self._stored += database.records_after(self._connection, len(self._stored))
 
 
 def open_journal(
-    path: Path, *, now_utc: Callable[[], str], create: bool = False, waits_for_disk: bool = True
+    path: Path, *, now_utc: Callable[[], str], waits_for_disk: bool = True
 ) -> "Journal":
-    """Open the journal in that file; `create` makes one where there is none.
+    """Open the journal in that file, or make it; `now_utc` stamps the records.
 
-    `now_utc` stamps the records. The caller holds the campaign's lock. Raises `JournalFailed` when
-    the file is missing, not ours, newer than this program, not what was written, or cannot be
-    opened. A record of which nobody `waits_for_disk` outlives the process, and not a power cut.
+    The caller holds the campaign's lock. Raises `JournalFailed` when the file is not ours, newer
+    than this program, not what was written, or cannot be opened. Of a damaged one, the records that
+    verify are kept in a copy. Unless it `waits_for_disk`, a power cut may take the last records.
     """
-    connection = database.connect_to_write(path, create=create, waits_for_disk=waits_for_disk)
     try:
-        return Journal(connection, path, now_utc, waits_for_disk=waits_for_disk)
+        return Journal(path, now_utc, waits_for_disk=waits_for_disk)
     except JournalDamaged as damaged:
-        if not damaged.whole:
-            raise
-        raise _kept_in_copy(damaged, path, damaged.whole) from damaged
+        kept = _keep_in_copy(path, damaged.verified)
+        remedy = f"{FROM_BACKUP}; without one: {kept}" if kept else FROM_BACKUP
+        raise JournalFailed(damaged.problem, remedy=remedy) from damaged
 
 
-def _kept_in_copy(failed: JournalFailed, path: Path, rows: Sequence[Row]) -> JournalFailed:
-    """Write records into a copy beside the journal, and return the error that names it."""
-    copy = free_name(path)
+def _keep_in_copy(path: Path, records: Sequence[StoredRecord]) -> str:
+    """Write records into a copy beside the journal; return what to do with it, "" without one."""
+    if not records:
+        return ""
+    copy = next_rescued_copy(path)
     try:
-        database.make_whole(copy, rows)
+        database.create_journal(copy, records)
     except JournalFailed:
-        return failed
-    return JournalFailed(
-        failed.problem,
-        remedy=f"its {len(rows)} records are whole in {copy.name}: {take_rescued(copy.name)}",
-    )
+        return ""
+    return f"its {len(records)} records are whole in {copy.name}: {take_rescued(copy.name)}"
 
 
 class Journal(JournalReader):
     """A journal that grows. Once a record could not be written, no further one is."""
 
     def __init__(
-        self,
-        connection: Connection,
-        path: Path,
-        now_utc: Callable[[], str],
-        *,
-        waits_for_disk: bool = True,
+        self, path: Path, now_utc: Callable[[], str], *, waits_for_disk: bool = True
     ) -> None:
-        super().__init__(connection, path)
         self._now_utc = now_utc
         self._waits_for_disk = waits_for_disk
-        self._failed = self._is_open = False
-        self._file = OwnFile(path, self._is_whole)
+        self._failed = self._in_commit = False
+        super().__init__(path, database.connect_to_write(path))
+
+    def _open(self, connection: Connection) -> None:
+        super()._open(connection)
+        database.prepare_to_write(connection, self._path, waits_for_disk=self._waits_for_disk)
+        self._files = file_states(self._path)
 
     def start_series(self, started: kinds.SeriesStarted) -> int:
         """Begin a new series and return its number."""
-        series = 1 + max((each.series or 0 for each in self.records()), default=0)
+        series = 1 + max((record.series or 0 for record in self._stored), default=0)
         self.append(started, series=series)
         return series
 
@@ -206,14 +197,16 @@ class Journal(JournalReader):
                 remedy="see the first error; start the command again, it resumes",
             )
         try:
-            if self._is_open:
-                self._insert(series, self._as_stored(record), record)
+            if self._in_commit:
+                self._insert(record, series)
             else:
-                self._append(record, series)
+                self._require_same_files()
+                self._insert(record, series)
+                self._require_same_files()  # and note how long they are now
         except JournalFailed:
             self._failed = True
             raise
-        return self._end.number
+        return len(self._stored)
 
     @contextmanager
     def in_one_commit(self) -> Iterator[None]:
@@ -221,109 +214,74 @@ class Journal(JournalReader):
 
         Raises `JournalFailed`.
         """
-        self._check_file()
-        before, self._is_open = self._end, True
+        self._require_same_files()
+        before, self._in_commit = len(self._stored), True
         explained = database.sqlite_errors_explained(self._path, "the records cannot be written")
         try:
             with explained, database.in_one_commit(self._connection):
                 yield
         except BaseException as error:
-            self._end = before
-            del self._rows[before.number :], self._entries[before.number :]
+            del self._stored[before:], self._entries[before:]
             self._failed |= isinstance(error, JournalFailed)
             raise
         finally:
-            self._is_open = False
-        self._check_file()
+            self._in_commit = False
+        self._require_same_files()
 
     def prove(self) -> None:
         """Close the file and open it anew: all that was written has to be in it, and whole.
 
-        Raises `JournalFailed`. What is asked afterwards is answered by what is on the disk.
+        A second connection beside the first would not do: it reads by the same index in memory.
+        Raises `JournalFailed`.
         """
-        self._check_file()
-        rows, self._failed = self._rows, True  # until it is open again
+        self._require_same_files()
+        written = self._stored
         self.close()
         try:
-            self._open_anew()
+            self._open(database.connect_to_write(self._path))
+            if last_digest(self._stored) != last_digest(written):
+                raise JournalDamaged(
+                    f"{self._path}: ends with record {len(self._stored)}, and {len(written)} were "
+                    "written: it is another file, or records were lost"
+                )
         except JournalFailed as failed:
-            raise _kept_in_copy(failed, self._path, rows[: self._end.number]) from failed
-        self._entries, self._failed = [], False
-        self._file = OwnFile(self._path, self._is_whole)
+            self._failed = True
+            kept = _keep_in_copy(self._path, written)
+            raise JournalFailed(failed.problem, remedy=kept or failed.remedy) from failed
 
-    def _open_anew(self) -> None:
-        self._connection = database.connect_to_write(
-            self._path, create=False, waits_for_disk=self._waits_for_disk
-        )
-        end = self._verify()
-        if end != self._end:
-            raise JournalDamaged(
-                f"{self._path}: ends with record {end.number}, and {self._end.number} were "
-                "written: it is another file, or records were lost"
-            )
-
-    def _append(self, record: kinds.Record, series: int | None) -> None:
-        stored = self._as_stored(record)
-        self._check_file()
-        self._insert(series, stored, record)
-        self._check_file()
-
-    def _check_file(self) -> None:
-        """Stop if the journal's file is no longer the one that was written; keep its records."""
+    def _require_same_files(self) -> None:
+        """Stop if the journal's files are no longer those that were opened; keep the records."""
         with database.sqlite_errors_explained(self._path, "the journal cannot be written"):
             self._connection.cursor()  # which a closed one does not give
         try:
-            self._file.check()
-            self._check_last_number()
+            before, self._files = self._files, file_states(self._path)
+            last, digest = len(self._stored), last_digest(self._stored)
+            require_same(before, self._files, lambda: is_whole(self._path, last, digest))
         except JournalFailed as changed:
             close_untouched(self._connection, self._path)
-            raise _kept_in_copy(changed, self._path, self._rows[: self._end.number]) from changed
+            kept = _keep_in_copy(self._path, self._stored)
+            raise JournalFailed(changed.problem, remedy=kept or changed.remedy) from changed
 
-    def _check_last_number(self) -> None:
-        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            last = database.last_number(self._connection)
-        if last != self._end.number:
-            raise JournalDamaged(f"{self._path}: record {last} was written by another program")
-
-    def _insert(self, series: int | None, text: str, record: kinds.Record) -> None:
-        """Write a record with this text."""
-        number, at_utc = self._end.number + 1, self._now_utc()
-        kind, (shot, attempt) = kinds.KIND_OF_TYPE[type(record)], _numbers(record)
-        content = (number, at_utc, kind, series, shot, attempt, text)
-        digest = digest_after(self._end.digest, content)
-        # No RETURNING here: with it the commit waits until the row has been fetched to the end.
-        command = (
-            "INSERT INTO record (id, at_utc, kind, series, shot, attempt, body, digest)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
-        )
-        with database.sqlite_errors_explained(
-            self._path, f"the record {_label(record)} cannot be written"
-        ):
-            self._connection.execute(command, (*content, digest))
-        self._rows.append((*content, digest))
-        self._end = ChainEnd(number, digest)
-
-    def _is_whole(self) -> bool:
-        return database.is_whole(self._path, self._end)
-
-    def _as_stored(self, record: kinds.Record) -> str:
+    def _insert(self, record: kinds.Record, series: int | None) -> None:
+        shot, attempt = _shot_and_attempt(record)
+        kind = kinds.KIND_OF_TYPE[type(record)]
+        label = kind if shot is None else f"{kind} of shot {shot}, attempt {attempt}"
+        number, at_utc = len(self._stored) + 1, self._now_utc()
         try:
-            return kinds.as_stored(record)
+            body = kinds.as_stored(record)
         except (TypeError, ValueError, AttributeError) as error:
             raise JournalFailed(
-                f"{self._path}: the record {_label(record)} cannot be written: {error}",
+                f"{self._path}: the record {label} cannot be written: {error}",
                 remedy="a device or the program gave an unusable value: please report this",
             ) from error
+        stored = StoredRecord(number, at_utc, kind, series, shot, attempt, body, None)
+        stored = stored._replace(digest=digest_after(last_digest(self._stored), stored))
+        with database.sqlite_errors_explained(self._path, f"the record {label} cannot be written"):
+            database.insert(self._connection, stored)
+        self._stored.append(stored)
 
 
-def _numbers(record: kinds.Record) -> tuple[int | None, int | None]:
-    """Shot and attempt, for the records that have them."""
+def _shot_and_attempt(record: kinds.Record) -> tuple[int | None, int | None]:
     if isinstance(record, kinds.Intent | kinds.Outcome | kinds.Rejected):
         return record.shot, record.attempt
     return None, None
-
-
-def _label(record: kinds.Record) -> str:
-    kind = kinds.KIND_OF_TYPE[type(record)]
-    shot, attempt = _numbers(record)
-    return kind if shot is None else f"{kind} of shot {shot}, attempt {attempt}"

@@ -1,11 +1,11 @@
 """Series of a journal with their shots. Pure."""
 
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from campaigns.journal import records
+from campaigns.journal.digest_chain import StoredRecord
 
 FIXED = {"known-length", "nest"}
 """Sets of shots without the robot: at calibrated lengths, at fixed places."""
@@ -20,6 +20,15 @@ class Entry(Generic[RecordT]):
     at_utc: str
     series: int | None
     record: RecordT
+
+
+def entry_of(stored: StoredRecord) -> Entry[records.Record]:
+    """Return the record that is stored; raises `ValueError` if it cannot be read."""
+    try:
+        record = records.from_text(stored.kind, stored.body)
+    except ValueError as error:
+        raise ValueError(f"record {stored.number} cannot be read: {error}") from error
+    return Entry(stored.number, stored.at_utc, stored.series, record)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,54 +72,41 @@ class Series:
         return of_run and bool(self.shots) and not self.of_known_lengths
 
 
-_Parts = dict[
-    int | None,
-    tuple[
-        Entry[records.Record],
-        Counter[type[records.Record]],
-        dict[tuple[int, int], records.Intent],
-        dict[int, AcceptedShot],
-    ],
-]
-"""By series: its first record, how many there are of each kind, intents by shot and attempt, and
-accepted shots."""
-
-
 def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
-    """Return all series, in the order of their beginning.
-
-    An outcome without its intent, in a damaged journal, does not count.
-    """
-    parts: _Parts = {}
+    """Return all series, in the order of their beginning."""
+    of_series: dict[int, list[Entry[records.Record]]] = {}
     for entry in entries:
-        if entry.series not in parts:
-            parts[entry.series] = entry, Counter(), {}, {}
-        _, kinds, intents, accepted = parts[entry.series]
-        kinds[type(entry.record)] += 1
+        if entry.series is not None:
+            of_series.setdefault(entry.series, []).append(entry)
+    return tuple(_series(number, of_one) for number, of_one in of_series.items())
+
+
+def _series(number: int, entries: Sequence[Entry[records.Record]]) -> Series:
+    """Put a series together from its records, of which the first is its start."""
+    first = entries[0]
+    assert isinstance(first.record, records.SeriesStarted), "the file takes no other first record"
+    intents: dict[tuple[int, int], records.Intent] = {}
+    accepted: dict[int, AcceptedShot] = {}
+    sessions, stops, finished = 0, 0, False
+    for entry in entries:
         match entry.record:
+            case records.SessionStarted():
+                sessions += 1
+            case records.SessionStopped():
+                stops += 1
+            case records.SeriesFinished():
+                finished = True
             case records.Intent() as intent:
                 intents[intent.shot, intent.attempt] = intent
-            case records.Outcome(shot=shot, attempt=attempt) as outcome if (
-                shot,
-                attempt,
-            ) in intents:
-                intent = intents[shot, attempt]
-                accepted[shot] = AcceptedShot(
-                    intent, outcome, entry.at_utc, entry.number, kinds[records.SessionStarted]
+            case records.Outcome() as outcome:
+                intent = intents[outcome.shot, outcome.attempt]
+                accepted[outcome.shot] = AcceptedShot(
+                    intent, outcome, entry.at_utc, entry.number, sessions
                 )
             case records.PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)
-    return tuple(
-        Series(
-            number,
-            first.at_utc,
-            first.record,
-            finished=kinds[records.SeriesFinished] > 0,
-            shots=tuple(accepted[shot] for shot in sorted(accepted)),
-            sessions=kinds[records.SessionStarted],
-            unstopped=kinds[records.SessionStarted] - kinds[records.SessionStopped],
-        )
-        for number, (first, kinds, _, accepted) in parts.items()
-        if number is not None and isinstance(first.record, records.SeriesStarted)
+    shots = tuple(accepted[shot] for shot in sorted(accepted))
+    return Series(
+        number, first.at_utc, first.record, finished, shots, sessions, unstopped=sessions - stops
     )

@@ -59,6 +59,10 @@ class CampaignStatus:
     next: NextStep | None
     measuring: Holder | None
     """Process that works on the campaign now."""
+    records: int
+    """Records of the journal."""
+    digest: str
+    """Digest of the journal's last record, which stands for all of them; empty without one."""
 
 
 def campaign_status(campaign: Campaign) -> CampaignStatus:
@@ -82,6 +86,8 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         doubtful=tuple(doubtful(evaluation)),
         next=next_step(replace(state, worker=worker.says if worker else "")),
         measuring=worker,
+        records=evidence.journal.records if evidence.journal else 0,
+        digest=evidence.journal.digest if evidence.journal else "",
     )
 
 

@@ -63,6 +63,8 @@ def test_what_was_begun_and_not_ended_is_open_and_the_next_command_is_that_of_al
     ]
     assert (told["series"][1]["shots"], told["series"][1]["planned"]) == (10, 10)
     assert [text.split(",")[0] for text in told["open"]] == ["series 3"]
+    with paper.journal() as journal:
+        assert (told["records"], told["digest"]) == (journal.last_number(), journal.digest())
     assert told["next"] == next_step(state_of(evaluate(paper.campaign))).text
     assert (told["decision"], told["doubtful"]) == (None, [])
 

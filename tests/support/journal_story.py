@@ -94,7 +94,7 @@ def tell(journal: Journal) -> None:
 
 
 def write_story(path: Path) -> None:
-    with open_journal(path, now_utc=ticking(), create=True) as journal:
+    with open_journal(path, now_utc=ticking()) as journal:
         tell(journal)
 
 

@@ -11,10 +11,7 @@ from campaigns.journal.journal import open_journal
 
 def main(path: Path) -> None:
     clock = ticking()
-    with (
-        campaign_lock(path.parent, now_utc=clock),
-        open_journal(path, now_utc=clock, create=True) as journal,
-    ):
+    with campaign_lock(path.parent, now_utc=clock), open_journal(path, now_utc=clock) as journal:
         run = journal.start_series(beginning())
         for record in (SESSION, intent(1), outcome(1), intent(2)):
             journal.append(record, series=run)

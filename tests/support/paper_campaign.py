@@ -83,7 +83,7 @@ class PaperCampaign:
 
     def journal(self) -> Journal:
         path = self.campaign.journal_path
-        return open_journal(path, now_utc=self.clock, create=not path.exists())
+        return open_journal(path, now_utc=self.clock)
 
     def run(self, pairs: int = 40, unseen: int = 8) -> None:
         """Plan and measure pairs for identification and validation, with drift shots around."""

@@ -6,7 +6,6 @@ from itertools import count
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.database import connect_to_write
 from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import KIND_OF_TYPE, Intent, Outcome, Record, Rejected
 from campaigns.journal.views import AcceptedShot, Entry, Series, all_series
@@ -22,7 +21,7 @@ class TestedJournal(Journal):
     __test__ = False
 
     def __init__(self, path: Path, calls: list[tuple[object, ...]], now_utc: Callable[[], str]):
-        super().__init__(connect_to_write(path, create=not path.exists()), path, now_utc)
+        super().__init__(path, now_utc)
         self._connection.execute("PRAGMA synchronous = OFF")  # here nobody cuts the power
         self._calls = calls
         self._written = 0
@@ -85,5 +84,5 @@ def journal_in(folder: Path, calls: list[tuple[object, ...]]) -> Iterator[Tested
 
 @contextmanager
 def plain_journal(folder: Path) -> Iterator[Journal]:
-    with open_journal(folder / "j.db", now_utc=ticking(), create=True) as journal:
+    with open_journal(folder / "j.db", now_utc=ticking()) as journal:
         yield journal

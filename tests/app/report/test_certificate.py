@@ -102,7 +102,7 @@ def test_a_page_and_its_journal_are_told_from_others(pkmcal, certified, tmp_path
     paper.measure("before", paper.plan(1, 0))  # it may have grown since
     assert pkmcal("check-journal", paper.folder, "--page", made).code == 0
     text = made.read_text(encoding="utf-8")
-    digest = text.partition('name="journal" content="')[2].partition(":")[2][:64]
+    digest = text.partition('name="journal-end" content="')[2].partition(":")[2][:64]
     other = tmp_path / "other.html"
     other.write_text(text.replace(digest, digest[::-1]), "utf-8")
     foreign = pkmcal("check-journal", paper.folder, "--page", other)

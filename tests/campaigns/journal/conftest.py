@@ -16,5 +16,5 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def journal(path: Path) -> Iterator[Journal]:
-    with open_journal(path, now_utc=ticking(), create=True) as journal:
+    with open_journal(path, now_utc=ticking()) as journal:
         yield journal

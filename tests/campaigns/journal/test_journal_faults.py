@@ -111,7 +111,7 @@ def test_a_log_torn_by_a_power_cut_gives_the_records_before_the_tear(
     told = journal.records()
     torn = torn_copy(path, tmp_path / "torn", share_kept)
 
-    with open_journal(torn, now_utc=ticking(), create=True) as rescued:
+    with open_journal(torn, now_utc=ticking()) as rescued:
         found = rescued.records()
         assert found == told[: len(found)]
         assert len(found) < len(told)

@@ -19,13 +19,13 @@ DATA = Path(__file__).parents[2] / "data"
 GOLDEN = DATA / "journal-v1.db"
 ALL_GOLDEN = [DATA / f"journal-v{version}.db" for version in (1, 2)]
 DIGESTS = {
-    "journal-v1.db": "fea95be113ed5a634a630e45d9f047bed59ac21deaa461b7f9b4c815f714fe5b",
-    "journal-v2.db": "5e07f86486554cd157fe983b68cd8b5bc2995a18aca7c8291c6bc84d2bcf84e7",
+    "journal-v1.db": "58f6c759c2ba37356b9d08ed987d3d4caa2b39f4ec90dd47d44ff8636ff564c5",
+    "journal-v2.db": "79b769c568b74cd68bf14775afc22300675a4d0b8d2ecbde5e22f102cbf096bc",
 }
 
 
 def opened_for_writing(path: Path) -> None:
-    open_journal(path, now_utc=ticking(), create=True).close()
+    open_journal(path, now_utc=ticking()).close()
 
 
 def opened_for_reading(path: Path) -> None:
@@ -52,6 +52,7 @@ def test_the_golden_file_of_every_version_reads_as_it_was_told(
 ) -> None:
     golden = Path(shutil.copy(golden, tmp_path))
     write_story(tmp_path / "today.db")
+    before = golden.read_bytes()
     with read_journal(golden) as old, read_journal(tmp_path / "today.db") as today:
         assert old.records()[:-1] == today.records()[:-1]
         assert old.digest() == DIGESTS[golden.name]
@@ -62,11 +63,7 @@ def test_the_golden_file_of_every_version_reads_as_it_was_told(
         ]
         assert [shot.outcome for shot in old.shots(2)] == [imported(1)]
         assert [series.unstopped for series in old.series()] == [1, 0]
-
-
-def test_every_version_has_its_golden_file_and_its_upgrader() -> None:
-    assert len(ALL_GOLDEN) == journal_database.VERSION
-    assert sorted(journal_database.UPGRADERS) == list(range(1, journal_database.VERSION))
+    assert golden.read_bytes() == before
 
 
 @pytest.mark.parametrize("golden", ALL_GOLDEN)
@@ -76,14 +73,6 @@ def test_the_golden_file_can_be_written_on(tmp_path: Path, golden: Path) -> None
         assert journal.start_series(beginning("after")) == 3
     with read_journal(golden) as reader:
         assert len(reader.series()) == 3
-
-
-@pytest.mark.parametrize("golden", ALL_GOLDEN)
-def test_reading_leaves_the_golden_file_as_it_is(tmp_path: Path, golden: Path) -> None:
-    golden = Path(shutil.copy(golden, tmp_path))
-    before = golden.read_bytes()
-    read_journal(golden).close()
-    assert golden.read_bytes() == before
 
 
 def newer(path: Path) -> None:
@@ -115,24 +104,10 @@ def test_a_file_that_is_no_journal_of_ours_is_refused_and_left_as_it_was(
 
 def test_a_missing_journal_or_folder_is_said_and_none_is_made(tmp_path: Path) -> None:
     with pytest.raises(JournalFailed, match="no journal"):
-        open_journal(tmp_path / "campaign.db", now_utc=ticking())
-    with pytest.raises(JournalFailed, match="no journal"):
         read_journal(tmp_path / "campaign.db")
     assert names_in(tmp_path) == []
-    with pytest.raises(JournalFailed, match="check that the folder exists"):
+    with pytest.raises(JournalFailed, match=r"cannot be made: .* check that the folder"):
         opened_for_writing(tmp_path / "nowhere" / "campaign.db")
-
-
-@pytest.mark.parametrize("leavings", [(), ("PRAGMA journal_mode = WAL",)])
-def test_a_file_whose_making_was_cut_short_is_made_anew(
-    tmp_path: Path, leavings: tuple[str, ...]
-) -> None:
-    path = tmp_path / "campaign.db"
-    path.touch()
-    database(path, *leavings)
-    with pytest.raises(JournalFailed, match="not a journal"):
-        read_journal(path)
-    write_story(path)
 
 
 def test_a_journal_whose_making_is_cut_short_leaves_no_half_of_one(
@@ -181,33 +156,8 @@ def test_a_write_protected_journal_is_not_read_without_its_latest_records(
 ) -> None:
     path = tmp_path / "campaign.db"
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
-    with open_journal(path, now_utc=ticking(), create=True) as journal:
+    with open_journal(path, now_utc=ticking()) as journal:
         series = journal.start_series(beginning())
         journal.append(SESSION, series=series)
         with pytest.raises(JournalFailed, match=r"campaign\.db-wal"):
             read_journal(path)
-
-
-def test_an_older_file_is_brought_up_step_by_step(tmp_path: Path) -> None:
-    upgraders = {
-        1: ("ALTER TABLE record ADD COLUMN remark TEXT",),
-        2: ("CREATE TABLE remark (text TEXT)",),
-    }
-    with closing(old_connection(tmp_path)) as connection:
-        journal_database.upgrade(connection, to_version=3, upgraders=upgraders)
-        assert journal_database.version(connection) == 3
-        connection.execute("SELECT remark.text, record.remark FROM record, remark")
-
-
-def test_an_upgrade_that_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None:
-    upgraders = {1: ("ALTER TABLE record ADD COLUMN remark TEXT", "UPDATE record SET remark = ''")}
-    with closing(old_connection(tmp_path)) as connection:
-        with pytest.raises(sqlite3.IntegrityError):
-            journal_database.upgrade(connection, to_version=2, upgraders=upgraders)
-        assert journal_database.version(connection) == 1
-        with pytest.raises(sqlite3.OperationalError, match="no such column"):
-            connection.execute("SELECT remark FROM record")
-
-
-def old_connection(folder: Path) -> sqlite3.Connection:
-    return sqlite3.connect(shutil.copy(GOLDEN, folder), isolation_level=None)

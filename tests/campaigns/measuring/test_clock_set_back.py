@@ -26,7 +26,7 @@ def backwards() -> Callable[[], str]:
 
 def written(folder: Path, *records: Record) -> Path:
     path = folder / "campaign.db"
-    with open_journal(path, now_utc=backwards(), create=True) as journal:
+    with open_journal(path, now_utc=backwards()) as journal:
         series = journal.start_series(beginning())
         for record in records:
             journal.append(record, series=series)

@@ -10,7 +10,6 @@ import os
 import signal
 import time
 from collections import Counter
-from contextlib import closing
 from dataclasses import dataclass
 from itertools import count
 
@@ -20,7 +19,6 @@ from instant_cell import AIR, CENTRE, COVARIANCE_MM2, DEVICE, NOMINAL, ROBOT, In
 from timed_pipe import HandClock
 
 from campaigns.campaign import now_utc
-from campaigns.journal import database
 from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import Intent, Outcome
 from campaigns.measuring.resume import complete_series
@@ -71,12 +69,12 @@ class TellingJournal(Journal):
     """Says of each record that it is durable, and can die right after the nth."""
 
     def __init__(self, path, tell_to, dies_after):
-        super().__init__(database.connect_to_write(path, create=not path.exists()), path, now_utc)
+        super().__init__(path, now_utc)
         self._tell_to, self._left = tell_to, dies_after
 
     def append(self, record, *, series=None):
         place = super().append(record, series=series)
-        os.write(self._tell_to, f"{place} {self.end().digest}\n".encode())
+        os.write(self._tell_to, f"{place} {self.digest()}\n".encode())
         if self._left is not None:
             self._left -= 1
             if self._left == 0:
@@ -118,19 +116,15 @@ def killed(folder, shots, *, dies_after=None, after_s=None):
     code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
     assert code in {0, -signal.SIGKILL}
     if durable:
-        with closing(database.connect_to_read(folder / "campaign.db")) as connection:
-            stored = {row[0]: row[-1] for row in database.stored_records(connection)[0]}
-        assert durable.items() <= stored.items()
+        with read_journal(folder / "campaign.db") as journal:
+            assert all(journal.digest(through=place) == durable[place] for place in durable)
     return code != 0
 
 
 def finished(folder, shots):
     """Let a campaign come to its end, and look at all of it; gives the number of its records."""
     assert not killed(folder, shots)
-    path = folder / "campaign.db"
-    with closing(database.connect_to_read(path)) as connection:
-        database.verify_file(connection, path)
-    with read_journal(path) as journal:
+    with read_journal(folder / "campaign.db") as journal:
         (series,) = journal.series()
         accepted = [shot.intent.shot for shot in journal.shots(1)]
         for kind in (Intent, Outcome):

@@ -93,7 +93,7 @@ def test_imported_shots_come_out_as_they_came_in(tmp_path):
     )
     robot = find_robot("par4-prototype").robot
     path = tmp_path / "campaign.db"
-    with open_journal(path, now_utc=lambda: MEASURED, create=True) as journal:
+    with open_journal(path, now_utc=lambda: MEASURED) as journal:
         number = append_import(journal, rows, robot.kinematics, robot.digest(), {})
         found = journal.latest_series("import")
         exported, _ = exported_shots(found, journal.shots(number))

@@ -1,0 +1,95 @@
+"""Files of a journal: guarded while they are written, and copied beside when they are lost."""
+
+import os
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+
+from campaigns.errors import JournalFailed
+from campaigns.journal.digest_chain import FROM_BACKUP
+
+FileStates = dict[Path, os.stat_result | None]
+
+
+def file_states(path: Path) -> FileStates:
+    """Return the state of a journal's database and log; None for a file that is not there."""
+    return {file: _state(file) for file in (path, log_of(path))}
+
+
+def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], bool]) -> None:
+    """Raise `JournalFailed` if a file was deleted, replaced or cut in between.
+
+    Another program's checkpoint makes a file shorter, too: then `is_whole` reads it.
+    """
+    for path, earlier in before.items():
+        later = now[path]
+        if earlier is None:  # the log is made with the first record
+            continue
+        if not path.parent.exists():
+            raise JournalFailed(
+                f"{path.parent}: was renamed or moved away while this process worked with it",
+                remedy="start again with the folder's new name: all records are in it",
+            )
+        if later is None:
+            raise _changed(path, "was deleted or moved away")
+        if (later.st_dev, later.st_ino) != (earlier.st_dev, earlier.st_ino):
+            raise _changed(path, "was replaced by another file")
+        if later.st_size < earlier.st_size and not is_whole():
+            raise _changed(path, f"was cut from {earlier.st_size} to {later.st_size} bytes")
+
+
+def _state(path: Path) -> os.stat_result | None:
+    with suppress(OSError):
+        return path.stat()
+    return None
+
+
+def _changed(path: Path, how: str) -> JournalFailed:
+    return JournalFailed(
+        f"{path}: {how} while this process worked with it",
+        remedy=f"find out which program did it; {FROM_BACKUP}",
+    )
+
+
+def log_of(path: Path) -> Path:
+    """Return the write-ahead log that SQLite keeps beside a journal."""
+    return path.with_name(f"{path.name}-wal")
+
+
+def close_untouched(connection: sqlite3.Connection, path: Path) -> None:
+    """Close, and leave a log as it is: moved into a database that others changed it would mix both.
+
+    The last connection moves the log when it closes, but one that may only read cannot.
+    """
+    log = _state(log_of(path))
+    if log is not None and log.st_size:
+        with suppress(OSError, sqlite3.Error):
+            address = f"{path.resolve().as_uri()}?mode=ro"
+            with closing(sqlite3.connect(address, uri=True)) as bystander:
+                with suppress(sqlite3.Error):
+                    bystander.execute("SELECT count(*) FROM sqlite_master").fetchone()
+                connection.close()
+    connection.close()
+
+
+def next_rescued_copy(path: Path) -> Path:
+    """Return the first free name for a rescued copy beside a journal."""
+    number = 1
+    while (copy := path.with_name(f"{path.stem}-rescued-{number}{path.suffix}")).exists():
+        number += 1
+    return copy
+
+
+def rescued_copies(path: Path) -> list[Path]:
+    """Return the rescued copies beside a journal, the latest first."""
+    copies = path.parent.glob(f"{path.stem}-rescued-*{path.suffix}")
+    return sorted(copies, key=lambda copy: (len(copy.name), copy.name), reverse=True)
+
+
+def take_rescued(name: str) -> str:
+    """Return the sentence that says how to go on with a rescued copy."""
+    return (
+        f"move campaign.db and campaign.db-wal away, rename {name} to campaign.db, and start "
+        "again: it resumes"
+    )
