@@ -105,9 +105,9 @@ class Kind:
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
-        """Flat names of what tilts or lowers its plate, or a rail aside: 0 of perfect parts."""
+        """Flat names of what tilts or lowers its plate, or turns a rail aside; 0 if perfect."""
         fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
-        return (*self._of_arms(fields), *SAG)
+        return (*self._of_arms((*fields, f"compliance_{self.unit}")), *SAG)
 
     @cached_property
     def transmission(self) -> tuple[str, ...]:

@@ -53,12 +53,13 @@ OF_ANY_LIMB = (
 
 
 def _of_joint(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
-    """Make the fields of ripple and backlash of a gear (deg) or a drive (mm)."""
+    """Make the fields of ripple, backlash and yield of a gear (deg) or a drive (mm)."""
     quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
     rows = (
         ("ripple_sin", f"the {part}'s ripple by the sine of its phase", "ripple"),
         ("ripple_cos", f"the {part}'s ripple by the cosine of its phase", "ripple"),
         ("backlash", f"the {part}'s lost motion", "backlash"),
+        ("compliance", f"the {part}'s yield to the plate's weight, at 300 mm", "compliance"),
     )
     return tuple(
         ParameterField(

@@ -64,7 +64,9 @@ def true_joints(
     if not any(value.any() for value in values.values()):
         return joints
     factors = terms(joints, approach, phase_rate)
-    return np.asarray(joints + sum(value * factors[stem] for stem, value in values.items()))
+    return np.asarray(
+        joints + sum(values[stem] * own for stem, own in factors.items() if stem in values)
+    )
 
 
 def encoder_readings(

@@ -1,7 +1,7 @@
-"""Inverse kinematics of a controller that knows how its plate tilts and sags: by its rods.
+"""Inverse kinematics of a controller that knows how its plate tilts, sags and yields: by its rods.
 
 Unequal rods, tilted axes and turned bars tilt the plate and move the reflector, a frame that bends
-lowers it. Such a controller aims its plain
+and drives that yield lower it. Such a controller aims its plain
 kinematics a little beside the wanted pose, until the rods put the reflector where it is wanted.
 """
 
@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import SAG, Array, Geometry, Kind, geometry_of
+from sim.geometry import CRANK_MM, SAG, Array, Geometry, Kind, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism, turned
+from sim.robot.transmission import heights_by_joints
 
 ROUNDS = 20
 CLOSE_MM = 1e-8
@@ -44,6 +45,7 @@ def tilted_joints_for(
     Raises `OutOfReach`.
     """
     geometry, rods = _mechanism(flat, kind, sizes)
+    give = _give(flat, kind)
     level = Plate.level(kind, position_mm, turn_rad)
     wanted_mm = rods.reflector_mm(level, sizes.reflector_mm)
     aim_mm, aim_rad, plate = position_mm, turn_rad, level
@@ -51,6 +53,9 @@ def tilted_joints_for(
         joints = joints_for(geometry, aim_mm, aim_rad)
         try:
             plate, _, _ = rods.settle(joints, plate)
+            if give.any():
+                lifts = heights_by_joints(rods, joints, plate)[1]
+                plate, _, _ = rods.settle(joints - give * lifts, plate)
         except AssemblyLost as lost:
             raise OutOfReach(0) from lost
         there_mm = rods.reflector_mm(plate, sizes.reflector_mm)
@@ -68,6 +73,12 @@ def _rise_mm(flat: Mapping[str, float], position_mm: Array) -> float:
     x, y, z = position_mm[0] / 400.0, position_mm[1] / 400.0, position_mm[2] / 200.0
     parts = zip(SAG, (x, y, x * x + y * y, z), strict=True)
     return float(sum(flat.get(name, 0.0) * by for name, by in parts))
+
+
+def _give(flat: Mapping[str, float], kind: Kind) -> Array:
+    """Return by how much joints (n,) give way for 1 mm of the plate's rise by a rad or mm."""
+    values = [flat.get(f"arm{arm}.compliance_{kind.unit}", 0.0) for arm in range(kind.arms)]
+    return np.array([kind.inner(value) for value in values]) * kind.scale / CRANK_MM
 
 
 def _mechanism(

@@ -198,10 +198,46 @@ static int settle(const robot_geometry *robot, const vector upper[], plate_pose 
     return left < CLOSED && is_wanted(robot, upper, pose, side);
 }
 
-/* From a start to the pose of the plate, level or tilted. */
-static int assembled(const robot_geometry *robot, const vector upper[], plate_pose *pose)
+/* Where joints rest under the plate's weight, a level one at `pose`: each yields by the plate's rise
+ * for its own motion, which is its torque by virtual work. */
+static void yield_at(const robot_geometry *robot, const double joints[], const plate_pose *pose,
+                     double rest[])
 {
-    return newton(robot, upper, pose) && (robot->is_level || settle(robot, upper, pose));
+    double system[ARMS_AT_MOST][UNKNOWNS_AT_MOST + 1] = {{0.0}};
+    double rise_by[UNKNOWNS_AT_MOST] = {0.0};
+    vector forearm[ARMS_AT_MOST];
+    int i;
+
+    for (i = 0; i < robot->kind->arms; i++) {
+        vector end = plus(pose->point, to_plate_joint(robot, pose->theta, i));
+        forearm[i] = minus(end, upper_end(robot, i, joints[i]));
+        system[0][i] = forearm[i].x;
+        system[1][i] = forearm[i].y;
+        system[2][i] = forearm[i].z;
+        if (robot->kind->turn != NO_TURN)
+            system[3][i] = by_turn(robot, pose->theta, i, forearm[i]);
+    }
+    system[2][UNKNOWNS_AT_MOST] = 1.0;
+    solve(robot->kind->arms, system, rise_by);
+    for (i = 0; i < robot->kind->arms; i++)
+        rest[i] = joints[i] - robot->arm[i].give * rise_by[i]
+                  * dot(forearm[i], end_by_joint(robot, i, joints[i]));
+}
+
+/* From a start to the pose of the plate: level, under its load, tilted. */
+static int assembled(const robot_geometry *robot, const double joints[], const vector upper[],
+                     plate_pose *pose)
+{
+    vector loaded[ARMS_AT_MOST];
+    double rest[ARMS_AT_MOST];
+
+    if (!newton(robot, upper, pose))
+        return 0;
+    if (robot->is_stiff)
+        return robot->is_level || settle(robot, upper, pose);
+    yield_at(robot, joints, pose, rest);
+    all_upper_ends(robot, rest, loaded);
+    return robot->is_level ? newton(robot, loaded, pose) : settle(robot, loaded, pose);
 }
 
 /* The plate's pose for these joints (rad or mm), looked for from where `pose` says, then from safe
@@ -213,16 +249,45 @@ static int pose_of(const robot_geometry *robot, const double joints[], plate_pos
     int i, found;
 
     all_upper_ends(robot, joints, upper);
-    if (!robot->is_level && settle(robot, upper, &nearby)) {
+    if (robot->is_stiff && !robot->is_level && settle(robot, upper, &nearby)) {
         *pose = nearby;
         return 1;
     }
-    found = assembled(robot, upper, pose);
+    found = assembled(robot, joints, upper, pose);
     for (i = 0; !found && i < STARTS; i++) {
         *pose = guess(robot, upper, starts[i]);
-        found = assembled(robot, upper, pose);
+        found = assembled(robot, joints, upper, pose);
     }
     return found;
+}
+
+/* From joints at rest under the plate's weight near `pose` to those without it: `joints` in place. 0
+ * where the way back does not lead to a pose. */
+static int unloaded(const robot_geometry *robot, const plate_pose *pose, double joints[])
+{
+    double scale = robot->kind->on_rails ? 1.0 : 1e3, left = HUGE_VAL;
+    double rest[ARMS_AT_MOST], there[ARMS_AT_MOST];
+    vector upper[ARMS_AT_MOST];
+    plate_pose nearby;
+    int i, k;
+
+    for (k = 0; k < robot->kind->arms; k++)
+        rest[k] = joints[k];
+    for (i = 0; i < ROUNDS && !(left < SETTLED); i++) {
+        plate_pose level = *pose;
+        all_upper_ends(robot, joints, upper);
+        if (!newton(robot, upper, &level))
+            return 0;
+        yield_at(robot, joints, &level, there);
+        left = 0.0;
+        for (k = 0; k < robot->kind->arms; k++) {
+            left = fmax(left, scale * fabs(there[k] - rest[k]));
+            joints[k] -= there[k] - rest[k];
+        }
+    }
+    nearby = *pose;
+    all_upper_ends(robot, joints, upper);
+    return left < CLOSED && assembled(robot, joints, upper, &nearby);
 }
 
 /* All joints whose forearms end at a plate that is tilted so. */
@@ -275,10 +340,15 @@ static int joints_of(const robot_geometry *robot, const plate_pose *pose, double
     if (!robot->is_level && !tilted_joints_of(robot, pose, joints))
         return 0;
     all_upper_ends(robot, joints, upper);
-    if (!robot->is_level) /* its step from here is not 0 where the tilt has a part in the closures */
-        return settle(robot, upper, &again);
-    newton_step(robot, upper, pose, &side, &misfit);
-    return is_wanted(robot, upper, pose, side);
+    if (!robot->is_level) { /* its step from here is not 0 where the tilt has a part in the closures */
+        if (!settle(robot, upper, &again))
+            return 0;
+    } else {
+        newton_step(robot, upper, pose, &side, &misfit);
+        if (!is_wanted(robot, upper, pose, side))
+            return 0;
+    }
+    return robot->is_stiff || unloaded(robot, pose, joints);
 }
 
 #endif

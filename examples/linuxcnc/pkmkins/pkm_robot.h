@@ -42,6 +42,7 @@ typedef struct {
     double gain;        /* the joint's motion over its reading's, less 1 */
     double once[2], often[2]; /* sine and cosine of an eccentric encoder, and of a ripple */
     double rate;        /* the ripple's phase over the reading */
+    double give;        /* rad or mm by which the joint yields for 1 mm of the plate's rise by it */
     double arm;         /* the crank's length, mm */
     double forearm;     /* mm */
     vector plate_bar;   /* the rods' lower ends lie along it on a level plate */
@@ -56,6 +57,7 @@ typedef struct {
     arm_geometry arm[ARMS_AT_MOST];
     double apart;       /* the plate's parts, mm, or mm per rad */
     double sag[SAGS];   /* mm by which the plate rises, by x, y, reach and z */
+    int is_stiff;       /* no joint yields */
     int is_level;       /* perfect rods, axes and bars: the plate never tilts */
     double home_side;   /* the sign of the closures' determinant where the robot is assembled */
 } robot_geometry;
@@ -133,6 +135,17 @@ static vector upper_end(const robot_geometry *robot, int i, double joint)
     else
         way = plus(times(arm->arm * cos(moved), arm->out), times(arm->arm * sin(moved), arm->down));
     return plus(arm->place, way);
+}
+
+/* The way of that end for 1 rad or mm of its joint. */
+static vector end_by_joint(const robot_geometry *robot, int i, double joint)
+{
+    const arm_geometry *arm = &robot->arm[i];
+    double moved = joint + arm->offset;
+
+    if (robot->kind->on_rails)
+        return arm->rail;
+    return plus(times(-arm->arm * sin(moved), arm->out), times(arm->arm * cos(moved), arm->down));
 }
 
 /* By how much frame and limbs that bend lift the plate: over 400 mm aside, by the square of the

@@ -20,6 +20,7 @@
  *     armN.encoder_gain_ppm, armN.eccentricity_sin_deg _cos_deg, armN.ripple_sin_deg _cos_deg
  *     (of rails without eccentricities and in mm), with ripples_per_turn of a crank, or with
  *     drive_period_mm, a carriage's travel in a turn of its drive
+ *     armN.compliance_deg or _mm, by which the plate's weight turns a joint back at 300 mm of lever
  * From which side a joint comes no kinematics is told: backlash is LinuxCNC's own [JOINT_N]BACKLASH.
  * Where one of them is not 0, the plate tilts, and its drawing counts:
  *     armN.plate_x_mm _y_mm _z_mm    where the forearm's bar sits on its part of the plate
@@ -40,6 +41,8 @@
 
 #define KINDS (int)(sizeof kinds / sizeof kinds[0])
 
+#define TYPICAL_CRANK_MM 300.0 /* at which compliance_deg is stated */
+
 MODULE_LICENSE("GPL");
 MODULE_DESCRIPTION("Kinematics of Par4, H4, I4R, I4L, Delta and linear Delta, parameters as HAL pins");
 
@@ -48,7 +51,7 @@ RTAPI_MP_STRING(type, "par4, h4, i4r, i4l, delta or linear-delta");
 
 enum field {
     X, Y, Z, AZIMUTH, ELEVATION, OFFSET, ARM, FOREARM, RAIL_TILT, AXIS_TILT, SKEW, BAR_TURN,
-    GAIN, ONCE_SIN, ONCE_COS, OFTEN_SIN, OFTEN_COS, PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
+    GAIN, ONCE_SIN, ONCE_COS, OFTEN_SIN, OFTEN_COS, GIVE, PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
 };
 
 /* no name: the field does not exist, and counts as 0 */
@@ -56,12 +59,13 @@ static const char *const crank_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", 0, "joint_offset_deg", "arm_mm", "forearm_mm",
     0, "axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg", "encoder_gain_ppm",
     "eccentricity_sin_deg", "eccentricity_cos_deg", "ripple_sin_deg", "ripple_cos_deg",
+    "compliance_deg",
     "plate_x_mm", "plate_y_mm", "plate_z_mm", 0
 };
 static const char *const rail_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg", "joint_offset_mm", 0, "forearm_mm",
     "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg",
-    "encoder_gain_ppm", 0, 0, "ripple_sin_mm", "ripple_cos_mm",
+    "encoder_gain_ppm", 0, 0, "ripple_sin_mm", "ripple_cos_mm", "compliance_mm",
     "plate_x_mm", "plate_y_mm", "plate_z_mm", "bar_azimuth_deg"
 };
 static const char *const rate_fields[] = {"ripples_per_turn", "drive_period_mm"}; /* of rails */
@@ -111,6 +115,7 @@ static int read_arm(arm_geometry *arm, const double value[FIELDS])
     arm->once[0] = value[ONCE_SIN] * unit();
     arm->once[1] = value[ONCE_COS] * unit();
     arm->rate = ripple_rate();
+    arm->give = value[GIVE] * unit() / (kind->on_rails ? 1.0 : TYPICAL_CRANK_MM);
     arm->often[0] = arm->rate ? value[OFTEN_SIN] * unit() : 0.0;
     arm->often[1] = arm->rate ? value[OFTEN_COS] * unit() : 0.0;
     if (kind->on_rails) {
@@ -133,7 +138,7 @@ static int read_geometry(robot_geometry *robot)
     if (!pins)
         return 0;
     robot->kind = kind;
-    robot->is_level = 1;
+    robot->is_level = robot->is_stiff = 1;
     robot->apart = value_of(pins->apart);
     if (kind->turn != NO_TURN && (!(robot->apart > 0.0) || !isfinite(robot->apart)))
         return 0;
@@ -148,6 +153,7 @@ static int read_geometry(robot_geometry *robot)
         }
         if (!read_arm(&robot->arm[i], value))
             return 0;
+        robot->is_stiff &= value[GIVE] == 0.0;
         robot->is_level &= value[SKEW] == 0.0 && value[AXIS_TILT] == 0.0 && value[BAR_TURN] == 0.0;
     }
     for (i = 0; i < SAGS; i++) {

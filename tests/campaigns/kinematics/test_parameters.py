@@ -58,8 +58,8 @@ def test_extensions_transmission_and_growth_stand_after_the_29_of_every_file():
     assert extensions[:8] == AXIS_TILT_NAMES + SKEW_NAMES
     assert extensions[8:12] == SPACE.select(group="bars")
     assert extensions[12:] == SPACE.select(group="sag")
-    assert [SPACE[name].unit for name in gears] == ["ppm"] * 4 + ["deg"] * 20
-    assert gears[-4:] == SPACE.select(field="backlash")
+    assert [SPACE[name].unit for name in gears] == ["ppm"] * 4 + ["deg"] * 24
+    assert gears[-8:] == SPACE.select(field="backlash") + SPACE.select(field="compliance")
     assert SPACE.model[-3:] == ("arm_expansion_ppm", "forearm_expansion_ppm", "frame_expansion_ppm")
     assert SPACE.of_robot == SPACE.names + extensions + gears
     assert SPACE.names[PLATE] == "plate_mm"

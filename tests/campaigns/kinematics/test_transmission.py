@@ -26,16 +26,22 @@ FIELDS = {
 }
 
 
-def geared(member):
-    """Perturbed robot whose joints all have every error, and sides of approach of three shots."""
+def geared(member, **sizes):
+    """Perturbed robot whose joints all have every error, and sides of approach of three shots.
+
+    Sizes are by group instead of all alike; loads of joints change a little with all else.
+    """
     robot = member.perturbed
     rate = 30.0 if member.mechanism.joints[0].is_revolute else 20.0
     p, space, draw = robot.p.copy(), member.space, np.random.default_rng(3)
     for name in space.select(Role.TRANSMISSION):
-        p[space.places([name])] = SIZES[space[name].unit] * draw.uniform(-1.0, 1.0)
+        size = sizes.get(space[name].field.group, SIZES[space[name].unit])
+        p[space.places([name])] = size * draw.uniform(-1.0, 1.0)
     poses = member.reachable_poses(robot, 3, seed=5, limits=member.well_inside)
     own = type(robot)(robot.mechanism.with_ripples(rate), p)
-    return own, poses, draw.choice([-1.0, 0.0, 1.0], (3, space.arms))
+    approach = draw.choice([-1.0, 0.0, 1.0], (3, space.arms))
+    approach[0] = 1.0
+    return own, poses, approach
 
 
 @all_members
@@ -48,9 +54,10 @@ def test_readings_and_poses_undo_each_other_from_either_side(member):
     assert np.abs(member.perturbed.inverse(poses).values_or_raise() - joints).max() > 1e-5
 
 
+@pytest.mark.parametrize(("loads", "within"), [(0.0, 1e-6), (5e-4, 3e-3)])
 @all_members
-def test_derivatives_by_every_parameter_are_those_of_differences(member):
-    robot, poses, approach = geared(member)
+def test_derivatives_by_every_parameter_are_those_of_differences(member, loads, within):
+    robot, poses, approach = geared(member, compliance=loads)
     joints, space = robot.inverse(poses, approach).values_or_raise(), member.space
     gears = space.places(space.select(Role.TRANSMISSION))
     scale = np.where(np.array([space[name].unit for name in space.of_robot]) == "mm", 1.0, 300.0)
@@ -60,14 +67,14 @@ def test_derivatives_by_every_parameter_are_those_of_differences(member):
 
     exact = robot.jacobian(joints, poses, approach) / scale
     differences = central_differences(moved, robot.p, 0.01 / scale) / scale
-    assert np.abs(exact - differences).max() < 1e-6 * np.abs(exact).max()
+    assert np.abs(exact - differences).max() < within * np.abs(exact).max()
     assert (np.abs(exact[:, :, gears]).max(axis=(0, 1)) > 1e-3).all()
 
 
 @all_members
 def test_a_warm_robot_grows_as_its_lengths_do(member):
     """Arms or scales of rails, forearms, and frame from its origin to where the limbs are."""
-    robot, poses, _ = geared(member)
+    robot, poses, _ = geared(member, compliance=0.0)
     chain, places = robot.mechanism, robot.mechanism.parameters.columns
     joints = robot.inverse(poses).values_or_raise()
 
