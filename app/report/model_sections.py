@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.files.table import Column, words
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
-from campaigns.identification.findings import Finding
-from campaigns.identification.hold_out_test import HoldOut
+from campaigns.identification.findings import Finding, HoldOut
 from campaigns.identification.result import (
     Correlation,
     IdentificationResult,

@@ -13,7 +13,7 @@ from pydantic import JsonValue
 from campaigns.arrays import AXES, Array, Index
 from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
 from campaigns.fit import point_sets
-from campaigns.fit.lengths import length_with_std
+from campaigns.fit.point_sets import length_with_std
 from campaigns.fit.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig

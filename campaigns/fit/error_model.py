@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, tracker_columns
-from campaigns.fit.rigid_transforms import Transform, fit_transform
+from campaigns.fit.rigid_transforms import Transform, fit_transform, frame_jacobian
 from campaigns.kinematics.closed_chain import Assembly
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Role
@@ -251,13 +251,7 @@ def moved(assembly: Assembly, by: Array) -> Assembly:
 
 def frame_columns(turned: Array) -> Array:
     """Return ∂point/∂frame (N, 3, 6) of turned points: by a turn in mrad, by a shift in mm."""
-    columns = np.zeros((len(turned), 3, 6))
-    x, y, z = MRAD * turned.T
-    columns[:, 0, 1], columns[:, 0, 2] = z, -y
-    columns[:, 1, 0], columns[:, 1, 2] = -z, x
-    columns[:, 2, 0], columns[:, 2, 1] = y, -x
-    columns[:, :, 3:] = np.eye(3)
-    return columns
+    return np.asarray(frame_jacobian(turned) * np.array([MRAD, MRAD, MRAD, 1.0, 1.0, 1.0]))
 
 
 def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform, ...]:

@@ -1,13 +1,12 @@
 """Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b."""
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from campaigns.arrays import Array
 
-Number = TypeVar("Number", float, Array)
 LINE_TOLERANCE = 1e-9
 """Points whose second spread is below this part of the first lie on a line."""
 
@@ -36,42 +35,32 @@ class Transform:
 
 
 def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) that brings centred points a (N, 3) best to b, and their common spreads (3,).
+    """Return the rotation that brings centred points a (N, 3) best to b, and their common spreads.
 
-    Closed form by SVD (Kabsch 1976). The last spread is negative where a reflection would fit
-    better. Of stacks of points b (…, N, 3), (…, 3, 3) and (…, 3).
+    Closed form by SVD (Kabsch 1976), (3, 3) and (3,). The last spread is negative where a
+    reflection would fit better.
     """
-    u, spread, vt = np.linalg.svd(centred_b.swapaxes(-1, -2) @ centred_a)
-    proper = np.ones(spread.shape)
-    proper[..., 2] = np.sign(np.linalg.det(u @ vt))
-    return (u * proper[..., None, :]) @ vt, spread * proper
+    u, spread, vt = np.linalg.svd(centred_b.T @ centred_a)
+    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    return (u * proper) @ vt, spread * proper
 
 
 def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
-    """`b_from_a` with the least sum of squared distances, from (N, 3) points each (paper eq. 25).
+    """Return `b_from_a` with the least sum of squared distances of points (N, 3) (paper eq. 25).
 
-    Raises `ValueError` for fewer than three points and for points on a line.
-    """
-    rotations, translations_mm = fit_frames(points_in_a_mm, points_in_b_mm[None])
-    return Transform(rotations[0], translations_mm[0])
-
-
-def fit_frames(points_in_a_mm: Array, points_mm: Array) -> tuple[Array, Array]:
-    """Rotations (C, 3, 3) and translations (C, 3) of points (N, 3) to each of (C, N, 3), likewise.
-
-    Raises `ValueError` where one cannot be told.
+    Raise `ValueError` for fewer than three points and for points on a line.
     """
     if len(points_in_a_mm) < 3:
         raise ValueError(f"{len(points_in_a_mm)} points fix no frame: three are needed")
-    centre, centres = points_in_a_mm.mean(axis=0), points_mm.mean(axis=1)
-    rotations, spread = best_rotation(points_in_a_mm - centre, points_mm - centres[:, None])
-    if (spread[:, 1] <= LINE_TOLERANCE * spread[:, 0]).any():
+    centre, other = points_in_a_mm.mean(axis=0), points_in_b_mm.mean(axis=0)
+    rotation, spread = best_rotation(points_in_a_mm - centre, points_in_b_mm - other)
+    if spread[1] <= LINE_TOLERANCE * spread[0]:
         raise ValueError("points on one line fix no frame")
-    return rotations, centres - rotations @ centre
+    return Transform(rotation, other - rotation @ centre)
 
 
 def frame_jacobian(points_mm: Array) -> Array:
-    """∂point by a small turn and a shift of its frame, (N, 3, 6), of points (N, 3)."""
+    """Return ∂point by a small turn (rad) and a shift (mm) of its frame, (N, 3, 6)."""
     columns = np.zeros((len(points_mm), 3, 6))
     x, y, z = points_mm.T
     columns[:, 0, 1], columns[:, 0, 2] = z, -y
@@ -82,7 +71,7 @@ def frame_jacobian(points_mm: Array) -> Array:
 
 
 def paper_angles_rad(transform: Transform) -> Array:
-    """φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,).
+    """Return φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,).
 
     Where γ is ± 90°, φ is 0 or whatever rounding makes of it, and ψ is the rest.
     """
@@ -95,42 +84,5 @@ def paper_angles_rad(transform: Transform) -> Array:
 
 
 def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
-    """R(z, φ) R(y, γ) R(x, ψ) and a translation (paper eqs. 22 and 23), from (3,) each."""
-    turn, _ = small_rotation(angles_rad)
-    return Transform(turn, translation_mm)
-
-
-def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
-    """R(z, a0) R(y, a1) R(x, a2), (…, 3, 3), and its derivatives by the three angles.
-
-    Angles are (…, 3), derivatives (…, 3, 3, 3).
-    """
-    is_one = angles_rad.ndim == 1  # whose plain numbers take a third of the time
-    cos, sin = (
-        of(angles_rad).tolist() if is_one else np.moveaxis(of(angles_rad), -1, 0)
-        for of in (np.cos, np.sin)
-    )
-    every = np.array(rotation_entries(*cos, *sin))
-    turns = every if is_one else np.moveaxis(every, (0, 1, 2), (-3, -2, -1))
-    return turns[..., 0, :, :], turns[..., 1:, :, :]
-
-
-def rotation_entries(
-    cz: Number, cy: Number, cx: Number, sz: Number, sy: Number, sx: Number
-) -> tuple[tuple[tuple[Number, ...], ...], ...]:
-    """Rows of `small_rotation` and of its three derivatives, of the angles' cosines and sines.
-
-    Compiled loops are made of the same lines.
-    """
-    none = cz - cz
-    first = (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx)
-    second = (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx)
-    third = (-sy, cy * sx, cy * cx)
-    by_z = ((-second[0], -second[1], -second[2]), first, (none, none, none))
-    by_y = (
-        (-sy * cz, cy * sx * cz, cy * cx * cz),
-        (-sy * sz, cy * sx * sz, cy * cx * sz),
-        (-cy, -sy * sx, -sy * cx),
-    )
-    by_x = ((none, first[2], -first[1]), (none, second[2], -second[1]), (none, third[2], -third[1]))
-    return (first, second, third), by_z, by_y, by_x
+    """Return R(z, φ) R(y, γ) R(x, ψ) with a translation (paper eqs. 22 and 23), from (3,) each."""
+    return Transform(Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm)

@@ -17,7 +17,6 @@ from campaigns.fit.error_sources import (
 )
 from campaigns.fit.posterior import Posterior
 from campaigns.fit.uncertainty import NullDirections
-from campaigns.identification.hold_out_test import HOLD_OUT_LEVEL, HoldOut
 from campaigns.kinematics.parameters import INNER, SIGNS
 
 FAR_TOLERANCES = 3.0
@@ -26,6 +25,8 @@ SURE_SIGMAS = 2.0
 """Standard deviations by which it must be beyond them."""
 MOST_BEYOND = 0.05
 """Share of the workspace that may be far from all shots."""
+HOLD_OUT_LEVEL = 1e-3
+"""Probability of a larger χ² of hold-out pairs below which their errors contradict σ."""
 MOST_WRONG_SHOTS = 0.1
 """Share of shots left out beyond which they are no single mistakes."""
 BEYOND_TOLERANCE = "beyond-tolerance"
@@ -64,6 +65,27 @@ class Finding:
     def accept(self, names: Sequence[str]) -> "Finding":
         """Return this finding, accepted if it is among some names."""
         return replace(self, accepted=True) if self.name in names else self
+
+
+@dataclass(frozen=True, slots=True)
+class HoldOut:
+    """Test of pairs that were never fitted, by their distances."""
+
+    pairs: int
+    chi2: float
+    p: float
+    ratio: float
+    """Rms of their errors over the rms that the posterior states."""
+
+    @property
+    def believable(self) -> bool:
+        """Whether chance explains their errors."""
+        return self.p >= HOLD_OUT_LEVEL
+
+    @property
+    def applied_ratio(self) -> float:
+        """Factor of σ of positions: 1 while chance explains the errors."""
+        return 1.0 if self.believable else max(1.0, self.ratio)
 
 
 def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[Finding]:

@@ -6,10 +6,9 @@ import numpy as np
 from scipy import special
 
 from campaigns.arrays import Array, Index
-from campaigns.fit.innovations import innovations
 from campaigns.fit.point_sets import directions, distances_mm
-from campaigns.fit.posterior import Posterior
-from campaigns.identification.hold_out_test import HoldOut
+from campaigns.fit.posterior import Posterior, noise_parts
+from campaigns.identification.findings import HoldOut
 from campaigns.identification.observations import observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import Excluded, ResidualTable
@@ -96,16 +95,20 @@ def _tested(
     if options.sessions:
         known = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
         observations = replace(observations, frame=np.searchsorted(known, some.session))
-    unseen = innovations(posterior, observations)
+    model, factors = posterior.model, posterior.components.factors
+    at = model.linearise(observations, posterior.x, posterior.at.frames, observations.near)
+    parts = noise_parts(model, observations, at.by_joint).items()
+    noise = sum(factors.get(part, 1.0) * covariance for part, covariance in parts)
     first, second = places.reshape(rows.shape).T
     along = directions(some.points_in_tracker_mm, first, second)
     by_points = np.zeros((len(rows), len(used), 3))
     pair = np.arange(len(rows))
     by_points[pair, second] += along
     by_points[pair, first] -= along
-    by_errors = by_points.reshape(len(rows), -1)
-    errors = by_errors @ unseen.errors
-    covariance = by_errors @ unseen.covariance @ by_errors.T
+    errors = (by_points * at.residual).sum(axis=(1, 2))
+    by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
+    covariance = by_unknowns @ posterior.covariance_without_changes @ by_unknowns.T
+    covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
     chi2 = float(errors @ np.linalg.solve(covariance, errors))
     p = float(special.chdtrc(len(rows), chi2))
     ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))

@@ -21,8 +21,7 @@ from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, limits_met, spread
 from campaigns.files.table import Column, html_table
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
-from campaigns.identification.findings import HOLD_OUT, Finding
-from campaigns.identification.hold_out_test import HoldOut
+from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots

@@ -5,7 +5,7 @@ from family_cases import PAR4_REFERENCE, flat_in
 from par4_space import SPACE, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.fit.rigid_transforms import Transform, small_rotation
+from campaigns.fit.rigid_transforms import from_paper_angles
 
 CASES = PAR4_REFERENCE["cases"]
 
@@ -27,8 +27,8 @@ WELL_INSIDE = turning_limits((-0.6, 1.3), (-0.6, 0.6), 0.6, singularity_margin=0
 """Leaves room for errors of a hundred millimetres or of a tenth of a radian."""
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 TRACKER_MM = np.array([2500.0, 0.0, -600.0])
-TRACKER_FROM_BASE = Transform(
-    small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
+TRACKER_FROM_BASE = from_paper_angles(
+    np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0])
 )
 TRACKER_STD_MM = 0.015 / 3**0.5
 

@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.design.pose_sampling import workspace_poses
-from campaigns.fit.rigid_transforms import Transform, fit_transform, small_rotation
+from campaigns.fit.rigid_transforms import fit_transform, from_paper_angles
 from campaigns.kinematics.transmission import approach_along
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shots import Shots
 from sim.geometry import KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
 
-TRACKER_FROM_BASE = Transform(
-    small_rotation(np.array([0.02, -0.03, 2.1]))[0], np.array([2500.0, 400.0, 300.0])
+TRACKER_FROM_BASE = from_paper_angles(
+    np.array([0.02, -0.03, 2.1]), np.array([2500.0, 400.0, 300.0])
 )
 SPACING_MM = 80.0
 

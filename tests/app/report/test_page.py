@@ -18,8 +18,7 @@ from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evidence import Evaluation, MeasuredSeries, evaluate, gather
 from campaigns.files.table import texts
-from campaigns.identification.findings import Finding
-from campaigns.identification.hold_out_test import HoldOut
+from campaigns.identification.findings import Finding, HoldOut
 from campaigns.identification.result import Excluded, Frame, Pedigree, Scatter, SessionFrame
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected, SeriesStarted
 from campaigns.kinematics.catalog import PAR4

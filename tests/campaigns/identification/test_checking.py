@@ -8,14 +8,12 @@ from rod_campaigns import SMALL, rod_campaign
 
 from campaigns.api import sample_workspace
 from campaigns.errors import IdentificationRefused
-from campaigns.fit.rigid_transforms import Transform, small_rotation
+from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.identification.checking import check
 from campaigns.identification.identify import identify, update
 from campaigns.identification.options import IdentificationOptions
 
-ELSEWHERE = Transform(
-    small_rotation(np.array([0.01, 0.02, 0.8]))[0], np.array([300.0, 900.0, 20.0])
-)
+ELSEWHERE = from_paper_angles(np.array([0.01, 0.02, 0.8]), np.array([300.0, 900.0, 20.0]))
 
 
 @pytest.fixture(scope="module")

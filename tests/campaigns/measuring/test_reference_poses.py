@@ -12,7 +12,7 @@ from small_plans import FOUR_PAIRS, drift, interrupted, planned, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
-from campaigns.fit.rigid_transforms import small_rotation
+from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Event, Outcome
 from campaigns.kinematics.mechanism import Kinematics
@@ -84,7 +84,7 @@ def test_scatter_of_the_tracker_and_of_the_robot_is_no_change() -> None:
 def test_moved_tracker_is_told_by_how_much() -> None:
     rng = np.random.default_rng(3)
     then, still = outcomes(rng), outcomes(rng)
-    turn = small_rotation(np.array([1e-4, -5e-5, 0.0]))[0]
+    turn = from_paper_angles(np.array([1e-4, -5e-5, 0.0]), np.zeros(3)).rotation
     now = [
         replace(s, point_in_tracker_mm=tuple(turn @ s.point_in_tracker_mm + (0.0, 0.1, 0.0)))
         for s in still

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from campaigns.api import sample_workspace
-from campaigns.fit.rigid_transforms import Transform, small_rotation
+from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.options import IdentificationOptions
 from campaigns.planning.plans import PlanRequest, View, make_plan
@@ -14,7 +14,7 @@ from campaigns.studies.study import StudySetup, planned_shots
 from drivers.values import Pose
 
 ROBOT = find_robot("par4-prototype").robot
-TRACKER = Transform(small_rotation(np.array([0.02, -0.03, 2.1]))[0], np.array([2500.0, 400.0, 0.0]))
+TRACKER = from_paper_angles(np.array([0.02, -0.03, 2.1]), np.array([2500.0, 400.0, 0.0]))
 
 
 @cache
