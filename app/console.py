@@ -24,7 +24,6 @@ from rich.text import Text
 from app.exits import NotConfirmed
 from app.keys import LOOK_S, TYPED_BYTES, Keyboard, keys_heard, typed_line
 from app.progress import RunDisplay
-from campaigns.errors import IdentificationRefused, VerdictBad
 from campaigns.files.table import Column, texts
 from drivers.ports import Prompt
 from drivers.texts import printable
@@ -37,6 +36,8 @@ DECISIONS: Mapping[str, str] = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 TALK, WARNING = "dim", "yellow"
 LIKE_A_TERMINAL = {"FORCE_COLOR", "TTY_COMPATIBLE"}
 """Variables by which users want styles where there is no terminal."""
+NO_NEXT: Mapping[str, None] = {"next": None, "before_next": None, "next_reason": None}
+"""What a document says where no command follows."""
 SILENT_S = 1.0
 """Work of so long needs no word."""
 REDRAWN_S = 1.0
@@ -45,7 +46,8 @@ REDRAWN_S = 1.0
 
 def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
     """The terminal as the global options want it."""
-    return Terminal(as_json=as_json, verbose=context.obj is True)
+    command = context.info_name or ""
+    return Terminal(as_json=as_json, verbose=context.obj is True, command=command)
 
 
 def forget_what_was_typed() -> None:
@@ -82,8 +84,9 @@ def _not_confirmed() -> NotConfirmed:
 class Terminal:
     """With `as_json` everything for people goes to stderr, and one document to stdout."""
 
-    def __init__(self, *, as_json: bool, verbose: bool = False) -> None:
+    def __init__(self, *, as_json: bool, verbose: bool = False, command: str = "") -> None:
         self._as_json = as_json
+        self._command = command
         self._verbose = verbose
         self._keyboard: Keyboard | None = None
         """Reader of the keys while they are heard: it answers the questions then."""
@@ -162,18 +165,10 @@ class Terminal:
     def document(self, document: Mapping[str, object]) -> None:
         """The answer for programs, values and paths in it as they are; only with `as_json`."""
         if self._as_json and sys.stdout is not None:
-            plain = to_jsonable_python(document)
+            beginning = {"schema": f"pkmcal/{self._command}/1", **NO_NEXT}
+            plain = to_jsonable_python({**beginning, **document})
             sys.stdout.write(json.dumps(plain, allow_nan=False) + "\n")
             sys.stdout.flush()
-
-    @contextmanager
-    def refusals_documented(self) -> Iterator[None]:
-        """Print problem and remedy of a refusal with exit code 1 as the document; it is raised."""
-        try:
-            yield
-        except (IdentificationRefused, VerdictBad) as error:
-            self.document({"problem": error.problem, "remedy": error.remedy})
-            raise
 
     def asks(self, question: str) -> bool:
         """Whether the operator says yes, now; without a terminal nobody does."""

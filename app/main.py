@@ -1,9 +1,11 @@
 """The command line: global options, commands by name, and one place where errors become codes."""
 
+import json
 import os
 import signal
 import sys
 import traceback
+from collections.abc import Mapping
 from importlib import import_module
 from itertools import takewhile
 from typing import Annotated, Any
@@ -182,23 +184,40 @@ def run_command(arguments: list[str]) -> int:
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
         if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
             traceback.print_exception(error)
-        return _explained(error, arguments)
+        line, code = _explained(error, arguments)
+        details = error.details if isinstance(error, ExplainedError) else {}
+        return _tell_error(line, code, details, as_json="--json" in arguments)
     if code == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
-        return _told("interrupted → start the command again when ready", Exit.INTERRUPTED)
+        line = "interrupted → start the command again when ready"
+        return _tell_error(line, code, {}, as_json="--json" in arguments)
     return code if isinstance(code, int) else Exit.DONE
 
 
-def _explained(error: Exception, arguments: list[str]) -> Exit:
+def _explained(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
+    """Line and exit code of an error: problem → remedy."""
     is_usage = isinstance(error, TyperException | OptionsInvalid)
     if is_usage and (removed := removed_in_command(arguments)):
         name, remedy = removed
-        return _told(f"'{name}' was removed → {remedy}", Exit.BAD_INPUT)
+        return f"'{name}' was removed → {remedy}", Exit.BAD_INPUT
     if isinstance(error, TyperException):
-        return _told(_usage_line(error), Exit.BAD_INPUT)
+        return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):
-        return _told(f"{error}{f' ({error.page})' if error.page else ''}", exit_code(error))
+        return f"{error}{f' ({error.page})' if error.page else ''}", exit_code(error)
     problem = f"unforeseen {type(error).__name__}: {error}"
-    return _told(f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG)
+    return f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG
+
+
+def _tell_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:
+    """Print an error's line on stderr, and with --json its document on stdout."""
+    line = " ".join(printable(shortened(line, LONGEST_LINE)).split())
+    typer.echo(f"pkmcal: {line}", err=True)
+    if as_json and sys.stdout is not None:
+        problem, _, remedy = line.partition(" → ")
+        error = {"problem": problem, "remedy": remedy, "exit_code": int(code)}
+        document = {"schema": "pkmcal/error/1", **details, "error": error}
+        sys.stdout.write(f"{json.dumps(document, default=str)}\n")
+        sys.stdout.flush()
+    return code
 
 
 def _usage_line(error: TyperException) -> str:
@@ -214,12 +233,6 @@ def _usage_line(error: TyperException) -> str:
         details = cause.errors()[0]
         return f"{name} is '{details['input']}' → {remedy_for(details)}; {remedy}"
     return f"{problem} → {remedy}"
-
-
-def _told(line: str, code: Exit) -> Exit:
-    words = printable(shortened(line, LONGEST_LINE)).split()
-    typer.echo(f"pkmcal: {' '.join(words)}", err=True)
-    return code
 
 
 if __name__ == "__main__":

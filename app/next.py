@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from app.console import TALK, WARNING, Terminal
+from app.console import NO_NEXT, TALK, WARNING, Terminal
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.controller_state import ControllerState
@@ -52,5 +52,5 @@ def tell_next(
 def next_document(step: NextStep | None) -> dict[str, object]:
     """Return the next step for programs."""
     if step is None:
-        return {"next": None, "before_next": None, "next_reason": None}
+        return {**NO_NEXT}
     return {"next": step.text, "before_next": step.first or None, "next_reason": step.why or None}

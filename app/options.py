@@ -29,7 +29,7 @@ Json = Annotated[
     bool,
     typer.Option(
         "--json",
-        help="One JSON document on stdout, messages on stderr; none with exit codes above 1.",
+        help='One JSON document on stdout, messages on stderr; {"error": …} when it fails.',
     ),
 ]
 Yes = Annotated[

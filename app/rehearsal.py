@@ -12,11 +12,10 @@ from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.options import LoadOptions, ValidationOptions, ValidationStage
-from campaigns.workflow.files import export
+from campaigns.workflow.exporting import export, export_plain
 from campaigns.workflow.identification import identify
 from campaigns.workflow.loading import load
 from campaigns.workflow.planning import plan
-from campaigns.workflow.reduced_export import export_plain
 from campaigns.workflow.validation import Validated
 
 STAGES = 8

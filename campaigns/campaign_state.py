@@ -144,6 +144,7 @@ def _calibrated(
     if after is not None and (after.origin != digest or _is_outlived(evidence, after, held)):
         after = None
     corrected = evidence.written is not None and evidence.written.by == "targets"
+    taken_back = evidence.loaded is not None and evidence.loaded.rolls_back is not None
     verdict = evaluation.validated("after")
     decided: After = "worse" if verdict.worse else verdict.decision or "no limits"
     return replace(
@@ -151,7 +152,8 @@ def _calibrated(
         holds=holds,
         after=decided if after else "",
         reasons="; ".join(verdict.reasons),
-        by_targets=corrected and not holds and not (after and after.targets),
+        plain=after is not None and after.form is not None and not after.targets,
+        by_targets=(corrected or taken_back) and not holds and not (after and after.targets),
     )
 
 

@@ -70,12 +70,14 @@ class CampaignState:
     """Robot file to load, in the campaign's folder."""
     holds: bool = False
     """Whether the controller holds what was identified, or a form of it."""
+    plain: bool = False
+    """Whether it was validated with a form that has fewer parameters."""
     after: After = ""
     """Verdict on the robot with what was identified last."""
     reasons: str = ""
     """Reasons against that verdict."""
     by_targets: bool = False
-    """Whether targets were corrected, and nothing was validated with them."""
+    """Whether targets are corrected, or a form was taken back, and none were validated."""
     reported: bool = False
 
 
@@ -123,21 +125,26 @@ ROWS = (
     Row(lambda s: s.check == "update", "identify {folder} --update"),
     Row(lambda s: s.check == "anew", "{again}", CHANGED),
     Row(
-        lambda s: s.to_export == "plain",
-        "export {folder} --format plain {overwrite}",
-        why="the controller does not know all parameters",
-    ),
-    Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
-    Row(
         lambda s: s.after == "worse" and s.holds,
         "load {folder} --rollback",
         why="the robot became worse by what it was loaded with",
     ),
     Row(lambda s: s.after == "worse", "{again}", CHANGED),
     Row(
+        lambda s: s.after in {"fail", "not decided"} and s.holds and s.plain,
+        "load {folder} --rollback",
+        why="corrected targets may meet the limits that the plain form does not",
+    ),
+    Row(
         lambda s: s.by_targets and s.measured == "run",
         "validate {folder} --stage after --by targets",
     ),
+    Row(
+        lambda s: s.to_export == "plain" and not s.after,
+        "export {folder} --format plain {overwrite}",
+        why="the controller does not know all parameters",
+    ),
+    Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
     Row(
         lambda s: not s.after and s.program and not s.program_after,
         "plan {folder} --program csv --stage after",

@@ -1,5 +1,7 @@
 """Errors of a device, named by what the operator does next."""
 
+from collections.abc import Mapping
+
 from drivers.texts import printable, shortened
 
 PROBLEM_CHARACTERS, REMEDY_CHARACTERS = 600, 300
@@ -14,6 +16,8 @@ class ExplainedError(Exception):
 
     page = ""
     """Page and heading of the documentation that say more, `docs/files.md#plancsv`, or empty."""
+    details: Mapping[str, object] = {}
+    """What `--json` prints beside the error."""
 
     def __init__(self, problem: str, *, remedy: str) -> None:
         super().__init__(problem, remedy)

@@ -40,11 +40,11 @@ def command(
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     campaign.require_devices()
-    with terminal.refusals_documented():
-        work = check_work(campaign, options)
+    work = check_work(campaign, options)
     if dry:
         terminal.say(f"would measure {len(work.steps)} shots; nothing was moved")
-        terminal.document({"stage": work.stage, "shots": len(work.steps)})
+        document = {"stage": work.stage, "shots": len(work.steps)}
+        terminal.document(document | tell_next(terminal, campaign))
         return
 
     def told(devices: DeviceIdentities) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic_core import to_jsonable_python
 
 from app.console import BAD, GOOD, terminal_of
 from app.next import tell_who_works
@@ -50,18 +51,21 @@ def command(
     path = campaign.journal_path
     with terminal.telling("reading every record"):
         found = inspect_journal(path)
-    foreign = _foreign(campaign) if found.whole else None
-    if foreign is not None:
-        terminal.document(_document(campaign, found, (Problem(foreign.problem),)))
-        raise foreign
     terminal.say(_contents(found), GOOD if found.whole else BAD)
     for problem in found.problems:
         terminal.say(f"! {problem.problem}", BAD)
-    terminal.document(_document(campaign, found, found.problems))
-    require_whole(path, found.problems)
+    try:
+        require_whole(path, found.problems)
+        with read_journal(path) as journal:
+            campaign.require_own(journal.series())
+    except JournalFailed as error:
+        problems = found.problems or (Problem(error.problem),)
+        error.details = to_jsonable_python(_document(campaign, found, problems))
+        raise
     if page is not None:
         require_page_of(campaign, page)
         terminal.say(f"{page} was made from this journal", GOOD)
+    terminal.document(_document(campaign, found, ()))
 
 
 def require_page_of(campaign: Campaign, page: Path) -> None:
@@ -81,16 +85,6 @@ def require_page_of(campaign: Campaign, page: Path) -> None:
             f"{page} was not made from this journal, or one of them was changed since",
             remedy="compare the digests under Identities, and write the report again",
         )
-
-
-def _foreign(campaign: Campaign) -> JournalFailed | None:
-    """What speaks against a whole journal's being this campaign's."""
-    with read_journal(campaign.journal_path) as journal:
-        try:
-            campaign.require_own(journal.series())
-        except JournalFailed as foreign:
-            return foreign
-    return None
 
 
 def _contents(found: Inspection) -> str:

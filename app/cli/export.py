@@ -8,12 +8,9 @@ import typer
 from app.console import Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Overwrite
-from campaigns.campaign import Campaign, open_campaign
-from campaigns.controllers.model_reduction import ResidualError
-from campaigns.files.table import Column, words
+from campaigns.campaign import open_campaign
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
-from campaigns.workflow import files
-from campaigns.workflow.reduced_export import ReducedExport, export_plain
+from campaigns.workflow import exporting
 
 Format = Literal["yaml", "linuxcnc", "plain"]
 
@@ -55,31 +52,32 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    with terminal.refusals_documented():
-        if format_ == "plain" and not shots:
-            _show(terminal, campaign, export_plain(campaign, to, overwrite=overwrite))
-            return
-        if shots:
-            path, halves = files.export_shots(campaign, to, overwrite=overwrite)
-            if halves:
-                terminal.note(f"left out because their pair is incomplete: shots {halves}")
-        elif format_ == "linuxcnc":
-            path = files.export_hal(campaign, to, overwrite=overwrite)
-        else:
-            path, robot = files.export(campaign, to, overwrite=overwrite)
-            if robot.is_extended:
-                terminal.note(FOR_SOME_CONTROLLERS)
+    document: dict[str, object] = {}
+    if shots:
+        path, halves = exporting.export_shots(campaign, to, overwrite=overwrite)
+        if halves:
+            terminal.note(f"left out because their pair is incomplete: shots {halves}")
+    elif format_ == "plain":
+        plain = exporting.export_plain(campaign, to, overwrite=overwrite)
+        path, document = plain.path, {"left_mm": _show(terminal, plain)}
+    elif format_ == "linuxcnc":
+        path = exporting.export_hal(campaign, to, overwrite=overwrite)
+    else:
+        path, robot = exporting.export(campaign, to, overwrite=overwrite)
+        if robot.is_extended:
+            terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")
-    terminal.document({"path": str(path)} | tell_next(terminal, campaign))
+    terminal.document({"path": path} | document | tell_next(terminal, campaign))
 
 
-def _show(terminal: Terminal, campaign: Campaign, found: ReducedExport) -> None:
-    """What is left, the file, and the next command, for people and for programs."""
-    columns: tuple[Column[tuple[str, ResidualError]], ...] = (
-        words("with", lambda row: row[0]),
-        Column("mean", lambda row: row[1].mean_mm, decimals=4),
-        Column("max", lambda row: row[1].max_mm, decimals=4),
-    )
-    terminal.rows("Remaining error of position (mm)", columns, found.left.items())
-    terminal.say(f"written: {found.path}")
-    terminal.document(found.document() | tell_next(terminal, campaign))
+def _show(terminal: Terminal, plain: exporting.PlainExport) -> dict[str, dict[str, float]]:
+    """Show what plain parameters leave of position beside others; gives it for programs."""
+    left = {
+        "nominal parameters": (plain.nominal.lost_mean_mm, plain.nominal.lost_max_mm),
+        "these values": (plain.form.lost_mean_mm, plain.form.lost_max_mm),
+    }
+    if plain.std is not None:
+        left["all identified parameters, 1 σ"] = (plain.std.mean, plain.std.max)
+    rows = [(name, f"{mean:.4f}", f"{most:.4f}") for name, (mean, most) in left.items()]
+    terminal.table("Remaining error of position (mm)", ("with", "mean", "max"), rows)
+    return {name: {"mean": mean, "max": most} for name, (mean, most) in left.items()}

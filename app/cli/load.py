@@ -15,7 +15,7 @@ from app.next import tell_next
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
 from app.wiring import connected_cell, connected_robot, prepare
-from campaigns.campaign import Campaign, open_campaign
+from campaigns.campaign import open_campaign
 from campaigns.controllers.load import Change
 from campaigns.errors import Interrupted
 from campaigns.files.table import Column, words
@@ -87,19 +87,20 @@ def command(
             goes_on=partial(_goes_on, wish, display, terminal),
         )
         cell = connected_cell(campaign, wish, terminal.alarm, terminal.prompt(display, wish))
-        with terminal.refusals_documented():
-            done = load(campaign, cell, options, watched)
+        done = load(campaign, cell, options, watched)
     else:
-        with terminal.refusals_documented():
-            done = load(campaign, connected_robot(campaign, terminal.prompt()), options, terms)
-    _tell(terminal, campaign, done)
-    if wish.suspends:
-        suspend()
-    elif wish():
+        done = load(campaign, connected_robot(campaign, terminal.prompt()), options, terms)
+    _tell(terminal, done)
+    if wish() and not wish.suspends:
         raise Interrupted(
             "load: interrupted once the parameters were written, and they are in",
             remedy=f"`pkmcal load {folder} --dry` says what the controller holds",
         )
+    document: dict[str, object] = {"loaded": done.source if done.kept else None, "kept": done.kept}
+    document |= {"forced": done.forced, "held": done.state, "verification": done.verification}
+    terminal.document(document | tell_next(terminal, campaign, held=done.state))
+    if wish.suspends:
+        suspend()
 
 
 @contextmanager
@@ -120,8 +121,8 @@ def _goes_on(wish: StopRequest, display: RunDisplay, terminal: Terminal) -> bool
     return answer
 
 
-def _tell(terminal: Terminal, campaign: Campaign, done: LoadResult) -> None:
-    """What was done, for people and for programs."""
+def _tell(terminal: Terminal, done: LoadResult) -> None:
+    """Say what was done."""
     found = done.verification
     if done.outcome == "dry":
         terminal.say("nothing was written")
@@ -138,16 +139,6 @@ def _tell(terminal: Terminal, campaign: Campaign, done: LoadResult) -> None:
         )
     if done.state is not None:
         terminal.say(f"the controller holds {done.state.says}")
-    terminal.document(
-        {
-            "loaded": done.source if done.kept else None,
-            "kept": done.kept,
-            "forced": done.forced,
-            "held": done.state,
-            "verification": found,
-        }
-        | tell_next(terminal, campaign, held=done.state)
-    )
 
 
 def show(terminal: Terminal, found: tuple[Change, ...]) -> None:

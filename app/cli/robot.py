@@ -7,11 +7,13 @@ from typing import Annotated
 import typer
 
 from app.console import terminal_of
+from app.next import next_document
 from app.options import Json
 from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import suggestion
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.next_step import NextStep
 from campaigns.robots.robot import write_new_robot
 from campaigns.robots.symmetrical import Sizes, symmetrical_robot
 
@@ -81,7 +83,8 @@ def command(
     write_new_robot(path, document)
     terminal = terminal_of(context, as_json=json)
     terminal.say(f"made: {path}, mechanism {kind.name}")
-    terminal.note(f"next: correct its limits, then: pkmcal new DIR --robot {path}")
+    step = NextStep(("new", "DIR", "--robot", str(path)), "correct its limits")
+    terminal.note(f"next: {step.says}")
     terminal.document(
         {
             "file": str(path),
@@ -89,6 +92,7 @@ def command(
             "geometry": dict(document.robot.parameters),
             "workspace_centre_mm": list(document.robot.workspace_centre_mm or ()),
         }
+        | next_document(step)
     )
 
 

@@ -4,6 +4,7 @@ import typer
 
 from app.console import WARNING, terminal_of
 from app.measuring import measure_validation
+from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.report.validation_text import show_validation
 from app.wiring import connected_robot
@@ -48,7 +49,8 @@ def command(
     stage, names = options.stage, [str(name) for name in options.only or BY_DEFAULT]
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
-        terminal.document({"stage": stage, "tests": names})
+        document = {"stage": stage, "tests": names}
+        terminal.document(document | tell_next(terminal, campaign))
         return
     again = validation.replaced(campaign, stage, options.tests)
     asked = f"{again.problem}. Measure it again?" if again else ""

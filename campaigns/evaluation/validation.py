@@ -533,14 +533,14 @@ def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[
     """Words on limits that a form breaks by itself somewhere in the workspace."""
     if form is None:
         return
-    for how, lost_mm, limit_mm in (
-        ("on average", form.lost_mean_mm, limits.distance_mean_mm),
-        ("at most", form.lost_max_mm, limits.distance_max_mm),
+    for figure, lost_mm, limit_mm in (
+        ("mean", form.lost_mean_mm, limits.distance_mean_mm),
+        ("largest", form.lost_max_mm, limits.distance_max_mm),
     ):
         if limit_mm is not None and lost_mm > limit_mm:
             yield (
-                f"the form of the identified parameters ({form.name}) loses {lost_mm:.3f} mm {how} "
-                f"of position over the workspace, limit for distances {limit_mm:g} mm"
+                f"the form of the identified parameters ({form.name}) {form.loses} of position "
+                f"over the workspace, limit for the {figure} distance {limit_mm:g} mm"
             )
 
 

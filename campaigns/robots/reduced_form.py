@@ -28,14 +28,13 @@ class ReducedForm:
     @property
     def says(self) -> str:
         """What it is, and what it loses."""
-        if not self.lost_max_mm:
-            return f"a form of the identified parameters ({self.name})"
-        typical = self.lost_mean_mm if self.lost_rms_mm is None else self.lost_rms_mm
-        kind = "on average" if self.lost_rms_mm is None else "rms"
-        return (
-            f"a form of the identified parameters ({self.name}), loses {typical:.3f} mm {kind}, "
-            f"{self.lost_max_mm:.3f} mm at most"
-        )
+        lost = f", {self.loses}" if self.lost_max_mm else ""
+        return f"a form of the identified parameters ({self.name}){lost}"
+
+    @property
+    def loses(self) -> str:
+        """What it loses: the same words and numbers wherever it is mentioned."""
+        return f"loses {self.lost_mean_mm:.4f} mm on average, {self.lost_max_mm:.4f} mm at most"
 
 
 def form_of(stated: Mapping[str, JsonValue] | None, where: str) -> ReducedForm | None:

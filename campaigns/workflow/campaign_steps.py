@@ -1,6 +1,6 @@
 """Steps of a campaign for Python: each does what the command of its name does."""
 
-from campaigns.workflow.files import export, export_hal, export_shots
+from campaigns.workflow.exporting import export, export_hal, export_shots
 from campaigns.workflow.identification import identify
 from campaigns.workflow.importing import import_shots, import_validation
 from campaigns.workflow.loading import load

@@ -13,7 +13,7 @@ from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
-from campaigns.workflow.files import recorded
+from campaigns.workflow.exporting import identified_robot, recorded
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import CSV_BYTES
 
@@ -42,7 +42,12 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
 
 
 def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
-    """Identified robot of a file, the exported one by default; raises `ConfigInvalid`."""
+    """Identified robot of a file, by default the exported one, or else of the journal.
+
+    Raises `ConfigInvalid`, and `VerdictBad` for an identification that did not pass.
+    """
+    if path is None and not campaign.path(FILE_NAME).exists():
+        return identified_robot(campaign).robot
     path = path or campaign.path(FILE_NAME)
     robot = read_parameter_file(path, campaign.folder, campaign.robot)
     objections = tuple(file_objections(robot, campaign.config.name, campaign.robot))

@@ -8,9 +8,9 @@ from typing import Literal
 
 from campaigns import errors
 from campaigns.campaign import Campaign
-from campaigns.controllers import export as parameter_file
 from campaigns.controllers import load_checks
 from campaigns.controllers.controller_state import ControllerState, KnownSets
+from campaigns.controllers.export import FILE_NAME, PLAIN, PLAIN_FILE
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
 from campaigns.controllers.load_journal import (
     FOUND_AGAIN,
@@ -31,7 +31,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
-from campaigns.workflow.reduced_export import left_by_forms
+from campaigns.workflow.exporting import plain_form
 from drivers.errors import Cancelled, DeviceRefused, DriverError, RobotStateUnknown
 from drivers.ports import RobotController
 from drivers.values import Identity
@@ -139,7 +139,7 @@ def _wanted(
 
     Raises `ConfigInvalid` unless that is overruled.
     """
-    source = options.file or campaign.path(parameter_file.FILE_NAME)
+    source = options.file or campaign.path(FILE_NAME)
     robot = load_checks.read_parameter_file(source, campaign.folder, campaign.robot)
     objections = tuple(load_checks.file_objections(robot, campaign.config.name, campaign.robot))
     if not options.force:
@@ -214,14 +214,13 @@ class _Loading:
         """
         lacking = self.controller.lacks(robot.parameters.extended_by)
         if lacking:
-            for name, left in left_by_forms(self.campaign, robot).items():
-                self.terms.tell(
-                    f"{name}: leaves {left.rms_mm:.4f} mm rms, {left.max_mm:.4f} mm at most"
-                )
-            is_there = self.campaign.path(parameter_file.PLAIN_FILE).exists()
-            command = f"pkmcal export {self.campaign.folder} --format {parameter_file.PLAIN}"
-            again = " --overwrite" if is_there else ""
-            remedy = f"`{command}{again}` writes the nearest set that it can have"
+            again = " --overwrite" if self.campaign.path(PLAIN_FILE).exists() else ""
+            command = f"pkmcal export {self.campaign.folder} --format {PLAIN}{again}"
+            _, form = plain_form(self.campaign, robot)
+            remedy = (
+                f"`{command}` writes the nearest set that it can have, which {form.loses}; "
+                "`pkmcal correct` loses nothing"
+            )
             robot.require_known(lacking, remedy)
         serial = self.controller.identity().serial
         found = (

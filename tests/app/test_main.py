@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from importlib import import_module
+from json import loads
 from pathlib import Path
 
 import pytest
@@ -125,7 +126,7 @@ def test_a_name_of_the_api_says_which_folder_hides_our_packages(tmp_path):
 def test_a_command_that_makes_no_sense(pkmcal, arguments, words, json):
     code, out, err = pkmcal(*arguments, *json)
     assert code == 2
-    assert out == ""
+    assert ("error" in loads(out)) if json else out == ""
     assert err.startswith("pkmcal: ")
     assert err.count("\n") == 1
     assert " → " in err
@@ -165,7 +166,8 @@ def failing(monkeypatch, tmp_path):
 
 def test_a_designed_error_is_one_line(pkmcal, failing):
     code, out, err = pkmcal(*failing(LinkDown("a\nb", remedy="check it")), "--json")
-    assert (code, out, err) == (3, "", "pkmcal: a b → check it\n")
+    assert (code, err) == (3, "pkmcal: a b → check it\n")
+    assert loads(out)["error"] == {"problem": "a b", "remedy": "check it", "exit_code": 3}
 
 
 def test_an_error_of_our_own_is_one_line_too(pkmcal, failing):

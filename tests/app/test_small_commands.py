@@ -22,6 +22,8 @@ def test_new_for_a_real_cell(pkmcal, tmp_path):
     code, out, err = pkmcal(*words)
     assert code == 0
     assert json.loads(out) == {
+        "schema": "pkmcal/new/1",
+        "next_reason": None,
         "folder": str(folder),
         "controller": CONTROLLER,
         "tracker": TRACKER,
@@ -201,5 +203,6 @@ def test_a_result_that_must_not_be_used_is_a_document_too(pkmcal, whole, tmp_pat
     ended = pkmcal(name, folder, *options, "--json")
     assert ended.code == 1
     problem, _, remedy = ended.error_line.partition(" → ")
-    assert ended.document == {"problem": problem, "remedy": remedy}
+    error = {"problem": problem, "remedy": remedy, "exit_code": 1}
+    assert ended.document == {"schema": "pkmcal/error/1", "error": error}
     assert pkmcal(name, folder, *options).out == ""

@@ -61,7 +61,7 @@ def test_hints_after_options_of_all_commands_can_be_typed(pkmcal, tmp_path):
         step = hint(ended)
         assert hint(pkmcal("status", folder)) == step
         assert pkmcal("status", folder, "--json").document["next"] == step
-    assert step == f"pkmcal run {folder} --anew"  # none of its options is repeated
+    assert not {"--prior", "--fix", "--hold-out"} & {*step.split()}
 
 
 def test_who_works_on_a_campaign_is_waited_for_or_watched(pkmcal, tmp_path):

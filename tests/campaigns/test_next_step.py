@@ -64,8 +64,9 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
         case "check", _:
             yield from (replace(state, check=answer) for answer in ANSWERS)
         case (("validate" | "import"), options) if "after" in options:
+            is_plain = state.file == PLAIN_FILE and "targets" not in options
             for after in ("worse", "fail", "not decided", "no limits", "pass"):
-                yield replace(state, after=after, by_targets=False)
+                yield replace(state, after=after, by_targets=False, plain=is_plain)
         case command, options:
             yield replace(state, **CHANGED[(command, *options[:3])])
 
@@ -84,7 +85,7 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("export", "--format", "plain"): {"to_export": "", "file": PLAIN_FILE},
     ("load",): {"holds": True},
     ("load", "--file", f"DIR/{PLAIN_FILE}"): {"holds": True},
-    ("load", "--rollback"): {"holds": False},
+    ("load", "--rollback"): {"holds": False, "by_targets": True},
     ("report",): {"reported": True},
 }
 """What a step changes that has one outcome, by its words."""

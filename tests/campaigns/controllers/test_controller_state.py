@@ -14,10 +14,9 @@ from campaigns.options import LoadOptions
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotFile, compensated, read_robot
 from campaigns.settings.sections import AcceptanceConfig
-from campaigns.workflow import reduced_export
-from campaigns.workflow.files import export
+from campaigns.workflow import exporting
+from campaigns.workflow.exporting import export, export_plain, plain_form
 from campaigns.workflow.loading import LoadTerms, load
-from campaigns.workflow.reduced_export import export_plain, left_by_forms
 from campaigns.workflow.validation import Validated
 
 WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
@@ -62,7 +61,7 @@ def test_a_form_that_was_exported_and_loaded_passes_as_what_it_is(plain: Evaluat
     assert (held.kind, held.form.name) == ("form", "plain")
     assert {check.statement for check in plain.checks if check.holds is False} == set()
     assert plain.validated("after").decision == plain.verdict.decision == "pass"
-    told = "Validated after with a form of the identified parameters (plain), loses 0.012 mm rms"
+    told = "Validated after with a form of the identified parameters (plain), loses 0.0100 mm on"
     assert any(reason.startswith(told) for reason in plain.verdict.reasons)
 
 
@@ -75,7 +74,7 @@ def with_form(found: Evaluation, **lost: float) -> Evaluation:
 def test_a_form_that_loses_more_than_a_limit_shows_nothing(plain: Evaluation) -> None:
     found = with_form(plain, lost_max_mm=1.5)
     assert found.validated("after").decision == found.verdict.decision == "not decided"
-    says = "the form of the identified parameters (plain) loses 1.500 mm at most of position"
+    says = "(plain) loses 0.0100 mm on average, 1.5000 mm at most of position"
     assert says in " ".join(found.verdict.reasons)
     assert says in " ".join(found.validated("after").reasons)
 
@@ -93,7 +92,7 @@ def test_load_says_that_a_form_loses_more_than_a_limit(identified: PaperCampaign
         LoadTerms(tell=told.append, dry=True),
     )
     (warned,) = told
-    assert "(plain) loses 0.010 mm on average" in warned
+    assert "(plain) loses 0.0100 mm on average" in warned
     assert "`pkmcal correct`" in warned
 
 
@@ -148,7 +147,7 @@ def test_an_exported_form_says_what_it_is_and_loses(identified: PaperCampaign) -
     assert form.of == [*gather(identified.campaign).sets.identified][-1]
     assert 0.0 < form.lost_rms_mm < form.lost_max_mm < 0.03  # mm: of tilts that noise put there
     older = {"of": form.of, "lost_mean_mm": 0.02, "lost_max_mm": 0.1}
-    assert "(plain), loses 0.020 mm on average" in form_of({FORM: older}, "old").says
+    assert "(plain), loses 0.0200 mm on average" in form_of({FORM: older}, "old").says
 
 
 def test_export_states_the_loss_that_load_offers(identified: PaperCampaign, monkeypatch) -> None:
@@ -156,15 +155,14 @@ def test_export_states_the_loss_that_load_offers(identified: PaperCampaign, monk
     nominal = identified.campaign.nominal
     worn = {f"arm{arm}.backlash_deg": 0.02 for arm in range(4)}
     whole = compensated(nominal, "worn", nominal.robot.parameters | worn)
-    monkeypatch.setattr(reduced_export, "identified_robot", lambda _: whole)
+    monkeypatch.setattr(exporting, "identified_robot", lambda _: whole)
     found = export_plain(identified.campaign, identified.folder / "worn.yaml")
     form = form_of(read_robot(found.path).robot.provenance, "worn")
     assert form is not None
-    offered = left_by_forms(identified.campaign, whole.robot)["plain"]
-    assert (form.lost_rms_mm, form.lost_max_mm) == (offered.rms_mm, offered.max_mm)
-    assert found.left["these values"] == offered
-    assert offered.rms_mm is not None
-    assert offered.rms_mm > 0.01
+    _, offered = plain_form(identified.campaign, whole.robot)
+    assert found.form == form == offered
+    assert offered.lost_mean_mm > 0.01
+    assert offered.loses in offered.says
 
 
 def test_a_form_that_cannot_be_read_is_refused_with_the_key(identified: PaperCampaign) -> None:

@@ -30,10 +30,9 @@ from campaigns.shots.import_export import exported_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.correction import correct_file
-from campaigns.workflow.files import export
+from campaigns.workflow.exporting import export, export_plain
 from campaigns.workflow.identification import identify
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
-from campaigns.workflow.reduced_export import export_plain
 from campaigns.workflow.validation import replaced, validation_work
 
 LIMITS = AcceptanceConfig(

@@ -23,7 +23,7 @@ from campaigns.options import LoadOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.robot import compensated, find_robot, read_robot
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.workflow.files import export
+from campaigns.workflow.exporting import export
 from campaigns.workflow.loading import LoadResult, LoadTerms, load
 from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused, RobotStateUnknown
