@@ -14,7 +14,6 @@ from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent
-from ruamel.yaml.reader import Reader
 
 from drivers.errors import ExplainedError
 from drivers.texts import printable, shortened
@@ -136,16 +135,8 @@ def loaded_yaml(yaml: YAML, text: str, name: str) -> object:
 def bounded(yaml: YAML) -> YAML:
     """The same loader, which refuses aliases, deep nesting, and too many entries."""
     yaml.max_depth = YAML_DEPTH
-    yaml.Reader, yaml.Composer = _PlainReader, _PlainComposer
+    yaml.Composer = _PlainComposer
     return yaml
-
-
-class _PlainReader(Reader):
-    """Signs of a file; only those that nobody can see need the library's own, slower look."""
-
-    def check_printable(self, data: Any) -> None:
-        if not data.replace("\n", " ").isprintable():
-            super().check_printable(data)
 
 
 class _PlainComposer(Composer):

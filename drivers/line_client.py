@@ -20,20 +20,19 @@ from drivers.wire.lines import (
 
 Body = TypeVar("Body")
 NOTHING = Nothing()
-OPENING_S = 2.0
-"""How long the first bytes over a fresh connection may take to be sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """A protocol as its client speaks it: error and remedy for the code of each refusal.
 
-    `page` specifies it.
+    `page` specifies it; an answer is waited for `answer_s`, if nothing else is said.
     """
 
     grammar: LineGrammar
     refusals: Mapping[str, tuple[type[errors.DeviceRefused], str]]
     page: str
+    answer_s: float
 
 
 class LineClient(LinkClient[Answer]):
@@ -64,6 +63,8 @@ class LineClient(LinkClient[Answer]):
             cancelled=cancelled,
         )
         super().__init__(link)
+        self.latest_line = ""
+        """Line of the latest answer, as records keep it."""
         self._dialect = dialect
         self._numbers = numbers
         self._asked = 0
@@ -72,15 +73,15 @@ class LineClient(LinkClient[Answer]):
         if self._first is not None:
             opening += dialect.grammar.encode_question(self._first)
         try:
-            transport.send(opening, OPENING_S)
+            transport.send(opening, dialect.answer_s)
         except BaseException:  # also an interrupt
             transport.close()
             raise
 
     def ask(
-        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float
-    ) -> tuple[Body, str]:
-        """Return the answer, and the line in which it came.
+        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float | None = None
+    ) -> Body:
+        """Return the answer to a question.
 
         Raises what a refusal means, or `LinkDown`, `WireError`, `Cancelled`; these three close.
         """
@@ -89,7 +90,7 @@ class LineClient(LinkClient[Answer]):
         answer = self._link.ask(
             self._dialect.grammar.encode_question(question),
             answers=lambda answer: _is_answer(answer, question, kind),
-            within_s=within_s,
+            within_s=within_s or self._dialect.answer_s,
             what=verb,
         )
         return self._body_of(answer, verb, kind)
@@ -104,13 +105,14 @@ class LineClient(LinkClient[Answer]):
         answer = self._link.await_event(
             lambda answer: _is_answer(answer, first, kind), within_s=within_s, what=first.verb
         )
-        return self._body_of(answer, first.verb, kind)[0]
+        return self._body_of(answer, first.verb, kind)
 
-    def _body_of(self, answer: Answer, verb: str, kind: type[Body]) -> tuple[Body, str]:
+    def _body_of(self, answer: Answer, verb: str, kind: type[Body]) -> Body:
         if isinstance(answer.body, Refused):
             raise self._refusal(answer.body, verb)
         assert isinstance(answer.body, kind), "only such an answer was accepted"
-        return answer.body, answer.line
+        self.latest_line = answer.line
+        return answer.body
 
     def _refusal(self, refused: Refused, verb: str) -> errors.DriverError:
         problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"

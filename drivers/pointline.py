@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from drivers import errors, values
 from drivers.declaration import Surroundings
-from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
+from drivers.line_client import Dialect, LineClient, recorded_answer
 from drivers.plausible import RESTART, require, require_point, require_weather
 from drivers.session import Preparation, PreparedTracker
 from drivers.wire import pointline as wire
@@ -29,7 +29,6 @@ REFUSALS: Mapping[str, tuple[type[errors.DeviceRefused], str]] = {
     "COLD": (errors.DeviceNotReady, "wait until the instrument is warm, then try again"),
     "FAULT": (errors.DeviceNotReady, "look at the instrument's own display, then try again"),
 }
-DIALECT = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md")
 
 Body = TypeVar("Body")
 
@@ -55,12 +54,13 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
         super().__init__()
         self._given = given
         self._numbers = numbers_from(given.first_number)
+        self._dialect = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md", deadlines.answer_s)
         self._deadlines = deadlines
         self._last_count = 0
 
     @override
     def state(self) -> values.TrackerState:
-        status = self._ask("STATE", wire.InstrumentStatus)
+        status = self._session.connection.ask("STATE", wire.InstrumentStatus)
         readiness = values.Readiness.NOT_READY
         if status.busy:
             readiness = values.Readiness.BUSY
@@ -85,10 +85,12 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
 
     @override
     def reflectors(self) -> tuple[values.Reflector, ...]:
+        client = self._session.connection
         reflectors: list[values.Reflector] = []
         count = 1
         while (index := len(reflectors)) < min(count, MOST_REFLECTORS):
-            entry = self._ask("REFLECTOR", wire.ReflectorDefinition, wire.ReadReflector(index))
+            question = wire.ReadReflector(index)
+            entry = client.ask("REFLECTOR", wire.ReflectorDefinition, question)
             reflectors.append(values.Reflector(entry.name, index, entry.surface_offset_mm))
             count = entry.count
         return tuple(reflectors)
@@ -101,7 +103,8 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
         """
         client, wanted, _ = self._prepared()
         within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
-        result, line = client.ask("MEASURE", wire.PointMeasured, within_s=within_s)
+        result = client.ask("MEASURE", wire.PointMeasured, within_s=within_s)
+        line = client.latest_line
         covariance_mm2 = _covariance_mm2(client.name, result)
         before, self._last_count = self._last_count, result.count
         if result.count == before != 0:
@@ -133,27 +136,21 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
 
     def _aim(self, verb: str, target: wire.GoTo | wire.Find) -> None:
         self._prepared()
-        self._ask(verb, Nothing, target, within_s=self._deadlines.motion_s)
+        self._session.connection.ask(verb, Nothing, target, within_s=self._deadlines.motion_s)
 
     def _if_it_has(self, verb: str, kind: type[Body]) -> Body | None:
         try:
-            return self._ask(verb, kind)
+            return self._session.connection.ask(verb, kind)
         except errors.DeviceRefused as refused:
             if refused.code != NOT_THERE:
                 raise
             return None
 
-    def _ask(
-        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float | None = None
-    ) -> Body:
-        within_s = within_s or self._deadlines.answer_s
-        return self._session.connection.ask(verb, kind, body, within_s=within_s)[0]
-
     @override
     def _open(self) -> LineClient:
         return LineClient(
             self._given.open_transport(),
-            DIALECT,
+            self._dialect,
             self._numbers,
             clock_s=self._given.clock.now_s,
             cancelled=self._given.cancelled,
@@ -161,12 +158,9 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
 
     @override
     def _ask_identity(self, client: LineClient) -> values.Identity:
-        greeting, _ = client.ask(
-            "HELLO",
-            wire.InstrumentGreeting,
-            Hello(wire.VERSION),
-            within_s=self._deadlines.greeting_s,
-        )
+        hello = Hello(wire.VERSION)
+        within_s = self._deadlines.greeting_s
+        greeting = client.ask("HELLO", wire.InstrumentGreeting, hello, within_s=within_s)
         identity = values.Identity(
             vendor=greeting.vendor,
             model=greeting.model,

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import TypeVar
 
 from typing_extensions import override
 
@@ -17,7 +16,7 @@ from drivers.errors import (
     WireError,
     WrongDevice,
 )
-from drivers.line_client import NOTHING, Dialect, LineClient, recorded_answer
+from drivers.line_client import Dialect, LineClient, recorded_answer
 from drivers.plausible import require_joints
 from drivers.ports import RobotController
 from drivers.session import DeviceSession
@@ -38,8 +37,6 @@ REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
     "BUSY": (DeviceNotReady, "wait until the robot stands still, then try again"),
     "GEOMETRY": (DeviceRefused, "check the robot file; the controller keeps its old parameters"),
 }
-
-Body = TypeVar("Body")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +67,9 @@ class LineRobot(RobotController):
         self._open_transport = given.open_transport
         self._clock = given.clock
         self._layout = given.layout
-        self._dialect = Dialect(wire.grammar(given.layout), REFUSALS, "docs/robotline.md")
+        self._dialect = Dialect(
+            wire.grammar(given.layout), REFUSALS, "docs/robotline.md", deadlines.answer_s
+        )
         self._numbers = numbers_from(given.first_number)
         self._deadlines = deadlines
         self._session = DeviceSession("controller", self._opened, self._greet)
@@ -105,7 +104,7 @@ class LineRobot(RobotController):
         client = self._session.connection
         deadlines = self._deadlines
         within_s = deadlines.moving_answer_s if self._is_moving else deadlines.answer_s
-        status, line = client.ask("STATE", wire.ControllerStatus, within_s=within_s)
+        status = client.ask("STATE", wire.ControllerStatus, within_s=within_s)
         self._is_moving = status.moving
         joints = inner_units(self._layout.joints, status.joints)
         require_joints(client.name, self._layout.joints, joints)
@@ -114,7 +113,7 @@ class LineRobot(RobotController):
             moving=status.moving,
             fault=status.fault,
             emergency_stop=status.emergency_stop,
-            raw=line,
+            raw=client.latest_line,
         )
 
     def prepare(self) -> None:
@@ -158,13 +157,14 @@ class LineRobot(RobotController):
         When the wire breaks here, only reading back tells which parameters the controller has.
         """
         _check_geometry(geometry, self._layout)
+        client = self._session.connection
         with self._stopping.undisturbed():
             try:
                 for part in self._layout.parts_of(geometry):
-                    self._ask("STAGE", Nothing, part)
-                self._ask("COMMIT", Nothing, within_s=self._deadlines.commit_s)
+                    client.ask("STAGE", Nothing, part)
+                client.ask("COMMIT", Nothing, within_s=self._deadlines.commit_s)
             except DeviceRefused:
-                self._ask("ABANDON", Nothing)
+                client.ask("ABANDON", Nothing)
                 raise
 
     @override
@@ -172,9 +172,10 @@ class LineRobot(RobotController):
         self._session.close()
 
     def _read(self, parts: Iterable[str]) -> dict[str, float]:
+        client = self._session.connection
         geometry: dict[str, float] = {}
         for name in parts:
-            part = self._ask("GEOM", wire.Part, wire.ReadPart(Title(name)))
+            part = client.ask("GEOM", wire.Part, wire.ReadPart(Title(name)))
             if part.name != name:
                 self.close()
                 raise WireError(f"the controller answered for {part.name}, asked for {name}")
@@ -200,20 +201,12 @@ class LineRobot(RobotController):
             return False
         return True
 
-    def _ask(
-        self, verb: str, kind: type[Body], body: object = NOTHING, *, within_s: float | None = None
-    ) -> Body:
-        within_s = within_s or self._deadlines.answer_s
-        return self._session.connection.ask(verb, kind, body, within_s=within_s)[0]
-
     def _begin(self, verb: str, move: wire.MoveJoints | wire.MovePose) -> None:
-        self._ask(verb, wire.MotionBegun, move)
+        self._session.connection.ask(verb, wire.MotionBegun, move)
         self._is_moving = True
 
     def _greet(self, client: LineClient) -> Identity:
-        greeting, _ = client.ask(
-            "HELLO", wire.ControllerGreeting, Hello(wire.VERSION), within_s=self._deadlines.answer_s
-        )
+        greeting = client.ask("HELLO", wire.ControllerGreeting, Hello(wire.VERSION))
         identity = Identity(
             vendor=greeting.vendor,
             model=greeting.model,
@@ -242,14 +235,15 @@ class LineRobot(RobotController):
 
     def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:
         if self._session.is_open:
-            self._ask("STOP", Nothing, within_s=answer_s)
+            self._session.connection.ask("STOP", Nothing, within_s=answer_s)
         else:
             self._session.use(self._opened("STOP"))
             self._session.connection.await_first(Nothing, answer_s)
 
         def is_moving() -> bool:
+            client = self._session.connection
             within_s = self._stopping.at_most_s(answer_s)
-            return self._ask("STATE", wire.ControllerStatus, within_s=within_s).moving
+            return client.ask("STATE", wire.ControllerStatus, within_s=within_s).moving
 
         self._stopping.await_standstill(is_moving, give_up_s=give_up_s)
 

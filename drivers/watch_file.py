@@ -40,21 +40,21 @@ class _Contents:
     """Contents of the file at a moment: whole rows, and a last line that has no end yet."""
 
     text: str
-    rows: Sequence[str]
+    rows: tuple[str, ...]
     partial: str
 
-    def new_since(self, before: "_Contents") -> list[str]:
-        """Rows that are new; of a file that was replaced, those that the old one did not have."""
-        known = [*before.rows, *filter(None, [before.partial])]
-        whole = len(before.rows)
+    def rows_since(self, before: "_Contents") -> list[str]:
+        """Return the new rows; of a file that was replaced, those that the old one did not have."""
+        count = len(before.rows)
+        if self.rows[:count] == before.rows:
+            rows = [*self.rows[count:]]
+            had_begun = rows and before.partial and rows[0].startswith(before.partial)
+            return rows[1:] if had_begun else rows
         changed = sum(old != new for old, new in zip(before.rows, self.rows, strict=False))
-        if not changed and len(self.rows) >= whole:
-            new = [*self.rows[whole:]]
-            ended = new and before.partial and new[0].startswith(before.partial)
-            return new[1:] if ended else new  # it had begun before it was asked for
-        if changed == 1 and len(self.rows) == whole > 1:
+        if changed == 1 and len(self.rows) == count > 1:
             return []  # an old row was written anew in its place, with more digits say
-        return [*(Counter(self.rows) - Counter(known)).elements()]
+        old_rows = [*before.rows, before.partial]
+        return [*(Counter(self.rows) - Counter(old_rows)).elements()]
 
 
 class WatchedTracker(LaserTracker):
@@ -104,7 +104,7 @@ class WatchedTracker(LaserTracker):
                 problem = f"{self._name}: the wait for a row was abandoned"
                 raise Cancelled(problem, remedy="start again when ready")
             now = self._contents(otherwise=now)
-            if rows := now.new_since(before):
+            if rows := now.rows_since(before):
                 return self._measured(rows, now.text)
             if self._clock.now_s() >= give_up_s:
                 half = "; its last line has no line end" if now.partial else ""

@@ -15,9 +15,8 @@ from drivers.errors import WireError
 Triple = tuple[float, float, float]
 
 TEXT_BYTES = 64
-CODES: Mapping[object, str] = {int: "i", float: "d", Triple: "v", str: "s"}
-"""Letter of a field by its type."""
-_STRUCT_CODES = {"i": "i", "d": "d", "v": "ddd", "s": f"{TEXT_BYTES}s"}
+FORMATS: Mapping[object, str] = {int: "i", float: "d", Triple: "3d", str: f"{TEXT_BYTES}s"}
+"""Format in `struct` of a field, by its annotation."""
 
 
 class Body:
@@ -29,14 +28,14 @@ class Body:
 BodyType = TypeVar("BodyType", bound=Body)
 
 
-def codes_of(kind: type[Body]) -> str:
-    """Return the letters of a body's fields in their order."""
-    return "".join(CODES[each.type] for each in fields(cast("Any", kind)))
+def annotations_of(kind: type[Body]) -> list[Any]:
+    """Return the annotations of a body's fields in their order."""
+    return [field.type for field in fields(cast("Any", kind))]
 
 
 def layout_of(kind: type[Body]) -> struct.Struct:
     """Return the body's layout in bytes."""
-    return struct.Struct("<" + "".join(_STRUCT_CODES[code] for code in codes_of(kind)))
+    return struct.Struct("<" + "".join(FORMATS[form] for form in annotations_of(kind)))
 
 
 def decode_body(kind: type[BodyType], data: bytes, *, may_be_longer: bool = False) -> BodyType:
@@ -49,27 +48,26 @@ def decode_body(kind: type[BodyType], data: bytes, *, may_be_longer: bool = Fals
         raise WireError(f"{kind.__name__} has {len(data)} bytes, {layout.size} are expected")
     values = iter(layout.unpack_from(data))
     make = cast("Callable[..., BodyType]", kind)
-    return make(*(_field(code, values) for code in codes_of(kind)))
+    return make(*(_field(form, values) for form in annotations_of(kind)))
 
 
 def encode_body(body: Body) -> bytes:
     """Write a body; raises `ValueError` for a text that is too long."""
     values: list[Any] = []
-    for code, slot in zip(codes_of(type(body)), fields(cast("Any", body)), strict=True):
-        value = getattr(body, slot.name)
-        values += value if code == "v" else [_text_bytes(value) if code == "s" else value]
+    for field in fields(cast("Any", body)):
+        value = getattr(body, field.name)
+        if field.type == Triple:
+            values += value
+        else:
+            values.append(_text_bytes(value) if field.type is str else value)
     return layout_of(type(body)).pack(*values)
 
 
-def _field(code: str, values: Iterator[Any]) -> object:
-    if code == "v":
+def _field(form: object, values: Iterator[Any]) -> object:
+    if form == Triple:
         return next(values), next(values), next(values)
     value = next(values)
-    return _text(value) if code == "s" else value
-
-
-def _text(data: bytes) -> str:
-    return data.decode("utf-16-le", errors="replace").partition("\0")[0]
+    return value.decode("utf-16-le", errors="replace").partition("\0")[0] if form is str else value
 
 
 def _text_bytes(text: str) -> bytes:

@@ -13,7 +13,7 @@ from drivers.errors import DriverError
 from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 from drivers.wire.emscon import ANSWERS, Answer
-from drivers.wire.emscon_messages import SingleResult2, codes_of
+from drivers.wire.emscon_messages import SingleResult2, Triple, annotations_of
 
 WHOLES = (0, 1, -1, 2, 3, 5, 39, 70, 2048, 10011, 2**31 - 1, -(2**31))
 FLOATS = (0.0, 1.0, -1.0, 20.0, 1013.0, 0.01, 1e-300, 1e300, math.nan, math.inf, -math.inf)
@@ -39,12 +39,12 @@ def endings(calls):
 def odd(kind, draw):
     """A body of that kind with any values."""
     one = {
-        "i": lambda: draw.choice(WHOLES),
-        "d": lambda: draw.choice(FLOATS),
-        "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
-        "s": lambda: draw.choice(TEXTS),
+        int: lambda: draw.choice(WHOLES),
+        float: lambda: draw.choice(FLOATS),
+        Triple: lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
+        str: lambda: draw.choice(TEXTS),
     }
-    return kind(*(one[code]() for code in codes_of(kind)))
+    return kind(*(one[form]() for form in annotations_of(kind)))
 
 
 def emscon_calls(draw):

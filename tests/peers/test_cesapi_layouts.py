@@ -47,9 +47,10 @@ THEIR_UNITS = {
 def example(kind):
     """A body in which no two fields are alike."""
     values = []
-    for number, code in enumerate(emscon_messages.codes_of(kind), start=1):
+    for number, form in enumerate(emscon_messages.annotations_of(kind), start=1):
         triple = (number + 0.25, number + 0.5, number + 0.75)
-        values.append({"i": number, "d": number + 0.125, "v": triple, "s": f"text {number}"}[code])
+        forms = {int: number, float: number + 0.125, emscon_messages.Triple: triple}
+        values.append(f"text {number}" if form is str else forms[form])
     return kind(*values)
 
 

@@ -89,11 +89,11 @@ DOUBLE = st.floats(allow_nan=False)
 TEXT = st.text(st.characters(max_codepoint=0xFFFF, exclude_categories=["Cs"]), max_size=31).map(
     lambda text: text.replace("\0", "")
 )
-VALUES = {"i": INT32, "d": DOUBLE, "v": st.tuples(DOUBLE, DOUBLE, DOUBLE), "s": TEXT}
+VALUES = {int: INT32, float: DOUBLE, said.Triple: st.tuples(DOUBLE, DOUBLE, DOUBLE), str: TEXT}
 
 
 def bodies(kind):
-    return st.builds(kind, *(VALUES[code] for code in said.codes_of(kind)))
+    return st.builds(kind, *(VALUES[form] for form in said.annotations_of(kind)))
 
 
 REQUESTS = st.one_of(

@@ -27,8 +27,8 @@ class Wire(NamedTuple):
 
 def example(kind: type[emscon_messages.Body]) -> emscon_messages.Body:
     """A body in which no two fields are alike."""
-    values = {"i": 7, "d": 0.5, "v": (1.5, -2.5, 3.5), "s": "CCR-1.5in"}
-    return kind(*(values[code] for code in emscon_messages.codes_of(kind)))
+    values = {int: 7, float: 0.5, emscon_messages.Triple: (1.5, -2.5, 3.5), str: "CCR-1.5in"}
+    return kind(*(values[form] for form in emscon_messages.annotations_of(kind)))
 
 
 UNASKED = (

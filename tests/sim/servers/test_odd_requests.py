@@ -12,7 +12,7 @@ from drivers.wire import robotline as messages
 from drivers.wire.emscon import REQUESTS as BODIES
 from drivers.wire.emscon import EmsconRequest, encode
 from drivers.wire.emscon_constants import Command
-from drivers.wire.emscon_messages import Nothing, codes_of
+from drivers.wire.emscon_messages import Nothing, Triple, annotations_of
 from drivers.wire.lines import Question
 from sim.cell import Cell
 from sim.geometry import PAR4
@@ -31,11 +31,11 @@ def emscon_request(draw, _number):
     command = draw.choice(list(Command))
     kind = BODIES.get(command, Nothing)
     one = {
-        "i": lambda: draw.choice(WHOLES),
-        "d": lambda: draw.choice(FLOATS),
-        "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
+        int: lambda: draw.choice(WHOLES),
+        float: lambda: draw.choice(FLOATS),
+        Triple: lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
     }
-    return encode(EmsconRequest(command, kind(*(one[code]() for code in codes_of(kind)))))
+    return encode(EmsconRequest(command, kind(*(one[form]() for form in annotations_of(kind)))))
 
 
 def robotline_request(draw, number):
