@@ -83,12 +83,6 @@ class TestTooSoon:
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
-    def test_result_that_came_before_the_answer_is_judged_by_when_it_came(self):
-        station = Station().prepared(measuring_time_s=2.0)
-        station.instrument.says[START] = [(0.1, RESULT), (3.0, Answer(START))]
-        with pytest.raises(NotAMeasurement):
-            station.tracker.measure()
-
     def test_time_counts_from_the_question_that_was_not_answered_with_busy(self):
         station = Station().prepared(measuring_time_s=2.0)
         free_s = station.clock.now_s() + 5.0

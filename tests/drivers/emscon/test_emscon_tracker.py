@@ -156,10 +156,5 @@ class TestState:
         station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(light)
         assert station.tracker.state().readiness is (readiness or Readiness.NOT_READY)
 
-    def test_no_reflector_chosen(self):
-        station = Station().connected()
-        station.instrument.refuses[Command.GET_REFLECTOR] = 36
-        assert station.tracker.state().reflector == ""
-
     def test_weather(self):
         assert Station().connected().tracker.weather() == Weather(20.5, 1001.0, 45.0)

@@ -1,7 +1,6 @@
 """An instrument over pointline: what counts as a point, refusals, what it does not have."""
 
 import pytest
-from scripted_controller import checked
 from scripted_pointline import CCR, POINT_MM, SEEN, ScriptedInstrument
 
 from drivers import errors
@@ -153,15 +152,3 @@ def test_long_measurement_is_waited_for_as_long_as_it_takes_and_no_longer(instru
         instrument.tracker.measure()
     instrument.tracker.reconnect()
     assert [question.split()[1] for question in instrument.questions[-2:]] == ["HELLO", "PREPARE"]
-
-
-def test_late_point_is_never_taken_for_the_next_one(instrument):
-    late = instrument.answers["MEASURE"][0]
-    instrument.delays_s["MEASURE"] = 18.0
-    with pytest.raises(errors.LinkDown):
-        instrument.tracker.measure()
-    instrument.delays_s.clear()
-    number = instrument.numbers[-1]
-    instrument.waiting = checked(f"<{number} MEASURE {late}")
-    instrument.tracker.reconnect()
-    assert instrument.tracker.measure().raw.split()[0] != f"<{number}"

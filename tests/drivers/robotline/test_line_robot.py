@@ -1,6 +1,6 @@
 """A robot over robotline: units, refusals, faults of the wire."""
 
-from math import nan, pi, radians
+from math import pi, radians
 
 import pytest
 from scripted_controller import ANSWER_S, ScriptedController, checked, connected
@@ -37,20 +37,13 @@ def test_state_comes_in_radians_with_motion_fault_and_emergency_stop(controller)
     assert (state.moving, state.emergency_stop, state.fault) == (True, True, "drive 2")
 
 
-def test_joint_move_is_sent_in_degrees_and_per_cent(controller):
+def test_moves_are_sent_in_millimetres_degrees_and_per_cent(controller):
     controller.robot.move_joints([0.0, pi / 2, -pi / 4, pi], 0.25)
-    assert controller.questions == [">8 MOVEJ 0.0 90.0 -45.0 180.0 25.0"]
-
-
-def test_pose_move_is_sent_in_millimetres_degrees_and_per_cent(controller):
     controller.robot.move_pose(Pose(1.5, -2.5, -575.0, pi / 4), 1.0)
-    assert controller.questions == [">8 MOVEP 1.5 -2.5 -575.0 45.0 100.0"]
-
-
-def test_target_that_is_not_a_number_is_never_sent(controller):
-    with pytest.raises(errors.WireError, match="not a finite number"):
-        controller.robot.move_joints([0.0, nan, 0.0, 0.0], 0.25)
-    assert controller.questions == []
+    assert controller.questions == [
+        ">8 MOVEJ 0.0 90.0 -45.0 180.0 25.0",
+        ">9 MOVEP 1.5 -2.5 -575.0 45.0 100.0",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -122,20 +115,8 @@ def test_late_answer_that_comes_between_question_and_answer_is_never_believed(co
         checked("<8 STOP OK"),
         checked("<8 MOVEJ NO BUSY the robot moves"),
         checked("<8 STATE OK 0 0 - 1.0 0.0 0.0 0.0").replace(b"1.0", b"9.0"),
-        checked("<8 STATE OK 0 0 - 1.0 0.0"),
-        checked(">8 STATE"),
-        b"Welcome to the wrong port\n",
-        b"\x00" * 400,
     ],
-    ids=[
-        "other verb",
-        "refusal of other verb",
-        "damaged",
-        "too short",
-        "echo",
-        "other protocol",
-        "noise",
-    ],
+    ids=["other verb", "refusal of other verb", "damaged"],
 )
 def test_answer_that_is_none_closes_the_wire(controller, answer):
     controller.pipes[0].respond = lambda _: [(ANSWER_S, answer)]
