@@ -1,12 +1,12 @@
-"""Measuring on the cell: a series with its progress shown, and asked about again after Ctrl-C."""
+"""Measuring on the cell: a job measured with its progress shown, resumed after lost links."""
 
 import math
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from app.console import WARNING, Terminal, is_yes
 from app.interrupt import StopRequest, stop_on_signals, suspend
@@ -18,9 +18,8 @@ from app.wiring import connected_cell, prepare, require_devices
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
-from campaigns.journal.records import Stage
+from campaigns.measuring.run_state import Wish, Wishes
 from campaigns.measuring.session import RunResult, measure_series, run_result
-from campaigns.measuring.wishes import Wish, Wishes
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions, ValidationOptions
 from campaigns.planning.plan_check import CheckedPlan
@@ -29,85 +28,144 @@ from campaigns.workflow.running import RunPreview, measured_before, run_preview,
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
 from drivers.ports import Prompt, SystemClock
 
-Prepare = Callable[[Cell], Work]
 Result = TypeVar("Result")
-Finish = Callable[[Journal, int], Result]
-Briefing = Callable[[DeviceIdentities], str]
+WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
+
+
+class Job(ABC, Generic[Result]):
+    """What is measured in one stage of a campaign, and what is made of its series."""
+
+    def __init__(
+        self, campaign: Campaign, work: Work, preview: RunPreview, retry: int | None
+    ) -> None:
+        """`retry`: connections after a lost link; None: as campaign.yaml says."""
+        self.campaign, self.work, self.preview = campaign, work, preview
+        self.title: str = work.stage
+        self.retry = campaign.config.run.retry if retry is None else retry
+
+    def brief(self, devices: DeviceIdentities) -> str:
+        """Say what will be measured with these devices, before the operator is asked."""
+        return briefing(self.campaign, self.work, self.preview, devices)
+
+    def prepare(self, cell: Cell) -> Work:  # noqa: ARG002 - a plan asks nothing of the devices
+        """Return the work, once the cell is connected."""
+        return self.work
+
+    @abstractmethod
+    def finish(self, journal: Journal, series: int) -> Result:
+        """Return the result of the measured series, the journal still held."""
+
+
+class Clearance:
+    """The operator's yes to a robot that will move, given by an option or asked for.
+
+    The devices that answer are named in the question; the same ones must answer afterwards.
+    """
+
+    def __init__(self, job: Job[Result], terminal: Terminal, *, yes: bool) -> None:
+        """`yes`: it is given by an option."""
+        self.is_given = yes
+        self._job = job
+        self._terminal = terminal
+        self._devices: DeviceIdentities | None = None
+
+    def ask(self) -> None:
+        """Connect without a motion and ask, unless it is given; raise `NotConfirmed` for a no."""
+        if self.is_given:
+            return
+        self._terminal.require_somebody()
+        with connected_cell(self._job.campaign) as cell:
+            self._devices = identities(cell)
+        question = f"{self._job.brief(self._devices)}. Is the cell clear?"
+        self._terminal.require_yes(question, yes=False)
+
+    def check(self, devices: DeviceIdentities) -> None:
+        """Raise `WrongDevice` for other devices than before; name the first ones."""
+        if self._devices is None:
+            self._devices = devices
+            self._terminal.note(self._job.brief(devices))
+        if devices != self._devices:
+            raise WrongDevice(
+                f"{serials(devices)} answer now, before the question it was "
+                f"{serials(self._devices)}",
+                remedy="check the addresses, then start again",
+            )
 
 
 def measure(
-    campaign: Campaign,
-    make_work: Prepare,
-    finish: Finish[Result],
-    terminal: Terminal,
-    *,
-    title: str,
-    stage: Stage,
-    retry: int | None,
-    told: Briefing,
-    yes: bool,
-    anew: bool,
-    plain: bool,
+    job: Job[Result], terminal: Terminal, *, yes: bool, anew: bool = False, plain: bool = False
 ) -> Result:
-    """Connect, make the work, measure it, and finish with the journal still held.
+    """Measure a job: ask, connect, measure, and connect again after what may be over then.
 
-    `retry`: so often it connects anew after a lost link; None: as campaign.yaml says. `told`: what
-    the operator is told before he is asked, unless it is a `yes`. `plain` shows it by lines, and
-    hears no keys.
-    Raises `Interrupted` when the operator stopped and does not want to go on now.
+    `yes`: the cell is clear, and nobody may be there to help. `anew`: begin a new series although
+    one is unfinished. `plain`: print progress by lines, and hear no keys.
+    Raise `Interrupted` when the operator stopped and does not want to go on now.
     """
-    allowed = campaign.config.run.retry if retry is None else retry
-    retries, clearance = Retries(campaign, stage, allowed, SystemClock()), Clearance(told, yes=yes)
+    campaign, clearance = job.campaign, Clearance(job, terminal, yes=yes)
+    retries = Retries(campaign, job.work.stage, job.retry, SystemClock())
     with campaign.held():
         require_devices(campaign)  # before anything is shown that goes on while it asks
-        clearance.obtain(campaign, terminal)
-        before = _latest_series(campaign)
-
-        def measure_once(wish: StopRequest, *, anew: bool) -> Result:
-            wishes = Wishes()
-            with (
-                terminal.watching(title, plain=plain or campaign.is_by_hand) as display,
-                _keys(terminal, display, wish, wishes),
-                _ready_cell(
-                    campaign, wish, terminal, clearance, prompt := terminal.prompt(display, wish)
-                ) as cell,
-            ):
-                work = make_work(cell)
-                if prompt is not None:
-                    cell = replace(cell, ask=partial(_says_yes, prompt))
-                    if not yes:
-                        cell = replace(cell, beam_wait_s=math.inf)
-                with campaign.opened_journal() as journal:
-                    series = measure_series(
-                        cell, journal, work, display, wish, anew=anew, wishes=wishes
-                    )
-                    return finish(journal, series)
-
+        clearance.ask()
+        series_before = _latest_series(campaign)
         while True:
-            wish = StopRequest()
-            is_new = anew and _latest_series(campaign) == before
+            is_new = anew and _latest_series(campaign) == series_before
+            stop = StopRequest()
             try:
-                with stop_on_signals(wish):
+                with stop_on_signals(stop):
                     try:
-                        return measure_once(wish, anew=is_new)
+                        return _measure_once(
+                            job, terminal, clearance, stop, anew=is_new, plain=plain
+                        )
                     except (Interrupted, Cancelled):
                         raise
                     except (DriverError, CampaignError) as error:
-                        _wait_for_next_try(error, retries, terminal, wish)
+                        _wait_for_next_try(error, retries, terminal, stop)
             except (Interrupted, Cancelled) as stopped:
-                if not (wish.may_go_on and _wants_to_go_on(wish, terminal)):
+                if not (stop.may_go_on and _wants_to_go_on(stop, terminal)):
                     raise Interrupted(
-                        f"{title}: stopped by the operator; everything measured is kept",
+                        f"{job.title}: stopped by the operator; everything measured is kept",
                         remedy="type the same command again to resume it",
                     ) from stopped
 
 
-def _says_yes(prompt: Prompt, question: str) -> bool:
-    """Ask the operator while the run is shown; raises `Cancelled` once a stop is requested."""
-    return is_yes(prompt(f"{question} [y/N] "))
+def _measure_once(
+    job: Job[Result],
+    terminal: Terminal,
+    clearance: Clearance,
+    stop: StopRequest,
+    *,
+    anew: bool,
+    plain: bool,
+) -> Result:
+    """Connect, measure what the series lacks, and finish the job."""
+    campaign, wishes = job.campaign, Wishes()
+    with terminal.watching(job.title, plain=plain or campaign.is_by_hand) as display:
+        prompt = terminal.prompt(display, stop)
+        with (
+            _keys(terminal, display, stop, wishes),
+            connected_cell(campaign, stop, terminal.alarm, prompt) as cell,
+        ):
+            devices = identities(cell)
+            for name, identity in zip(("controller", "tracker"), devices, strict=True):
+                terminal.detail(f"{name}: {identity}")
+            clearance.check(devices)
+            prepare(campaign, cell)
+            work = job.prepare(cell)
+            if prompt is not None:
+                cell = _attended(cell, prompt, waits_for_beam=not clearance.is_given)
+            with campaign.opened_journal() as journal:
+                series = measure_series(
+                    cell, journal, work, display, stop, anew=anew, wishes=wishes
+                )
+                return job.finish(journal, series)
 
 
-WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
+def _attended(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
+    """Return the cell with an operator who answers, and waits for the beam if he is asked."""
+    wait_s = math.inf if waits_for_beam else cell.beam_wait_s
+    return replace(
+        cell, ask=lambda question: is_yes(prompt(f"{question} [y/N] ")), beam_wait_s=wait_s
+    )
 
 
 @contextmanager
@@ -131,18 +189,18 @@ def _keys(
 
 
 def _wait_for_next_try(
-    error: ExplainedError, retries: Retries, terminal: Terminal, wish: StopRequest
+    error: ExplainedError, retries: Retries, terminal: Terminal, stop: StopRequest
 ) -> None:
-    """Wait until it is tried again; raises the error when it is not, `Interrupted` when stopped."""
+    """Wait until the next try; raise the error if there is none, `Interrupted` when stopped."""
     pause_s = retries.again_after(error)
     if pause_s is None:
         raise error
     terminal.note(f"! {retries.text(error)}", WARNING)
-    retries.wait(pause_s, wish)
+    retries.wait(pause_s, stop)
 
 
 def _latest_series(campaign: Campaign) -> int:
-    """Number of the series that was begun last, of any stage; 0: none was."""
+    """Return the number of the series that was begun last, of any stage; 0 without one."""
     if not campaign.journal_path.exists():
         return 0
     with campaign.journal_reader() as journal:
@@ -154,75 +212,76 @@ def identities(cell: Cell) -> DeviceIdentities:
     return cell.robot.identity(), cell.tracker.identity()
 
 
-class Clearance:
-    """The operator's yes to a robot that will move, given by an option or asked for.
-
-    He is told which devices answer before he is asked; it must be these that are measured with.
-    """
-
-    def __init__(self, briefing: Briefing, *, yes: bool) -> None:
-        self._briefing = briefing
-        self._yes = yes
-        self._told: DeviceIdentities | None = None
-
-    def obtain(self, campaign: Campaign, terminal: Terminal) -> None:
-        """Ask, unless it was given; raises `NotConfirmed`. Connects, and moves nothing."""
-        if self._yes:
-            return
-        terminal.require_somebody()
-        with connected_cell(campaign) as cell:
-            self._told = identities(cell)
-        terminal.require_yes(f"{self._briefing(self._told)}. Is the cell clear?", yes=False)
-
-    def check(self, found: DeviceIdentities, terminal: Terminal) -> None:
-        """Raise `WrongDevice` for others than were told; tell whoever has not been asked."""
-        if self._told is None:
-            self._told = found
-            terminal.note(self._briefing(found))
-        if found != self._told:
-            raise WrongDevice(
-                f"{serials(found)} answer now, before the question it was {serials(self._told)}",
-                remedy="check the addresses, then start again",
-            )
-
-
-@contextmanager
-def _ready_cell(
-    campaign: Campaign,
-    wish: StopRequest,
-    terminal: Terminal,
-    clearance: Clearance,
-    prompt: Prompt | None,
-) -> Iterator[Cell]:
-    """Both devices, connected, the tracker ready to measure, the robot ready to move."""
-    with connected_cell(campaign, wish, terminal.alarm, prompt) as cell:
-        found = identities(cell)
-        for device, identity in zip(("controller", "tracker"), found, strict=True):
-            terminal.detail(f"{device}: {identity}")
-        clearance.check(found, terminal)
-        prepare(campaign, cell)
-        yield cell
-
-
-def goes_on(wish: StopRequest, terminal: Terminal) -> bool:
-    """Whether the operator wants to go on; suspended first, if that was his wish."""
+def goes_on(stop: StopRequest, terminal: Terminal) -> bool:
+    """Ask the operator whether to go on, after Ctrl-Z once the process is continued."""
     terminal.note("stopped: the robot stands still, everything measured is kept", WARNING)
-    if wish.suspends:
+    if stop.suspends:
         suspend()
         terminal.note("continued: the robot still stands where it was stopped", WARNING)
     return terminal.asks("Go on where it was?")
 
 
-def _wants_to_go_on(wish: StopRequest, terminal: Terminal) -> bool:
-    """The operator's answer. Signals are not caught here, so Ctrl-C means no."""
+def _wants_to_go_on(stop: StopRequest, terminal: Terminal) -> bool:
+    """Ask the operator; signals are not caught here, so Ctrl-C means no."""
     try:
-        return goes_on(wish, terminal)
+        return goes_on(stop, terminal)
     except KeyboardInterrupt:
         return False
 
 
-def found_measured(campaign: Campaign, work: Work, terminal: Terminal) -> RunResult | None:
-    """Result that was measured before, if nothing is left; says so."""
+class RunJob(Job[RunResult]):
+    """Run of the plan."""
+
+    def finish(self, journal: Journal, series: int) -> RunResult:
+        """Return what the journal has of the plan."""
+        return run_result(journal, series, self.work)
+
+
+class ValidationJob(Job[validation.Validated]):
+    """Measurement of how accurate the robot is, evaluated and judged."""
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        terminal: Terminal,
+        options: ValidationOptions,
+        held: Mapping[str, float],
+        objections: Sequence[OptionsInvalid] = (),
+        *,
+        anew: bool = False,
+    ) -> None:
+        """`held`: what the controller holds; `objections`: what is done in spite of them."""
+        work, _ = validation.validation_work(campaign, held, options)
+        preview = run_preview(campaign, validation.seconds_of(campaign, work), work, anew=anew)
+        super().__init__(campaign, work, preview, options.retry)
+        self.title = f"validate {options.stage}"
+        self._terminal, self._options = terminal, options
+        self._unrecorded = [*objections]
+
+    def brief(self, devices: DeviceIdentities) -> str:
+        """Say which stage is measured, and with how many shots."""
+        return f"Validation '{self._options.stage}': {super().brief(devices)}"
+
+    def prepare(self, cell: Cell) -> Work:
+        """Record the objections once, and make the work for what the controller holds now."""
+        with self.campaign.opened_journal() as journal:
+            for objection in self._unrecorded:
+                validation.record_objection(journal, objection)
+        self._unrecorded.clear()
+        held = cell.robot.read_geometry()
+        work, notes = validation.validation_work(self.campaign, held, self._options)
+        for note in notes:
+            self._terminal.note(f"! {note}", WARNING)
+        return work
+
+    def finish(self, journal: Journal, series: int) -> validation.Validated:
+        """Evaluate and judge the series."""
+        stage, by = self._options.stage, self._options.by
+        return validation.record_validation(self.campaign, journal, series, stage, by)
+
+
+def find_measured(campaign: Campaign, work: Work, terminal: Terminal) -> RunResult | None:
+    """Return the result that was measured before if nothing is left to measure, and say so."""
     ran = measured_before(campaign, work)
     if ran is not None:
         more = (
@@ -236,86 +295,9 @@ def found_measured(campaign: Campaign, work: Work, terminal: Terminal) -> RunRes
 
 def run_plan(campaign: Campaign, checked: CheckedPlan, terminal: Terminal) -> RunResult:
     """Measure all of the plan that is missing."""
-    options = RunOptions()
-    work = run_work(campaign, checked, options)
-    before = found_measured(campaign, work, terminal)
-    if before is not None:
-        return before
+    work = run_work(campaign, checked, RunOptions())
+    measured = find_measured(campaign, work, terminal)
+    if measured is not None:
+        return measured
     preview = run_preview(campaign, checked.seconds, work)
-    return measure_plan(campaign, preview, work, terminal, options, yes=True, plain=True)
-
-
-def measure_plan(
-    campaign: Campaign,
-    preview: RunPreview,
-    work: Work,
-    terminal: Terminal,
-    options: RunOptions,
-    *,
-    yes: bool,
-    anew: bool = False,
-    plain: bool = False,
-) -> RunResult:
-    """Take up the unfinished series, or begin one, with the operator's yes."""
-    return measure(
-        campaign,
-        lambda _: work,  # the plan asks nothing of the devices
-        partial(run_result, work=work),
-        terminal,
-        title="run",
-        stage="run",
-        retry=options.retry,
-        told=partial(briefing, campaign, work, preview),
-        yes=yes,
-        anew=anew,
-        plain=plain,
-    )
-
-
-def measure_validation(
-    campaign: Campaign,
-    terminal: Terminal,
-    options: ValidationOptions,
-    held: Mapping[str, float],
-    objections: Sequence[OptionsInvalid] = (),
-    *,
-    yes: bool,
-    anew: bool = False,
-    plain: bool = False,
-) -> validation.Validated:
-    """Measure, with the operator's yes, evaluate and judge.
-
-    `held`: what the controller holds. What is done in spite of `objections` the journal keeps.
-    """
-    unsaid = [*objections]
-
-    def prepare(cell: Cell) -> Work:
-        with campaign.opened_journal() as journal:
-            while unsaid:
-                validation.record_objection(journal, unsaid.pop(0))
-        work, notes = validation.validation_work(campaign, cell.robot.read_geometry(), options)
-        for note in notes:
-            terminal.note(f"! {note}", WARNING)
-        return work
-
-    def finish(journal: Journal, series: int) -> validation.Validated:
-        return validation.record_validation(campaign, journal, series, options.stage, options.by)
-
-    def told(devices: DeviceIdentities) -> str:
-        work, _ = validation.validation_work(campaign, held, options)
-        preview = run_preview(campaign, validation.seconds_of(campaign, work), work, anew=anew)
-        return f"Validation '{options.stage}': {briefing(campaign, work, preview, devices)}"
-
-    return measure(
-        campaign,
-        prepare,
-        finish,
-        terminal,
-        title=f"validate {options.stage}",
-        stage=options.stage,
-        retry=options.retry,
-        told=told,
-        yes=yes,
-        anew=anew,
-        plain=plain,
-    )
+    return measure(RunJob(campaign, work, preview, None), terminal, yes=True, plain=True)

@@ -1,7 +1,7 @@
 """Rehearsal: the whole workflow on a simulated cell, for `dry-run` and the paper's example."""
 
 from app.console import Terminal
-from app.measuring import measure_validation, run_plan
+from app.measuring import ValidationJob, measure, run_plan
 from app.plan_text import plan_line
 from app.report.identification_text import show
 from app.report.validation_text import show_gain
@@ -71,8 +71,8 @@ def heading(terminal: Terminal, number: int, stage: str) -> None:
 def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:
     with connected_robot(campaign) as controller:
         held = controller.read_geometry()
-    options = ValidationOptions(stage=stage)
-    found = measure_validation(campaign, terminal, options, held, yes=True, plain=True)
+    job = ValidationJob(campaign, terminal, ValidationOptions(stage=stage), held)
+    found = measure(job, terminal, yes=True, plain=True)
     terminal.say(_distance_line(found.result))
     return found
 

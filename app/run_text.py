@@ -39,18 +39,20 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
         terminal.say(ran.settling.text, "" if ran.settling.shots else WARNING)
     if ran.known is not None:
         terminal.say(f"known by {ran.known.shots} shots: {certainty(ran.known)}")
-    if ran.goal is None:
+    if ran.goal_mm is None:
         return
     if ran.good:
-        terminal.say(f"good: goal {ran.goal} mm is met: {_reached(ran)}", GOOD)
+        terminal.say(f"good: goal {ran.goal_mm:g} mm is met: {_reached(ran)}", GOOD)
     else:
-        terminal.say(f"not good: goal {ran.goal} mm is not met: {_reached(ran)}{_why(ran)}", BAD)
+        terminal.say(
+            f"not good: goal {ran.goal_mm:g} mm is not met: {_reached(ran)}{_why(ran)}", BAD
+        )
 
 
 def run_document(ran: RunResult) -> dict[str, object]:
     """What `--json` prints."""
-    goal = ran.goal and {
-        "std_mm": ran.goal.std_mm,
+    goal = ran.goal_mm and {
+        "std_mm": ran.goal_mm,
         "met": ran.good,
         "reached_mm": ran.known and ran.known.position_std_mm,
         "left_out": ran.left_out,
@@ -74,7 +76,9 @@ def preview_line(preview: RunPreview, work: Work) -> str:
             f"{len(preview.left)} are left"
         )
     skipped = f", {in_words(preview.skipped)} left out" if preview.skipped else ""
-    goal = "" if work.goal is None else f", fewer once positions are known to {work.goal} mm"
+    goal = (
+        "" if work.goal_mm is None else f", fewer once positions are known to {work.goal_mm:g} mm"
+    )
     return f"{shots}{skipped}{goal}, about {interval((preview.seconds, preview.seconds))}"
 
 

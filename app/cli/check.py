@@ -6,10 +6,10 @@ import typer
 
 from app.console import DECISIONS, terminal_of
 from app.exits import Exit
-from app.measuring import measure
+from app.measuring import Job, measure
 from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
-from app.run_text import DeviceIdentities, briefing
+from app.run_text import DeviceIdentities
 from campaigns.campaign import open_campaign
 from campaigns.identification.checking import RecordedCheck
 from campaigns.journal.journal import Journal
@@ -17,6 +17,18 @@ from campaigns.options import CheckOptions
 from campaigns.workflow.checking import check_work, record_check
 from campaigns.workflow.running import run_preview
 from campaigns.workflow.validation import seconds_of
+
+
+class CheckJob(Job[RecordedCheck]):
+    """Measurement of a few shots, judged by the last identification."""
+
+    def brief(self, devices: DeviceIdentities) -> str:
+        """Say that it is a check, and of how many shots."""
+        return f"Check: {super().brief(devices)}"
+
+    def finish(self, journal: Journal, series: int) -> RecordedCheck:
+        """Judge the series."""
+        return record_check(self.campaign, journal, series)
 
 
 def command(
@@ -47,26 +59,9 @@ def command(
         terminal.document(document | tell_next(terminal, campaign))
         return
 
-    def told(devices: DeviceIdentities) -> str:
-        preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
-        return f"{work.stage.capitalize()}: {briefing(campaign, work, preview, devices)}"
-
-    def finish(journal: Journal, series: int) -> RecordedCheck:
-        return record_check(campaign, journal, series)
-
-    judged = measure(
-        campaign,
-        lambda _: work,
-        finish,
-        terminal,
-        title=work.stage,
-        stage=work.stage,
-        retry=options.retry,
-        told=told,
-        yes=yes,
-        anew=anew,
-        plain=plain,
-    )
+    preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
+    job = CheckJob(campaign, work, preview, options.retry)
+    judged = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     terminal.say(judged.says, DECISIONS[judged.decision])
     terminal.document(asdict(judged) | tell_next(terminal, campaign))
     if judged.decision != "pass":

@@ -45,7 +45,7 @@ def command(
         return
     with terminal.telling("reading the campaign") as now_at:
         planned = plan(campaign, options, now_at)
-    until_mm = None if options.until is None else read_goal(options.until).std_mm
+    until_mm = None if options.until is None else read_goal(options.until)
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:

@@ -6,7 +6,7 @@ import typer
 
 from app.console import Terminal, terminal_of
 from app.exits import Exit
-from app.measuring import found_measured, measure_plan
+from app.measuring import RunJob, find_measured, measure
 from app.next import tell_next, tell_who_works
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.plan_text import plan_line
@@ -57,7 +57,7 @@ def command(
     if held is not None:
         terminal.note(f"since the last load the controller holds {held.says}")
     work = run_work(campaign, checked, options)
-    ran = None if anew else found_measured(campaign, work, terminal)
+    ran = None if anew else find_measured(campaign, work, terminal)
     if dry:
         tell_who_works(terminal, campaign)
         show_preview(terminal, campaign, checked, work, ran, anew=anew)
@@ -65,9 +65,8 @@ def command(
     if ran is None:
         predicted_end(campaign, work)
         preview = run_preview(campaign, checked.seconds, work, anew=anew)
-        ran = measure_plan(
-            campaign, preview, work, terminal, options, yes=yes, anew=anew, plain=plain
-        )
+        job = RunJob(campaign, work, preview, options.retry)
+        ran = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     show_run(terminal, ran)
     terminal.document(run_document(ran) | tell_next(terminal, campaign))
     if not ran.good:
@@ -93,10 +92,10 @@ def show_preview(
     else:
         answer |= {"series": ran.series, "measured": ran.shots, "left": [], "skipped": []}
     terminal.say("the plan can be run; nothing was moved")
-    if predicted is not None and work.goal is not None:
+    if predicted is not None and work.goal_mm is not None:
         whole, shots = predicted
         terminal.say(f"predicted for the whole plan: {certainty(whole)}")
-        terminal.say(f"goal {work.goal} mm: {shots} shots to identify from will do")
-        answer["goal"] = {"std_mm": work.goal.std_mm, "shots": shots}
+        terminal.say(f"goal {work.goal_mm:g} mm: {shots} shots to identify from will do")
+        answer["goal"] = {"std_mm": work.goal_mm, "shots": shots}
         answer["knowledge"] = asdict(whole)
     terminal.document(answer | tell_next(terminal, campaign))

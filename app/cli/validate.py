@@ -3,7 +3,7 @@
 import typer
 
 from app.console import WARNING, terminal_of
-from app.measuring import measure_validation
+from app.measuring import ValidationJob, measure
 from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
 from app.report.validation_text import show_validation
@@ -64,7 +64,6 @@ def command(
     objections = [*filter(None, (again, wrong))]
     for each in objections:
         terminal.note(f"! {each.problem}", WARNING)
-    found = measure_validation(
-        campaign, terminal, options, held, objections, yes=yes, anew=anew, plain=plain
-    )
+    job = ValidationJob(campaign, terminal, options, held, objections, anew=anew)
+    found = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     show_validation(terminal, found, campaign)

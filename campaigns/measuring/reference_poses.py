@@ -1,6 +1,6 @@
 """Rigid-body test: spread reference poses measured again; what moved, and how far."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import TypeAlias
@@ -35,63 +35,25 @@ ReferencePose: TypeAlias = tuple[Step, Outcome]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cause:
-    """Possible cause of a motion: its columns (N, 3, k); a joint's name, or "frame"."""
-
-    name: str
-    columns: Array
-
-    @property
-    def is_joint(self) -> bool:
-        """Whether it is a joint's encoder."""
-        return self.name != "frame"
-
-
-@dataclass(frozen=True, slots=True)
-class RobotScatter:
-    """Scatter of a robot's point and of its joints, 1 σ, mm and rad (mm of carriages)."""
-
-    point_mm: float
-    joint: float = 0.0
-
-    def covariance_mm2(self, stated_mm2: Array, by_joints: Array) -> Array:
-        """Return the covariance (N, 3, 3) of points, with that stated and ∂point/∂joints."""
-        of_joints = self.joint**2 * by_joints @ by_joints.swapaxes(1, 2)
-        return np.asarray(stated_mm2 + self.point_mm**2 * np.eye(3) + of_joints)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ReferenceNoise:
     """Noise by which poses measured twice may differ."""
 
-    robot: RobotScatter
     instrument: TrackerUncertainty
     """Of shots of which the tracker stated nothing."""
+    point_mm: float
+    """Scatter of the robot's point, 1 σ."""
+    joint: float = 0.0
+    """Scatter of its joints, 1 σ, rad or mm of carriages."""
     freedom: float = inf
-    """Degrees of freedom by which it is known."""
+    """Degrees of freedom by which the scatter is estimated."""
     limit_mm: float = inf
     """Farther, by root mean square, is moved, whatever scatters."""
 
-
-@dataclass(frozen=True, slots=True)
-class RigidBodyTest:
-    """Result of measuring reference poses again."""
-
-    largest_mm: float
-    """Of the distances between then and now, the joints as read taken into account."""
-    chi2: float
-    freedom: int
-    change: str
-    """What has changed, in words; empty where scatter explains all."""
-
-    @property
-    def text(self) -> str:
-        """All of it, for the journal."""
-        figures = (
-            f"up to {self.largest_mm:.3f} mm from where they were, χ² {self.chi2:.1f} of "
-            f"{self.freedom}"
-        )
-        return f"{figures}: {self.change or 'neither tracker nor robot has changed'}"
+    def covariance_mm2(self, outcomes: Sequence[Outcome], by_joints: Array) -> Array:
+        """Return the covariance (N, 3, 3) of shots, with ∂point/∂joints (N, 3, n)."""
+        stated = outcomes_covariance_mm2(outcomes, self.instrument)
+        of_joints = self.joint**2 * by_joints @ by_joints.swapaxes(1, 2)
+        return np.asarray(stated + self.point_mm**2 * np.eye(3) + of_joints)
 
 
 def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
@@ -130,8 +92,7 @@ def pose_settling(
     axes, joints = _tracker_from_base(nominal, kept), np.array([each.joints for each in visits])
     points = np.array([each.point_in_tracker_mm for each in visits])
     points, by_joints = points - _positions(nominal, joints) @ axes.T, _by_joints(nominal, joints)
-    stated = outcomes_covariance_mm2(visits, noise.instrument)
-    covariance = noise.robot.covariance_mm2(stated, axes @ by_joints)
+    covariance = noise.covariance_mm2(visits, axes @ by_joints)
     return settling([each.shot for each in visits], points, covariance)
 
 
@@ -141,9 +102,10 @@ def rigid_body_test(
     then: Sequence[Outcome],
     now: Sequence[Outcome],
     noise: ReferenceNoise,
-) -> RigidBodyTest:
-    """What has moved between two measurements of the same poses.
+) -> tuple[str, str]:
+    """Return by how much two measurements of the same poses differ, and what has changed.
 
+    The change is in words, empty where scatter explains all.
     `kept` are all accepted shots: they say how the tracker's axes lie. A displacement that the
     noise of both measurements does not explain is the tracker's (or the base's) when a rigid
     motion explains it, an encoder's when one joint's offset does, and else the robot's.
@@ -156,47 +118,45 @@ def rigid_body_test(
     commanded = (_positions(nominal, q_now) - _positions(nominal, q_then)) @ axes.T
     moved = moved - points - commanded
     by_joints = np.einsum("ab,nbj->naj", axes, _by_joints(nominal, q_then))
-    covariance = sum(
-        noise.robot.covariance_mm2(outcomes_covariance_mm2(each, noise.instrument), by_joints)
-        for each in (then, now)
-    )
+    covariance = sum(noise.covariance_mm2(outcomes, by_joints) for outcomes in (then, now))
     whitening = np.linalg.inv(np.linalg.cholesky(covariance))
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)
     size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
     change = ""
     if size_mm > noise.limit_mm or not _may_be_chance(chi2, seen.size, noise.freedom):
-        joints = nominal.mechanism.joints
-        causes = [Cause("frame", frame_jacobian(points - points.mean(axis=0)))]
-        causes += [
-            Cause(axis.name, by_joints[:, :, joint : joint + 1])
-            for joint, axis in enumerate(joints)
-        ]
-        change = _change(seen, whitening, causes, size_mm, nominal, noise.freedom)
+        causes = {"frame": frame_jacobian(points - points.mean(axis=0))}
+        for joint, axis in enumerate(nominal.mechanism.joints):
+            causes[axis.name] = by_joints[:, :, joint : joint + 1]
+        change = _explain(seen, whitening, causes, size_mm, nominal, noise.freedom)
     largest_mm = float(np.linalg.norm(moved, axis=1).max())
-    return RigidBodyTest(largest_mm, chi2, seen.size, change)
+    size = f"up to {largest_mm:.3f} mm from where they were, χ² {chi2:.1f} of {seen.size}"
+    return size, change
 
 
-def _change(
+def _explain(
     seen: Array,
     whitening: Array,
-    causes: Sequence[Cause],
+    causes: Mapping[str, Array],
     size_mm: float,
     nominal: Kinematics,
     freedom: float,
 ) -> str:
-    """What explains whitened displacements (3 N,), the likeliest first (Akaike 1974), in words."""
+    """Return what explains whitened displacements (3 N,), the likeliest first (Akaike 1974).
+
+    `causes` are columns (N, 3, k) by the name of a joint or "frame".
+    """
     able: list[tuple[float, str]] = []
     axes = {axis.name: axis for axis in nominal.mechanism.joints}
-    for cause in causes:
-        columns = np.einsum("nab,nbm->nam", whitening, cause.columns).reshape(seen.size, -1)
+    for name, by_cause in causes.items():
+        columns = np.einsum("nab,nbm->nam", whitening, by_cause).reshape(seen.size, -1)
         size, *_ = np.linalg.lstsq(columns, seen, rcond=None)
         left, count = float(np.sum((seen - columns @ size) ** 2)), len(size)
         if not _may_be_chance(left, seen.size - count, freedom):
             continue
-        if cause.is_joint:
-            by = axes[cause.name].text(float(size[0]), "+.3f")
-            words = f"the encoder of joint {cause.name} has changed by {by}"
+        if name in axes:
+            change = axes[name].text(float(size[0]), "+.3f")
+            words = f"the encoder of joint {name} has changed by {change}"
         else:
             words = (
                 f"the tracker, its stand or the robot's base has moved: the points by "

@@ -69,7 +69,9 @@ def complete_series(journal: JournalReader, work: Work) -> Series | None:
     skipped = {shot for group in work.skipped_groups for shot in shots_of(group)}
     if set(missing_shots(latest, work)) <= skipped:
         return latest
-    return latest if work.goal and is_met(work.goal, work.known_from(latest.shots)) else None
+    if work.goal_mm is None or not is_met(work.goal_mm, work.known_from(latest.shots)):
+        return None
+    return latest
 
 
 def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:

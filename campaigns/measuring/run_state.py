@@ -1,9 +1,10 @@
-"""Run state: what a run tells about itself while it runs."""
+"""Run state: what a run shows while it runs, and what its operator may ask for meanwhile."""
 
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import Enum
+from threading import Lock
 
 import numpy as np
 
@@ -91,28 +92,8 @@ def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float
     return max(0.0, shots_left * (mean - spread)), shots_left * (mean + spread)
 
 
-FOLLOWERS: Mapping[EngineState, frozenset[EngineState]] = {
-    EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.PAUSED, EngineState.FINISHED}),
-    EngineState.MOVING: frozenset({EngineState.SETTLING, EngineState.IDLE}),
-    EngineState.SETTLING: frozenset(
-        {EngineState.MEASURING, EngineState.SUSPENDED, EngineState.IDLE}
-    ),
-    EngineState.MEASURING: frozenset({EngineState.IDLE, EngineState.SUSPENDED}),
-    EngineState.SUSPENDED: frozenset({EngineState.IDLE}),
-    EngineState.PAUSED: frozenset({EngineState.IDLE}),
-    EngineState.STOPPED: frozenset(),
-    EngineState.FINISHED: frozenset(),
-}
-"""What may come after what; `STOPPED` may come after anything.
-
-Idle after moving: the controller refused a target; after settling: the operator skips the shot, or
-the robot is parked. Suspended after settling: the robot is back at a
-pose where the reflector is looked for.
-"""
-
-
 class RunState:
-    """The state of a run, checked against what may follow what."""
+    """The state of a run, and its progress for whoever shows it."""
 
     def __init__(
         self, observer: RunObserver, *, done: int, total: int, goal_mm: float | None = None
@@ -127,10 +108,7 @@ class RunState:
         self._progress = replace(self._progress, shot=planned.shot, purpose=planned.purpose.value)
 
     def enter(self, state: EngineState) -> None:
-        """The engine goes on to another state; one that may not follow is a bug and says so."""
-        now = self._progress.state
-        if state is not EngineState.STOPPED and state not in FOLLOWERS[now]:
-            raise AssertionError(f"{state.value} cannot follow {now.value}")
+        """The engine goes on to another state."""
         self._tell(replace(self._progress, state=state))
 
     def rest(self) -> None:
@@ -176,3 +154,36 @@ class RunState:
     def _tell(self, progress: Progress) -> None:
         self._progress = progress
         self._observer.progress(progress)
+
+
+class Wish(Enum):
+    """What the operator may ask for beside a stop, applied where the robot stands still."""
+
+    PAUSE = "pause"
+    """After this pair; asked for again, it goes on."""
+    SKIP = "skip"
+    """The shot that is being moved to or looked for is left out, and its pair."""
+    AGAIN = "again"
+    """The last shot, of a pair the pair, does not count and is measured again."""
+    PARK = "park"
+    """After this pair the robot goes where somebody can reach the reflector, and waits there."""
+
+
+class Wishes:
+    """Wishes asked for by any thread, each applied once."""
+
+    def __init__(self) -> None:
+        self._asked: set[Wish] = set()
+        self._lock = Lock()
+
+    def ask(self, wish: Wish) -> None:
+        """Ask for something; a second time before it is applied changes nothing."""
+        with self._lock:
+            self._asked.add(wish)
+
+    def take(self, wish: Wish) -> bool:
+        """Return whether it was asked for since it was taken last."""
+        with self._lock:
+            is_asked = wish in self._asked
+            self._asked.discard(wish)
+            return is_asked

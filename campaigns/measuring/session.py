@@ -6,17 +6,12 @@ from dataclasses import dataclass, field
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.measuring import resume
+from campaigns.measuring.beam import distinct_starts
 from campaigns.measuring.engine import Engine
-from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.nests import NestPointer
-from campaigns.measuring.reacquisition import Reacquisition, distinct_starts
-from campaigns.measuring.run_state import PositionUncertainty, RunObserver, RunState
+from campaigns.measuring.run_state import PositionUncertainty, RunObserver, RunState, Wishes
 from campaigns.measuring.series_log import SeriesLog, closing
-from campaigns.measuring.shot_taker import ShotTaker
-from campaigns.measuring.station import StationMonitor
-from campaigns.measuring.stopping_rule import UncertaintyGoal, in_words, is_met
-from campaigns.measuring.wishes import Wishes
+from campaigns.measuring.stopping_rule import in_words, is_met
 from campaigns.measuring.work import Cell, Session, Work
 from campaigns.planning.steps import Group, shots_of
 from campaigns.version import VERSION
@@ -31,7 +26,7 @@ class RunResult:
     shots: int
     left_out: int
     """Shots of the plan that were not taken: the goal was met without them."""
-    goal: UncertaintyGoal | None
+    goal_mm: float | None
     known: PositionUncertainty | None
     skipped: Mapping[tuple[int, ...], str] = field(default_factory=dict)
     """Shots that could not be measured, or should not be, and why."""
@@ -41,7 +36,7 @@ class RunResult:
     @property
     def good(self) -> bool:
         """Whether the goal is met, if there was one."""
-        return self.goal is None or is_met(self.goal, self.known)
+        return self.goal_mm is None or is_met(self.goal_mm, self.known)
 
 
 def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
@@ -61,7 +56,7 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
     left_out = len(missing) - sum(map(len, skipped))
     known = work.known_from(found.shots)
     settling = next((each for each in reversed(events) if each.kind == "settling"), None)
-    return RunResult(series, len(found.shots), left_out, work.goal, known, skipped, settling)
+    return RunResult(series, len(found.shots), left_out, work.goal_mm, known, skipped, settling)
 
 
 def measure_series(
@@ -109,13 +104,12 @@ def measure_series(
         for half in left.halves:
             log.write(half)
         done, total = len(left.kept), len(work.steps)
-        goal_mm = work.goal.std_mm if work.goal else None
-        run_state = RunState(observer, done=done, total=total, goal_mm=goal_mm)
+        run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
         mover = Mover(
             cell.robot, cell.clock, work.speed_fraction, work.settle, work.robot, stop_requested
         )
         session = Session(
-            cell, work, log, run_state, work.gate_taught_by(left.kept), mover, wishes or Wishes()
+            cell, work, log, run_state, work.gate_after(left.kept), mover, wishes or Wishes()
         )
         began = found.started if found else today
         _measure(session, left, began.weather, distinct_starts(starts))
@@ -132,18 +126,8 @@ def _measure(
     starts: Sequence[records.BeamStart],
 ) -> None:
     """Look whether anything has shifted since the last session, then measure what is left."""
-    work = session.work
-    reacquisition = Reacquisition(session, starts)
-    shots = [step.planned for step in work.steps]
-    engine = Engine(
-        session,
-        ShotTaker(session, reacquisition, NestPointer(session, found.kept)),
-        reacquisition,
-        DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
-        TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
-        StationMonitor(work.station, work.robot.kinematics, shots) if work.station else None,
-    )
-    wanted = engine.wanted(_without_skipped(session, found.left))
+    engine = Engine(session, starts, found, first_weather)
+    wanted = engine.leave_out_superfluous(_without_skipped(session, found.left))
     if wanted and found.kept:
         engine.check_unmoved()
     engine.run(wanted)

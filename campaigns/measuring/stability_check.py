@@ -1,115 +1,113 @@
 """Stability check: poses measured again after a restart and at the end; what has moved."""
 
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from math import dist
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, Outcome
 from campaigns.measuring.reference_poses import FEWEST, ReferencePose, rigid_body_test
-from campaigns.measuring.shot_taker import SKIPPED, ShotRefused, ShotTaker, Skipped
+from campaigns.measuring.results import SKIPPED, Accepted, Refused, Skipped, failure_of
+from campaigns.measuring.shots import Shots
 from campaigns.measuring.work import Session
+from campaigns.planning.steps import Step
 
 ANEW = (
     "shots before and after it have no common frame: mend it, then begin anew with "
     "--anew; or `pkmcal run` goes on all the same with --anyway"
 )
-
 AFTER_RESTART = "after the restart"
 """Beginning of the event of a check that a run did before it went on."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class StabilityCheck:
     """Measures reference poses again: shots that the journal keeps, but are none of the plan's."""
 
-    session: Session
-    shot_taker: ShotTaker
+    def __init__(self, session: Session, shots: Shots) -> None:
+        self._session, self._shots = session, shots
 
     def after_restart(self, references: Sequence[ReferencePose]) -> str:
-        """What has changed since these were measured, in words; empty when nothing has."""
-        if len(references) == 1:
-            try:
-                return self._of_one(references[0])
-            except Skipped:
-                return self._not_compared(AFTER_RESTART)
-        return self._change(AFTER_RESTART, references)
-
-    def _of_one(self, reference: ReferencePose) -> str:
-        """How far one pose has moved since it was measured, in words; empty within the limit."""
-        step, then = reference
-        outcome = self.shot_taker.retry(partial(self.shot_taker.measure, step))
-        moved_mm = dist(then.point_in_tracker_mm, outcome.point_in_tracker_mm)
-        limit_mm = self.session.work.gate.drift_mm
-        text = drift_text(f"{AFTER_RESTART} the pose is", moved_mm, limit_mm)
-        self._write(f"shot {outcome.shot}: {text}")
-        if moved_mm > limit_mm:
-            self.shot_taker.compare_only(outcome, text)
-            return f"shot {outcome.shot}: {text}"
-        self._compare_only(outcome, moved_mm)
-        return ""
+        """Return what has changed since these were measured, in words; empty for nothing."""
+        if len(references) > 1:
+            return self._compare(AFTER_RESTART, references)
+        step, before = references[0]
+        match self._shots.retry(partial(self._shots.take, step)):
+            case Skipped():
+                return self._note_not_compared(AFTER_RESTART)
+            case Accepted(outcome):
+                return self._compare_one(before, outcome)
+            case failure:
+                raise failure_of(failure)
 
     def at_end(self, references: Sequence[ReferencePose]) -> str:
-        """What the operator should know of the poses at the end; empty when nothing has changed."""
+        """Return what the operator should know of the poses at the end; empty for no change."""
         try:
-            return self._change("at the end", references)
+            return self._compare("at the end", references)
         except GateRefused as error:
             text = f"at the end a pose could not be compared: {error.problem}"
             self._write(text)
             return text
 
-    def _change(self, when: str, references: Sequence[ReferencePose]) -> str:
-        now, then = list[Outcome](), list[Outcome]()
-        for each in references:
-            with suppress(Skipped):
-                now.append(self._measured_again(each))
-                then.append(each[1])
-        if len(now) < FEWEST:
-            return self._not_compared(when)
-        work, kept = self.session.work, self.session.gate.accepted
-        noise = work.reference_noise(kept)
-        compared = rigid_body_test(work.robot.kinematics, kept, then, now, noise)
-        text = f"{when} {compared.text}"
+    def _compare_one(self, before: Outcome, now: Outcome) -> str:
+        """Compare one pose with its first measurement by the limit of drift."""
+        moved_mm = dist(before.point_in_tracker_mm, now.point_in_tracker_mm)
+        limit_mm = self._session.work.gate.drift_mm
+        drift = drift_text(f"{AFTER_RESTART} the pose is", moved_mm, limit_mm)
+        text = f"shot {now.shot}: {drift}"
         self._write(text)
-        return text if compared.change else ""
-
-    def _not_compared(self, when: str) -> str:
-        text = f"{when} it is not known whether anything has moved: {SKIPPED}"
-        self.session.log.announce(Event("operator note", text))
+        if moved_mm > limit_mm:
+            self._shots.compare_only(now, drift)
+            return text
+        self._compare_only(now, moved_mm)
         return ""
 
-    def _measured_again(self, reference: ReferencePose) -> Outcome:
-        """Outcome of a reference pose, even one that the gate refuses each time for its place.
+    def _compare(self, when: str, references: Sequence[ReferencePose]) -> str:
+        """Measure the poses again; return what has changed, in words."""
+        pairs = [(before, self._measure_again(step, before)) for step, before in references]
+        then = [before for before, now in pairs if now is not None]
+        again = [now for _, now in pairs if now is not None]
+        if len(again) < FEWEST:
+            return self._note_not_compared(when)
+        work, accepted = self._session.work, self._session.gate.accepted
+        noise = work.reference_noise(accepted)
+        size, change = rigid_body_test(work.robot.kinematics, accepted, then, again, noise)
+        text = f"{when} {size}: {change or 'neither tracker nor robot has changed'}"
+        self._write(text)
+        return text if change else ""
 
-        One beyond the gate of distances is a wrong target: raises `GateRefused`.
+    def _note_not_compared(self, when: str) -> str:
+        text = f"{when} it is not known whether anything has moved: {SKIPPED}"
+        self._session.log.announce(Event("operator note", text))
+        return ""
+
+    def _measure_again(self, step: Step, before: Outcome) -> Outcome | None:
+        """Return the outcome of a reference pose, even if the gate refuses it; None if skipped.
+
+        One beyond the gate of distances is a wrong target: raise `GateRefused`.
         """
-        step, then = reference
-        first_mm = then.point_in_tracker_mm
-        try:
-            outcome = self.shot_taker.retry(partial(self.shot_taker.measure, step))
-        except GateRefused as error:
-            lost = error.__cause__
-            if not isinstance(lost, ShotRefused):
-                raise
-            if (
-                dist(first_mm, lost.refused.point_in_tracker_mm)
-                > self.session.work.gate.distance_mm
-            ):
-                raise
-            return lost.refused  # the journal has it already
-        self._compare_only(outcome, dist(first_mm, outcome.point_in_tracker_mm))
-        return outcome
+        match self._shots.retry(partial(self._shots.take, step)):
+            case Skipped():
+                return None
+            case Accepted(outcome):
+                away_mm = dist(before.point_in_tracker_mm, outcome.point_in_tracker_mm)
+                self._compare_only(outcome, away_mm)
+                return outcome
+            case Refused(outcome=outcome) as refused:
+                away_mm = dist(before.point_in_tracker_mm, outcome.point_in_tracker_mm)
+                if away_mm > self._session.work.gate.distance_mm:
+                    raise failure_of(refused)
+                return outcome  # the journal has it already
+            case lost:
+                raise failure_of(lost)
 
     def _compare_only(self, outcome: Outcome, away_mm: float) -> None:
         reason = f"only compared with the first one, {away_mm:.3f} mm away"
-        self.shot_taker.compare_only(outcome, reason)
+        self._shots.compare_only(outcome, reason)
 
     def _write(self, text: str) -> None:
-        self.session.log.write(Event("drift check", text))
+        self._session.log.write(Event("drift check", text))
 
 
 def drift_text(what: str, moved_mm: float, limit_mm: float) -> str:
-    """Distance of a pose from where it was first, and its limit."""
+    """Return the distance of a pose from where it was first, and its limit, in words."""
     return f"{what} {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"

@@ -1,14 +1,12 @@
 """Uncertainty monitor: how surely positions are known while a plan is measured."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import PlanInvalid
 from campaigns.fit.changes import fit_with_changes
-from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM
 from campaigns.fit.posterior import Posterior
 from campaigns.fit.uncertainty import null_directions, position_std_mm
@@ -16,7 +14,7 @@ from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome
 from campaigns.measuring.run_state import PositionUncertainty
-from campaigns.planning.forecast import Judged, forecast, judged_at, judged_positions
+from campaigns.planning.forecast import forecast, judged_at, judged_positions
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
@@ -28,26 +26,18 @@ FEWEST_SHOTS = 6
 """Shots from which uncertainty is stated."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class UncertaintyMonitor:
     """Uncertainty of positions that any shots of one plan give."""
 
-    planned: Mapping[int, PlannedShot]
-    """All shots of the plan by their numbers."""
-    model: ErrorModel
-    options: IdentificationOptions
-    judged: Judged
-    """Positions all over the workspace, by the nominal robot."""
-
-    @classmethod
-    def of_plan(
-        cls, shots: Iterable[PlannedShot], robot: RobotModel, options: IdentificationOptions
-    ) -> "UncertaintyMonitor":
-        """Make the monitor of a plan; raise `ConfigInvalid` as `judged_positions` does."""
-        planned = {shot.shot: shot for shot in shots}
-        model = error_model(robot.kinematics, None, options)
-        otherwise = poses_of(tuple(planned.values())).reshape(-1, len(robot.centre))
-        return cls(planned, model, options, judged_positions(model, robot, otherwise))
+    def __init__(
+        self, shots: Iterable[PlannedShot], robot: RobotModel, options: IdentificationOptions
+    ) -> None:
+        """Judge positions all over the workspace; raise `ConfigInvalid` as `judged_positions`."""
+        self._planned = {shot.shot: shot for shot in shots}
+        self._options = options
+        self._model = error_model(robot.kinematics, None, options)
+        otherwise = poses_of(tuple(self._planned.values())).reshape(-1, len(robot.centre))
+        self._judged = judged_positions(self._model, robot, otherwise)
 
     def fitted(self, outcomes: Iterable[Outcome]) -> PositionUncertainty | None:
         """Fit accepted shots; return the uncertainty as `identify` states it, None for too few."""
@@ -59,11 +49,11 @@ class UncertaintyMonitor:
         shots = self._shots([o for o in outcomes if self._identifies(o)])
         if len(shots) < FEWEST_SHOTS:
             return None
-        solution = self.model.nominal.forward(shots.joints, approach=shots.approach)
+        solution = self._model.nominal.forward(shots.joints, approach=shots.approach)
         rows = np.flatnonzero(solution.found)
-        observations = observations_of(shots.rows(rows), solution.values[rows], self.options)
+        observations = observations_of(shots.rows(rows), solution.values[rows], self._options)
         try:
-            posterior, _ = fit_with_changes(self.model, observations)
+            posterior, _ = fit_with_changes(self._model, observations)
         except (ValueError, np.linalg.LinAlgError):  # the shots place no frame yet
             return None
         return posterior if posterior.arrived else None
@@ -75,27 +65,27 @@ class UncertaintyMonitor:
 
         None for too few of them.
         """
-        shots = list(self.planned.values())
+        shots = list(self._planned.values())
         places = [n for n, s in enumerate(shots) if s.purpose is ShotSet.IDENTIFICATION]
         if count is not None and count < len(places):
             shots = shots[: places[count]]  # with what lies between, from which joints come
-        instrument = self.options.instrument
+        instrument = self._options.instrument
         try:
-            at = forecast(shots, self.model, np.array(tracker_mm), instrument, self.judged)
+            at = forecast(shots, self._model, np.array(tracker_mm), instrument, self._judged)
         except PlanInvalid:
             return None
         worst = at.worst("mm") or ("", 0.0)
         return PositionUncertainty(at.shots, *worst, float(at.position_std_mm.mean()))
 
     def _identifies(self, outcome: Outcome) -> bool:
-        planned = self.planned.get(outcome.shot)
+        planned = self._planned.get(outcome.shot)
         return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
 
     def _shots(self, taken: Sequence[Outcome]) -> Shots:
-        planned = [self.planned[outcome.shot] for outcome in taken]
+        planned = [self._planned[outcome.shot] for outcome in taken]
         return shots_of_outcomes(
             taken,
-            self.model.nominal.mechanism,
+            self._model.nominal.mechanism,
             purposes=[shot.purpose for shot in planned],
             pairs=[shot.pair for shot in planned],
             targets=[shot.pose for shot in planned],
@@ -103,11 +93,11 @@ class UncertaintyMonitor:
 
     def _stated(self, posterior: Posterior) -> PositionUncertainty | None:
         """Return the uncertainty of positions at the poses that the fitted robot can take."""
-        robot = self.model.kinematics(posterior.x)
-        joints, poses = robot.assembled(self.judged.poses)
+        robot = self._model.kinematics(posterior.x)
+        joints, poses = robot.assembled(self._judged.poses)
         if not len(poses):
             return None
-        judged = judged_at(self.model, robot, joints, poses)
+        judged = judged_at(self._model, robot, joints, poses)
         std = position_std_mm(judged.by_unknowns, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
         scatter = SCATTER_TOLERANCE_MM * posterior.components.factors["points"] ** 0.5
@@ -116,12 +106,12 @@ class UncertaintyMonitor:
 
     def _worst_length(self, posterior: Posterior) -> tuple[str, float]:
         """Return the length that is known worst, with its 1 σ in mm."""
-        table = self.model.nominal.mechanism.parameters
+        table = self._model.nominal.mechanism.parameters
         covariance = null_directions(posterior).without(posterior.own_covariance)
-        std: Array = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * self.model.tolerance
+        std: Array = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * self._model.tolerance
         lengths = {
             name: float(std[place])
-            for place, name in enumerate(self.model.parameters)
+            for place, name in enumerate(self._model.parameters)
             if table[name].unit == "mm"
         }
         return max(lengths.items(), key=lambda row: row[1], default=("", 0.0))

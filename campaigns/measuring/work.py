@@ -16,16 +16,13 @@ from campaigns.identification.observations import error_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
-from campaigns.measuring.monitors import InnovationGate
+from campaigns.measuring.gate import InnovationGate, Knowledge
+from campaigns.measuring.monitors import Station
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.reference_poses import ReferenceNoise, RobotScatter
-from campaigns.measuring.run_state import PositionUncertainty, RunState
-from campaigns.measuring.running_fit import RunningFit
+from campaigns.measuring.reference_poses import ReferenceNoise
+from campaigns.measuring.run_state import PositionUncertainty, RunState, Wishes
 from campaigns.measuring.series_log import SeriesLog
-from campaigns.measuring.station import Station
-from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
-from campaigns.measuring.wishes import Wishes
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.settings.sections import GateConfig, NestConfig, SettleConfig
@@ -120,8 +117,8 @@ class Work:
     """How the shots will be identified from, which says how much is known."""
     station: Station | None = None
     """Where the tracker is said to stand; None: nobody said it."""
-    goal: UncertaintyGoal | None = None
-    """Of what is identified; once it is met, only the other shots are taken."""
+    goal_mm: float | None = None
+    """Mean 1 σ of positions that suffices; once it is met, only the other shots are taken."""
     skip: frozenset[int] = frozenset()
     """Shots that shall not be measured, nor the partners of their pairs."""
     override: bool = False
@@ -154,7 +151,7 @@ class Work:
         """Return the monitor of how surely positions are known."""
         if not self._monitors:
             shots = [step.planned for step in self.steps]
-            self._monitors.append(UncertaintyMonitor.of_plan(shots, self.robot, self.options))
+            self._monitors.append(UncertaintyMonitor(shots, self.robot, self.options))
         return self._monitors[0]
 
     def known_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
@@ -172,23 +169,20 @@ class Work:
             used = (posterior.covariance * posterior.prior).sum()
             freedom = 3.0 * posterior.kept.sum() - len(posterior.covariance) + float(used)
         if posterior is None or freedom < FEWEST_FREEDOM:
-            drift = RobotScatter(self.gate.drift_mm * UNKNOWN_NOISE)
-            return ReferenceNoise(drift, instrument, limit_mm=self.gate.drift_mm)
+            limit_mm = self.gate.drift_mm
+            return ReferenceNoise(instrument, UNKNOWN_NOISE * limit_mm, limit_mm=limit_mm)
         factors = posterior.components.factors
         revolute = self.robot.kinematics.mechanism.joints[0].is_revolute
         joint = SCATTER_TOLERANCE_RAD if revolute else SCATTER_TOLERANCE_JOINT_MM
-        scatter = RobotScatter(
-            SCATTER_TOLERANCE_MM * factors["points"] ** 0.5, joint * factors["joints"] ** 0.5
-        )
-        return ReferenceNoise(scatter, instrument, freedom, self.gate.drift_mm)
+        point_mm = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
+        joint *= factors["joints"] ** 0.5
+        return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
 
-    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
+    def gate_after(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
         """Return a gate that rests on these shots alone, with all sources of error free."""
-        options = replace(self.options, fix=(), prior=())
-        model = error_model(self.robot.kinematics, None, options)
-        gate = InnovationGate(self.gate, lambda: RunningFit(model, options.instrument))
-        gate.restart(shot.outcome for shot in shots if not shot.intent.nest)
-        return gate
+        model = error_model(self.robot.kinematics, None, replace(self.options, fix=(), prior=()))
+        nothing = Knowledge(model, self.options.instrument, self.gate)
+        return InnovationGate(nothing, [shot.outcome for shot in shots if not shot.intent.nest])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

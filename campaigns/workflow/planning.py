@@ -66,7 +66,7 @@ def planned_model(campaign: Campaign, fix: tuple[str, ...] = ()) -> ErrorModel:
 def _made(campaign: Campaign, options: PlanOptions, tell: Callable[[str], None]) -> PlannedCampaign:
     """Make and check a plan; nothing is written."""
     config, robot, model = campaign.config, campaign.robot, planned_model(campaign, options.fix)
-    until_mm = None if options.until is None else read_goal(options.until).std_mm
+    until_mm = None if options.until is None else read_goal(options.until)
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
     request = OptimalRequest(
         plan=campaign.plan_request(most),

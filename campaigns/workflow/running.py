@@ -26,13 +26,13 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     Raises `OptionsInvalid` or `PlanInvalid`.
     """
     options = options or RunOptions()
-    goal = None if options.until is None else read_goal(options.until)
+    goal_mm = None if options.until is None else read_goal(options.until)
     robot = campaign.robot
     how = identification_options(campaign, IdentificationOptions())
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), how)
     skip = known_shots((shot.shot for shot in checked.shots), options.skip)
-    return replace(work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True)
+    return replace(work, goal_mm=goal_mm, skip=skip, override=options.anyway, compared_at_end=True)
 
 
 def known_shots(
@@ -111,9 +111,11 @@ def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, 
 
     Raises `PlanInvalid` when even the whole plan will not meet it.
     """
-    if work.goal is None:
+    if work.goal_mm is None:
         return None
-    return predicted_stop(work.goal, work.uncertainty_monitor(), campaign.config.tracker.place_mm)
+    return predicted_stop(
+        work.goal_mm, work.uncertainty_monitor(), campaign.config.tracker.place_mm
+    )
 
 
 def measured_before(campaign: Campaign, work: Work) -> RunResult | None:

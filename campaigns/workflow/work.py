@@ -10,7 +10,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding, Stage
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.measuring.station import Station
+from campaigns.measuring.monitors import Station
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest

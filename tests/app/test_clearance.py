@@ -1,6 +1,7 @@
 """The operator's yes before anything moves: who is asked what, and about which devices."""
 
 import io
+from types import SimpleNamespace
 
 import pytest
 from command_line import Keyboard
@@ -18,8 +19,7 @@ FOUND = (ROBOT, TRACKER)
 OTHER = (ROBOT, Identity("Leica", "AT403", "T-8", "2.3", "emScon"))
 
 
-def briefing(devices):
-    return f"12 shots, {serials(devices)}"
+JOB = SimpleNamespace(campaign=None, brief=lambda devices: f"12 shots, {serials(devices)}")
 
 
 class Devices:
@@ -46,21 +46,20 @@ def asked(monkeypatch, capsys):
     def ask(answer):
         monkeypatch.setattr("app.measuring.connected_cell", lambda _: Devices(FOUND))
         monkeypatch.setattr("sys.stdin", Keyboard(answer))
-        clearance, terminal = Clearance(briefing, yes=False), Terminal(as_json=False)
+        clearance = Clearance(JOB, Terminal(as_json=False), yes=False)
         try:
-            clearance.obtain(None, terminal)
+            clearance.ask()
         finally:
             assert capsys.readouterr().err == (
                 "12 shots, controller R-1, tracker T-7. Is the cell clear? [y/N] "
             )
-        return clearance, terminal
+        return clearance
 
     return ask
 
 
 def test_operator_is_told_what_will_be_done_with_which_devices_and_asked(asked, capsys):
-    clearance, terminal = asked("y\n")
-    clearance.check(FOUND, terminal)
+    asked("y\n").check(FOUND)
     assert capsys.readouterr().err == "", "he knows it already"
 
 
@@ -70,24 +69,22 @@ def test_no_is_no(asked):
 
 
 def test_others_than_were_told_are_not_measured_with(asked):
-    clearance, terminal = asked("y\n")
+    clearance = asked("y\n")
     with pytest.raises(WrongDevice, match=r"tracker T-8 answer now, .* it was .* tracker T-7"):
-        clearance.check(OTHER, terminal)
+        clearance.check(OTHER)
 
 
 def test_nobody_is_asked_who_is_not_there_and_no_device_either(monkeypatch):
     monkeypatch.setattr("app.measuring.connected_cell", None)
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
     with pytest.raises(NotConfirmed, match="--yes"):
-        Clearance(briefing, yes=False).obtain(None, Terminal(as_json=False))
+        Clearance(JOB, Terminal(as_json=False), yes=False).ask()
 
 
-def test_a_yes_given_before_is_told_the_same_once(monkeypatch, capsys):
-    monkeypatch.setattr("app.measuring.connected_cell", None)
-    clearance, terminal = Clearance(briefing, yes=True), Terminal(as_json=False)
-    clearance.obtain(None, terminal)
+def test_a_yes_given_before_is_told_the_same_once(capsys):
+    clearance = Clearance(JOB, Terminal(as_json=False), yes=True)
     for _ in range(2):
-        clearance.check(FOUND, terminal)
+        clearance.check(FOUND)
     assert capsys.readouterr().err == "12 shots, controller R-1, tracker T-7\n"
     with pytest.raises(WrongDevice):
-        clearance.check(OTHER, terminal)
+        clearance.check(OTHER)

@@ -13,9 +13,8 @@ from virtual_time import Act, StopWish, VirtualClock
 
 from campaigns.journal.journal import Journal
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.measuring.run_state import Progress, RunObserver
+from campaigns.measuring.run_state import Progress, RunObserver, Wishes
 from campaigns.measuring.session import measure_series
-from campaigns.measuring.wishes import Wishes
 from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Cell, RawReaders, Work
 from campaigns.robots.robot import find_robot
 from drivers import values

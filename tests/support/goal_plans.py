@@ -12,7 +12,6 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.work import Work
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.shots.shot_sets import ShotSet
@@ -32,8 +31,7 @@ WORKSPACE = sample_workspace(NOMINAL, LIMITS, CENTRE)
 
 
 def until(goal_mm: float | None, **changes: object) -> Work:
-    goal = None if goal_mm is None else UncertaintyGoal(goal_mm)
-    return work(PLAN, goal=goal, **changes)
+    return work(PLAN, goal_mm=goal_mm, **changes)
 
 
 def noisy_cell(

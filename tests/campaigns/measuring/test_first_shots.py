@@ -12,8 +12,8 @@ from tested_journal import journal_in
 
 from campaigns.errors import GateRefused, Interrupted
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
-from campaigns.measuring.reacquisition import distinct_starts
-from campaigns.measuring.station import Station, StationMonitor, found_place
+from campaigns.measuring.beam import distinct_starts
+from campaigns.measuring.monitors import Station, StationMonitor, found_place
 from campaigns.planning.plan_file import PlannedShot
 from drivers.values import Vector3
 
@@ -97,18 +97,6 @@ def test_right_first_shot_is_confirmed_and_the_wrong_later_one_is_taken_again(
     assert [shot.outcome.attempt for shot in journal.shots()] == [1, 2, 1, 1, 1, 1]
     assert not journal.records_of(PairVoided)
     assert [call[1:] for call in cell.named("journal.intent")][:3] == [(0, 1), (1, 1), (0, 2)]
-
-
-def test_shot_that_is_where_it_was_is_not_replaced() -> None:
-    """Without it little is known, and the refused one could go with anything."""
-    shots = [
-        Outcome(s.shot, 1, s.joints, true_mm(s), None, None, "", "", None) for s in FOUR_PAIRS[:3]
-    ]
-    gate = work().gate_taught_by([])
-    gate.accept(shots[0])
-    elsewhere = replace(shots[0], point_in_tracker_mm=(0.0, 0.0, 0.0))
-    assert not gate.is_replaced(shots[0], shots[0], shots[1])
-    assert gate.is_replaced(elsewhere, shots[0], shots[1])
 
 
 def test_shots_of_a_reflector_that_stands_elsewhere_are_voided_and_the_next_run_goes_on(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
-from small_plans import FOUR_PAIRS, LIMITS, OPTIONS, planned
+from small_plans import FOUR_PAIRS, LIMITS, OPTIONS
 
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.measuring import stopping_rule
@@ -14,8 +14,6 @@ from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import make_plan
-from campaigns.planning.steps import groups, joint_steps
-from campaigns.shots.shot_sets import ShotSet
 
 KNOWN = PositionUncertainty(84, "arm2.forearm_mm", 0.21, 0.0198, 0.003)
 SHOTS = 80
@@ -25,40 +23,14 @@ PLAN = make_plan(
 
 
 def monitor(shots=PLAN) -> UncertaintyMonitor:
-    return UncertaintyMonitor.of_plan(shots, RobotModel(NOMINAL, LIMITS, CENTRE), OPTIONS)
+    return UncertaintyMonitor(shots, RobotModel(NOMINAL, LIMITS, CENTRE), OPTIONS)
 
 
 @pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
 def test_a_goal_is_met_by_the_mean_of_positions(goal_mm: float, met: bool) -> None:
-    assert stopping_rule.is_met(stopping_rule.UncertaintyGoal(goal_mm), KNOWN) is met
-    assert not stopping_rule.is_met(stopping_rule.UncertaintyGoal(goal_mm), None)
+    assert stopping_rule.is_met(goal_mm, KNOWN) is met
+    assert not stopping_rule.is_met(goal_mm, None)
     assert not stopping_rule.is_met(None, KNOWN)
-
-
-def mixed():
-    """A drift shot, two pairs to identify from, a pair to validate on, and another drift shot."""
-    unseen = [
-        planned(5, ShotSet.VALIDATION, 2, 0.0, 0.0, -600.0),
-        planned(6, ShotSet.VALIDATION, 2, 90.0, 0.0, -600.0),
-    ]
-    return groups(joint_steps([*FOUR_PAIRS[:5], *unseen, replace(FOUR_PAIRS[-1], shot=7)]))
-
-
-def test_only_what_serves_nothing_else_than_to_identify_is_left_out_and_named() -> None:
-    wanted, event = stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.02), KNOWN, mixed())
-    assert [step.planned.shot for group in wanted for step in group] == [0, 5, 6, 7]
-    assert event.kind == "goal met"
-    assert event.text == (
-        "goal 0.02 mm met by 84 shots: positions to ±0.0198 mm; 4 shots left out: 1–4"
-    )
-
-
-def test_nothing_is_left_out_before_enough_is_known_nor_of_other_shots_alone() -> None:
-    assert stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.019), KNOWN, mixed()) is None
-    assert stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.02), None, mixed()) is None
-    assert stopping_rule.early_stop(None, KNOWN, mixed()) is None
-    others = [group for group in mixed() if len(group) == 1]
-    assert stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.02), KNOWN, others) is None
 
 
 def test_numbers_are_told_in_ranges() -> None:
@@ -78,8 +50,7 @@ def test_a_plan_predicts_how_surely_its_shots_will_give_positions() -> None:
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
     whole = monitor().predicted(TRACKER_MM)
     goal_mm = 2.0 * whole.position_std_mm
-    goal = stopping_rule.UncertaintyGoal(goal_mm)
-    told, shots = stopping_rule.predicted_stop(goal, monitor(), TRACKER_MM)
+    told, shots = stopping_rule.predicted_stop(goal_mm, monitor(), TRACKER_MM)
     assert told == whole
     enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (shots, shots - 2))
     assert enough.position_std_mm <= goal_mm < fewer.position_std_mm
@@ -88,7 +59,7 @@ def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
 def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
     whole = monitor().predicted(TRACKER_MM)
     with pytest.raises(PlanInvalid) as caught:
-        stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(0.001), monitor(), TRACKER_MM)
+        stopping_rule.predicted_stop(0.001, monitor(), TRACKER_MM)
     assert caught.value.problem == (
         f"goal 0.001 mm: the whole plan will give {whole.position_std_mm:.3g} mm"
     )
@@ -98,18 +69,17 @@ def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
 def test_a_plan_of_too_few_shots_is_refused() -> None:
     few = monitor(FOUR_PAIRS[:3])
     with pytest.raises(PlanInvalid, match="too few shots to identify from"):
-        stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(1.0), few, TRACKER_MM)
+        stopping_rule.predicted_stop(1.0, few, TRACKER_MM)
 
 
 @pytest.mark.parametrize(
     "text",
     [
         "0.02", "0.02 mm", " 2e-2mm ", "σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2",
-        f"{stopping_rule.UncertaintyGoal(0.02)}",
     ],
 )  # fmt: skip
 def test_a_goal_is_a_standard_deviation_in_mm(text: str) -> None:
-    assert stopping_rule.read_goal(text) == stopping_rule.UncertaintyGoal(0.02)
+    assert stopping_rule.read_goal(text) == 0.02
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""How surely positions are known by accepted shots, and what the gate predicts by them."""
+"""How surely positions are known by accepted shots."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,12 +10,9 @@ from goal_plans import OTHERS, PLAN, STATED_STD_MM, mean_std_of, until
 from par4_space import par4
 from small_plans import OPTIONS
 
-from campaigns.fit.error_model import ErrorModel
-from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.run_state import PositionUncertainty
-from campaigns.measuring.running_fit import RunningFit
 from campaigns.measuring.work import Work
 
 GOAL_MM = 0.04
@@ -81,50 +78,7 @@ def test_parameters_held_wrongly_do_not_refuse_shots() -> None:
 
     With this forearm held at 700 mm it would refuse.
     """
-    gate = fixing("arm*.*").gate_taught_by([])
+    gate = fixing("arm*.*").gate_after([])
     for outcome in outcomes(truth=LONG_ARMED):
-        assert not gate.judge(outcome.joints, outcome.point_in_tracker_mm).refusal
+        assert not gate.judge(outcome).refusal
         gate.accept(outcome)
-
-
-@pytest.fixture
-def running() -> RunningFit:
-    return RunningFit(ErrorModel(NOMINAL), TrackerUncertainty())
-
-
-def test_a_running_fit_predicts_ever_better_and_says_how_well(running: RunningFit) -> None:
-    measured, errors, stated = outcomes(truth=LONG_ARMED), [], []
-    for outcome in measured:
-        joints, point = np.array(outcome.joints), np.array(outcome.point_in_tracker_mm)
-        predicted = running.predict(joints)
-        assert (predicted is None) == (running.shots < 5)
-        if predicted is not None:
-            errors.append(float(np.linalg.norm(predicted[0] - point)))
-            stated.append(predicted[1])
-        running.add(joints, point)
-    assert np.all(np.array(errors) < 4.0 * np.array(stated))
-    assert max(errors[-5:]) < 0.5 < 1.0 < max(errors[:5])
-    assert stated[-1] < 0.2 * stated[0]
-
-
-def test_a_running_fit_that_begins_again_knows_nothing_else(running: RunningFit) -> None:
-    measured = outcomes()
-    joints = np.array([outcome.joints for outcome in measured])
-    points = np.array([outcome.point_in_tracker_mm for outcome in measured])
-    for row in range(8):
-        running.add(joints[row], points[row] + 50.0 * (row == 3))
-    running.restart(joints[8:], points[8:])
-    assert running.shots == len(SHOTS) - 8
-    point, std_mm = running.predict(joints[0])
-    assert np.linalg.norm(point - points[0]) < 4.0 * std_mm
-    running.restart(joints[:4], points[:4])
-    assert running.predict(joints[5]) is None
-    assert running.distance_misfit_mm(joints[5], points[5]) < 0.1
-    assert running.distance_misfit_mm(joints[5], points[6]) > 10.0
-
-
-def test_shots_on_a_line_place_no_frame(running: RunningFit) -> None:
-    joints = np.tile(np.array(SHOTS[0].joints), (8, 1))
-    for row, own in enumerate(joints):
-        running.add(own, np.array([2000.0 + 10.0 * row, 0.0, 0.0]))
-    assert running.predict(joints[0]) is None

@@ -10,8 +10,7 @@ from test_set_aside import blind_at, skips
 
 from campaigns.errors import Interrupted
 from campaigns.journal.records import Event, PairVoided, Rejected
-from campaigns.measuring.run_state import EngineState
-from campaigns.measuring.wishes import Wish
+from campaigns.measuring.run_state import EngineState, Wish
 from drivers.errors import BeamBroken, EmergencyStop, NoReflector, NotAMeasurement
 from drivers.values import Measurement
 

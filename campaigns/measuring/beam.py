@@ -1,4 +1,4 @@
-"""Reacquisition of the reflector: waiting for a broken beam, and going back to where it was seen.
+"""Beam: waiting for a broken one, and looking for the reflector where it was seen before.
 
 A search starts where the beam points and where the reflector of this very pose should be; it never
 starts at another pose's point while the robot is elsewhere.
@@ -8,16 +8,17 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from math import dist, hypot
+from math import dist, hypot, inf
 
 import numpy as np
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.journal.records import BeamStart, Event, EventKind, Outcome
-from campaigns.measuring.monitors import STANDING_MM, is_same_pose
-from campaigns.measuring.run_state import EngineState
+from campaigns.measuring.gate import STANDING_MM, is_same_pose
+from campaigns.measuring.results import Loss, Skipped
+from campaigns.measuring.run_state import EngineState, Wish
+from campaigns.measuring.stopping_rule import in_ranges
 from campaigns.measuring.watched_deadline import WatchedDeadline
-from campaigns.measuring.wishes import Wish
 from campaigns.measuring.work import Session
 from drivers.errors import BeamBroken, LimitViolation
 from drivers.values import Vector3
@@ -29,10 +30,10 @@ LOOK_AT_THE_DRIVES = (
     "by hand; then run again: it resumes"
 )
 LOOK_AGAIN_S = 1.0
-TOLD_AFTER_S = (30.0, 300.0, 3000.0)
-"""When the operator is told again that the beam is still broken.
+REPEATED_AFTER_S = (30.0, 300.0, 3000.0)
+"""Times at which the operator is told again that the beam is still broken.
 
-He is told at once while nothing says where the reflector should be: then he has to place the beam.
+He is told at once while the reflector's place is unknown: then he has to place the beam.
 """
 FEWEST_SEARCHES = 3
 """Searches in vain before a pose is held for one at which the reflector cannot be seen.
@@ -47,13 +48,11 @@ As often, over a whole session, at each place where one began.
 MM_PER_M = 1000.0
 SAME_DIRECTION = 1e-3
 """Distance of unit vectors of a beam that has stayed where it was."""
-WAY_POINTS = 20
-"""Places on each leg of a way at which it is looked whether the robot has stayed there."""
 POSES_OF_ONE_POINT = 3
 """Poses with one and the same point that are no chance, wherever that is."""
 
 
-class Reacquisition:
+class Beam:
     """Finds the reflector again, while the robot stands still or back at a pose seen before."""
 
     def __init__(self, session: Session, starts: Sequence[BeamStart]) -> None:
@@ -68,40 +67,25 @@ class Reacquisition:
         """Keep a point that the tracker measured, whether it counts or not."""
         self._measured.append(measured)
 
-    def poses_of_one_point(self) -> tuple[Outcome, ...]:
-        """Measurements, the latest first, of one point at poses that the encoders tell apart.
+    def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> Skipped | Loss:
+        """Wait until the reflector is found; the robot stands still, and is watched.
 
-        More than one: the robot has not moved, or it is another reflector.
-        """
-        found: list[Outcome] = []
-        for each in reversed(self._measured):
-            if dist(each.point_in_tracker_mm, self._measured[-1].point_in_tracker_mm) > STANDING_MM:
-                break
-            if not any(is_same_pose(each.joints, other.joints) for other in found):
-                found.append(each)
-        return tuple(found)
-
-    def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool | None:
-        """Wait until the reflector is found, and say how long it took.
-
-        False: it was never seen at this pose, for as long as is waited before another is asked.
-        None: the operator wishes to skip the shot.
-        The robot stands still meanwhile, and is watched. Raises `GateRefused` once the reflector is
-        found where it was before the encoders moved: then the robot has not moved with them.
-        Raises it too after the cell's `beam_wait_s`.
+        Return `Loss.BEAM` then, and `Loss.UNSEEN` where it never was seen at this pose. Raise
+        `GateRefused` once the reflector is found where it was before the encoders moved: then the
+        robot has not moved with them. Raise it too after the cell's `beam_wait_s`.
         """
         since_s, look_back = self._clock.now_s(), self._look_back_deadline()
-        here = self._tracker.direction()
-        advice, may_find_alone = self._advice(joints)
-        suspect = self._point_that_stays(joints)
-        alarms = iter(TOLD_AFTER_S if may_find_alone else (0.0, *TOLD_AFTER_S))
-        told_at_s = next(alarms)
+        here, advice = self._tracker.direction(), self._advise(joints)
+        stayed = self._point_that_stays(joints)
+        knows_place = self._gate.expected_point_mm(joints) is not None
+        alarms = iter(REPEATED_AFTER_S if knows_place else (0.0, *REPEATED_AFTER_S))
+        next_alarm_s = next(alarms)
         while (failure := self._failure_to_find(joints, here)) is not None:
             self._mover.check_stop()
             self._mover.require_sound()
             if self._session.wishes.take(Wish.SKIP):
                 self._run_state.see_beam(locked=False)
-                return None
+                return Skipped()
             lasted_s = self._clock.now_s() - since_s
             if lasted_s >= self._session.cell.beam_wait_s:
                 raise GateRefused(
@@ -111,27 +95,82 @@ class Reacquisition:
                 )
             self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
             if look_back.has_passed():
-                if suspect is not None:
-                    self._require_moved(*suspect)
+                if stayed is not None:
+                    self._require_moved(*stayed)
                 if not seen_here and self._gate.accepted:
-                    return False
-            if lasted_s >= told_at_s:
-                told_at_s = next(alarms, float("inf"))
+                    return Loss.UNSEEN
+            if lasted_s >= next_alarm_s:
+                next_alarm_s = next(alarms, inf)
                 text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
                 self._announce("beam broken", f"{text}; {advice}")
             self._mover.pause(LOOK_AGAIN_S)
         self._run_state.see_beam(locked=True)
         lasted_s = self._clock.now_s() - since_s
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
+        return Loss.BEAM
+
+    def at_expected(self, joints: tuple[float, ...]) -> bool:
+        """Return whether the reflector is found where it should be; False too if unknown."""
+        expected_mm = self._gate.expected_point_mm(joints)
+        if expected_mm is None:
+            return False
+        try:
+            self._tracker.go_to(expected_mm)
+        except BeamBroken:
+            self._run_state.see_beam(locked=False)
+            return False
         return True
 
+    def wait_where_it_was(self) -> bool:
+        """Go back to the pose of the latest shot that counts, and wait for the beam there.
+
+        Return whether it was there at once: then the pose where it was missing cannot be seen.
+        """
+        latest = self._gate.accepted[-1]
+        self._go_back(f"where shot {latest.shot} was", latest.joints)
+        began_s = self._clock.now_s()
+        waited = self.wait(latest.joints, seen_here=True)
+        self._run_state.rest()
+        if isinstance(waited, Skipped):  # the wish is about the shot that is tried again after this
+            self._session.wishes.ask(Wish.SKIP)
+            return False
+        return self._clock.now_s() - began_s < self._session.work.look_back_s
+
+    def look_back(self, standing_mm: Vector3 | None = None) -> bool:
+        """Bring robot and beam together where the reflector was seen before; False: nowhere.
+
+        At the pose of a shot that counts, the latest first; else where a session began: whoever
+        began it has put the beam onto the robot's reflector, unless it pointed at one that is
+        known to stand elsewhere, at `standing_mm`.
+        """
+        return any(self._lock_at(*anchor) for anchor in self._anchors(standing_mm))
+
+    def require_robot_moves(self) -> None:
+        """Raise `GateRefused` if the latest measurements have one point at several poses."""
+        one_point = self._poses_of_one_point()
+        if len(one_point) > 1:
+            raise one_point_refused(one_point)
+
+    def _poses_of_one_point(self) -> tuple[Outcome, ...]:
+        """Return measurements, the latest first, of one point at poses that differ.
+
+        More than one: the robot has not moved, or it is another reflector.
+        """
+        poses: list[Outcome] = []
+        for shot in reversed(self._measured):
+            if dist(shot.point_in_tracker_mm, self._measured[-1].point_in_tracker_mm) > STANDING_MM:
+                break
+            if not any(is_same_pose(shot.joints, other.joints) for other in poses):
+                poses.append(shot)
+        return tuple(poses)
+
     def _point_that_stays(self, joints: tuple[float, ...]) -> tuple[Vector3, str] | None:
-        """Point at which the reflector may have stayed while the encoders moved, and what if so.
+        """Return a point at which the reflector may have stayed, and the problem if it has.
 
         A point counts that is on the robot's way, or was measured at poses enough: one elsewhere
         may be another reflector's.
         """
-        one_point, expected_mm = self.poses_of_one_point(), self._gate.expected_point_mm(joints)
+        one_point, expected_mm = self._poses_of_one_point(), self._gate.expected_point_mm(joints)
         if not one_point or expected_mm is None:
             return None
         point_mm, far_mm = one_point[0].point_in_tracker_mm, self._session.work.gate.distance_mm
@@ -157,12 +196,12 @@ class Reacquisition:
             raise GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
 
     def _is_on_the_way(self, point_mm: Vector3, far_mm: float) -> bool:
-        """Whether a point is near one that the robot has passed between the latest measurements."""
+        """Return whether the robot has passed a point between the latest measurements."""
         last = self._measured[-1]
         before = self._measured[-2:-1] or self._gate.accepted[-1:]
-        stops = [*(each.joints for each in before), last.came_from or last.joints, last.joints]
-        way = np.concatenate([np.linspace(a, b, WAY_POINTS) for a, b in pairwise(stops)])
-        expected = (self._gate.expected_point_mm(tuple(each.tolist())) for each in way)
+        stops = [*(shot.joints for shot in before), last.came_from or last.joints, last.joints]
+        way = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(stops)])
+        expected = (self._gate.expected_point_mm(tuple(joints.tolist())) for joints in way)
         return any(mm and dist(mm, point_mm) <= far_mm for mm in expected)
 
     def _look_back_deadline(self) -> WatchedDeadline:
@@ -171,54 +210,15 @@ class Reacquisition:
             self._clock, self._session.work.look_back_s, fewest_looks=FEWEST_SEARCHES
         )
 
-    def at_expected(self, joints: tuple[float, ...]) -> bool:
-        """Whether the reflector was found where it should be; False too while that is unknown."""
-        expected_mm = self._gate.expected_point_mm(joints)
-        if expected_mm is None:
-            return False
-        try:
-            self._tracker.go_to(expected_mm)
-        except BeamBroken:
-            self._run_state.see_beam(locked=False)
-            return False
-        return True
-
-    def wait_where_it_was(self) -> bool:
-        """Go back to the pose of the latest shot that counts, and wait for the beam there.
-
-        Whether it was there at once: then it is the pose where it was missing that cannot be seen.
-        """
-        latest = self._gate.accepted[-1]
-        name = f"where shot {latest.shot} was"
-        self._announce("suspended", f"looking for the reflector {name}")
-        self._mover.return_to(latest.joints, f"back to {name}", self._run_state.enter)
-        self._run_state.enter(EngineState.SUSPENDED)
-        began_s = self._clock.now_s()
-        found = self.wait(latest.joints, seen_here=True)
-        self._run_state.rest()
-        if found is None:  # the wish is about the shot that is tried again after this
-            self._session.wishes.ask(Wish.SKIP)
-            return False
-        return self._clock.now_s() - began_s < self._session.work.look_back_s
-
-    def look_back(self, standing_mm: Vector3 | None = None) -> bool:
-        """Bring robot and beam together where the reflector was seen before; False: nowhere.
-
-        At the pose of a shot that counts, the latest first; else where a session began: whoever
-        began it has put the beam onto the robot's reflector, unless it pointed at one that is
-        known to stand elsewhere, at `standing_mm`.
-        """
-        return any(self._locked_at(*anchor) for anchor in self._anchors(standing_mm))
-
-    def _advice(self, joints: tuple[float, ...]) -> tuple[str, bool]:
-        """What the operator can do, and whether the tracker may find the reflector by itself."""
+    def _advise(self, joints: tuple[float, ...]) -> str:
+        """Return what the operator can do."""
         expected_mm = self._gate.expected_point_mm(joints)
         if expected_mm is None:
             away_m = self._session.work.search_mm / MM_PER_M
             put = "put the beam onto the robot's reflector by hand"
-            return f"{put}, about {away_m:.1f} m from the tracker", False
+            return f"{put}, about {away_m:.1f} m from the tracker"
         away_m, at = hypot(*expected_mm) / MM_PER_M, ", ".join(f"{v:.0f}" for v in expected_mm)
-        return f"clear the way to ({at}) mm in the tracker's frame, {away_m:.2f} m away", True
+        return f"clear the way to ({at}) mm in the tracker's frame, {away_m:.2f} m away"
 
     def _anchors(
         self, standing_mm: Vector3 | None
@@ -227,27 +227,31 @@ class Reacquisition:
         for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
             name = f"where shot {outcome.shot} was"
             yield name, outcome.joints, outcome.point_in_tracker_mm
-        while self._starts:  # each is left behind: the beam may have been on a wrong one even then
+        while self._starts:  # each only once: the beam may have been on a wrong one even then
             start = self._starts.popleft()
+            towards_mm = _at(start.direction, self._session.work.search_mm)
             if standing_mm is None or not _points_at(start.direction, standing_mm):
-                towards_mm = _at(start.direction, self._session.work.search_mm)
                 yield "where the run began", start.joints, towards_mm
 
-    def _locked_at(self, name: str, joints: tuple[float, ...], seen_mm: Vector3) -> bool:
-        self._announce("suspended", f"looking for the reflector {name}")
+    def _lock_at(self, name: str, joints: tuple[float, ...], seen_mm: Vector3) -> bool:
+        """Go back to a pose; return whether the reflector is where it was seen there."""
         try:
-            self._mover.return_to(joints, f"back to {name}", self._run_state.enter)
+            self._go_back(name, joints)
         except (TargetOutOfReach, LimitViolation, NotSettled):
             self._run_state.rest()
             return False
-        self._run_state.enter(EngineState.SUSPENDED)
         locked = self._failure_at(seen_mm) is None
         self._run_state.see_beam(locked=locked)
         self._run_state.rest()
         return locked
 
+    def _go_back(self, name: str, joints: tuple[float, ...]) -> None:
+        self._announce("suspended", f"looking for the reflector {name}")
+        self._mover.return_to(joints, f"back to {name}", self._run_state.enter)
+        self._run_state.enter(EngineState.SUSPENDED)
+
     def _failure_to_find(self, joints: tuple[float, ...], here: Vector3 | None) -> str | None:
-        """One round: at the expected point of this pose, and in the direction of the beam."""
+        """Look at the expected point of this pose, and in the direction of the beam."""
         if self.at_expected(joints):
             return None
         if here is not None and self._gate.expected_point_mm(joints) is not None:
@@ -272,15 +276,27 @@ class Reacquisition:
         self._session.log.announce(Event(kind, text))
 
 
+def one_point_refused(outcomes: Iterable[Outcome]) -> GateRefused:
+    """Return the error of measurements that have one point although the encoders moved."""
+    problem = f"{of_one_point(outcomes)}: {ELSEWHERE}, or {NOT_MOVING}"
+    return GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
+
+
+def of_one_point(outcomes: Iterable[Outcome]) -> str:
+    """Name shots that have one point."""
+    shots = in_ranges(sorted(outcome.shot for outcome in outcomes))
+    return f"shots {shots} have one point, although the encoders moved between them"
+
+
 def distinct_starts(starts: Iterable[BeamStart | None]) -> tuple[BeamStart, ...]:
-    """Beginnings of sessions with beams of their own, the latest first.
+    """Return beginnings of sessions with beams of their own, the latest first.
 
     Of those with the same, which do not follow the robot, the first: there it had been put.
     """
     distinct: list[BeamStart] = []
     for start in starts:
         if start is not None and not any(
-            dist(start.direction, each.direction) <= SAME_DIRECTION for each in distinct
+            dist(start.direction, other.direction) <= SAME_DIRECTION for other in distinct
         ):
             distinct.append(start)
     return tuple(reversed(distinct))

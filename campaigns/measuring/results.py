@@ -1,0 +1,69 @@
+"""Results of an attempt at a shot, by which the engine goes on."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TypeAlias
+
+from campaigns.errors import GateRefused
+from campaigns.journal.records import Outcome
+
+SKIPPED = "skipped by the operator"
+
+
+class Loss(Enum):
+    """Why an attempt gave no data, as far as the next one depends on it."""
+
+    BEAM = "the beam was broken, and the tracker has its reflector again"
+    UNSEEN = "the reflector was never seen at this pose"
+    TARGET = "the robot cannot be sent there, nor by another attempt"
+    MEASUREMENT = "the robot moved, or the result cannot be"
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """Outcome that agrees with the accepted shots; nobody has written it yet."""
+
+    outcome: Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """The operator leaves the shot out."""
+
+    reason: str = SKIPPED
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Point too far from where the accepted shots let it be expected."""
+
+    reason: str
+    outcome: Outcome
+    """Written as rejected."""
+    relocked: bool
+    """Whether the tracker has found a reflector where this pose's should be."""
+    attempts: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Attempt without data."""
+
+    reason: str
+    loss: Loss
+    error: Exception | None = None
+    """What the controller said about the target."""
+    attempts: int = 1
+
+
+ShotResult: TypeAlias = Accepted | Skipped | Refused | Lost
+
+
+def failure_of(result: Refused | Lost) -> GateRefused:
+    """Return the error of a shot that all attempts have failed to measure."""
+    attempts = f"{result.attempts} attempts" if result.attempts > 1 else "the attempt"
+    return GateRefused(
+        f"{attempts} failed, the last one: {result.reason}",
+        remedy="look at the reflector, the beam and the robot there; then run again, it resumes. "
+        "If an earlier shot took the wrong reflector: start a new series with --anew",
+    )
