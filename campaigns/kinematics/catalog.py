@@ -37,15 +37,20 @@ MECHANISMS: Mapping[str, ClosedChain] = {
 }
 OFFERED = "pkmcal.mechanisms"
 """Group of entry points by which other packages offer theirs."""
+PYTHON = ".py"
 
 
-def find_mechanism(word: object) -> ClosedChain | None:
-    """Return a mechanism by its word, shipped or another package's; None for an unknown word.
+def find_mechanism(word: object, folder: Path = Path()) -> ClosedChain | None:
+    """Return a mechanism by its word: shipped, a file's (`my.py:OWN`), or another package's.
 
-    Raise `TypeError` if a package offers something else under that word.
+    Files are seen from a folder. Return None for an unknown word; raise `ImportError`,
+    `AttributeError` or `TypeError` where a file or package gives no mechanism by that word.
     """
     if not isinstance(word, str) or word in MECHANISMS:
         return MECHANISMS.get(str(word))
+    file, _, name = word.rpartition(":")
+    if file.endswith(PYTHON):
+        return _load_mechanism(folder / file, name)
     for offer in entry_points(group=OFFERED, name=word):
         chain = offer.load()
         if not isinstance(chain, ClosedChain) or chain.name != word:
@@ -54,16 +59,15 @@ def find_mechanism(word: object) -> ClosedChain | None:
     return None
 
 
-def load_mechanism(file: Path, name: str) -> ClosedChain:
-    """Return the mechanism that a Python file defines under a name, such as `my.py:OWN`.
-
-    Raise `ImportError` or `AttributeError` where it defines nothing, `TypeError` for another type.
-    """
+def _load_mechanism(file: Path, name: str) -> ClosedChain:
     spec = importlib.util.spec_from_file_location(file.stem, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file} is no Python file")
+    assert spec is not None, "as its name ends in .py"
+    assert spec.loader is not None, "as it is a file"
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # other people's code may raise anything
+        raise ImportError(f"{file}: {error}") from error
     chain = getattr(module, name)
     if not isinstance(chain, ClosedChain):
         raise TypeError(f"{name} in {file} is {chain!r}, must be a ClosedChain")

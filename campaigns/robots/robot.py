@@ -15,10 +15,10 @@ from ruamel.yaml.comments import CommentedMap
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
-from campaigns.files.text_file import write_new_text
+from campaigns.files.text_file import read_text, write_new_text
 from campaigns.files.wording import suggestion
 from campaigns.kinematics.axes import Axis, Interval
-from campaigns.kinematics.catalog import find_mechanism
+from campaigns.kinematics.catalog import PYTHON, find_mechanism
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
@@ -119,6 +119,16 @@ class RobotDocument:
     robot: RobotFile
     document: yaml_file.YamlDocument
 
+    def files_in(self, folder: Path, name: str) -> dict[Path, str]:
+        """Return the texts of a copy of it in a folder, with the Python file of its mechanism."""
+        file, colon, own = str(self.document.tree["mechanism"]).rpartition(":")
+        if not colon:
+            return {folder / name: self.document.text}
+        module, tree = _folder_of(self.document) / file, self.document.editable_tree()
+        tree["mechanism"] = f"{module.name}:{own}"
+        code = read_text(module, ConfigInvalid, if_missing="give the mechanism's file again")
+        return {folder / module.name: code, folder / name: yaml_file.yaml_text(tree)}
+
 
 def read_robot(path: Path) -> RobotDocument:
     """Read and check a robot file; raises `ConfigInvalid`."""
@@ -130,11 +140,16 @@ def read_robot(path: Path) -> RobotDocument:
 
 
 def find_robot(name_or_path: str) -> RobotDocument:
-    """Read a shipped robot by its name, or a file; raises `ConfigInvalid`."""
+    """Read a shipped robot by its name, or a file; raises `ConfigInvalid`.
+
+    A mechanism of one's own, `my.py:OWN`, has typical values: those of a shipped robot.
+    """
     shipped = _shipped_robots()
     if name_or_path in shipped:
         text = shipped[name_or_path].read_text(encoding="utf-8")
         return _robot_of(yaml_file.parse_document(text, f"{name_or_path}.yaml"))
+    if name_or_path.rpartition(":")[0].endswith(PYTHON):
+        return _typical_of(name_or_path)
     if is_there(Path(name_or_path)):
         return read_robot(Path(name_or_path))
     nearest = nearest_word(name_or_path, shipped)
@@ -150,9 +165,29 @@ def parse_robot(text: str, name: str) -> RobotDocument:
 
 
 def shipped_of(mechanism: ClosedChain) -> RobotDocument:
-    """First shipped robot of a mechanism."""
+    """Return the first shipped robot of a mechanism."""
     found = map(find_robot, _shipped_robots())
     return next(each for each in found if each.robot.mechanism.name == mechanism.name)
+
+
+def _typical_of(word: str) -> RobotDocument:
+    """Return the first shipped robot that has a mechanism's parameters, as one of that mechanism.
+
+    `word` names the mechanism as `my.py:OWN`. Raise `ConfigInvalid` where no robot has them.
+    """
+    contents_model(word, Path())  # refuses a word that gives no mechanism
+    mechanism = find_mechanism(word)
+    assert mechanism is not None, "as contents_model has found it"
+    names = mechanism.parameters.names
+    for shipped in map(find_robot, _shipped_robots()):
+        if shipped.robot.mechanism.parameters.names == names:
+            tree = shipped.document.editable_tree()
+            tree |= {"mechanism": Path(word).name, "name": mechanism.name}
+            return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), word))
+    raise ConfigInvalid(
+        f"{word}: no shipped robot has its parameters, so nothing says its sizes",
+        remedy=f"write a robot file with `mechanism: {word}`, and give that",
+    )
 
 
 def compensated(
@@ -182,14 +217,15 @@ def compensated(
     tree["uncertainty"] = known or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = own.digest()
-    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), name))
+    where = str(_folder_of(nominal.document) / name)
+    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), where))
 
 
 def with_ripples_per_turn(robot: RobotDocument, ripples_per_turn: float) -> RobotDocument:
     """The same robot with its gears' rate in the document."""
     tree = robot.document.editable_tree()
     tree["ripples_per_turn"] = ripples_per_turn
-    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), robot.robot.name))
+    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), robot.document.name))
 
 
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
@@ -249,8 +285,10 @@ def _shipped_robots() -> dict[str, Traversable]:
 
 def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
-    contents = yaml_file.checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
-    mechanism = find_mechanism(contents.mechanism)
+    folder = _folder_of(document)
+    model = contents_model(document.tree.get("mechanism"), folder)
+    contents = yaml_file.checked(document, SCHEMA, model)
+    mechanism = find_mechanism(contents.mechanism, folder)
     assert mechanism is not None  # the schema has refused other words
     if contents.reflector_half is not None:
         try:
@@ -282,6 +320,11 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
             remedy="somebody changed the geometry: restore the file, or delete the line sha256",
         )
     return RobotDocument(robot, document)
+
+
+def _folder_of(document: yaml_file.YamlDocument) -> Path:
+    """Return the folder from which a document's file names are seen."""
+    return Path(document.name).parent
 
 
 def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotContents) -> ClosedChain:

@@ -6,6 +6,7 @@ Which keys geometry and limits have follows from the mechanism.
 import json
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, create_model
@@ -158,20 +159,20 @@ class RobotContents(FileModel):
     )
 
 
-def contents_model(word: object) -> type[RobotContents]:
+def contents_model(word: object, folder: Path) -> type[RobotContents]:
     """Model of the files of a mechanism by its word, or one that refuses an unknown word.
 
-    Raises `ConfigInvalid` where a package offers that word and gives something else.
+    Raises `ConfigInvalid` where a file or package gives no mechanism by that word.
     """
     try:
-        mechanism = find_mechanism(word)
+        mechanism = find_mechanism(word, folder)
     except (TypeError, ImportError, AttributeError) as error:
         raise ConfigInvalid(
-            f"mechanism {shown(str(word))}: its package gives no mechanism ({error})",
-            remedy="update or mend that package",
+            f"mechanism {shown(str(word))} gives no mechanism ({error})",
+            remedy="give FILE.py:NAME, seen from the robot file, or mend that file or package",
         ) from error
     if mechanism is not None:
-        return _model_of(mechanism)
+        return _model_of(mechanism, str(word))
     return create_model(
         "RobotContents",
         __base__=RobotContents,
@@ -182,8 +183,7 @@ def contents_model(word: object) -> type[RobotContents]:
 
 
 @cache
-def _model_of(mechanism: ClosedChain) -> type[RobotContents]:
-    word = mechanism.name
+def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
     space = mechanism.parameters
     arm = _fields_model("ArmContents", space.arm_fields, space.fields(*OPTIONAL))
     count, keys = COUNTS[space.arms], len(space.arm_fields)

@@ -136,9 +136,9 @@ def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocu
     path = directory / FILE_NAME
     refuse_existing(path)
     make_folder(directory)
-    robot_path = directory / config.robot
-    if not (is_file(robot_path) and _text_of(robot_path) == robot.document.text):
-        write_new_text(robot_path, robot.document.text)
+    for file, text in robot.files_in(directory, config.robot).items():
+        if not (is_file(file) and _text_of(file) == text):
+            write_new_text(file, text)
     write_new_text(path, yaml_file.commented_yaml(SCHEMA, config))
 
 

@@ -8,7 +8,6 @@ import pytest
 import pkmcal
 from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid
 from campaigns.identification.options import IdentificationOptions
-from campaigns.kinematics.catalog import load_mechanism
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile
 from campaigns.robots.robot import find_robot as find_robot_file
@@ -208,12 +207,3 @@ def test_another_packages_mechanism_is_taken_in_robot_files(offered):
 def test_a_package_that_offers_no_mechanism_is_refused(offered, offers, said):
     with pytest.raises(ConfigInvalid, match=f"gives no mechanism .*{said}"):
         find_robot(offered(offers))
-
-
-def test_a_mechanism_of_ones_own_is_taken_from_a_file(tmp_path):
-    (tmp_path / "my.py").write_text(PACKAGE)
-    own, delta = load_mechanism(tmp_path / "my.py", "OWN"), find_robot("delta")
-    robot = delta.of(own, delta.parameters, name="mine", limits=delta.limits)
-    poses = sample_workspace(robot, 3)
-    joints = robot.kinematics.inverse(poses).values_or_raise()
-    np.testing.assert_allclose(joints, delta.kinematics.inverse(poses).values_or_raise())
