@@ -24,7 +24,6 @@ from campaigns.settings.sections import (
 )
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS
-from sim.geometry import KINDS
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
@@ -210,11 +209,6 @@ def create_simulated(
 
 def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     """Cell file of a scenario, for that robot; raises `ScenarioInvalid`."""
-    if robot.mechanism.name not in KINDS:
-        raise OptionsInvalid(
-            f"no simulated cell has a robot of the kind {robot.mechanism.name}",
-            remedy="give --controller and --tracker, or --offline",
-        )
     joint = robot.mechanism.joints[0]
     low, high = robot.limits.joint
     x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()

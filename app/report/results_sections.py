@@ -177,7 +177,7 @@ def _shown(both: Stages) -> IsoRow:
 def _iso_value(row: IsoRow | None) -> str | None:
     if row is None or row.figure is None:
         return None
-    return number(row.figure.value_mm, signed=row.is_signed)
+    return number(row.figure.value_mm)
 
 
 def _iso_uncertainty(row: IsoRow | None) -> float | None:

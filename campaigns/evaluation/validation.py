@@ -105,20 +105,6 @@ class LineTest:
     away_mm: Array
     """From the best line to the measured points."""
     straightness: MeasuredLength
-    in_base: bool
-    """Frame of the points: the base's, or not."""
-
-    @property
-    def off_commanded(self) -> MeasuredLength | None:
-        """Largest distance from the commanded line; None without a base frame."""
-        start, end = self.commanded_mm[0], self.commanded_mm[-1]
-        direction = (end - start) / np.linalg.norm(end - start)
-        from_start = self.points_mm - start
-        away = from_start - np.outer(from_start @ direction, direction)
-        largest = float(np.linalg.norm(away, axis=1).max())
-        if not self.in_base:
-            return None
-        return MeasuredLength(largest, self.straightness.standard_uncertainty_mm)
 
     @property
     def along_mm(self) -> Array:
@@ -367,7 +353,7 @@ def evaluate_validation(
         distance_test(whole, commanded, points, covariance, common),
         absolute_mm if in_base and len(pairs) else None,
         rotation_test(*of(ShotSet.ROTATION)),
-        line_tests(*of(ShotSet.STRAIGHTNESS), in_base=in_base),
+        line_tests(*of(ShotSet.STRAIGHTNESS)),
         repeatability_test(*of(ShotSet.REPEATABILITY), in_base=in_base),
         cube_tests(*of(ShotSet.ISO_CUBE), in_base=in_base),
     )
@@ -410,9 +396,7 @@ def distance_test(
     )
 
 
-def line_tests(
-    commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
-) -> tuple[LineTest, ...]:
+def line_tests(commanded: Array, points_mm: Array, covariance_mm2: Array) -> tuple[LineTest, ...]:
     """Every line of at least three shots, in the order x, y, z."""
     along, found = line_axes(commanded[:, :3]), []
     for place, axis in enumerate(AXES):
@@ -420,7 +404,7 @@ def line_tests(
         if len(rows) >= SHOTS_OF_A_LINE:
             away = point_sets.away_from_best_line(points_mm[rows])
             straightness = _longest(away, covariance_mm2[rows])
-            line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness, in_base)
+            line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness)
             found.append(line)
     return tuple(found)
 

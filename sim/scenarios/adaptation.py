@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from sim.errors import ScenarioInvalid
 from sim.geometry import CRANK_MM, KINDS, PLACES, Field, Kind
 from sim.robot.section import ENTRIES_OF_AN_ARM
 from sim.scenarios.scenario import edited, parse_scenario
@@ -42,6 +43,11 @@ class OtherRobot:
 
 def adapted(text: str, robot: OtherRobot) -> str:
     """Cell file for that robot; unchanged where it is of the same one. Raises `ScenarioInvalid`."""
+    if robot.mechanism not in KINDS:
+        raise ScenarioInvalid(
+            f"no simulated cell has a robot of the kind {robot.mechanism}",
+            remedy="give --controller and --tracker, or --offline",
+        )
     scenario = parse_scenario(text, "the scenario")
     same_kind = scenario.robot.kind is robot.kind
     if same_kind and _is_same(robot.kind, scenario.robot.nominal_flat(), robot.geometry):

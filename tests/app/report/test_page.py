@@ -445,7 +445,7 @@ def test_a_parameter_says_whether_it_was_fitted_determined_and_changed(
     assert [row[-1] for row in rows[1:]] == ["", "not determined", "held"]
 
 
-def test_only_figures_of_the_cube_have_a_symbol_of_the_standard(whole: PaperCampaign) -> None:
+def test_ap_and_rp_stand_pose_by_pose_and_worst_first(whole: PaperCampaign) -> None:
     ap, rp, *rows = rows_in(page(whole), "iso9283")
     assert ap[0].startswith("pose accuracy AP")
     assert rp[0].startswith("pose repeatability RP")
@@ -454,9 +454,6 @@ def test_only_figures_of_the_cube_have_a_symbol_of_the_standard(whole: PaperCamp
         [stage, f"P{n}"] for stage in ("before", "after") for n in range(1, 6)
     ]
     assert ap[4] in {row[6] for row in poses[5:]}
-    for *ours, theirs in rows[: -len(poses)]:
-        assert not re.search(r"\b(AP|RP|vAP|AD|RD|AT)\b", " ".join(ours))
-        assert re.match(r"(AP|RP|vAP|AD|RD|AT) \(", theirs)
 
 
 def test_a_limit_stands_with_its_margin(tmp_path: Path) -> None:

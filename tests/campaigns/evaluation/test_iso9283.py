@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from campaigns.evaluation.validation import (
-    LineTest,
-    MeasuredLength,
-    RepeatabilityTest,
-    repeatability_test,
-)
+from campaigns.evaluation.validation import RepeatabilityTest, repeatability_test
 
 
 def visits(points, commanded=(0.0, 0.0, 0.0), std_mm: float = 0.0) -> RepeatabilityTest:
@@ -44,17 +39,3 @@ def test_the_uncertainty_of_rp_is_what_other_samples_scatter() -> None:
     scatter = np.std([each.value_mm for each in found])
     stated = np.mean([each.standard_uncertainty_mm for each in found])
     assert stated == pytest.approx(scatter, rel=0.2)
-
-
-@pytest.mark.parametrize(("ahead_mm", "aside_mm"), [(0.0, 5.0), (10.0, 0.0)])
-def test_at_is_the_largest_distance_from_the_commanded_line(
-    ahead_mm: float, aside_mm: float
-) -> None:
-    commanded = np.outer([0.0, 50.0, 100.0], np.eye(3)[0])
-    points = commanded + np.array([ahead_mm, 0.0, 0.0])
-    points[1] += [0.0, 0.6 * aside_mm, 0.8 * aside_mm]
-    straight = MeasuredLength(0.0, 0.01)
-    found = LineTest("x", commanded, points, points, straight, in_base=True).off_commanded
-    assert found.value_mm == pytest.approx(aside_mm)
-    assert found.standard_uncertainty_mm == 0.01
-    assert LineTest("x", commanded, points, points, straight, in_base=False).off_commanded is None

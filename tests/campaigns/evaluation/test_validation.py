@@ -49,7 +49,7 @@ def measured(points, commanded=None):
 def straightness_mm(points) -> float:
     """Of points (N, 3) commanded along x."""
     along_x = np.outer(np.arange(len(points)), np.eye(3)[0])
-    (found,) = line_tests(*measured(points, along_x), in_base=True)
+    (found,) = line_tests(*measured(points, along_x))
     return found.straightness.value_mm
 
 
@@ -154,7 +154,6 @@ def test_points_that_fix_no_frame_give_no_accuracy(points: np.ndarray) -> None:
 def test_without_pairs_the_frame_is_that_of_all_shots() -> None:
     lines = [*line(0), *line(1, first=5, bump_mm=(0.0, 0.0, 1.0)), *line(2, first=10)]
     found = validated(lines)
-    assert found.line("y").in_base
     assert found.line("y").away_mm[2] == pytest.approx([0.0, 0.0, 0.8], abs=0.01)
     assert found.absolute_mm is None, "that is told of pairs only"
 
