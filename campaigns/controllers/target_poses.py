@@ -8,10 +8,10 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correction_mm
 from campaigns.errors import TargetsInvalid
-from campaigns.files.csv_file import CsvForm, csv_text, number_text, parse_csv
+from campaigns.files.csv_file import CsvColumn, CsvForm, csv_text, number_text, parse_csv
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.closed_chain import ClosedChain
-from campaigns.shots.columns import axis_columns, axis_texts, axis_values
+from campaigns.shots.columns import axis_columns, axis_texts, columns_of
 
 NAME = "name"
 COMMANDED_DECIMALS = 6
@@ -23,14 +23,14 @@ TargetPoses: TypeAlias = tuple[tuple[str, ...], tuple[str, ...], Array]
 
 def parse_poses(text: str, name: str, mechanism: ClosedChain) -> TargetPoses:
     """Poses of a file's text; raises `TargetsInvalid` naming the line."""
-    form = CsvForm(axis_columns(mechanism.task), (NAME,), TargetsInvalid)
+    form = CsvForm((*columns_of(mechanism.task), CsvColumn(NAME)), TargetsInvalid)
     rows = list(parse_csv(text, name, form))
     if not rows:
         raise TargetsInvalid(f"{name}: holds no poses", remedy="give a row for each pose")
     return (
         tuple(row.text(NAME) for row in rows),
         tuple(row.where for row in rows),
-        np.array([axis_values(row, mechanism.task) for row in rows]),
+        np.array([row.values(axis_columns(mechanism.task)) for row in rows]),
     )
 
 

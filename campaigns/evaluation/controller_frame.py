@@ -16,7 +16,7 @@ import numpy as np
 
 from campaigns.arrays import AXES, Array
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import CsvForm, parse_csv
+from campaigns.files.csv_file import CsvColumn, CsvForm, number_column, parse_csv
 from campaigns.fit.rigid_transforms import best_rotation
 from campaigns.kinematics.mechanism import Kinematics
 
@@ -128,15 +128,20 @@ def parse_displayed(text: str, name: str, nominal: Kinematics) -> DisplayedPoses
     """Poses of a CSV file of a controller's numbers, without units; raises `ShotsInvalid`."""
     mechanism = nominal.mechanism
     own = (*(axis.name for axis in mechanism.task), *(axis.name for axis in mechanism.joints))
-    rows = list(parse_csv(text, name, CsvForm(own, (*POINT, "name"), ShotsInvalid)))
+    columns = (
+        *(number_column(each, required=True) for each in own),
+        *map(number_column, POINT),
+        CsvColumn("name"),
+    )
+    rows = list(parse_csv(text, name, CsvForm(columns, ShotsInvalid)))
     if len(rows) < FEWEST:
         raise ShotsInvalid(
             f"{name}: holds {len(rows)} poses, at least {FEWEST} say a frame",
             remedy="give more, far apart and at different heights",
         )
-    values = np.array([[row.number(column) for column in own] for row in rows])
+    values = np.array([row.values(own) for row in rows])
     told = any(row.text(POINT[0]) for row in rows)
-    points = [[row.number(column) for column in POINT] for row in rows] if told else None
+    points = [row.values(POINT) for row in rows] if told else None
     task = len(mechanism.task)
     return DisplayedPoses(
         values[:, :task], values[:, task:], None if points is None else np.array(points)

@@ -1,11 +1,12 @@
-"""CSV files: numbers as text, rows by the columns that a header names, written and read."""
+"""CSV files: one table of columns by which a file is read and written."""
 
 import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from campaigns.errors import CampaignError
 from campaigns.files.wording import shown, suggestion
@@ -13,19 +14,17 @@ from campaigns.files.wording import shown, suggestion
 ANGLE_DECIMALS = 12
 """Decimals of a degree: far below what any encoder tells, far above what converting to rad and back
 loses. So a file that was read and written again is the same file."""
+ANGLE_LIMIT_DEG = 360.0
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Matches in a time that grows with the text's length, not with its square."""
-SIGNS_OF_NUMBERS = b"+-.0123456789Ee"
-"""Of these alone Python makes no number that `NUMBER` does not match."""
-_WHOLE_NUMBER = re.compile(r"[+-]?\d+", re.ASCII)
+_WHOLE_NUMBER = re.compile(r"\+?\d{1,18}", re.ASCII)
 WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+SIDES = {"0": 0, "1": 1, "+1": 1, "-1": -1}
 _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet would calculate, or of one that was marked as text."""
 _MARK = "'"
 MOST_LINES = 50_000
 """Of a file, so that it is refused within a second: more than twice what a campaign can plan."""
-_DIGITS_MAX = 18
-"""A longer whole number is no number of a shot or pair."""
 
 _POINT_REMEDY = "write decimal points and separate the columns by commas"
 
@@ -46,17 +45,84 @@ def angle_text(angle_rad: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class CsvForm:
-    """The columns that a file must and may have, and the error that a wrong file raises."""
+class CsvColumn:
+    """Column of a file: how its values are read and written, and whether the file must have it."""
 
-    required: tuple[str, ...]
-    optional: tuple[str, ...]
+    name: str
+    required: bool = False
+    wanted: str = ""
+    """What a value must be, in words."""
+    # Any: columns hold numbers and texts
+    read: Callable[[str], Any] = str
+    """Makes the value of a text; None if the text is no such value."""
+    write: Callable[[Any], str] = str
+
+
+def number_column(name: str, *, required: bool = False) -> CsvColumn:
+    """Return a column of finite numbers."""
+    return CsvColumn(name, required, "a number", _finite, number_text)
+
+
+def angle_column(name: str, *, required: bool = False) -> CsvColumn:
+    """Return a column of angles, in degrees in the file and in rad outside of it."""
+    wanted = f"a number within ±{ANGLE_LIMIT_DEG:g}"
+    return CsvColumn(name, required, wanted, _angle_rad, angle_text)
+
+
+def whole_column(name: str, *, required: bool = False) -> CsvColumn:
+    """Return a column of whole numbers."""
+    return CsvColumn(name, required, "a whole number from 0", _whole)
+
+
+def side_column(name: str) -> CsvColumn:
+    """Return a column of the sides from which a joint came."""
+    wanted = "1, -1 or 0: the joint last moved to larger values, to smaller, or it is not known"
+    return CsvColumn(name, False, wanted, SIDES.get)  # noqa: FBT003 - not required
+
+
+def _finite(text: str) -> float | None:
+    if NUMBER.fullmatch(text) and math.isfinite(value := float(text)):
+        return value
+    return None
+
+
+def _angle_rad(text: str) -> float | None:
+    value = _finite(text)
+    return None if value is None or abs(value) > ANGLE_LIMIT_DEG else math.radians(value)
+
+
+def _whole(text: str) -> int | None:
+    return int(text) if _WHOLE_NUMBER.fullmatch(text) else None
+
+
+@dataclass(frozen=True, slots=True)
+class CsvForm:
+    """The columns that a file may have, in order, and the error that a wrong file raises."""
+
+    columns: tuple[CsvColumn, ...]
     invalid: type[CampaignError]
 
     @property
-    def columns(self) -> tuple[str, ...]:
-        """Columns, all of them, in order."""
-        return (*self.required, *self.optional)
+    def required(self) -> list[str]:
+        """Names of the columns that a file must have."""
+        return [column.name for column in self.columns if column.required]
+
+    def text(self, rows: Sequence[Mapping[str, object]]) -> str:
+        """Write values by column, None or "" where there is none.
+
+        An optional column without any value is left out.
+        """
+        columns = [
+            column
+            for column in self.columns
+            if column.required or any(row.get(column.name) not in (None, "") for row in rows)
+        ]
+        texts = [[_text_of(row.get(column.name), column) for column in columns] for row in rows]
+        return csv_text([column.name for column in columns], texts)
+
+
+def _text_of(value: object, column: CsvColumn) -> str:
+    return "" if value is None else column.write(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,61 +131,50 @@ class CsvRow:
 
     where: str
     texts: Mapping[str, str]
-    form: CsvForm
+    columns: Mapping[str, CsvColumn]
+    invalid: type[CampaignError]
 
     def text(self, column: str) -> str:
         """Return what stands there; empty when nothing does."""
         return self.texts.get(column, "")
 
-    def number(self, column: str) -> float:
-        """Read a finite number."""
-        text = self.texts.get(column, "")
-        if NUMBER.fullmatch(text) and math.isfinite(value := float(text)):
-            return value
-        raise self._not_a_number(column, "a number")
+    def value(self, name: str) -> Any:
+        """Read the value of a column as its kind is; raises for a text that is none.
 
-    def whole_number(self, column: str) -> int:
-        """Read a whole number, not negative."""
-        text = self.text(column)
-        if _WHOLE_NUMBER.fullmatch(text) and len(text) <= _DIGITS_MAX and int(text) >= 0:
-            return int(text)
-        raise self._not_a_number(column, "a whole number from 0")
+        Any: columns hold numbers and texts.
+        """
+        text, column = self.text(name), self.columns[name]
+        if (value := column.read(text)) is not None:
+            return value
+        if not text:
+            raise self.wrong(f"{name} is empty", remedy=f"give {column.wanted}")
+        if WITH_COMMA.fullmatch(text):
+            raise self.wrong(f"{name} is '{shown(text)}', a decimal comma", remedy=_POINT_REMEDY)
+        raise self.wrong(
+            f"{name} is '{shown(text)}', must be {column.wanted}", remedy="correct the value"
+        )
+
+    def values(self, names: Iterable[str]) -> tuple[Any, ...]:
+        """Read the values of some columns."""
+        return tuple(map(self.value, names))
 
     def wrong(self, problem: str, *, remedy: str) -> CampaignError:
         """Return the error of this file's kind, with the line before the problem."""
-        return self.form.invalid(f"{self.where}: {problem}", remedy=remedy)
-
-    def _not_a_number(self, column: str, wanted: str) -> CampaignError:
-        text = shown(self.text(column))
-        if not text:
-            return self.wrong(f"{column} is empty", remedy=f"give {wanted}")
-        if WITH_COMMA.fullmatch(text):
-            return self.wrong(f"{column} is '{text}', a decimal comma", remedy=_POINT_REMEDY)
-        return self.wrong(f"{column} is '{text}', must be {wanted}", remedy="correct the value")
-
-
-def numbers_of(texts: Sequence[str]) -> list[float]:
-    """Finite numbers of many texts, as `CsvRow.number` reads each; [] where any is none."""
-    if "".join(texts).encode(errors="replace").translate(None, SIGNS_OF_NUMBERS):
-        return []
-    try:
-        values = [*map(float, texts)]
-    except ValueError:
-        return []
-    return values if all(map(math.isfinite, values)) else []
+        return self.invalid(f"{self.where}: {problem}", remedy=remedy)
 
 
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     """Yield the rows of a file whose first line names its columns; raises `form.invalid`."""
     check_lines(text, name, form.invalid)
-    lines, is_marked = _filled_lines(text, name, form.invalid), _MARK in text
+    lines = _filled_lines(text, name, form.invalid)
+    columns = {column.name: column for column in form.columns}
     where, header = next(lines, (f"{name}:1", []))
     _check_header(header, where, form)
     for where, values in lines:
         if len(values) != len(header):
             raise _wrong_length(values, header, where, form.invalid)
-        texts = map(_unmarked, values) if is_marked else values
-        yield CsvRow(where, dict(zip(header, texts, strict=True)), form)
+        texts = dict(zip(header, map(_unmarked, values), strict=True))
+        yield CsvRow(where, texts, columns, form.invalid)
 
 
 def check_lines(text: str, name: str, invalid: type[CampaignError]) -> None:
@@ -140,14 +195,7 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows(
-        [
-            # most are words or numbers, which stay as they are
-            value if value.isalnum() or NUMBER.fullmatch(value) else _marked(_one_line(value))
-            for value in row
-        ]
-        for row in rows
-    )
+    writer.writerows([_marked(_one_line(value)) for value in row] for row in rows)
     return stream.getvalue()
 
 
@@ -159,10 +207,8 @@ def _filled_lines(
     line = 1
     try:
         for values in reader:
-            texts = [value.strip() for value in values]
-            if not (whole := "".join(texts)).isprintable():
-                texts = [_one_line(value) for value in values]
-            if whole:
+            texts = [_one_line(value) for value in values]
+            if any(texts):
                 yield f"{name}:{line}", texts
             line = reader.line_num + 1
     except csv.Error as error:
@@ -192,14 +238,15 @@ def _check_header(header: list[str], where: str, form: CsvForm) -> None:
     if not header:
         raise form.invalid(f"{where}: the file is empty", remedy=_header_remedy(form))
     _check_separator(header, where, form.invalid)
+    known = [column.name for column in form.columns]
     for column in header:
         if not column:
             place = header.index("") + 1
             raise form.invalid(
                 f"{where}: column {place} has no name", remedy="name it, or take it out"
             )
-        if column not in form.columns:
-            absent = [each for each in form.columns if each not in header]
+        if column not in known:
+            absent = [name for name in known if name not in header]
             raise form.invalid(
                 f"{where}: unknown column '{shown(column)}'", remedy=suggestion(column, absent)
             )

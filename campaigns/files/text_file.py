@@ -88,9 +88,7 @@ def _write_to_disk(path: Path, text: str) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the new name last through a power cut, where the system knows how."""
-    if os.name != "posix":
-        return
+    """Make the new name last through a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

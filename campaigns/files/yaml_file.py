@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -273,26 +274,16 @@ def _check_schema(document: YamlDocument, wanted: str) -> None:
         raise ConfigInvalid(
             f"{document.name}:1: schema is missing", remedy=f"begin with 'schema: {wanted}'"
         )
+    kind, _, version = wanted.rpartition("/")
+    remedy = f"write 'schema: {wanted}'"
+    if not str(found).startswith(f"{kind}/"):
+        remedy = f"give a {kind} file here"
+    elif (number := re.search(r"/(\d{1,9})$", str(found))) and int(number[1]) > int(version):
+        remedy = "a newer pkmcal wrote the file: update this one"
     raise ConfigInvalid(
         f"{document.place_of('schema')}: schema is '{shown(str(found))}', must be '{wanted}'",
-        remedy=_schema_remedy(str(found), wanted),
+        remedy=remedy,
     )
-
-
-def _schema_remedy(found: str, wanted: str) -> str:
-    kind, _, version = wanted.rpartition("/")
-    found_kind, _, found_version = found.rpartition("/")
-    if found_kind != kind:
-        return f"give a {kind} file here"
-    if found_version.isdecimal() and _is_newer(found_version, version):
-        return "a newer pkmcal wrote the file: update this one"
-    return f"write 'schema: {wanted}'"
-
-
-def _is_newer(found: str, known: str) -> bool:
-    """Whether a version in digits, perhaps thousands of them, is above another."""
-    digits = found.lstrip("0")
-    return (len(digits), digits) > (len(known), known)
 
 
 def commented_yaml(schema: str, settings: FileModel) -> str:

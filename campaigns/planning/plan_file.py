@@ -1,12 +1,12 @@
 """plan.csv: one row a shot, readable and editable."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
-from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, parse_csv
+from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
 from campaigns.files.text_file import read_text, replace_text
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import pose_of
@@ -15,7 +15,6 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
 
-KEYS = ("shot", "set", "pair")
 MODEL = "model"
 """Column of older plans, which says for which model they were made: kept, without effect."""
 FORMER = ("asked",)
@@ -42,9 +41,19 @@ class PlannedShot:
     nest: str = ""
 
 
-def plan_columns(mechanism: ClosedChain) -> tuple[str, ...]:
-    """Columns of a robot's plan: its pose, then its joints."""
-    return (*KEYS, *columns.axis_columns(mechanism.task), *columns.axis_columns(mechanism.joints))
+def plan_form(mechanism: ClosedChain) -> CsvForm:
+    """Return the columns of a robot's plan: its pose, then its joints."""
+    return CsvForm(
+        (
+            whole_column("shot", required=True),
+            CsvColumn("set", required=True),
+            whole_column("pair", required=True),
+            *columns.columns_of(mechanism.task),
+            *columns.columns_of(mechanism.joints),
+            *map(CsvColumn, (columns.NEST, MODEL, *FORMER)),
+        ),
+        PlanInvalid,
+    )
 
 
 def read_plan(path: Path, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
@@ -88,34 +97,29 @@ def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
 
 def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """Text of a plan's file."""
-    head = plan_columns(mechanism)
-    texts = [
-        [str(shot.shot) for shot in shots],
-        [shot.purpose.value for shot in shots],
-        ["" if shot.pair is None else str(shot.pair) for shot in shots],
-        *columns.axis_text_columns(mechanism.task, [shot.pose.coordinates for shot in shots]),
-        *columns.axis_text_columns(mechanism.joints, [shot.joints for shot in shots]),
-    ]
-    told = {columns.NEST: [shot.nest for shot in shots], MODEL: [shot.model for shot in shots]}
-    for name, values in told.items():
-        if any(values):
-            head = (*head, name)
-            texts.append(values)
-    return csv_text(head, zip(*texts, strict=True))
+    task, joints = map(columns.axis_columns, (mechanism.task, mechanism.joints))
+    return plan_form(mechanism).text(
+        [
+            {
+                "shot": shot.shot,
+                "set": shot.purpose.value,
+                "pair": shot.pair,
+                columns.NEST: shot.nest,
+                MODEL: shot.model,
+                **dict(zip(task, shot.pose.coordinates, strict=True)),
+                **dict(zip(joints, shot.joints, strict=True)),
+            }
+            for shot in shots
+        ]
+    )
 
 
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
-    form = CsvForm(
-        required=plan_columns(mechanism),
-        optional=(columns.NEST, MODEL, *FORMER),
-        invalid=PlanInvalid,
-    )
-    rows = list(parse_csv(text, name, form))
+    rows = list(parse_csv(text, name, plan_form(mechanism)))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
-    values = [columns.axis_rows(rows, axes) for axes in (mechanism.task, mechanism.joints)]
-    shots = tuple(_shot_of(row, *values) for row in rows)
+    shots = tuple(_shot_of(row, mechanism) for row in rows)
     _check_numbers(rows, shots)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
@@ -146,17 +150,14 @@ def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None
         seen.add(shot.shot)
 
 
-def _shot_of(
-    row: CsvRow, poses: Iterator[tuple[float, ...]], joints: Iterator[tuple[float, ...]]
-) -> PlannedShot:
-    """Shot of a row, whose values are the next ones."""
+def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
     purpose = columns.shot_set(row)
     return PlannedShot(
-        shot=row.whole_number("shot"),
+        shot=row.value("shot"),
         purpose=purpose,
         pair=columns.pair_number(row, purpose),
-        pose=pose_of(next(poses)),
-        joints=next(joints),
+        pose=pose_of(row.values(columns.axis_columns(mechanism.task))),
+        joints=row.values(columns.axis_columns(mechanism.joints)),
         model=row.text(MODEL),
         nest=columns.nest_name(row, purpose),
     )

@@ -5,7 +5,6 @@ ticked in its dialog, by blanks or commas, with comments behind `//`. OpenIndy w
 then group and comment, by blanks or semicolons, with comments behind `#` or `;`.
 """
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -58,10 +57,8 @@ class NamedPoint:
     point_mm: Vector3
 
 
-@dataclass(frozen=True, slots=True)
-class _Line:
-    where: str
-    words: tuple[str, ...]
+Lines = Mapping[str, tuple[str, ...]]
+"""Words of each line by its file and number."""
 
 
 def read_points(
@@ -87,7 +84,7 @@ def parse_points(
     check_lines(text, name, ShotsInvalid)
     separator, lines = _split_lines(text, name)
     order = _told_order(columns, name) if columns is not None else _found_order(lines)
-    points = tuple(_point(line, order, unit) for line in lines)
+    points = tuple(_point(where, words, order, unit) for where, words in lines.items())
     _check_unique(points)
     words = ", ".join("skipped" if word == "-" else word for word in order)
     return points, f"{words} by {SEPARATORS[separator]}, in {unit}"
@@ -129,19 +126,19 @@ def point_of_row(
     return point.point_mm
 
 
-def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:
+def _split_lines(text: str, name: str) -> tuple[str, Lines]:
     """Leave out what holds no data, and cut the rest at the separator of the first line."""
-    filled = [
-        (f"{name}:{number}", line.strip())
+    filled = {
+        f"{name}:{number}": line.strip()
         for number, line in enumerate(StringIO(text, newline=None), start=1)
         if line.strip() and not line.lstrip().startswith(COMMENTS)
-    ]
+    }
     if not filled:
         raise ShotsInvalid(f"{name}: holds no points", remedy="check that it is the right file")
-    where, first = filled[0]
+    where, first = next(iter(filled.items()))
     _check_decimal_comma(where, first)
     separator = _separator(first)
-    return separator, [_Line(where, _words(line, separator)) for where, line in filled]
+    return separator, {where: _words(line, separator) for where, line in filled.items()}
 
 
 def _check_decimal_comma(where: str, line: str) -> None:
@@ -179,78 +176,71 @@ def _told_order(columns: Sequence[str], name: str) -> tuple[str, ...]:
     return tuple(columns)
 
 
-def _found_order(lines: Sequence[_Line]) -> tuple[str, ...]:
+def _found_order(lines: Lines) -> tuple[str, ...]:
     """Find name and X Y Z: the first run of three numbers, the same in every line.
 
     Of four numbers the first is a name if it is a whole number in every line.
     """
-    first = lines[0]
-    start, numbers = _run(first)
-    for line in lines[1:]:
-        if _run(line) != (start, numbers):
-            raise _unlike(line, first)
+    first, first_words = next(iter(lines.items()))
+    start, numbers = _run(first, first_words)
+    for where, words in lines.items():
+        if _run(where, words) != (start, numbers):
+            raise ShotsInvalid(
+                f"{where}: '{shown(' '.join(words))}' has other columns than line "
+                f"{first.rpartition(':')[2]}, '{shown(' '.join(first_words))}'",
+                remedy="correct the line, export with commas if names hold blanks, "
+                "or tell all columns, for example --columns name,x,y,z",
+            )
     names_are_numbers = numbers == len(AXES) + 1 and all(
-        _WHOLE.fullmatch(line.words[start]) for line in lines
+        _WHOLE.fullmatch(words[start]) for words in lines.values()
     )
     names = start + 1 if names_are_numbers else start
     if numbers > len(AXES) and not names_are_numbers:
         raise ShotsInvalid(
-            f"{first.where}: {numbers} numbers in a row, X Y Z are three", remedy=_COLUMNS_REMEDY
+            f"{first}: {numbers} numbers in a row, X Y Z are three", remedy=_COLUMNS_REMEDY
         )
     if names > MOST_NAME_PARTS:
         raise ShotsInvalid(
-            f"{first.where}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
+            f"{first}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
             remedy=_COLUMNS_REMEDY,
         )
     return (*["name"] * names, *AXES)
 
 
-def _run(line: _Line) -> tuple[int, int]:
+def _run(where: str, words: Sequence[str]) -> tuple[int, int]:
     """Start of the first run of at least three numbers, and how many there are."""
     start = 0
-    for is_number, words in groupby(line.words, lambda word: NUMBER.fullmatch(word) is not None):
-        length = len(list(words))
+    for is_number, run in groupby(words, lambda word: NUMBER.fullmatch(word) is not None):
+        length = len(list(run))
         if is_number and length >= len(AXES):
             return start, length
         start += length
     raise ShotsInvalid(
-        f"{line.where}: no X Y Z: '{shown(' '.join(line.words))}' has no three numbers in a row",
+        f"{where}: no X Y Z: '{shown(' '.join(words))}' has no three numbers in a row",
         remedy="take the line out, or put // before it",
     )
 
 
-def _unlike(line: _Line, first: _Line) -> ShotsInvalid:
-    place = first.where.rpartition(":")[2]
-    return ShotsInvalid(
-        f"{line.where}: '{shown(' '.join(line.words))}' has other columns than line {place}, "
-        f"'{shown(' '.join(first.words))}'",
-        remedy="correct the line, export with commas if names hold blanks, "
-        "or tell all columns, for example --columns name,x,y,z",
-    )
-
-
-def _point(line: _Line, order: Sequence[str], unit: LengthUnit) -> NamedPoint:
-    if len(line.words) < len(order):
+def _point(where: str, words: Sequence[str], order: Sequence[str], unit: LengthUnit) -> NamedPoint:
+    if len(words) < len(order):
         raise ShotsInvalid(
-            f"{line.where}: {len(line.words)} words for {len(order)} columns {','.join(order)}",
+            f"{where}: {len(words)} words for {len(order)} columns {','.join(order)}",
             remedy="correct the line, or --columns",
         )
-    parts = [word for word, column in zip(line.words, order, strict=False) if column == "name"]
-    x, y, z = (_length_mm(line, order.index(axis), axis, unit) for axis in AXES)
-    return NamedPoint(line.where, NAME_JOINT.join(parts), (x, y, z))
+    parts = [word for word, column in zip(words, order, strict=False) if column == "name"]
+    x, y, z = (_length_mm(f"{where}: {axis}", words[order.index(axis)], unit) for axis in AXES)
+    return NamedPoint(where, NAME_JOINT.join(parts), (x, y, z))
 
 
-def _length_mm(line: _Line, index: int, axis: str, unit: LengthUnit) -> float:
-    word = line.words[index]
+def _length_mm(what: str, word: str, unit: LengthUnit) -> float:
     if not NUMBER.fullmatch(word):
         raise ShotsInvalid(
-            f"{line.where}: {axis} is '{shown(word)}', must be a number",
-            remedy="correct the line, or --columns",
+            f"{what} is '{shown(word)}', must be a number", remedy="correct the line, or --columns"
         )
     length_mm = float(word) * MM_PER_UNIT[unit]
-    if not (math.isfinite(length_mm) and abs(length_mm) <= FARTHEST_MM):
+    if abs(length_mm) > FARTHEST_MM:  # an infinite one, too
         raise ShotsInvalid(
-            f"{line.where}: {axis} is {shown(word)} {unit}, farther than {FARTHEST_MM:g} mm",
+            f"{what} is {shown(word)} {unit}, farther than {FARTHEST_MM:g} mm",
             remedy="check --unit, and that it is a point of this campaign",
         )
     return length_mm

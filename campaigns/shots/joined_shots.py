@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Literal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
+from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.shots.ascii_points import NAME_JOINT, LengthUnit, NamedPoint, read_points
-from campaigns.shots.columns import axis_columns, check_pairs, joint_values, pair_number, shot_set
+from campaigns.shots.columns import check_pairs, columns_of, joint_values, pair_number, shot_set
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
@@ -67,9 +67,8 @@ def read_joined_shots(
 
 def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet) -> list[JointsRow]:
     form = CsvForm(
-        required=axis_columns(mechanism.joints),
-        optional=("name", "pair", "set"),
-        invalid=ShotsInvalid,
+        (*columns_of(mechanism.joints), CsvColumn("name"), whole_column("pair"), CsvColumn("set")),
+        ShotsInvalid,
     )
     rows = [(row, _joints_row(row, mechanism, default)) for row in parse_csv(text, name, form)]
     if not rows:

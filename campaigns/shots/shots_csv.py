@@ -1,17 +1,24 @@
 """shots.csv: measured shots, from and to other software."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
+from campaigns.files.csv_file import (
+    CsvColumn,
+    CsvForm,
+    CsvRow,
+    number_column,
+    parse_csv,
+    side_column,
+    whole_column,
+)
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.closed_chain import ClosedChain
@@ -131,28 +138,24 @@ def parse_shots(
 
 def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
     """Text of a file of shots, with the optional columns that any of them fills."""
-    form = _form(mechanism)
-    texts = [_texts_of(shot, mechanism) for shot in shots]
-    filled = [column for column in form.optional if any(row.get(column) for row in texts)]
-    header = (*form.required, *filled)
-    return csv_text(header, [[row.get(column, "") for column in header] for row in texts])
+    return _form(mechanism).text([_values_of(shot, mechanism) for shot in shots])
 
 
 def _form(mechanism: ClosedChain) -> CsvForm:
-    turns = columns.axis_columns(_turns(mechanism))
     return CsvForm(
-        required=("pair", *columns.axis_columns(mechanism.joints), *columns.POINT_COLUMNS),
-        optional=(
-            "set",
-            *turns,
-            *columns.approach_columns(mechanism.joints),
-            *columns.side_columns(mechanism.joints),
-            *COVARIANCE_COLUMNS,
-            *TEMPERATURES,
-            "time",
-            columns.NEST,
+        (
+            whole_column("pair", required=True),
+            *columns.columns_of(mechanism.joints),
+            *(number_column(name, required=True) for name in columns.POINT_COLUMNS),
+            CsvColumn("set"),
+            *columns.columns_of(_turns(mechanism), required=False),
+            *map(side_column, columns.approach_columns(mechanism.joints)),
+            *map(side_column, columns.side_columns(mechanism.joints)),
+            *map(number_column, (*COVARIANCE_COLUMNS, *TEMPERATURES)),
+            CsvColumn("time"),
+            CsvColumn(columns.NEST),
         ),
-        invalid=ShotsInvalid,
+        ShotsInvalid,
     )
 
 
@@ -163,20 +166,19 @@ def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
 
 def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
     purpose = columns.shot_set(row, default)
-    x_mm, y_mm, z_mm = (row.number(column) for column in columns.POINT_COLUMNS)
-    turns = _turns(mechanism)
-    turned = any(row.text(column) for column in columns.axis_columns(turns))
+    x_mm, y_mm, z_mm = row.values(columns.POINT_COLUMNS)
+    turns = columns.axis_columns(_turns(mechanism))
     return ShotRow(
         pair=columns.pair_number(row, purpose),
         joints=columns.joint_values(row, mechanism.joints, purpose),
         point_in_tracker_mm=(x_mm, y_mm, z_mm),
         purpose=purpose,
-        turn=columns.axis_values(row, turns) if turned else (),
+        turn=row.values(turns) if any(map(row.text, turns)) else (),
         covariance_mm2=_covariance_of(row),
         time=row.text("time") or None,
         nest=columns.nest_name(row, purpose),
         approach=columns.approach_values(row, mechanism.joints),
-        **{name: row.number(name) for name in TEMPERATURES if row.text(name)},
+        **{name: row.value(name) for name in TEMPERATURES if row.text(name)},
     )
 
 
@@ -189,7 +191,7 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
             f"covariance without {', '.join(empty)}",
             remedy=f"give all of {','.join(COVARIANCE_COLUMNS)}, in mm², or none",
         )
-    xx, xy, xz, yy, yz, zz = (row.number(column) for column in COVARIANCE_COLUMNS)
+    xx, xy, xz, yy, yz, zz = row.values(COVARIANCE_COLUMNS)
     covariance = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     if not is_positive_definite(covariance):
         raise row.wrong(
@@ -199,23 +201,23 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
     return covariance
 
 
-def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
+def _values_of(shot: ShotRow, mechanism: ClosedChain) -> dict[str, object]:
+    """Values of a shot by column."""
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()
-    axes = (mechanism.joints if shot.joints else ()) + (_turns(mechanism) if shot.turn else ())
-    values = {
-        "pair": "" if shot.pair is None else str(shot.pair),
+    values: dict[str, object] = {
+        "pair": shot.pair,
         "set": shot.purpose.value,
-        "time": shot.time or "",
+        "time": shot.time,
         columns.NEST: shot.nest,
+        **{name: getattr(shot, name) for name in TEMPERATURES},
     }
-    sides = map(str, shot.approach)
-    values |= zip(columns.approach_columns(mechanism.joints), sides, strict=False)
-    known = {name: getattr(shot, name) for name in TEMPERATURES}
-    values |= {name: number_text(degC) for name, degC in known.items() if degC is not None}
-    values |= zip(
-        columns.axis_columns(axes), columns.axis_texts(axes, shot.joints + shot.turn), strict=True
-    )
-    values |= zip(columns.POINT_COLUMNS, map(number_text, shot.point_in_tracker_mm), strict=True)
-    values |= dict(zip_longest(COVARIANCE_COLUMNS, map(number_text, upper), fillvalue=""))
+    for names, own in (
+        (columns.axis_columns(mechanism.joints), shot.joints),
+        (columns.axis_columns(_turns(mechanism)), shot.turn),
+        (columns.approach_columns(mechanism.joints), shot.approach),
+        (columns.POINT_COLUMNS, shot.point_in_tracker_mm),
+        (COVARIANCE_COLUMNS, upper),
+    ):
+        values |= zip(names, own, strict=False)  # all of them, or none
     return values

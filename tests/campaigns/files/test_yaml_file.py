@@ -52,7 +52,7 @@ def with_schema(text):
         ("a: &loop [*loop]\n", "sample.yaml:1: has & or *"),
         ("a: [" + "1, " * 10_001 + "]\n", "sample.yaml:1: has more than 10000 entries"),
         ("a: 1\n" + "# x\n" * 20_000, "more than 20000 lines"),
-        (f"schema: pkmcal/test/{'9' * 5000}\n", "a newer pkmcal wrote the file"),
+        ("schema: pkmcal/test/2\na: 1\n", "a newer pkmcal wrote the file"),
         ("a: 1e99999999999999999999\n", "schema is missing"),
         ("a: 1\n---\nb: 2\n", "is not YAML"),
         ("a: \x00\n", "is not YAML"),

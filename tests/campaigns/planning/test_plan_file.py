@@ -87,7 +87,7 @@ def test_missing_and_empty_plans_are_refused(tmp_path):
         ("4,validation", "4,validatoin", 6, "unknown set 'validatoin' → did you mean validation?"),
         ("4,validation,1", "4,validation,2", 5, "pair 1 has one shot, must have two"),
         ("drift,,", "drift,0,", 2, "a shot for drift has no pair"),
-        ("15,1,2,3,4", "15,1,2,3,4000", 3, "q3_deg is 4000, must be within ±360"),
+        ("15,1,2,3,4", "15,1,2,3,4000", 3, "q3_deg is '4000', must be a number within ±360"),
     ],
 )
 def test_broken_row_is_answered_with_its_line(old, new, line, words):

@@ -239,5 +239,5 @@ def test_sides_of_the_joints_are_read_kept_and_come_back_out(tmp_path: Path) -> 
     assert data.approach.tolist() == [list(row.approach) for row in told]
     again, _ = exported_shots(series, shots, data.approach)
     assert [row.approach for row in again] == [row.approach for row in told]
-    with pytest.raises(ShotsInvalid, match="q0_approach is 2"):
+    with pytest.raises(ShotsInvalid, match="q0_approach is '2'"):
         parse_shots(text.replace(",1,-1,0,1", ",2,-1,0,1"), "x", ROBOT.mechanism)

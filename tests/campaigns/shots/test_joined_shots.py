@@ -142,7 +142,7 @@ class TestPairs:
 class TestComplaints:
     def test_wrong_joints_are_named_by_line_and_column_and_missing_ones_too(self, complaint):
         assert "joints.csv:2: q0_deg is 'x'" in complaint(joints=JOINTS.replace("p1,1", "p1,x"))
-        assert "joints.csv:2: q0_deg is 999" in complaint(joints=JOINTS.replace("p1,1", "p1,999"))
+        assert "joints.csv:2: q0_deg is '999'" in complaint(joints=JOINTS.replace("p1,1", "p1,999"))
         said = complaint(joints=JOINTS.replace("q3_deg", "q3"))
         assert "joints.csv:1: unknown column 'q3' → write q3_deg, with the value in deg" in said
         assert "joints.csv: holds no joints" in complaint(joints=HEADER + "\n")

@@ -95,7 +95,7 @@ def test_an_empty_file_is_refused_and_covariances_come_all_or_none():
         ("\n0,5", "\n2,5", 2, "pair 0 has one shot, must have two"),
         ("\n1,9", "\n0,9", 4, "pair 0 has 3 shots, must have two"),
         ("\n0,5", "\n,5", 3, "pair is empty"),
-        (",9,8,7,6,", ",9,8,7,900,", 4, "q3_deg is 900, must be within ±360"),
+        (",9,8,7,6,", ",9,8,7,900,", 4, "q3_deg is '900', must be a number within ±360"),
     ],
 )
 def test_broken_row_is_answered_with_its_line(old, new, line, words):
