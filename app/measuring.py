@@ -14,7 +14,7 @@ from app.progress import RunDisplay
 from app.retrying import Retries
 from app.run_screen import STOP_KEY
 from app.run_text import DeviceIdentities, briefing, serials
-from app.wiring import connected_cell, prepare, require_devices
+from app.wiring import connected_cell, prepare
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
@@ -104,7 +104,7 @@ def measure(
     campaign, clearance = job.campaign, Clearance(job, terminal, yes=yes)
     retries = Retries(campaign, job.work.stage, job.retry, SystemClock())
     with campaign.held():
-        require_devices(campaign)  # before anything is shown that goes on while it asks
+        campaign.require_devices()
         clearance.ask()
         series_before = _latest_series(campaign)
         while True:

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import cast
 
 from app import driver_settings
-from app.consent import require_consent
 from campaigns.campaign import Campaign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
-from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
 from drivers.byte_log import logged
@@ -34,7 +32,7 @@ from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.errors import SimError
-from sim.robot.linuxcnc_joints import ToldJoints
+from sim.robot.follower import FollowingController
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
@@ -54,20 +52,6 @@ def _scenario_source(campaign_folder: Path, url: str) -> str:
     name = url.removeprefix(SIMULATED)
     own = campaign_folder / f"{name}.yaml"
     return str(own) if bounded_files.is_file(own) else name
-
-
-def require_devices(campaign: Campaign) -> None:
-    """Ask once for each command that the campaign's files name; raises `NotConfirmed`.
-
-    Raises `ConfigInvalid` for an offline campaign.
-    """
-    campaign.require_devices()
-    devices = campaign.config.controller, campaign.config.tracker
-    if devices[0].linuxcnc is not None:
-        require_consent(campaign.path(FILE_NAME), devices[0].linuxcnc.beside)
-    for url in {device.url for device in devices if device.url.startswith(SIMULATED)}:
-        source = _scenario_source(campaign.folder, url)
-        require_consent(Path(source), load_scenario(source).controller.command)
 
 
 @contextmanager
@@ -107,7 +91,7 @@ class DeviceConnections:
     """Time as a simulated tracker of ours lives it; None for one that is not served here."""
     prompt: Prompt | None
     """Asks the operator, for devices that he works by hand; None: nobody can be asked."""
-    followed: ToldJoints | None
+    followed: FollowingController | None
     """Told where a real robot stands, for the simulated one that a simulated tracker looks at."""
 
     @contextmanager
@@ -180,7 +164,7 @@ def connections(
     prompt: Prompt | None = None,
 ) -> Iterator[DeviceConnections]:
     """Ways to each device; a simulated cell is served for the time of the block."""
-    require_devices(campaign)
+    campaign.require_devices()
     made = partial(DeviceConnections, campaign, stop_requested, alarm)
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
@@ -193,16 +177,15 @@ def connections(
             remedy="give both the same sim:// address",
         )
     scenario = scenario_of(campaign.folder, simulated[0])
-    follows = controller not in simulated and scenario.controller.joints_from is None
-    followed = ToldJoints(scenario.robot.kind) if follows else None
-    with _embedded(campaign, scenario, followed) as cell:
+    with _embedded(campaign, scenario, follows=controller not in simulated) as cell:
+        stands_in = cell.cell.controller
         yield made(
             cell.controller_url if controller in simulated else controller,
             cell.tracker_url if tracker in simulated else tracker,
             cell.clock if controller in simulated else SystemClock(),
             cell.clock if tracker in simulated else None,
             prompt,
-            followed,
+            stands_in if isinstance(stands_in, FollowingController) else None,
         )
 
 
@@ -236,7 +219,7 @@ def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
 class _FollowedRobot:
     """A real robot, whose every rest is told to a simulated one; all else is its own."""
 
-    def __init__(self, robot: RobotController, followed: ToldJoints) -> None:
+    def __init__(self, robot: RobotController, followed: FollowingController) -> None:
         self._robot, self._followed = robot, followed
 
     def state(self) -> RobotState:
@@ -249,20 +232,18 @@ class _FollowedRobot:
         return getattr(self._robot, name)
 
 
-def _followed(robot: RobotController, followed: ToldJoints) -> RobotController:
+def _followed(robot: RobotController, followed: FollowingController) -> RobotController:
     return cast("RobotController", _FollowedRobot(robot, followed))
 
 
 @contextmanager
-def _embedded(
-    campaign: Campaign, scenario: Scenario, followed: ToldJoints | None
-) -> Iterator[EmbeddedCell]:
+def _embedded(campaign: Campaign, scenario: Scenario, *, follows: bool) -> Iterator[EmbeddedCell]:
     """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
     path = campaign.path(CELL_MEMORY)
     require_same_mechanism(campaign, scenario)
     memory = _remembered(path)
     before = _records(campaign) if memory is None else 0
-    cell = Cell(scenario, memory=memory, joints=followed, attempts_before=before)
+    cell = Cell(scenario, memory=memory, follows=follows, attempts_before=before)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
     with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:

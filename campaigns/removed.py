@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 _POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
+_BRIDGE = "use driver robotline with the bridge that runs beside LinuxCNC (docs/linuxcnc.md)"
 _ONE_MODEL = "leave it out: one model has every source of error, each as large as the shots say"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
@@ -23,6 +24,8 @@ INSTEAD: Mapping[str, str] = {
     "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
     "driver: geocom": _POINTLINE,
+    "driver: linuxcnc": _BRIDGE,
+    "--controller-driver linuxcnc": _BRIDGE,
     "export --joint-table": "use --format plain, or correct targets with `pkmcal correct`",
     "export --tolerance": "leave it out: there are no joint tables any more",
     "--format linuxcnc-rotarydelta": "use --format linuxcnc with pkmkins, which loses nothing",
@@ -71,6 +74,7 @@ INSTEAD: Mapping[str, str] = {
 
 _TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
 KEYS: Mapping[str, tuple[object, str]] = {
+    "controller.linuxcnc": (None, _BRIDGE),
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
     "tracker.faces": (2, _TWO_FACES),
     "tracker.two_face_arcsec": ([0.0, 0.0], _TWO_FACES),

@@ -9,7 +9,6 @@ from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.emscon.results import recorded_measurement
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import AddressInvalid
-from drivers.linuxcnc import robot as linuxcnc
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Matrix3, Vector3
 from drivers.wire.robotline import RobotLayout
@@ -46,7 +45,6 @@ TRACKERS: dict[str, TrackerDriver] = {
 }
 CONTROLLERS: dict[str, ControllerDriver] = {
     "robotline": ControllerDriver(robotline.LineRobot, robotline.recorded_joints),
-    "linuxcnc": ControllerDriver(linuxcnc.make_robot, linuxcnc.joints_said),
     "by-hand": ControllerDriver(by_hand.RobotByHand, by_hand.recorded_joints),
 }
 

@@ -18,7 +18,6 @@ from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_fo
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, Standing
 from sim.robot.follower import FollowingController
-from sim.robot.linuxcnc_joints import JointSource, joint_source
 from sim.robot.rods import Growth, Plate, RodMechanism
 from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
@@ -109,13 +108,11 @@ class Cell:
         *,
         seed: int | None = None,
         memory: Mapping[str, object] | None = None,
-        joints: JointSource | None = None,
+        follows: bool = False,
         attempts_before: int = 0,
     ) -> None:
-        """Cell; with `joints` its robot is where a real controller's are."""
+        """Cell; where it `follows`, its robot is where a real controller's joints are."""
         self.scenario = scenario
-        if joints is None and (joints_from := scenario.controller.joints_from) is not None:
-            joints = joint_source(joints_from, scenario.robot.kind)
         section, kind = scenario.robot, scenario.robot.kind
         self.kind = kind
         past = None
@@ -145,7 +142,7 @@ class Cell:
             worked=self._worked,
             arrivals=Attempts(state.arrivals, state.attempts_before),
         )
-        self.controller = self._controller(state.geometry, joints)
+        self.controller = self._controller(state.geometry, follows=follows)
         self._scene = Scene(self.controller, self.robot)
         self.tracker = self._tracker(state)
 
@@ -161,11 +158,6 @@ class Cell:
         """Let happen what is due by now."""
         self.controller.state(now_s)
         self.tracker.advance(now_s)
-
-    def close(self) -> None:
-        """Let go of the real controller that it follows, if it does."""
-        if isinstance(self.controller, FollowingController):
-            self.controller.close()
 
     def memory(self) -> dict[str, object]:
         """State for the next cell of this scenario, as plain values for JSON."""
@@ -190,12 +182,11 @@ class Cell:
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 
     def _controller(
-        self, geometry: Mapping[str, float], joints: JointSource | None
+        self, geometry: Mapping[str, float], *, follows: bool
     ) -> SimulatedController | FollowingController:
         section = self.scenario.controller
-        if joints is not None:
+        if follows:
             return FollowingController(
-                joints,
                 self.robot,
                 geometry=geometry,
                 speed_per_s=section.speed_per_s(self.kind),

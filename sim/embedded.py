@@ -81,10 +81,7 @@ class EmbeddedCell:
 
     def close(self) -> None:
         """Close all connections and end the server; a second time does nothing."""
-        try:
-            self._server.stop()
-        finally:
-            self.cell.close()
+        self._server.stop()
 
     def __enter__(self) -> "EmbeddedCell":
         self._server.start()

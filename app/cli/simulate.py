@@ -1,11 +1,9 @@
 """pkmcal sim: a simulated cell as servers."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.consent import require_consent
 from app.console import terminal_of
 from app.interrupt import awaited_signal
 from app.new_campaign import cell_text
@@ -56,7 +54,6 @@ def command(
     loaded = load_scenario(scenario)
     if robot is not None:
         loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
-    require_consent(Path(scenario), loaded.controller.command)
     cell = EmbeddedCell(
         Cell(loaded, seed=seed),
         ScaledClock(loaded.speed_up),

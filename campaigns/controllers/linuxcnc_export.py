@@ -2,9 +2,9 @@
 
 Its pins are named after the parameters. The heading says whose they are: a file of another robot
 or another kinematics, with a parameter missing, or changed by hand without saying so, is refused.
-What is optional (axis tilts, skews, transmission) is in the file where it is not 0, and with it the
-drawing of the plate, which it then needs. Backlashes are LinuxCNC's own: a HAL
-file that is read before its pins of the INI file exist can name them in comments alone.
+What is optional (axis tilts, skews, transmission) is in the file where it is not 0; the drawing of
+the plate, which tilts need, always is. Backlashes are LinuxCNC's own, and their pins do not exist
+yet when HAL files are read: they are comments, which the bridge sets when it starts.
 """
 
 import json
@@ -27,27 +27,18 @@ SCHEMA = "pkmcal/linuxcnc/1"
 MODULE = "pkmkins"
 MODULE_BEFORE = "par4kins"
 """Name under which earlier versions wrote their files, of a Par4 alone."""
-LAST_GOOD = ".last-good"
 LONGEST_NOTE = 160
 """halcmd takes lines of some 250 characters."""
 REMEDY = "restore the file, or write it anew with `pkmcal export --format linuxcnc`"
 
 _HEADING = re.compile(r"#\s*(robot|sha256):\s*(\S.*)")
-_BACKLASH = re.compile(r"#\s*\[JOINT_(\d+)\]BACKLASH = (\S+)")
+_BACKLASH = re.compile(r"#\s*(?:\[JOINT_|setp ini\.)(\d+)(?:\]BACKLASH =|\.backlash) (\S+)")
 _SETTING = re.compile(r"setp\s+(\S+)\s+(\S+)")
 
 
 def pin_of(name: str) -> str:
     """Pin of a parameter or of a value of the plate's drawing."""
     return f"{MODULE}.{name}"
-
-
-def parameter_pins(mechanism: ClosedChain) -> dict[str, str]:
-    """Pins of all parameters of a mechanism by name, the optional ones among them."""
-    space = mechanism.parameters
-    pins = {name: pin_of(name) for name in (*space.of_robot, space.rate.name)}
-    backlashes = space.select(group="backlash")
-    return pins | {name: f"ini.{space[name].arm}.backlash" for name in backlashes}
 
 
 def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
@@ -91,9 +82,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "In the INI file, after the HALFILE that loads the kinematics: HALFILE = calib.hal",
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
-    values = dict(robot.parameters)
-    if robot.is_extended:
-        values |= drawing_flat(robot.mechanism)
+    values = dict(robot.parameters) | drawing_flat(robot.mechanism)
     for name in robot.mechanism.parameters.select(group="backlash"):
         values.pop(name, None)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
@@ -131,11 +120,11 @@ def _notes(robot: RobotFile) -> Iterator[str]:
 
 
 def _backlashes(robot: RobotFile) -> Iterator[str]:
-    """Lines of the INI file that the set asks for, one for each joint that has a backlash."""
+    """Pins that exist only after HAL files were read, one for each joint that has a backlash."""
     space, values = robot.mechanism.parameters, robot.parameters
     for name in space.select(group="backlash"):
         if name in values:
-            yield f"[JOINT_{space[name].arm}]BACKLASH = {number_text(values[name])}"
+            yield f"setp ini.{space[name].arm}.backlash {number_text(values[name])}"
 
 
 def _backlash(mechanism: ClosedChain, arm: int, word: str, where: str) -> dict[str, float]:
@@ -220,50 +209,26 @@ def _check_drawing(
 
 
 class CalibrationFile:
-    """The HAL file that LinuxCNC reads when it starts. The last good one before it is kept beside.
+    """The HAL file of a robot's parameters; until there is one, they are the nominal robot's."""
 
-    `otherwise` is what counts as long as there is no file.
-    """
-
-    def __init__(
-        self, path: Path, whose: RobotIdentity, *, otherwise: RobotFile | None = None
-    ) -> None:
+    def __init__(self, path: Path, whose: RobotIdentity) -> None:
         self._path = path
         self._whose = whose
-        self._otherwise = otherwise
-        self._replaced: str | None = None
-
-    @property
-    def last_good(self) -> Path:
-        """Path of the kept file before this one."""
-        return self._path.with_name(self._path.name + LAST_GOOD)
 
     def read(self) -> Mapping[str, float]:
         """Parameters, all of them; raises `ConfigInvalid`, also for another robot's file."""
-        if self._otherwise is not None and not self._path.exists():
-            return self._otherwise.parameters
-        return parse_hal(self._text(), str(self._path), self._whose).parameters
+        if not self._path.exists():
+            return self._whose.nominal.parameters
+        remedy = f"`pkmcal export --format linuxcnc --to {self._path}`"
+        text = read_text(self._path, ConfigInvalid, if_missing=remedy)
+        return parse_hal(text, str(self._path), self._whose).parameters
 
     def write(self, geometry: Mapping[str, float]) -> None:
-        """Replace the file whole; raises `ConfigInvalid`, `WriteFailed`."""
+        """Replace the file whole, unless it is another robot's; raises as `read`, `WriteFailed`."""
+        self.read()
         text = hal_text(self._whose.having(geometry, self._whose.identity), self._whose.identity)
-        self._replaced = self._text() if self._path.exists() else None
-        if self._replaced is not None:
-            parse_hal(self._replaced, str(self._path), self._whose)
-            replace_text(self.last_good, self._replaced)
         replace_text(self._path, text)
-
-    def take_back(self) -> None:
-        """Put back what the last `write` replaced; raises `WriteFailed`."""
-        if self._replaced is not None:
-            replace_text(self._path, self._replaced)
-        else:
-            self._path.unlink(missing_ok=True)
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
         """Nothing: poses are converted by all of them."""
         return ()
-
-    def _text(self) -> str:
-        remedy = f"`pkmcal export --format linuxcnc --to {self._path}`, then restart LinuxCNC"
-        return read_text(self._path, ConfigInvalid, if_missing=remedy)

@@ -50,52 +50,6 @@ def _require_address(driver: str, url: str) -> None:
         raise broken_rule(f"has driver {driver} and url {url}: {WATCH_FILE} is of {FILE}NAME")
 
 
-class LinuxcncConfig(FileModel):
-    """Settings of a LinuxCNC that no question can tell."""
-
-    coordinates: Literal["world", "joints"] = Field(
-        default="world",
-        description="what its moves are in: world (kinematics pkmkins: X Y Z, and C where a plate "
-        "turns) or joints (X Y Z, and A for a fourth)",
-    )
-    hal_file: str | None = Field(
-        default=None,
-        description="the HAL file of its parameters, calib.hal beside its INI file; "
-        "empty with joints: linuxcnc-active.hal in this folder",
-    )
-    beside: str = Field(
-        default="",
-        description="the command that runs others on LinuxCNC's computer, like ssh USER@HOST; "
-        "empty when it is this one",
-    )
-    full_speed_deg_per_s: float = Field(
-        default=180.0,
-        gt=0.0,
-        le=10_000.0,
-        description="the speed of the fastest joint at speed_percent 100, deg/s",
-    )
-    full_speed_mm_per_s: float = Field(
-        default=1000.0, gt=0.0, le=100_000.0, description="likewise of carriages, mm/s"
-    )
-    connect_password: str = Field(
-        default="EMC", min_length=1, description="the password of linuxcncrsh's --connectpw"
-    )
-    enable_password: str = Field(
-        default="EMCTOO", min_length=1, description="the password of linuxcncrsh's --enablepw"
-    )
-
-    @property
-    def full_speed_rad_s(self) -> float:
-        """The speed of the fastest joint at full speed."""
-        return math.radians(self.full_speed_deg_per_s)
-
-    @model_validator(mode="after")
-    def _world_has_its_file(self) -> Self:
-        if self.coordinates == "world" and not self.hal_file:
-            raise broken_rule("has no hal_file, which coordinates: world needs")
-        return self
-
-
 class ControllerConfig(FileModel):
     """The robot's controller."""
 
@@ -109,20 +63,10 @@ class ControllerConfig(FileModel):
     speed_percent: float = Field(
         default=30.0, gt=0.0, le=100.0, description="the share of its full speed to move at, %"
     )
-    linuxcnc: LinuxcncConfig | None = Field(
-        default=None,
-        description="LinuxCNC's own settings (docs/linuxcnc.md); empty with another driver",
-    )
 
     @model_validator(mode="after")
     def _driver_has_its_address(self) -> Self:
         _require_address(self.driver, self.url)
-        return self
-
-    @model_validator(mode="after")
-    def _linuxcnc_has_its_settings(self) -> Self:
-        if self.driver == "linuxcnc" and self.linuxcnc is None:
-            raise broken_rule("has no section linuxcnc, which driver: linuxcnc needs")
         return self
 
 

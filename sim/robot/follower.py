@@ -1,8 +1,6 @@
-"""The controller's place in a cell whose joints somebody else moves: it only follows."""
+"""The controller's place in a cell whose joints a real controller moves: it only follows."""
 
-import math
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,92 +9,64 @@ from sim.errors import AssemblyLost
 from sim.geometry import PAR4, Array, Kind
 from sim.random_streams import WorkedTime, target_key
 from sim.robot.driven_robot import DrivenRobot, Standing
-from sim.robot.linuxcnc_joints import JointsLost, JointSource
-
-SAME_RAD = math.radians(2e-6)
-"""Joints are told with six decimals of a degree."""
-LOOK_AGAIN_S = 0.003
-"""Real seconds after which joints that move read differently."""
 
 
 class FollowingController:
-    """Controller of a robot that is where a joint source says. It takes no orders: another does.
+    """Controller of a robot that is where a real controller's joints are. It takes no orders.
 
-    Wherever the joints come to rest, the robot arrives. While they cannot be read it stands where
-    it was: drives without orders hold.
+    Whoever drives the real controller tells the joints each time that it stands. Until then the
+    robot stands where it was.
     """
 
     def __init__(
         self,
-        source: JointSource,
         robot: DrivenRobot,
         *,
         geometry: Mapping[str, float],
         speed_per_s: float,
         worked: WorkedTime,
-        sleep_s: Callable[[float], None] = time.sleep,
         kind: Kind = PAR4,
     ) -> None:
         self.kind = kind
-        self._source = source
         self._robot = robot
         self._first: Standing = robot.standing
         self._geometry = dict(geometry)
         self._speed_per_s = speed_per_s
         self._worked = worked
-        self._sleep_s = sleep_s
+        self._joints: Sequence[float] = ()
 
-    def state(self, now_s: float) -> RobotState:  # noqa: ARG002 - the joints have their time
+    def tell(self, joints: Sequence[float]) -> None:
+        """The real robot stands at these joints, rad or mm; from any thread."""
+        self._joints = tuple(joints)
+
+    def state(self, now_s: float) -> RobotState:
         """Readings of the joints now."""
-        joints, moving = self._follow()
+        joints = self.encoders(now_s)
         return RobotState(
-            joints=tuple(map(float, joints)), moving=moving, fault="", emergency_stop=False
+            joints=tuple(map(float, joints)), moving=False, fault="", emergency_stop=False
         )
 
-    def is_moving(self, now_s: float) -> bool:  # noqa: ARG002 - as in `state`
+    def is_moving(self, now_s: float) -> bool:  # noqa: ARG002 - joints are told at rest
         """Whether the joints move."""
-        return self._follow()[1]
+        return False
 
-    def encoders(self, now_s: float) -> Array:  # noqa: ARG002 - as in `state`
-        """(n,): the joints now."""
-        return self._follow()[0]
-
-    def close(self) -> None:
-        """Let go of the joints' source."""
-        self._source.close()
+    def encoders(self, now_s: float) -> Array:  # noqa: ARG002 - the joints have their time
+        """(n,): the joints now. Where they have changed, the robot arrives."""
+        joints = np.array(self._joints)
+        if len(joints) and not np.array_equal(joints, self._robot.standing.encoders):
+            self._arrive(joints)
+        return self._robot.standing.encoders
 
     def geometry(self) -> dict[str, float]:
         """Geometry that the scenario says; the real controller's is its own."""
         return dict(self._geometry)
-
-    def _follow(self) -> tuple[Array, bool]:
-        """Joints (n,), and whether they move; what has come to rest arrives."""
-        joints = self._read()
-        if _is_same(joints, self._standing):
-            return self._standing, False
-        self._sleep_s(LOOK_AGAIN_S)
-        again = self._read()
-        if not _is_same(again, joints):
-            return again, True
-        self._arrive(again)
-        return again, False
-
-    @property
-    def _standing(self) -> Array:
-        return self._robot.standing.encoders
-
-    def _read(self) -> Array:
-        try:
-            return self._source.read()
-        except JointsLost:
-            return self._standing
 
     def _arrive(self, joints: Array) -> None:
         """Come to rest there, by the straight joint path or, after a jump, from the first place.
 
         A controller that is started anew tells other joints at once; no way leads to them.
         """
-        travel = float(np.abs(joints - self._standing).max())
+        travel = float(np.abs(joints - self._robot.standing.encoders).max())
         if self._robot.passable_part(joints) < 1.0:
             self._robot.standing = self._first
             if self._robot.passable_part(joints) < 1.0:
@@ -107,7 +77,3 @@ class FollowingController:
                 )
         self._robot.arrive(joints, target_key(joints.tolist()))
         self._worked.seconds += travel / self._speed_per_s
-
-
-def _is_same(a: Array, b: Array) -> bool:
-    return bool(np.abs(a - b).max() <= SAME_RAD)

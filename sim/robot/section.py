@@ -12,7 +12,6 @@ from sim.robot.rods import Growth
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
 PPM = 1e-6
-HAL = "hal:"
 ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
     {
         "rod_errors_mm": 2,
@@ -269,8 +268,6 @@ class ControllerSection(Section):
     """Whether its kinematics has axis tilts and skews of parallelograms."""
     computes_transmission: bool = False
     """Whether it has what gears and encoders add to joints, and comes to each from a known side."""
-    joints_from: str | None = None
-    """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
     start: StartSection = StartSection()
 
     def limits(self, kind: Kind) -> tuple[float, float]:
@@ -285,12 +282,6 @@ class ControllerSection(Section):
     def encoder_step(self, kind: Kind) -> float:
         """Resolution of an encoder, rad or mm."""
         return kind.inner(getattr(self, f"encoder_step_{kind.unit}"))
-
-    @property
-    def command(self) -> str:
-        """Command that `joints_from` has run, such as `ssh HOST`; empty: none of anybody's."""
-        names = self.joints_from or ""
-        return names.removeprefix(HAL).strip() if names.startswith(HAL) else ""
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:

@@ -2,16 +2,9 @@
 
 import pytest
 import scripted_controller
-import scripted_linuxcnc
 
 
 @pytest.fixture
 def controller():
     """A robotline controller, connected."""
     return scripted_controller.connected()
-
-
-@pytest.fixture
-def linuxcnc():
-    """A LinuxCNC that takes joints, connected and ready to move."""
-    return scripted_linuxcnc.ready()

@@ -3,7 +3,6 @@
 import pytest
 from scripted_controller import ANSWERS, ScriptedController
 from scripted_emscon import Station, system_status
-from scripted_linuxcnc import NEVER, ScriptedLinuxcnc
 from scripted_pointline import ScriptedInstrument
 
 from drivers.errors import Cancelled, LinkDown, WrongDevice
@@ -21,19 +20,6 @@ class Robotline:
     def is_another(self, another=True):
         serial = "4711" if another else "SN-0042"
         self.end.answers["HELLO"] = f"OK 1 Example%20Robotics Par4 {serial} 2.1 4"
-
-
-class Linuxcnc:
-    def __init__(self, **options):
-        self.end = ScriptedLinuxcnc(**options)
-        self.device = self.end.robot
-
-    def is_silent(self, silent=True):
-        self.end.overrides = {"get machine": NEVER} if silent else {}
-
-    def is_another(self, another=True):
-        self.usual = getattr(self, "usual", self.end.name)
-        self.end.name = "4711" if another else self.usual
 
 
 class Emscon:
@@ -62,7 +48,7 @@ class Pointline:
         self.end.answers["HELLO"] = f"OK 1 Example%20Metrology T-1000 {serial} 2.1"
 
 
-pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Pointline])
+pytestmark = pytest.mark.parametrize("far", [Robotline, Emscon, Pointline])
 
 
 def connected(far, **options):

@@ -45,6 +45,16 @@ int stub_set(int component, const char *name, double value)
     return -1;
 }
 
+double stub_get(int component, const char *name)
+{
+    int i;
+
+    for (i = 0; i < count; i++)
+        if (pins[i].component == component && !strcmp(pins[i].name, name))
+            return pins[i].value;
+    return -1.0;
+}
+
 int stub_count(int component)
 {
     int i, found = 0;

@@ -16,10 +16,13 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from drivers import linuxcnc_bridge
+
 EXAMPLES = Path(__file__).parents[2] / "examples" / "linuxcnc"
+BRIDGE = Path(linuxcnc_bridge.__file__)
 STOCK_MODULES = Path("/usr/lib/linuxcnc/modules")
 STOCK_NML = Path("/usr/share/linuxcnc/linuxcnc.nml")
-PROGRAMS = ("linuxcnc", "linuxcncrsh", "halcmd", "unshare", "nsenter", "setpriv")
+PROGRAMS = ("linuxcnc", "halcmd", "unshare", "nsenter", "setpriv")
 NOBODY = 65534
 READY_WITHIN_S = 60.0
 GONE_WITHIN_S = 30.0
@@ -62,6 +65,7 @@ class LinuxcncInstance:
         self._ini = next((EXAMPLES / variant).glob("*.ini")).name
         self._process: subprocess.Popen | None = None
         shutil.copytree(EXAMPLES, folder / "config")
+        shutil.copy(BRIDGE, folder / "config")
         folder.chmod(0o755)  # its realtime part may run as another user
         _prepare_modules(folder, modules)
         self._make_tmp()
@@ -82,11 +86,6 @@ class LinuxcncInstance:
         pid = self._process.pid
         return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
 
-    @property
-    def beside(self):
-        """A command that has a shell beside its programs run the rest, like `ssh HOST`."""
-        return self.folder / "beside"
-
     def start(self):
         """Start it and wait until it answers."""
         self.launch()
@@ -104,7 +103,6 @@ class LinuxcncInstance:
         """Wait until it answers; without an answer in time everything is stopped."""
         try:
             self._await_answer()
-            self._write_beside()
         except BaseException:
             self.stop()
             raise
@@ -137,10 +135,16 @@ class LinuxcncInstance:
 
     def run(self, *command):
         """Run a command beside its programs; gives what it says."""
-        whole = [str(self.beside), shlex.join(command)]
-        done = subprocess.run(whole, capture_output=True, text=True, check=False)
+        user = () if os.geteuid() == 0 else ("--user", "--preserve-credentials")
+        spaces = ("nsenter", "-t", str(self.init_pid), *user, "--ipc", "--pid", "--mount")
+        whole, surroundings = [*spaces, *command], self._environment()
+        done = subprocess.run(whole, capture_output=True, text=True, check=False, env=surroundings)
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout.strip()
+
+    def make_ready(self):
+        """Release its e-stop, switch it on and home it, as its operator does."""
+        self.run("/mnt/config/make_ready.py")
 
     def __enter__(self):
         return self.start()
@@ -160,25 +164,15 @@ class LinuxcncInstance:
             time.sleep(LOOK_AGAIN_S)
 
     def _answers(self):
-        try:
-            with socket.create_connection(("127.0.0.1", self.port), timeout=1.0) as connection:
-                connection.settimeout(1.0)
-                connection.sendall(b"hello EMC test 1.0\n")
-                return b"HELLO ACK" in connection.recv(200)
-        except OSError:
-            return False
-
-    def _write_beside(self):
-        user = "" if os.geteuid() == 0 else "--user --preserve-credentials"
-        spaces = f"-t {self.init_pid} {user} --ipc --pid --mount"
-        self.beside.write_text(f'#!/bin/sh\nexec nsenter {spaces} sh -c "$*"\n')
-        self.beside.chmod(0o755)
+        with suppress(OSError), socket.create_connection(("127.0.0.1", self.port), 1.0):
+            return True
+        return False
 
     def _adapt_ini(self, edits):
         ini = self.config / self._ini
         nml = self.config / "own.nml"
         nml.write_text(STOCK_NML.read_text().replace("TCP=5005", f"TCP={_free_port()}"))
-        text = ini.read_text().replace("--port 5007", f"--port {self.port}")
+        text = ini.read_text().replace("--port 5020", f"--port {self.port}")
         text = text.replace("[EMC]\n", "[EMC]\nNML_FILE = own.nml\n", 1)
         for old, new in edits:
             assert old in text, old

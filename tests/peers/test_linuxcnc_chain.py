@@ -2,14 +2,12 @@
 identified parameters go into its own kinematics.
 """
 
-import json
 from pathlib import Path
 
 import pytest
 from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
-from linuxcnc_campaign import made_campaign, patient_driver, tell
+from linuxcnc_campaign import Campaign, made_campaign, tell
 
-from app.main import run_command
 from campaigns.controllers.linuxcnc_export import RobotIdentity, parse_hal
 from campaigns.robots.robot import find_robot, read_robot
 
@@ -40,45 +38,32 @@ def linuxcnc(tmp_path, name):
         yield running
 
 
-@pytest.fixture(autouse=True)
-def _patient_driver(monkeypatch, tmp_path):
-    patient_driver(monkeypatch, tmp_path)
-
-
-@pytest.fixture
-def campaign(linuxcnc, tmp_path, name):
-    return made_campaign(tmp_path / "campaign", linuxcnc, name, SMALL)
-
-
-def test_campaign_on_linuxcnc_makes_its_own_cartesian_moves_exact(campaign, linuxcnc, name, capsys):
+def test_campaign_on_linuxcnc_makes_its_own_cartesian_moves_exact(tmp_path, linuxcnc, name, capsys):
     nominal = find_robot(name).robot
     whose = RobotIdentity(name, nominal)
+    folder = made_campaign(tmp_path / "campaign", linuxcnc, name, SMALL)
+    pkmcal = Campaign(folder, linuxcnc, capsys)
 
-    def pkmcal(command, *options):
-        capsys.readouterr()
-        assert run_command([command, str(campaign), *options, "--json"]) == 0
-        return json.loads(capsys.readouterr().out)
-
-    assert nominal.mechanism.name.upper() in pkmcal("devices")["controller"]["identity"]
+    identity = pkmcal("devices")["controller"]["identity"]
+    assert f"type={nominal.mechanism.name}" in identity
     pkmcal("plan")
-    distances = ("--only", "distances", "--yes")
-    before = pkmcal("validate", "--stage", "before", *distances)
+    before = pkmcal.validated("before")
     pkmcal("run", "--yes")
     assert pkmcal("identify")["verdict"] == "pass"
     pkmcal("export")
     exported = pkmcal("export", "--format", "linuxcnc")["path"]
-    pkmcal("load", "--yes")
-    after = pkmcal("validate", "--stage", "after", *distances)
+    pkmcal.load()
+    after = pkmcal.validated("after", codes=(0,))
 
     with capsys.disabled():
-        tell(f"{name}: distances before {before['distances_mm']}, after {after['distances_mm']}")
-    assert before["distances_mm"]["max_abs"] > BAD_BEFORE_MM
-    assert after["distances_mm"]["max_abs"] < GOOD_AFTER_MM
-    compensated = dict(read_robot(campaign / "robot-compensated.yaml").robot.parameters)
+        tell(f"{name}: distances before {before}, after {after}")
+    assert before["max_abs"] > BAD_BEFORE_MM
+    assert after["max_abs"] < GOOD_AFTER_MM
+    compensated = dict(read_robot(folder / "robot-compensated.yaml").robot.parameters)
     calib = linuxcnc.config / "calib.hal"
     for text in (calib.read_text(), Path(exported).read_text()):
         assert dict(parse_hal(text, "calib.hal", whose).parameters) == compensated
 
-    pkmcal("load", "--rollback", "--yes")
+    pkmcal.load("--rollback")
     back = parse_hal(calib.read_text(), "calib.hal", whose).parameters
     assert back == dict(nominal.parameters)

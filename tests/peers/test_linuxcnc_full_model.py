@@ -2,13 +2,10 @@
 kinematics that computes how they tilt the plate.
 """
 
-import json
-
 import pytest
 from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
-from linuxcnc_campaign import made_campaign, patient_driver, tell
+from linuxcnc_campaign import Campaign, made_campaign, tell
 
-from app.main import run_command
 from campaigns.campaign import open_campaign
 from campaigns.robots.robot import compensated, read_robot, write_new_robot
 
@@ -20,36 +17,14 @@ BESIDE_GEOMETRY = ("azimuths", "rods", "axes", "bars", "eccentricity", "ratio", 
 SAME_FACTOR = 1.5
 
 
-@pytest.fixture(autouse=True)
-def _patient_driver(monkeypatch, tmp_path):
-    patient_driver(monkeypatch, tmp_path)
-
-
-class Campaign:
-    """A campaign by its commands."""
-
-    def __init__(self, folder, capsys):
-        self.folder, self._capsys = folder, capsys
-
-    def __call__(self, command, *options, codes=(0,)):
-        self._capsys.readouterr()
-        assert run_command([command, str(self.folder), *options, "--json"]) in codes
-        return json.loads(self._capsys.readouterr().out)
-
-    def validated_mm(self, stage):
-        """Mean absolute error of hold-out distances of the robot that LinuxCNC moves by poses."""
-        distances = ("--only", "distances", "--yes")
-        return self("validate", "--stage", stage, *distances, codes=(0, 1))["distances_mm"][
-            "mean_abs"
-        ]
-
-    def loaded_all_the_same(self, found):
-        """Load what was identified although its verdict does not let it pass."""
-        nominal = open_campaign(self.folder).nominal
-        flat = {name: each["value"] for name, each in found["parameters"].items()}
-        path = self.folder / "standard.yaml"
-        write_new_robot(path, compensated(nominal, "standard", flat))
-        self("load", "--file", str(path), "--force", "--yes")
+def load_all_the_same(pkmcal, found):
+    """Load what was identified although its verdict does not let it pass."""
+    nominal = open_campaign(pkmcal.folder).nominal
+    flat = {name: each["value"] for name, each in found["parameters"].items()}
+    path = pkmcal.folder / "standard.yaml"
+    path.unlink(missing_ok=True)
+    write_new_robot(path, compensated(nominal, "standard", flat))
+    pkmcal.load("--file", str(path), "--force")
 
 
 def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_path, capsys):
@@ -57,21 +32,21 @@ def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_
         folder = made_campaign(
             tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS, IMPERFECT
         )
-        pkmcal = Campaign(folder, capsys)
+        pkmcal = Campaign(folder, linuxcnc, capsys)
         pkmcal("plan")
-        before_mm = pkmcal.validated_mm("before")
+        before_mm = pkmcal.validated("before")["mean_abs"]
         pkmcal("run", "--yes")
 
         held = [word for group in BESIDE_GEOMETRY for word in ("--fix", group)]
         standard = pkmcal("identify", *held, codes=(0, 1))
-        pkmcal.loaded_all_the_same(standard)
-        standard_mm = pkmcal.validated_mm("after")
+        load_all_the_same(pkmcal, standard)
+        standard_mm = pkmcal.validated("after")["mean_abs"]
 
         full = pkmcal("identify")
         assert full["verdict"] == "pass"
         pkmcal("export")
-        pkmcal("load", "--yes")
-        full_mm = pkmcal.validated_mm("after")
+        pkmcal.load()
+        full_mm = pkmcal.validated("after")["mean_abs"]
         calib = (linuxcnc.config / "calib.hal").read_text()
 
     unseen = {name: found["unseen_mm"] for name, found in (("22", standard), ("full", full))}

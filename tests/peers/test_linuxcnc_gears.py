@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from command_line import change
 from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
-from linuxcnc_campaign import made_campaign, patient_driver, tell
-from test_linuxcnc_full_model import Campaign
+from linuxcnc_campaign import Campaign, made_campaign, tell
+from test_linuxcnc_full_model import load_all_the_same
 
 from sim.factory import transmission, true_geometry
 from sim.scenarios.scenario import load_scenario
@@ -22,11 +22,6 @@ GEARS = {
 SETTINGS = {"plan.shots": 60, "plan.validation_pairs": 20, "settle.time_s": 0.2}
 NOISE_MM = 0.010
 """Mean error of distances by the tracker alone: 15/√3 µm a coordinate."""
-
-
-@pytest.fixture(autouse=True)
-def _patient_driver(monkeypatch, tmp_path):
-    patient_driver(monkeypatch, tmp_path)
 
 
 def beyond_noise_mm(mean_mm):
@@ -53,12 +48,11 @@ def test_terms_of_gears_take_most_of_the_error_off(tmp_path, capsys):
         folder = made_campaign(tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS, GEARS)
         change(folder / "robot.yaml", {"ripples_per_turn": 30.0})
         geometry, terms = truth(folder)
-        pkmcal, found = Campaign(folder, capsys), {}
+        pkmcal, found = Campaign(folder, linuxcnc, capsys), {}
 
         def validated(way, values):
             as_found = {name: {"value": value} for name, value in values.items()}
-            (folder / "standard.yaml").unlink(missing_ok=True)
-            pkmcal.loaded_all_the_same({"parameters": as_found})
+            load_all_the_same(pkmcal, {"parameters": as_found})
             found[way] = measured()
 
         def measured():

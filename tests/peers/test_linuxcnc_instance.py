@@ -4,13 +4,13 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from linuxcnc_bench import NEEDS_LINUXCNC, joints_controller
+from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
 
 pytestmark = NEEDS_LINUXCNC
 
 AT_A_TIME = 4
 LOCK = Path("/tmp/linuxcnc.lock")
-PROGRAMS = ("milltask", "rtapi_app", "linuxcncrsh", "linuxcncsvr", "io")
+PROGRAMS = ("milltask", "rtapi_app", "linuxcnc_bridge.py", "linuxcncsvr", "io")
 
 
 def shared_memory():
@@ -37,7 +37,7 @@ def processes_of(folder):
 @pytest.mark.parametrize("rounds", [1, pytest.param(5, marks=pytest.mark.long)])
 def test_starts_and_stops_leave_no_process_lock_or_shared_memory(tmp_path, rounds):
     before, locked = shared_memory(), LOCK.exists()
-    all_of_them = [joints_controller(tmp_path / str(number)) for number in range(AT_A_TIME)]
+    all_of_them = [world_controller(tmp_path / str(number)) for number in range(AT_A_TIME)]
     for _ in range(rounds):
         with ExitStack() as stops:
             for linuxcnc in all_of_them:

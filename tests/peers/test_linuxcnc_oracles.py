@@ -1,12 +1,10 @@
 """Robots in the real LinuxCNC: its own Deltas, and our kinematics of types without an example."""
 
-import time
-from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from linuxcnc_bench import NEEDS_LINUXCNC, ForeignBench, ready, world_controller
+from linuxcnc_bench import NEEDS_LINUXCNC, at, world_controller
 from linuxcnc_campaign import tell
 from linuxcnc_instance import LinuxcncInstance
 from par4_space import with_values
@@ -14,8 +12,6 @@ from par4_space import with_values
 from campaigns.controllers.linuxcnc_export import write_hal
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot, pose_of
-from sim.geometry import KINDS
-from sim.robot.linuxcnc_joints import joint_source
 
 pytestmark = NEEDS_LINUXCNC
 
@@ -45,30 +41,18 @@ def reachable(robot, count, seed):
     return poses
 
 
-def away(linuxcnc, robot, full_speed_per_s, poses):
+def away(linuxcnc, robot, poses):
     """Where the joints have the robot stand, less where it was sent, in mm and deg."""
     found = []
-    with (
-        linuxcnc,
-        ready(ForeignBench(linuxcnc, robot, full_speed_per_s)) as bench,
-        closing(joint_source(f"hal:{linuxcnc.beside}", KINDS[robot.mechanism.name])) as joints,
-    ):
+    with linuxcnc, at(linuxcnc, robot_file=robot) as bench:
         for pose in poses:
             bench.robot.move_pose(pose_of(pose), 1.0)
-            assert bench.arrived().fault == ""
-            read = at_rest(joints)
-            stood = robot.kinematics.forward(read[None], near=pose[None]).values_or_raise()
+            state = bench.arrived()
+            assert state.fault == ""
+            joints = np.array([state.joints])
+            stood = robot.kinematics.forward(joints, near=pose[None]).values_or_raise()
             found.append(stood[0] - pose)
     return np.array(found) * [axis.to_file(1.0) for axis in robot.mechanism.task]
-
-
-def at_rest(joints):
-    """Joints once two readings are the same: on a busy machine they come from a moment before."""
-    last, now = None, joints.read()
-    while last is None or (now != last).any():
-        time.sleep(0.01)
-        last, now = now, joints.read()
-    return now
 
 
 @dataclass(frozen=True)
@@ -78,7 +62,6 @@ class Oracle:
     module: str
     pins: dict[str, float]
     robot: RobotFile
-    full_speed_per_s: float
 
 
 def turned(name, first_deg):
@@ -97,14 +80,12 @@ def turned(name, first_deg):
 def rotary():
     """LinuxCNC's first arm points to -y."""
     sizes = {"platformradius": 200.0, "thighlength": 300.0, "shinlength": 800.0, "footradius": 45.0}
-    return Oracle("rotarydeltakins", sizes, turned("delta", -90.0), np.radians(360.0))
+    return Oracle("rotarydeltakins", sizes, turned("delta", -90.0))
 
 
 def linear():
     """LinuxCNC's first tower stands at +y, as ours does."""
-    return Oracle(
-        "lineardeltakins", {"R": 250.0, "L": 520.0}, find_robot("linear-delta").robot, 1e3
-    )
+    return Oracle("lineardeltakins", {"R": 250.0, "L": 520.0}, find_robot("linear-delta").robot)
 
 
 @pytest.mark.parametrize("oracle", [rotary(), linear()], ids=lambda oracle: oracle.module)
@@ -115,7 +96,7 @@ def test_linuxcncs_own_delta_stands_where_our_nominal_one_does(tmp_path, oracle,
     pins = [f"setp {oracle.module}.{pin} {value}\n" for pin, value in oracle.pins.items()]
     (linuxcnc.config / "calib.hal").write_text("".join(pins))
     poses = reachable(oracle.robot, 25, seed=9)
-    worst = np.abs(away(linuxcnc, oracle.robot, oracle.full_speed_per_s, poses)).max()
+    worst = np.abs(away(linuxcnc, oracle.robot, poses)).max()
     with capsys.disabled():
         tell(f"{oracle.module}: {len(poses)} poses, away by {worst:.1e} mm at most")
     assert worst <= SAME
@@ -136,5 +117,4 @@ def test_robot_stands_where_the_model_with_tilting_plate_has_it(tmp_path, name):
     ]
     linuxcnc = world_controller(tmp_path, edits=edits)
     write_hal(linuxcnc.config / "calib.hal", robot, name, overwrite=True)
-    speed_per_s = 500.0 if on_rails else np.radians(360.0)
-    assert np.abs(away(linuxcnc, robot, speed_per_s, reachable(robot, 5, seed=2))).max() <= STRAINED
+    assert np.abs(away(linuxcnc, robot, reachable(robot, 5, seed=2))).max() <= STRAINED

@@ -7,7 +7,6 @@ from linuxcnc_campaign import tell
 from par4_space import par4
 
 from campaigns.kinematics.parameters import Role
-from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC
@@ -35,9 +34,9 @@ def test_servo_period_of_a_millisecond_is_hardly_used(linuxcnc, geometry, capsys
     """The longest time holds what else ran on this machine, which is no realtime kernel's."""
     poses = np.random.default_rng(4).uniform(LOW, HIGH, (50, 4))
     poses = poses[par4(geometry).feasibility(NOMINAL.limits, poses).feasible][:MOVES]
-    with at(linuxcnc, Coordinates.WORLD) as bench:
+    with at(linuxcnc) as bench:
         bench.robot.write_geometry(geometry)
-        bench.robot.prepare()
+        linuxcnc.make_ready()
         bench.robot.move_pose(Pose(*poses[0]), 1.0)
         bench.arrived()
         for function in FUNCTIONS:

@@ -11,7 +11,7 @@ import pytest
 from linuxcnc_bench import compiled_kinematics
 from linuxcnc_campaign import tell
 
-from campaigns.controllers.linuxcnc_export import drawing_flat, parameter_pins, pin_of
+from campaigns.controllers.linuxcnc_export import drawing_flat, pin_of
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot
@@ -134,20 +134,19 @@ class Module:
     def set_robot(self, robot):
         """Set all pins as a robot's file and drawing say."""
         space = robot.mechanism.parameters
-        pins = {
-            name: pin
-            for name, pin in parameter_pins(robot.mechanism).items()
-            if name not in space.select(group="backlash")
-        }
-        values = dict.fromkeys(pins, 0.0) | dict(robot.parameters)
+        names = {*space.of_robot, space.rate.name} - {*space.select(group="backlash")}
+        values = dict.fromkeys(names, 0.0) | dict(robot.parameters)
         self.arms, self.turns = len(robot.mechanism.joints), len(robot.mechanism.task) > 3
-        self.set_pins({pins[name]: value for name, value in values.items()})
+        self.set_pins({pin_of(name): value for name, value in values.items()})
         drawing = drawing_flat(robot.mechanism)
         self.set_pins({pin_of(n): value for n, value in drawing.items()})
 
     def set_pins(self, values):
         for pin, value in values.items():
             assert self._hal.stub_set(self._component, pin.encode(), value) == 0, pin
+
+    def pin(self, name):
+        return self._hal.stub_get(self._component, name.encode())
 
     def inverse(self, pose):
         """Joints in deg or mm of X, Y, Z in mm and C in deg; None when refused."""
@@ -190,6 +189,7 @@ def loaded(tmp_path_factory):
     stub = folder / "stub.so"
     subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", stub, STUB], check=True)
     hal = ctypes.CDLL(str(stub), mode=ctypes.RTLD_GLOBAL)
+    hal.stub_get.argtypes, hal.stub_get.restype = [ctypes.c_int, ctypes.c_char_p], ctypes.c_double
     hal.stub_set.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_double]
     compiled = compiled_kinematics()
     modules = {}
@@ -224,8 +224,8 @@ def module(loaded, case):
 def test_module_has_a_pin_for_every_parameter_and_the_plates_drawing(module, case):
     mechanism = case.robot.mechanism
     space = mechanism.parameters
-    of_ini, rate = len(space.select(group="backlash")), 1
-    expected = len(space.of_robot) - of_ini + len(drawing_flat(mechanism)) + rate
+    of_ini, rate, asking = len(space.select(group="backlash")), 1, module.arms + 7
+    expected = len(space.of_robot) - of_ini + len(drawing_flat(mechanism)) + rate + asking
     assert module.pin_count == expected
 
 
@@ -245,6 +245,19 @@ def test_forward_finds_every_pose_again_from_far_and_from_near(module, case):
     worst = np.abs(np.concatenate([far, near]) - np.concatenate([wanted, wanted])).max()
     tell(f"{case.robot.name}: forward, largest difference {worst:.1e} mm or deg")
     assert worst <= case.same
+
+
+def test_pose_that_is_asked_for_is_that_of_the_joints_asked_for(module, case):
+    here, there = case.joints_out()[0], case.poses_out()[1]
+    for number, joints in enumerate((case.joints_out()[1], [0.0] * module.arms), start=1):
+        module.set_pins({f"pkmkins.ask.joint{n}": joint for n, joint in enumerate(joints)})
+        module.set_pins({"pkmkins.ask.number": float(number)})
+        assert module.forward(here) is not None
+        assert module.pin("pkmkins.ask.answered") == number
+        if number == 1:
+            pose = [module.pin(f"pkmkins.ask.{letter}") for letter in "xyzc"]
+            assert module.pin("pkmkins.ask.found") == 1.0
+            assert pose[: len(there)] == pytest.approx(there, abs=case.same)
 
 
 @pytest.mark.parametrize("extended", [True], ids=["full"], indirect=True)

@@ -29,6 +29,10 @@
  * Set them only while the machine is off: with power, the joints would jump to where the new values
  * put them.
  *
+ * Whoever moves the robot to joints in world coordinates asks for their pose: he sets ask.joint0 … and
+ * then ask.number to a new number. Within a servo period ask.answered is that number, and ask.x, ask.y,
+ * ask.z and ask.c are the pose; ask.found is 0 where no plate can be assembled.
+ *
  * Build and install: halcompile --install pkmkins.c
  */
 #include "rtapi.h"
@@ -77,6 +81,7 @@ static struct pins {
     hal_float_t *apart, *rate;
     hal_float_t *reflector[3];
     hal_float_t *sag[SAGS];
+    hal_float_t *asked[ARMS_AT_MOST], *number, *answer[4], *found, *answered;
 } *pins;
 
 static const robot_kind *kind;
@@ -167,29 +172,54 @@ static int read_geometry(robot_geometry *robot)
 
 /* World coordinates of joints: from where the plate was last, else from safe starts.
  * Without an assembly the world is left as it was. */
+static int world_of(const robot_geometry *robot, const double *joint, EmcPose *world)
+{
+    plate_pose pose = {{world->tran.x, world->tran.y, world->tran.z}, world->c * DEG};
+    double inner[ARMS_AT_MOST];
+    int i;
+
+    for (i = 0; i < kind->arms; i++)
+        inner[i] = stands_at(&robot->arm[i], joint[i] * unit());
+    if (kind->turn == NO_TURN)
+        pose.theta = 0.0;
+    if (!pose_of(robot, inner, &pose))
+        return 0;
+    world->tran.x = pose.point.x;
+    world->tran.y = pose.point.y;
+    world->tran.z = pose.point.z + rise(robot, pose.point);
+    world->c = pose.theta / DEG;
+    world->a = world->b = world->u = world->v = world->w = 0.0;
+    return 1;
+}
+
+/* The pose of the joints that are asked for, once for each number. */
+static void answer(const robot_geometry *robot, EmcPose world)
+{
+    double joint[ARMS_AT_MOST], number = *pins->number;
+    int i;
+
+    if (number == *pins->answered)
+        return;
+    for (i = 0; i < kind->arms; i++)
+        joint[i] = *pins->asked[i];
+    *pins->found = world_of(robot, joint, &world);
+    *pins->answer[0] = world.tran.x;
+    *pins->answer[1] = world.tran.y;
+    *pins->answer[2] = world.tran.z;
+    *pins->answer[3] = world.c;
+    *pins->answered = number;
+}
+
 int kinematicsForward(const double *joint, EmcPose *world, const KINEMATICS_FORWARD_FLAGS *fflags,
                       KINEMATICS_INVERSE_FLAGS *iflags)
 {
     robot_geometry robot;
-    plate_pose pose = {{world->tran.x, world->tran.y, world->tran.z}, world->c * DEG};
-    double inner[ARMS_AT_MOST];
-    int i;
     (void)fflags;
     (void)iflags;
 
-    if (!read_geometry(&robot))
+    if (!read_geometry(&robot) || !world_of(&robot, joint, world))
         return -1;
-    for (i = 0; i < kind->arms; i++)
-        inner[i] = stands_at(&robot.arm[i], joint[i] * unit());
-    if (kind->turn == NO_TURN)
-        pose.theta = 0.0;
-    if (!pose_of(&robot, inner, &pose))
-        return -1;
-    world->tran.x = pose.point.x;
-    world->tran.y = pose.point.y;
-    world->tran.z = pose.point.z + rise(&robot, pose.point);
-    world->c = pose.theta / DEG;
-    world->a = world->b = world->u = world->v = world->w = 0.0;
+    answer(&robot, *world);
     return 0;
 }
 
@@ -248,6 +278,14 @@ static int make_pins(void)
         error |= hal_pin_float_newf(HAL_IN, &pins->sag[i], component, "pkmkins.%s", sag_fields[i]);
     error |= hal_pin_float_newf(HAL_IN, &pins->rate, component, "pkmkins.%s",
                                 rate_fields[kind->on_rails]);
+    for (i = 0; i < kind->arms; i++)
+        error |= hal_pin_float_newf(HAL_IN, &pins->asked[i], component, "pkmkins.ask.joint%d", i);
+    error |= hal_pin_float_newf(HAL_IN, &pins->number, component, "pkmkins.ask.number");
+    for (i = 0; i < 4; i++)
+        error |= hal_pin_float_newf(HAL_OUT, &pins->answer[i], component, "pkmkins.ask.%c",
+                                    "xyzc"[i]);
+    error |= hal_pin_float_newf(HAL_OUT, &pins->found, component, "pkmkins.ask.found");
+    error |= hal_pin_float_newf(HAL_OUT, &pins->answered, component, "pkmkins.ask.answered");
     if (kind->turn != NO_TURN)
         error |= hal_pin_float_newf(HAL_IN, &pins->apart, component, "pkmkins.%s",
                                     apart_fields[kind->turn]);

@@ -1,28 +1,18 @@
 """The example configurations fit the robot that they are for."""
 
 import configparser
-import math
 import re
 from pathlib import Path
 
 import pytest
-from ruamel.yaml import YAML
 
 from campaigns.controllers.linuxcnc_export import RobotIdentity, drawing_flat, parse_hal
-from campaigns.errors import ConfigInvalid
-from campaigns.files.yaml_file import checked_settings
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
-from campaigns.settings.sections import LinuxcncConfig
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples" / "linuxcnc"
-ROBOTS = {
-    "joints": "par4-prototype",
-    "cartesian": "par4-prototype",
-    "delta": "delta",
-    "linear-delta": "linear-delta",
-}
+ROBOTS = {"cartesian": "par4-prototype", "delta": "delta", "linear-delta": "linear-delta"}
 PASSING = {"deg": 0.5, "mm": 5.0}
 
 
@@ -33,7 +23,7 @@ def ini(variant):
     return parser
 
 
-@pytest.mark.parametrize("variant", ["cartesian", "delta", "linear-delta"])
+@pytest.mark.parametrize("variant", ROBOTS)
 def test_calibration_of_the_example_is_the_nominal_robot(variant):
     nominal = find_robot(ROBOTS[variant]).robot
     text = (EXAMPLES / variant / "calib.hal").read_text()
@@ -55,7 +45,7 @@ def test_example_has_the_robots_joints_with_room_to_pass_their_limits(variant):
         assert float(section["MAX_LIMIT"]) >= high + PASSING[joint.unit]
 
 
-@pytest.mark.parametrize("variant", ["cartesian", "delta", "linear-delta"])
+@pytest.mark.parametrize("variant", ROBOTS)
 def test_kinematics_of_the_example_is_the_robots_mechanism(variant):
     mechanism = find_robot(ROBOTS[variant]).robot.mechanism
     settings = ini(variant)
@@ -90,26 +80,3 @@ def test_kinematics_module_and_its_folder_declare_their_licence():
     for file in files:
         assert file.read_text().splitlines()[0] == "/* SPDX-License-Identifier: GPL-2.0-or-later"
     assert "GPL-2.0-or-later" in (EXAMPLES / "pkmkins" / "LICENSE.md").read_text()
-
-
-def documented_settings():
-    """The `linuxcnc` sections that the documentation shows."""
-    text = (ROOT / "docs" / "linuxcnc.md").read_text(encoding="utf-8")
-    for block in re.findall(r"```(?:yaml|text)\n(.*?)```", text, re.DOTALL):
-        tree = YAML(typ="safe").load(block)
-        section = tree.get("controller", tree).get("linuxcnc")
-        if section:
-            yield section
-
-
-def test_settings_in_the_documentation_are_valid():
-    found = [checked_settings(s, "docs/linuxcnc.md", LinuxcncConfig) for s in documented_settings()]
-    assert [section.coordinates for section in found] == ["world", "world"]
-    assert found[1].beside == "ssh operator@controller"
-
-
-def test_world_coordinates_need_the_hal_file():
-    with pytest.raises(ConfigInvalid, match="no hal_file"):
-        checked_settings({"coordinates": "world"}, "campaign.yaml", LinuxcncConfig)
-    joints = checked_settings({"coordinates": "joints"}, "campaign.yaml", LinuxcncConfig)
-    assert joints.full_speed_rad_s == pytest.approx(math.pi)

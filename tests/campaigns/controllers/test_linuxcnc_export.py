@@ -38,16 +38,14 @@ def test_every_double_is_read_as_it_was_written(geometry):
     assert linuxcnc_export.parse_hal(text_of(robot), "calib.hal", WHOSE).parameters == geometry
 
 
-def test_file_is_one_setting_a_parameter_and_the_drawing_only_where_the_plate_tilts():
+def test_file_is_one_setting_a_parameter_and_the_plates_drawing():
     lines = [line for line in text_of().splitlines() if not line.startswith("#")]
+    drawing = linuxcnc_export.drawing_flat(NOMINAL.mechanism)
     assert lines[0] == "setp pkmkins.arm0.x_mm -172.5"
-    assert lines[-1] == "setp pkmkins.plate_mm 100.0"
-    assert len(lines) == 29
+    assert lines[28] == "setp pkmkins.plate_mm 100.0"
+    assert lines[29:] == [f"setp pkmkins.{name} {value!r}" for name, value in drawing.items()]
     tilted = text_of(with_values(NOMINAL, TILTED))
     assert "setp pkmkins.arm1.axis_tilt_deg 0.02\n" in tilted
-    for name, value in linuxcnc_export.drawing_flat(NOMINAL.mechanism).items():
-        assert f"setp pkmkins.{name} {value!r}\n" in tilted
-        assert name not in text_of()
 
 
 @pytest.mark.parametrize("change", ["20.5", None])
@@ -60,11 +58,11 @@ def test_a_plate_drawn_otherwise_is_refused_where_it_tilts(change):
         linuxcnc_export.parse_hal(wrong, "calib.hal", WHOSE)
 
 
-def test_backlashes_are_comments_for_the_ini_file_and_ripples_come_with_their_rate():
+def test_backlashes_are_comments_for_the_bridge_and_ripples_come_with_their_rate():
     gears = {"arm1.backlash_deg": 0.005, "arm2.ripple_sin_deg": 0.003}
     robot = with_values(NOMINAL, gears | {"ripples_per_turn": 30.0})
     text = linuxcnc_export.hal_text(robot, "PAR4-7")
-    assert "\n# [JOINT_1]BACKLASH = 0.005\n" in text
+    assert "\n# setp ini.1.backlash 0.005\n" in text
     assert "setp pkmkins.arm2.ripple_sin_deg 0.003\n" in text
     assert "setp pkmkins.ripples_per_turn 30.0\n" in text
     assert "setp pkmkins.arm1.backlash" not in text
@@ -72,8 +70,9 @@ def test_backlashes_are_comments_for_the_ini_file_and_ripples_come_with_their_ra
     assert (found.parameters, found.mechanism.rate) == (robot.parameters, 30.0)
     with pytest.raises(ConfigInvalid, match="sha256 is not that of its parameters"):
         linuxcnc_export.parse_hal(text.replace("turn 30.0", "turn 31.0"), "calib.hal", WHOSE)
-    pins = linuxcnc_export.parameter_pins(NOMINAL.mechanism)
-    assert pins["arm1.backlash_deg"] == "ini.1.backlash"
+    before = text.replace("# setp ini.1.backlash 0.005", "# [JOINT_1]BACKLASH = 0.005")
+    assert before != text
+    assert linuxcnc_export.parse_hal(before, "calib.hal", WHOSE).parameters == found.parameters
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -155,25 +154,6 @@ def test_export_does_not_overwrite_unasked(tmp_path):
     assert "plate_mm 101.0" in path.read_text()
 
 
-def test_written_file_keeps_the_last_good_one_beside_and_can_be_taken_back_to_the_byte(tmp_path):
-    path = tmp_path / "calib.hal"
-    file = linuxcnc_export.CalibrationFile(path, WHOSE)
-    file.write(dict(NOMINAL.parameters))
-    before = path.read_text()
-    file.write(dict(robot_with(plate_mm=101.0).parameters))
-    assert file.read()["plate_mm"] == 101.0
-    assert file.last_good.read_text() == before
-    file.take_back()
-    assert path.read_text() == before
-
-
-def test_first_file_is_taken_back_by_removing_it(tmp_path):
-    file = linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE)
-    file.write(dict(NOMINAL.parameters))
-    file.take_back()
-    assert not (tmp_path / "calib.hal").exists()
-
-
 def test_another_robots_file_is_neither_read_nor_replaced(tmp_path):
     path = tmp_path / "calib.hal"
     linuxcnc_export.write_hal(path, NOMINAL, "PAR4-8", overwrite=False)
@@ -185,14 +165,8 @@ def test_another_robots_file_is_neither_read_nor_replaced(tmp_path):
     assert "PAR4-8" in path.read_text()
 
 
-def test_missing_file_is_told_with_the_command_that_writes_it(tmp_path):
-    with pytest.raises(ConfigInvalid, match="no such file") as error:
-        linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE).read()
-    assert "export --format linuxcnc" in error.value.remedy
-
-
-def test_controller_that_only_takes_joints_begins_with_the_nominal_set(tmp_path):
-    file = linuxcnc_export.CalibrationFile(tmp_path / "active.hal", WHOSE, otherwise=NOMINAL)
+def test_held_parameters_are_the_nominal_ones_until_others_are_written(tmp_path):
+    file = linuxcnc_export.CalibrationFile(tmp_path / "active.hal", WHOSE)
     assert file.read() == dict(NOMINAL.parameters)
     file.write(dict(robot_with(plate_mm=101.0).parameters))
     assert file.read()["plate_mm"] == 101.0

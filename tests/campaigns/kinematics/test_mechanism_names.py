@@ -1,7 +1,7 @@
 """Only kinematics and its robot files know a mechanism: nothing else names it or its shape.
 
 Looked through are the work, the door and the part of the instruments that any robot speaks.
-Kinematics, robot files, LinuxCNC's driver (whose kinematics module is Par4's) and
+Kinematics, robot files, what names the pins of our kinematics module for LinuxCNC, and
 the simulated cell, which is built of one mechanism's parts, are left out.
 """
 
@@ -22,7 +22,11 @@ LOOKED_THROUGH = (
     "drivers/robotline.py",
     "drivers/wire/robotline*.py",
 )
-LEFT_OUT = ("campaigns/kinematics/", "campaigns/controllers/linuxcnc_export.py")
+LEFT_OUT = (
+    "campaigns/kinematics/",
+    "campaigns/controllers/linuxcnc_export.py",
+    "drivers/linuxcnc_bridge.py",
+)
 
 TELLTALE = {
     "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\b[Hh]4\b|\b[Ii]4[RrLl]\b"

@@ -5,7 +5,7 @@ from itertools import pairwise
 from random import Random
 from typing import NamedTuple
 
-from drivers.wire import emscon, emscon_messages, lines, linuxcncrsh, pointline, robotline
+from drivers.wire import emscon, emscon_messages, lines, pointline, robotline
 from drivers.wire.emscon_constants import Command
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
 from drivers.wire.lines import Answer, Hello, Nothing, Question, Refused
@@ -99,14 +99,6 @@ POINTLINE_QUESTIONS = tuple(
         ("GOTO", pointline.GoTo((1.5, -2.5, 1e300))),
     )
 )
-LINUXCNC = (
-    b"HELLO ACK PAR4 1.1\r\n",
-    b"SET VERBOSE ACK\n\r",
-    b"GET NONSENSE NAK\r\n",
-    b"JOINT_POS 12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000\r\n",
-    b"ERROR joint 3 following error\r\n",
-    b"error: Subcommand not found: SET SET_WAIT\r\nSET NAK\r\n",
-)
 
 
 def _questions(grammar):
@@ -128,19 +120,6 @@ def _answerable(grammar, line):
         raise
 
 
-def _linuxcnc():
-    read = linuxcncrsh.answers()
-
-    def feed(data):
-        messages = read(data)
-        for message in messages:
-            if isinstance(message, linuxcncrsh.Value) and message.word == "JOINT_POS":
-                linuxcncrsh.read_numbers(message)
-        return messages
-
-    return feed
-
-
 def resealed_line(line: bytes) -> bytes:
     """The line with the checksum that fits what stands before it."""
     text = line.rstrip(b"\n").rpartition(b" *")[0]
@@ -156,7 +135,6 @@ WIRES: tuple[Wire, ...] = (
     Wire("robotline, client", _questions(PAR4_LINES), ROBOTLINE_QUESTIONS, resealed_line),
     Wire("pointline, instrument", pointline.GRAMMAR.answers, POINTLINE_ANSWERS, resealed_line),
     Wire("pointline, client", _questions(pointline.GRAMMAR), POINTLINE_QUESTIONS, resealed_line),
-    Wire("linuxcncrsh", _linuxcnc, LINUXCNC),
 )
 
 ODD = (

@@ -1,1 +1,0 @@
-"""LinuxCNC as the robot's controller."""
