@@ -1,6 +1,5 @@
 """pkmcal report: the whole campaign on one page."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,6 @@ from app.next import tell_next, tell_who_works
 from app.options import Folder, Json
 from app.report.page import Page, page_of
 from app.report.pdf import find_browser, print_by_browser
-from app.report.rendering import no_word
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate
@@ -48,16 +46,14 @@ def command(
     campaign = open_campaign(folder)
     browser = find_browser() if pdf else None
     tell_who_works(terminal, campaign)
-    with terminal.telling("reading the campaign") as now_at:
-        page, path = report(
-            campaign, to, lambda title, n, total: now_at(f"figure {n} of {total}: {title}")
-        )
+    with terminal.telling("reading the campaign and drawing the figures"):
+        page, path = report(campaign, to)
     verdict = page.evaluation.verdict
     terminal.say(f"verdict: {verdict.says}")
     journal = page.evaluation.evidence.journal
     if journal is not None and journal.unended_load:
         terminal.say(f"! {journal.unended_load}", BAD)
-    for text in page.outline.missing:
+    for text in page.context.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
     if browser is not None:
@@ -69,29 +65,27 @@ def command(
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-def report(
-    campaign: Campaign, to: Path | None = None, tell: Callable[[str, int, int], None] = no_word
-) -> tuple[Page, Path]:
-    """Write the report; gives also what is on it. `tell` hears of each figure (`rendered`).
+def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
+    """Write the report; return also what is on it.
 
     Raises `JournalFailed`, `OutputExists` or `WriteFailed`.
     """
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
-    page = page_of(evaluate(campaign), now_utc(), tell)
+    page = page_of(evaluate(campaign), now_utc())
     replace_text(path, page.html)
     return page, path
 
 
 def report_document(page: Page, path: Path) -> dict[str, object]:
     """Report as `--json` tells of it."""
-    verdict, outline = page.evaluation.verdict, page.outline
+    verdict, context = page.evaluation.verdict, page.context
     return {
         "path": path,
         "decision": verdict.decision,
         "reasons": verdict.reasons,
-        "missing": [*outline.missing],
-        "figures": outline.figures,
+        "missing": [*context.missing],
+        "figures": context.figures,
     }
 
 

@@ -12,7 +12,7 @@ from app.console import terminal_of
 from app.exits import Exit
 from app.options import Folder, Json, Plot
 from app.progress import CountedWork
-from app.report.figures.drawing import save
+from app.report.drawing import save
 from app.study import output
 from app.study.pictures import study_picture
 from app.study.running import run_study

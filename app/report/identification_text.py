@@ -3,15 +3,15 @@
 from collections.abc import Iterator
 
 from app.console import DECISIONS, WARNING, Terminal
-from app.report import model_sections
+from app.report import model_tables
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.files.table import Column, words
 from campaigns.identification.result import RecordedIdentification
 from campaigns.kinematics.parameters import ParameterTable
 
-COLUMNS: tuple[Column[model_sections.Named], ...] = (
+COLUMNS: tuple[Column[model_tables.Named], ...] = (
     words("", lambda row: row[0]),
-    *model_sections.VALUES,
+    *model_tables.VALUES,
 )
 ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
     words("", lambda row: row[0]),
@@ -28,16 +28,16 @@ def show(terminal: Terminal, found: RecordedIdentification, table: ParameterTabl
     Of imperfect parts and drives only those that differ from nominal beyond U are listed.
     """
     free = [(name, found.parameters[name]) for name in found.free]
-    listed = [(n, own) for n, own in free if n in table.names or model_sections.is_shown(own)]
+    listed = [(n, own) for n, own in free if n in table.names or model_tables.is_shown(own)]
     terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
     if others := len(free) - len(listed):
         terminal.say(f"{others} parameters of imperfect parts and drives are within U of nominal")
     terminal.rows("Errors (mm)", ERRORS, list(_errors(found)))
     if found.budget:
         title = "Uncertainty of positions, 1 σ, rms over the workspace"
-        terminal.rows(title, model_sections.BUDGET, model_sections.budget_rows(found))
+        terminal.rows(title, model_tables.BUDGET, model_tables.budget_rows(found))
     if found.tracker:
-        columns = model_sections.TRACKER_ERRORS
+        columns = model_tables.TRACKER_ERRORS
         terminal.rows("Errors of the tracker", columns, found.tracker.items())
     for line in _sentences(found):
         if line not in found.reasons:
@@ -50,11 +50,11 @@ def show(terminal: Terminal, found: RecordedIdentification, table: ParameterTabl
 
 
 def _sentences(found: RecordedIdentification) -> Iterator[str]:
-    yield from model_sections.in_words(found)
+    yield from model_tables.in_words(found)
     if found.hold_out is not None:
-        yield model_sections.hold_out_in_words(found.hold_out)
-    yield from model_sections.positions_in_words(found)
-    yield from model_sections.undetermined_in_words(found)
+        yield model_tables.hold_out_in_words(found.hold_out)
+    yield from model_tables.positions_in_words(found)
+    yield from model_tables.undetermined_in_words(found)
 
 
 def _errors(found: RecordedIdentification) -> Iterator[tuple[str, BeforeAfter]]:

@@ -5,7 +5,7 @@ import typer
 from app.console import DECISIONS, GOOD, Terminal
 from app.exits import Exit
 from app.next import tell_next
-from app.report.results_sections import BEFORE_AND_AFTER, CUBE, limits
+from app.report.result_tables import BEFORE_AND_AFTER, CUBE, limits
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.evaluation.gains import NO_CHANGE, Gain

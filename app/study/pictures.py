@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.report.figures.drawing import in_house_style, new_figure
-from app.report.figures.picture import AFTER, GRID, INK
+from app.report.drawing import AFTER, GRID, INK, new_figure
 from campaigns.arrays import Array
 from campaigns.studies.summary import CONFIDENCE, StudySummary
 
@@ -15,7 +14,6 @@ SCORES = np.linspace(-4.0, 4.0, 65)
 """Edges of the histogram of normal scores."""
 
 
-@in_house_style
 def study_picture(summary: StudySummary, scores: Array) -> Figure:
     """Draw a study with its errors over their stated σ, (C, F)."""
     figure = new_figure(190.0)

@@ -9,7 +9,7 @@ from rich.cells import cell_len
 from typer import Exit
 
 from app.console import Terminal
-from app.report.results_sections import GAINS
+from app.report.result_tables import GAINS
 from app.report.validation_text import show_gain, show_validation
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts

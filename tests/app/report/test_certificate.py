@@ -5,11 +5,12 @@ from datetime import date
 
 import pytest
 from paper_campaign import PaperCampaign, new_campaign
-from test_page import page, rows_in, words_of, words_on
+from test_page import page, rows_of, words_of, words_on
 
 from app.cli.report import report
-from app.report import certificate_sections
-from app.report.model_sections import budget_rows
+from app.report.model import budget_section
+from app.report.model_tables import budget_rows
+from app.report.record import facts
 from campaigns.campaign import open_campaign
 from campaigns.errors import ConfigInvalid
 from campaigns.evidence import evaluate, gather
@@ -50,7 +51,7 @@ def test_who_measured_what_and_when_stands_on_the_page(certified) -> None:
 
 
 def test_the_method_counts_the_shots_that_were_fitted(whole: PaperCampaign) -> None:
-    method = dict(certificate_sections.facts(evaluate(open_campaign(whole.folder))))["method"]
+    method = dict(facts(evaluate(open_campaign(whole.folder))))["method"]
     found = gather(whole.campaign).identification
     fitted, held_out = len(found.fitted.numbers), len(found.unseen.numbers)
     assert f" parameters from {fitted} shots (model full)" in method
@@ -65,7 +66,7 @@ def test_facts_that_nobody_stated_are_left_out(certified) -> None:
 def test_an_expired_certificate_of_the_tracker_is_missing(certified) -> None:
     expired = TRACKER.model_copy(update={"expires": date(2026, 3, 1)})
     found = page(certified(CertificateConfig(tracker=expired)))
-    assert "expired on 2026-03-01" in " ".join(found.outline.missing)
+    assert "expired on 2026-03-01" in " ".join(found.context.missing)
 
 
 def test_settings_of_the_former_certificate_open_where_they_are_empty(tmp_path) -> None:
@@ -89,7 +90,7 @@ def test_the_budget_combines_to_the_stated_uncertainty(whole: PaperCampaign) -> 
     sizes = [mm for *_, mm in shares]
     assert sizes == sorted(sizes, reverse=True)
     assert {kind for _, kind, _ in shares} == {"A", "B"}
-    rows = rows_in(page(whole), "budget")
+    rows = rows_of(budget_section(evaluate(whole.campaign)))
     assert [row[0] for row in rows] == [row[0] for row in (*shares, combined)]
     assert rows[-1][1] == f"{combined[2]:.4f}"
 

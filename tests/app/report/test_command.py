@@ -29,7 +29,8 @@ def test_json_is_one_document_on_stdout(pkmcal, whole: PaperCampaign, tmp_path: 
     assert document.pop("reasons")
     assert "under acceptance" in document.pop("before_next")
     assert document.pop("next") == f"pkmcal report {whole.folder}"
-    assert document == {"path": str(path), "decision": "not decided", "missing": []}
+    wanted = {"path": str(path), "decision": "not decided", "missing": []}
+    assert {name: document[name] for name in wanted} == wanted
     assert "verdict: not decided (no limit asked for)" in said.err
 
 

@@ -1,85 +1,65 @@
-"""Figures and texts: what is drawn, and that drawing leaves no trace."""
+"""Figures: what is drawn, of any number of shots, and in files of any kind."""
 
 import re
 import sys
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign
 
-from app.report.figures.distances import pair_errors
-from app.report.figures.drawing import new_figure, save, svg_text
-from app.report.figures.picture import AFTER, Picture, ticks
-from app.report.figures.plan import axes_in_space, one_scale
-from app.report.figures.workspace import error_arrows, magnification, plate_tilt
-from app.report.groups import PairGroup
-from app.report.page import page_of
-from app.report.page_tree import Node, line_of, page_tree, shapes
+from app.report.drawing import legend_above, new_figure, new_panel, new_space, save, svg_text
+from app.report.figures import error_arrows, histogram, magnification, pair_errors, plate_tilt
 from app.report.plots import plot_plan, plot_residuals
-from app.report.rendering import moment
-from app.report.results_sections import percent_gained
+from app.report.result_tables import PairGroup, percent_gained
+from app.report.section import moment
 from campaigns.errors import WriteFailed
 from campaigns.evaluation.summary import binned_medians
-from campaigns.evidence import evaluate, gather
+from campaigns.evidence import gather
 from campaigns.files.table import number
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions, Model
 from campaigns.planning.forecast import Forecast
 
-GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
+BEFORE_MM, AFTER_MM = np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.2])
+GROUP = PairGroup("fitted pairs", "o", BEFORE_MM, AFTER_MM, (4, 5, 6))
 
 
 def test_ids_of_two_figures_on_one_page_never_meet() -> None:
-    figure = new_figure(40.0)
-    figure.subplots().plot([1.0, 2.0], "o", clip_on=True)
-    one, other = (svg_text(figure, name, name) for name in ("one", "other"))
+    axes = new_panel("title")
+    axes.plot([1.0, 2.0], "o", label="points")
+    legend_above(axes, 1)
+    one, other = (svg_text(axes.figure, name, name) for name in ("one", "other"))
     ids = [set(re.findall(r'\bid="([^"]+)"', svg)) for svg in (one, other)]
     assert not ids[0] & ids[1]
-    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', one))
-    assert used <= ids[0]
+    assert set(re.findall(r'(?:url\(|href=")#([^)"]+)', one)) <= ids[0]
 
 
-def test_text_in_a_figure_stays_text() -> None:
-    svg = pair_errors([GROUP]).svg('Errors & "more"')
+def test_errors_stand_before_and_after_and_after_alone_with_the_largest_by_number() -> None:
+    both, after = pair_errors([GROUP], "error of distance", "pairs")
+    drawn = [line.get_ydata() for line in both.axes[0].lines[:2]]
+    assert [list(errors) for errors in drawn] == [list(BEFORE_MM), list(AFTER_MM)]
+    assert list(after.axes[0].lines[0].get_ydata()) == list(AFTER_MM)
+    assert [text.get_text() for text in after.axes[0].texts] == ["6", "4"]
+    svg = svg_text(after, "errors", 'Errors & "more"')
     assert ">fitted pairs</text>" in svg
     assert 'aria-label="Errors &amp; &quot;more&quot;"' in svg
 
 
-def settings() -> dict[str, object]:
-    """All but the backend: asking for it would choose one."""
-    return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
-
-
-def test_drawing_leaves_matplotlibs_settings_and_no_pyplot_behind(tmp_path: Path) -> None:
-    before = settings()
-    save(pair_errors([GROUP]), tmp_path / "errors.png")
-    assert settings() == before
-    assert "matplotlib.pyplot" not in sys.modules
-
-
-def test_a_page_says_before_each_figure_which_of_how_many_it_is(whole: PaperCampaign) -> None:
-    told: list[tuple[str, int, int]] = []
-    made = page_of(
-        evaluate(whole.campaign), "2026-03-02T09:30:00+00:00", lambda *at: told.append(at)
-    )
-    assert [n for _, n, _ in told] == [*range(1, len(made.outline.drawings) + 1)]
-    assert {total for *_, total in told} == {len(made.outline.drawings)}
-    assert told[0][0] == "Errors of position, shot by shot"
-    assert "<!--figure" not in made.html
-
-
 @pytest.mark.parametrize("pairs", [1, 2, 1000])
-def test_any_number_of_pairs_can_be_drawn(pairs: int) -> None:
-    errors = np.linspace(-1.0, 1.0, pairs)
-    shown = shapes_of(pair_errors([PairGroup("few", "o", errors, None)]))
-    assert sum(shape.tag == "circle" for shape in shown) == pairs + 1  # and the legend's
+def test_any_number_of_pairs_of_one_stage_can_be_drawn(pairs: int) -> None:
+    group = PairGroup("few", "o", np.linspace(-1.0, 1.0, pairs), None)
+    (panel,) = pair_errors([group], "error", "pairs")
+    assert len(panel.axes[0].lines[0].get_ydata()) == pairs
+    before, after = histogram([group])
+    assert sum(bar.get_height() for bar in before.axes[0].patches) == pairs
+    assert "not measured" in svg_text(after, "h", "h")
 
 
 def test_errors_of_nothing_at_all_can_be_drawn() -> None:
     poses = np.tile([0.0, 0.0, -500.0, 0.0], (4, 1))
-    assert inside(error_arrows(poses, np.zeros((4, 3)), None))
+    (panel,) = error_arrows(poses, np.zeros((4, 3)), None)
+    assert "<svg" in svg_text(panel, "arrows", "arrows")
 
 
 @pytest.mark.parametrize(("size_mm", "factor"), [(26.0, 5.0), (0.5, 200.0), (130.0, 1.0)])
@@ -88,13 +68,23 @@ def test_arrows_are_magnified_by_a_round_factor(size_mm: float, factor: float) -
 
 
 def test_points_in_space_are_drawn_to_one_scale_without_pyplot() -> None:
-    axes = axes_in_space(new_figure(60.0), (1, 1, 1))
-    one_scale(axes, np.array([[-300.0, 0.0, -600.0], [300.0, 200.0, -500.0]]))
+    axes = new_space("", np.array([-300.0, 0.0, -600.0]), np.array([300.0, 200.0, -500.0]))
     extent = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
     aspect = axes.get_box_aspect()
     assert extent == pytest.approx([600.0, 200.0, 100.0])
     assert aspect / aspect[0] == pytest.approx(extent / extent[0])
     assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes() -> None:
+    """Turned about x by 2 mrad, the lower end of a tool goes towards +y."""
+    poses = np.array([[0.0, 0.0, -500.0, 0.0], [100.0, 0.0, -500.0, 0.0], [0.0, 90.0, -500.0, 0.0]])
+    tilt_rad = np.array([[2e-3, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 0.0, 5e-3]])
+    above, _ = plate_tilt(poses, tilt_rad)
+    (arrows,) = above.axes[0].collections
+    assert list(arrows.U) == pytest.approx([0.0, 0.0, 0.0])
+    assert list(arrows.V) == pytest.approx([2.0, 1.0, 0.0])
+    assert above.texts[0].get_text() == "from above: the longest is 2.00 mrad"
 
 
 def test_medians_follow_a_rise() -> None:
@@ -108,26 +98,15 @@ def expected(*names: str) -> Forecast:
     return Forecast(12, dict.fromkeys(names, 0.01), units, np.array([0.002]), (0.5,) * 4)
 
 
-ANGLE = "arm0.joint_offset_deg"
-KNOWN = expected("arm1.x_mm", "plate_mm", ANGLE)
-
-
-@pytest.mark.parametrize("ending", ["svg", "png", pytest.param("pdf", marks=pytest.mark.long)])
-def test_the_plan_is_drawn_in_the_format_of_the_name(
-    whole: PaperCampaign, tmp_path: Path, ending: str
-) -> None:
-    path = tmp_path / f"plan.{ending}"
-    plot_plan(path, whole.plan(6, 2), KNOWN)
-    start = path.read_bytes()[:400]
-    assert {"svg": b"<svg", "png": b"\x89PNG", "pdf": b"%PDF"}[ending] in start
-
-
 @pytest.mark.parametrize(
     ("forecast", "shown", "hidden"),
     [
-        (KNOWN, ["identification", ">arm1.x<", "σ, deg"], []),
-        (expected(), ["identification"], ["predicted σ"]),
-        (expected(ANGLE), [">arm0.joint_offset<"], ["predicted σ, mm"]),
+        (
+            expected("arm1.x_mm", "arm0.joint_offset_deg"),
+            ["identification", ">arm1.x<", "σ, deg"],
+            [],
+        ),
+        (expected(), ["identification"], ["σ, "]),
         (expected(*(f"arm{n}.x_mm" for n in range(20))), [">arm11.x<"], [">arm12.x<"]),
     ],
 )
@@ -141,11 +120,18 @@ def test_the_plans_picture_shows_the_predicted_uncertainty(
     assert [words for words in hidden if words in text] == []
 
 
+@pytest.mark.parametrize("ending", ["png", "pdf"])
+def test_a_picture_is_written_in_the_format_of_the_name(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"picture.{ending}"
+    save(new_figure(20.0), path)
+    assert path.read_bytes().startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[ending])
+
+
 def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) -> None:
     with pytest.raises(WriteFailed, match=r"\.svg, \.png or \.pdf"):
-        save(pair_errors([GROUP]), tmp_path / "plan.xyz")
+        save(new_figure(20.0), tmp_path / "plan.xyz")
     with pytest.raises(WriteFailed, match="no such file"):
-        save(pair_errors([GROUP]), tmp_path / "nowhere" / "plan.svg")
+        save(new_figure(20.0), tmp_path / "nowhere" / "plan.svg")
 
 
 @pytest.mark.parametrize(
@@ -157,86 +143,14 @@ def test_what_was_fitted_and_what_was_not_is_drawn(
     shots, path = gather(whole.campaign).run.shots, tmp_path / "residuals.svg"
     options = IdentificationOptions(model=model)
     plot_residuals(path, identify(NOMINAL.robot.kinematics, shots, options))
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert f">{fitted}</text>" in text
     assert ">hold-out pairs, error of distance</text>" in text
 
 
-def test_numbers_are_written_with_a_true_minus_and_no_negative_nothing() -> None:
-    assert number(-1.5, 1) == "−1.5"
-    assert number(-0.0001, 3) == "0.000"
+def test_numbers_and_times_are_written_as_people_read_them() -> None:
+    assert [number(-1.5, 1), number(-0.0001, 3), number(None)] == ["−1.5", "0.000", "–"]
     assert number(2.0, 1, signed=True) == "+2.0"
-    assert number(None) == "–"
-
-
-def test_gain_is_told_only_where_there_was_something() -> None:
-    assert percent_gained(2.0, 0.5) == "75 %"
-    assert percent_gained(0.5, 2.0) == "−300 %"
+    assert [percent_gained(2.0, 0.5), percent_gained(0.5, 2.0)] == ["75 %", "−300 %"]
     assert percent_gained(0.0, 2.0) == percent_gained(None, 2.0) == "–"
-
-
-def test_moments_are_cut_to_the_minute() -> None:
     assert moment("2026-03-02T08:15:30.123+00:00") == "2026-03-02 08:15 UTC"
-
-
-def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes() -> None:
-    """Turned about x by 2 mrad, the lower end of a tool goes towards +y: upwards on paper."""
-    poses = np.array([[0.0, 0.0, -500.0, 0.0], [100.0, 0.0, -500.0, 0.0], [0.0, 90.0, -500.0, 0.0]])
-    picture = plate_tilt(poses, np.array([[2e-3, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 0.0, 5e-3]]))
-    assert "from above: the longest is 2.00 mrad" in picture.svg("")
-    shafts = [
-        np.diff(line, axis=0)[0]
-        for shape in shapes_of(picture)
-        if shape.tag == "polyline" and shape.attributes["stroke"] == AFTER
-        if len(line := line_of(shape)) == 2
-    ]
-    assert shafts[0][0] == shafts[1][0] == pytest.approx(0.0)
-    assert shafts[0][1] == pytest.approx(2.0 * shafts[1][1], abs=0.2)
-    assert shafts[0][1] < 0.0
-    assert not shafts[2].any()
-
-
-def test_ticks_are_round_and_lie_inside() -> None:
-    assert ticks((-0.31, 0.52), 5) == [
-        (pytest.approx(n / 5), words)
-        for n, words in ((-1, "−0.2"), (0, "0.0"), (1, "0.2"), (2, "0.4"))
-    ]
-    assert [words for _, words in ticks((0.0, 10.0), 4)] == ["0.0", "2.5", "5.0", "7.5", "10.0"]
-    assert [words for _, words in ticks((-930.0, -320.0), 4)] == ["−800", "−600", "−400"]
-
-
-def test_every_figure_stays_inside_its_picture(whole: PaperCampaign) -> None:
-    html = page_of(evaluate(whole.campaign), "2026-03-02T09:30:00+00:00").html
-    figures = [*page_tree(html).find("figure")]
-    assert len(figures) == 11
-    assert [figure.attributes["id"] for figure in figures if not inside(figure)] == []
-
-
-def test_a_number_on_a_page_has_one_place_for_each_value() -> None:
-    """What lies twice as far is drawn twice as far, upwards."""
-    panel = Picture(60.0).panels(1, 1)[0][0]
-    panel.axes((0.0, 4.0), (0.0, 2.0))
-    (x0, y0), (x1, y1), (x2, y2) = panel.places(
-        np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0])
-    )
-    assert (x2 - x0, y2 - y0) == pytest.approx((2 * (x1 - x0), 2 * (y1 - y0)))
-    assert (x1 > x0, y1 < y0) == (True, True)
-
-
-def shapes_of(picture: Picture) -> list[Node]:
-    return [*shapes(next(page_tree(picture.svg("")).find("svg")))]
-
-
-def inside(figure: Picture | Node) -> bool:
-    """Whether every shape has a place, and one within the picture."""
-    svg = next((figure if isinstance(figure, Node) else page_tree(figure.svg(""))).find("svg"))
-    _, _, width, height = map(float, svg.attributes["viewbox"].split())
-    places = []
-    for shape in shapes(svg):
-        of = shape.attributes
-        if shape.tag in {"polyline", "polygon"}:
-            places += line_of(shape)
-        else:
-            x, y = ("cx", "cy") if shape.tag == "circle" else ("x", "y")
-            places.append((float(of[x]), float(of[y])))
-    return all(-1.0 <= x <= width + 1.0 and -1.0 <= y <= height + 1.0 for x, y in places)

@@ -21,8 +21,6 @@ from campaigns.kinematics.parameters import ParameterTable
 
 DECIMALS = 4
 """Decimals of parameters and of shares in a budget."""
-STRONGEST = 8
-"""Number of correlations that are listed."""
 Named = tuple[str, IdentifiedParameter]
 
 VALUES: tuple[Column[Named], ...] = (

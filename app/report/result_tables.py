@@ -1,19 +1,23 @@
-"""Tables on results: key figures, limits, errors, tests, ISO 9283."""
+"""Tables on results, alike on the terminal and on the page. Nothing here needs matplotlib."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
-from itertools import zip_longest
+from typing import Literal
 
-from app.report.groups import pair_groups
+import numpy as np
+
 from campaigns.arrays import AXES, Array
 from campaigns.evaluation.decision import Requirement
 from campaigns.evaluation.gains import NO_CHANGE, Gain
-from campaigns.evaluation.iso_figures import IsoRow, iso_rows
+from campaigns.evaluation.iso_figures import IsoRow
 from campaigns.evaluation.summary import ErrorSummary, summary
-from campaigns.evaluation.validation import MeasuredLength, RepeatabilityTest, ValidationResult
+from campaigns.evaluation.validation import MeasuredLength, RepeatabilityTest
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, texts, words
 
+Stage = Literal["before", "after"]
+STAGES: tuple[Stage, Stage] = ("before", "after")
 KEY_FIGURES = ("distances, mean error", "distances, largest error", "rotation")
 STRAIGHTNESS = "straightness"
 Stages = tuple[IsoRow | None, IsoRow | None]
@@ -96,6 +100,25 @@ CUBE: tuple[Column[CubePose], ...] = (
 """Figures of ISO 9283's cube, pose by pose."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PairGroup:
+    """Errors of a group of pairs or shots, mm; a stage that was not measured is None."""
+
+    name: str
+    marker: str
+    before_mm: Array | None
+    after_mm: Array | None
+    numbers: tuple[int, ...] = ()
+    """Numbers of the pairs or shots; empty if they have none."""
+
+    def __len__(self) -> int:
+        return max(len(e) for e in (self.before_mm, self.after_mm) if e is not None)
+
+    def errors_mm(self, stage: Stage) -> Array | None:
+        """Return the errors of a stage, mm."""
+        return self.before_mm if stage == "before" else self.after_mm
+
+
 def key_figure_rows(found: Evaluation) -> tuple[Row, ...]:
     """Figures for readers who read no further: name, before, after, what is shown.
 
@@ -118,10 +141,36 @@ def errors(found: Evaluation) -> list[tuple[str, str, ErrorSummary]]:
     ]
 
 
-def iso_stages(before: ValidationResult | None, after: ValidationResult | None) -> list[Stages]:
-    """Figures beside ISO 9283, before and after."""
-    stages = [iso_rows(stage) if stage else () for stage in (before, after)]
-    return list(zip_longest(stages[0], stages[1]))
+def error_group(
+    name: str, marker: str, before: Array, after: Array, numbers: tuple[int, ...] = ()
+) -> PairGroup:
+    """Return a group of distances (N, 1) with their sign, or of positions (N, 3) by length."""
+    old, new = (
+        errors[:, 0] if errors.shape[1] == 1 else np.linalg.norm(errors, axis=1)
+        for errors in (before, after)
+    )
+    return PairGroup(name, marker, old, new, numbers)
+
+
+def pair_groups(found: Evaluation) -> list[PairGroup]:
+    """Return fitted and hold-out pairs by the models, and the pairs that were commanded."""
+    errors = found.errors
+    modelled = (
+        ("fitted pairs", "o", errors.fitted if errors else None),
+        ("hold-out pairs", "D", errors.unseen if errors else None),
+    )
+    groups = [
+        PairGroup(name, marker, pairs.before_mm, pairs.after_mm, pairs.numbers)
+        for name, marker, pairs in modelled
+        if pairs is not None
+    ]
+    old, new = (stage.distances if stage else None for stage in (found.before, found.after))
+    if old or new:
+        numbers = {test.pairs for test in (old, new) if test}
+        named = numbers.pop() if len(numbers) == 1 else ()
+        before, after = (test.errors_mm if test else None for test in (old, new))
+        groups.append(PairGroup("commanded pairs", "s", before, after, named))
+    return groups
 
 
 def _compared_errors(found: Evaluation) -> Iterator[tuple[str, Array | None, Array | None]]:

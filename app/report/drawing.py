@@ -1,0 +1,157 @@
+"""House style of pictures drawn by matplotlib, and their way into pages and files.
+
+Colours differ in grey print as well; markers say the same again. Text stays text in SVG.
+"""
+
+import re
+from html import escape
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from campaigns.arrays import Array
+from campaigns.errors import WriteFailed
+
+INK, QUIET, GRID = "#22303c", "#66727d", "#d9dee2"
+BEFORE, AFTER = "#c98a3d", "#1f4e79"
+WIDTH_MM = 180.0
+"""Width of the text on A4."""
+PANEL_MM = (88.0, 68.0)
+"""Size of a panel: two stand side by side on A4, and one fills the width of a phone."""
+PANEL_AXES = (0.15, 0.15, 0.82, 0.65)
+INCH_MM = 25.4
+AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0
+"""Direction from which a space is seen: x to the right, y away, z up."""
+
+rcParams.update(
+    {
+        "font.family": "DejaVu Sans",  # wider than what pages show, so no text meets another
+        "font.size": 7.0,
+        "axes.titlesize": 8.0,
+        "axes.titleweight": "bold",
+        "axes.titlelocation": "left",
+        "axes.edgecolor": QUIET,
+        "axes.labelcolor": INK,
+        "axes.linewidth": 0.6,
+        "axes.grid": True,
+        "axes.grid.axis": "y",
+        "axes.axisbelow": True,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "text.color": INK,
+        "xtick.color": QUIET,
+        "ytick.color": QUIET,
+        "xtick.labelcolor": INK,
+        "ytick.labelcolor": INK,
+        "xtick.major.size": 2.5,
+        "ytick.left": False,
+        "grid.color": GRID,
+        "grid.linewidth": 0.5,
+        "lines.linewidth": 1.0,
+        "lines.markersize": 3.4,
+        "lines.markeredgewidth": 0.8,
+        "legend.frameon": False,
+        "legend.fontsize": 6.5,
+        "legend.handletextpad": 0.3,
+        "legend.columnspacing": 1.0,
+        "legend.labelspacing": 0.3,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "pkmcal",
+    }
+)
+
+
+def new_figure(height_mm: float) -> Figure:
+    """Return an empty figure of the page's width."""
+    return Figure(figsize=(WIDTH_MM / INCH_MM, height_mm / INCH_MM), layout="constrained")
+
+
+def new_panel(title: str, x: str = "", y: str = "") -> Axes:
+    """Return the axes of a new panel, with room for a title and a legend above them."""
+    axes = _titled_figure(title).add_axes(PANEL_AXES, xlabel=x, ylabel=y)
+    axes.locator_params(nbins=6)
+    return axes
+
+
+def new_space(title: str, low: Array, high: Array) -> Any:
+    """Return 3-D axes of a new panel that show low to high (3,), mm. Any: mplot3d has no types."""
+    axes = _titled_figure(title).add_axes((0.0, 0.0, 1.0, 0.9), projection="3d")
+    axes.set_facecolor("none")
+    show_space(axes, low, high)
+    return axes
+
+
+def _titled_figure(title: str) -> Figure:
+    figure = Figure(figsize=(PANEL_MM[0] / INCH_MM, PANEL_MM[1] / INCH_MM))
+    figure.text(0.015, 0.945, title, weight="bold", size=8.0)
+    return figure
+
+
+def legend_above(axes: Axes, columns: int) -> None:
+    """Name each label once, in the room above the axes."""
+    handles, labels = axes.get_legend_handles_labels()
+    by_name = dict(zip(labels, handles, strict=True))
+    axes.legend(
+        by_name.values(),
+        by_name.keys(),
+        loc="lower left",
+        bbox_to_anchor=(-0.1, 1.0),
+        ncols=columns,
+    )
+
+
+def show_nothing(axes: Axes, words: str) -> None:
+    """Say in the middle of empty axes why they are empty."""
+    axes.set(xticks=[], yticks=[])
+    axes.text(0.5, 0.5, words, color=QUIET, ha="center", transform=axes.transAxes)
+
+
+def show_space(axes: Any, low: Array, high: Array) -> None:
+    """Turn 3-D axes to the house's view, from low to high (3,) in mm to one scale."""
+    size = np.maximum(np.subtract(high, low), 1.0)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=ELEVATION_DEG, azim=AZIMUTH_DEG)
+    limits = np.stack([low, low + size], axis=1)
+    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
+    axes.set_box_aspect(size, zoom=1.05)
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis), ("z", axes.zaxis)):
+        axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
+        axis.line.set_color(GRID)
+        axis.set_label_text(name, style="italic", color=QUIET)
+        axis.labelpad = -6.0
+        axis.set_tick_params(labelsize=6.0, pad=-2)
+        axis.get_major_locator().set_params(nbins=4)
+
+
+def svg_text(figure: Figure, name: str, title: str) -> str:
+    """Return a figure as an SVG element for a page; `name` keeps its ids apart from others."""
+    text = StringIO()
+    metadata: Any = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.savefig(text, format="svg", metadata=metadata, transparent=True)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", svg)
+    svg = re.sub(r'(<svg\b[^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1).strip()
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of the file's ending; raise `WriteFailed`."""
+    try:
+        figure.savefig(path, dpi=200)
+    except ValueError as error:
+        raise WriteFailed(
+            f"{path}: no picture can be written in the format '{path.suffix}'",
+            remedy="let the name end in .svg, .png or .pdf",
+        ) from error
+    except OSError as error:
+        raise WriteFailed(
+            f"{path}: cannot be written ({(error.strerror or str(error)).lower()})",
+            remedy="check that the folder exists and that this user may write there",
+        ) from error

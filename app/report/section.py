@@ -1,0 +1,109 @@
+"""Parts of a page as plain data: sections of tables, figures and paragraphs, for the template."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Literal, TypeVar
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from app.report.drawing import svg_text
+from campaigns.evidence import Evaluation
+from campaigns.files.table import Column, Row, texts
+
+T = TypeVar("T")
+NO_RUN = "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
+NO_IDENTIFICATION = "Nothing has been identified yet: `pkmcal identify`."
+NO_JOURNAL = "There is no journal: nothing was ever measured in this campaign."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """Part of a section: a table, a figure, a list of facts, or a paragraph."""
+
+    form: Literal["table", "figure", "facts", "text", "note", "missing"]
+    text: str = ""
+    """Paragraph, caption of a figure or note below a table; `backticks` are commands."""
+    title: str = ""
+    name: str = ""
+    """Of a figure."""
+    panels: tuple[Markup, ...] = ()
+    """Of a figure: SVG elements."""
+    columns: Sequence[Column[Any]] = ()
+    """Of a table."""
+    rows: tuple[Row, ...] = ()
+    """Of a table or a list of facts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Section of the page, filled in the order of reading."""
+
+    name: str
+    title: str
+    blocks: list[Block] = field(default_factory=list)
+
+    def table(
+        self, title: str, columns: Sequence[Column[T]], rows: Iterable[T], note: str = ""
+    ) -> None:
+        """Add a table."""
+        cells = texts(columns, rows)
+        self.blocks.append(Block(form="table", title=title, columns=columns, rows=cells, text=note))
+
+    def figure(self, name: str, title: str, panels: Iterable[Figure], caption: str) -> None:
+        """Draw a figure and add it."""
+        drawn = (svg_text(panel, f"{name}-{n}", title) for n, panel in enumerate(panels, start=1))
+        # matplotlib escapes the texts of its SVG
+        marked = tuple(Markup(svg) for svg in drawn)  # noqa: S704
+        figure = Block(form="figure", name=name, title=title, panels=marked, text=caption)
+        self.blocks.append(figure)
+
+    def facts(self, rows: Iterable[Row]) -> None:
+        """Add a list of names and texts, without those whose text is empty."""
+        self.blocks.append(Block(form="facts", rows=tuple(row for row in rows if row[1])))
+
+    def text(self, *sentences: str) -> None:
+        """Add a paragraph for each sentence, with a capital and a full stop."""
+        for sentence in sentences:
+            self.blocks.append(Block(form="text", text=f"{sentence[0].upper()}{sentence[1:]}."))
+
+    def note(self, text: str) -> None:
+        """Add a paragraph in small print."""
+        self.blocks.append(Block(form="note", text=text))
+
+    def lack(self, text: str) -> None:
+        """Add a paragraph on something that is not there, which the head of the page lists."""
+        self.blocks.append(Block(form="missing", text=text))
+
+    def lack_validation(self, evaluation: Evaluation, *stages: str) -> None:
+        """Add a paragraph for each stage of the validation that was not measured."""
+        run = evaluation.evidence.run
+        command = "import" if run and run.series.started.imported else "validate"
+        for stage in stages:
+            if (evaluation.before if stage == "before" else evaluation.after) is None:
+                how = f"`pkmcal {command} --stage {stage}`"
+                self.lack(f"There is no validation {stage} calibration: {how}.")
+
+    @property
+    def lacks(self) -> list[str]:
+        """What is not there."""
+        return [block.text for block in self.blocks if block.form == "missing"]
+
+    @property
+    def figures(self) -> list[str]:
+        """Names of the figures."""
+        return [block.name for block in self.blocks if block.form == "figure"]
+
+
+def moment(utc: str) -> str:
+    """Return a time of the journal as people read it: `2026-03-02 08:15 UTC (09:15 CET)`.
+
+    The local time stands beside it where the machine that writes the page has another.
+    """
+    shown = f"{utc[:10]} {utc[11:16]} UTC"
+    try:
+        local = datetime.fromisoformat(utc).astimezone()
+    except ValueError:
+        return shown
+    return shown if not local.utcoffset() else f"{shown} ({local:%H:%M} {local.tzname()})"
