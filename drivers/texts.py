@@ -1,7 +1,7 @@
 """Texts of devices, files and operators, made fit to be shown: the one place that cleans them."""
 
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from difflib import get_close_matches
 
 INSTEAD = "?"
@@ -36,18 +36,6 @@ def nearest_word(word: str, known: Iterable[str], *, likeness: float = 0.6) -> s
     by_lower = {name.lower(): name for name in known}
     matches = get_close_matches(word.lower(), by_lower, n=1, cutoff=likeness)
     return by_lower[matches[0]] if matches else None
-
-
-def named_instead(name: str, known: Sequence[str], *, listed: str, otherwise: str) -> str:
-    """Remedy for a name that a device does not know: the nearest, and all that it knows.
-
-    `listed` stands before them; `otherwise` is said of a device that knows none.
-    """
-    if not known:
-        return otherwise
-    near = nearest_word(name, known, likeness=0.4)
-    guess = f"perhaps '{near}'; " if near else ""
-    return f"{guess}{listed} " + ", ".join(f"'{each}'" for each in known)
 
 
 def _is_hidden(sign: str) -> bool:

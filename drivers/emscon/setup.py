@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from drivers.emscon.client import EmsconClient, EmsconDeadlines
 from drivers.errors import DeviceNotReady, DeviceRefused
-from drivers.texts import named_instead
+from drivers.texts import nearest_word
 from drivers.wire import emscon_constants as constants
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import Command, LaserStatus
@@ -111,17 +111,17 @@ def is_initialised(status: bodies.SystemStatus) -> bool:
 
 
 def _identifier(client: EmsconClient, name: str) -> int:
-    identifiers = {entry.name: entry.identifier for entry in reversed(client.reflectors())}
-    if name in identifiers:
-        return identifiers[name]
+    entries = client.reflectors()
+    for entry in entries:
+        if entry.name == name:
+            return entry.identifier
+    names = [entry.name for entry in entries]
+    remedy = "it knows " + ", ".join(f"'{known}'" for known in names)
+    if near := nearest_word(name, names, likeness=0.4):
+        remedy = f"perhaps '{near}'; {remedy}"
     raise DeviceNotReady(
         f"{client.name}: the tracker has no reflector '{name}'",
-        remedy=named_instead(
-            name,
-            list(reversed(identifiers)),
-            listed="it knows",
-            otherwise="define the reflector in the tracker's own software",
-        ),
+        remedy=remedy if names else "define the reflector in the tracker's own software",
     )
 
 

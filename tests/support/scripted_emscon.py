@@ -132,7 +132,7 @@ class Station(FarEnd):
         self.tracker.connect()
         return self
 
-    def prepared(self, reflector="CCR-1.5in", measuring_time_s=2.0):
+    def prepared(self, reflector="CCR-1.5in", measuring_time_s=0.5):
         self.tracker.connect()
         self.tracker.prepare(reflector, measuring_time_s)
         self.instrument.asked.clear()

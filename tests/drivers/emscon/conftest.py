@@ -1,7 +1,7 @@
 """A tracker at the far end of a pipe, as most tests of its driver find it."""
 
 import pytest
-from emscon_stations import Station
+from scripted_emscon import Station
 
 
 @pytest.fixture

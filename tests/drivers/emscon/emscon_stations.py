@@ -1,6 +1,5 @@
-"""Drivers with an instrument at the other end: scripted, or the simulated server itself."""
+"""A driver with the simulated server itself at the other end."""
 
-from scripted_emscon import Station as ScriptedStation
 from timed_pipe import HandClock
 from tracker_stage import Stage, tracker
 
@@ -10,16 +9,6 @@ from drivers.errors import LinkDown
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.emscon_server import EmsconSession
 from sim.tracker.optics import Noise
-
-MEASURING_S = 0.5
-"""How long after its start a scripted result comes."""
-
-
-class Station(ScriptedStation):
-    """A scripted station whose results come when they are due."""
-
-    def prepared(self, reflector="CCR-1.5in", measuring_time_s=MEASURING_S):
-        return super().prepared(reflector, measuring_time_s)
 
 
 class SimulatedPipe:

@@ -5,10 +5,9 @@ import tracemalloc
 from dataclasses import replace
 
 import pytest
-from emscon_stations import Station
 from hypothesis import given
 from hypothesis import strategies as st
-from scripted_emscon import RESULT, Instrument, system_status
+from scripted_emscon import RESULT, Instrument, Station, system_status
 
 from drivers import errors
 from drivers.emscon.client import EmsconDeadlines

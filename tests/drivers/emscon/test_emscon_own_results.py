@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from emscon_stations import SimulatedStation, Station
-from scripted_emscon import RESULT
+from emscon_stations import SimulatedStation
+from scripted_emscon import RESULT, Station
 from tracker_stage import seen_mm
 
 from drivers.emscon.tracker import SIMULATED
@@ -272,12 +272,6 @@ class TestMeasuringTime:
         with pytest.raises(DeviceRefused, match="is 500 ms after 2000 ms was set"):
             station.tracker.prepare("CCR-1.5in", 2.0)
         with pytest.raises(DeviceNotReady, match="not prepared"):
-            station.tracker.measure()
-
-    def test_time_changed_by_somebody_else_spoils_the_result(self, station):
-        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = bodies.StationaryMode(100, 1)
-        station.comes(bodies.StatusChange(SystemChange.STATIONARY_MODE_PARAMS))
-        with pytest.raises(DeviceNotReady, match="stationary mode"):
             station.tracker.measure()
 
 

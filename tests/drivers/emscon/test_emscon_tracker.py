@@ -1,8 +1,7 @@
 """The emScon driver: sessions, preparing, what it says about the tracker's state."""
 
 import pytest
-from emscon_stations import Station
-from scripted_emscon import NAMES, RESULT, Instrument
+from scripted_emscon import NAMES, RESULT, Instrument, Station
 
 from drivers.errors import DeviceRefused, LinkDown, WireError
 from drivers.values import Readiness, Weather
