@@ -90,19 +90,34 @@ def _problem(found: ErrorDetails) -> str:
 
 
 def _remedy(found: ErrorDetails, model: type[BaseModel]) -> str:
-    *parent, last = found["loc"] or ("",)
     if instead := removed_in_file(key_path(found["loc"]), found["input"]):
         return instead
+    steps = [*_fields_towards(model, found["loc"])]
     if found["type"] == "extra_forbidden":
-        return _instead_of(str(last), tuple(_fields(_annotation_at(model, parent))))
-    description = _description(model, found["loc"])
-    return f"give {description}" if description else "correct the value"
+        key, known = steps[-1]
+        if key.isdecimal():  # {arm_mm: 350,5} holds a key 5
+            return "write a decimal point, not a comma"
+        return suggestion(key, tuple(known))
+    for key, fields in reversed(steps):
+        if key in fields and fields[key].description:
+            return f"give {fields[key].description}"
+    return "correct the value"
 
 
-def _instead_of(key: str, known: tuple[str, ...]) -> str:
-    if key.isdecimal():  # {arm_mm: 350,5} holds a key 5
-        return "write a decimal point, not a comma"
-    return suggestion(key, known)
+def _fields_towards(
+    annotation: object, location: Location
+) -> Iterator[tuple[str, Mapping[str, FieldInfo]]]:
+    """Yield each key of a place, with the fields of the model in which it should stand."""
+    for key in location:
+        fields = _fields(annotation)
+        yield str(key), fields
+        field, entries = fields.get(str(key)), get_args(annotation)
+        if field is not None:
+            annotation = field.annotation
+        elif isinstance(key, int) and entries:  # a tuple's entry, all alike or one of so many
+            annotation = entries[0 if entries[-1] is Ellipsis else min(key, len(entries) - 1)]
+        else:
+            annotation = None
 
 
 def _shown(value: object) -> str:
@@ -111,46 +126,13 @@ def _shown(value: object) -> str:
 
 def _line(tree: CommentedMap, location: Location) -> int:
     """Find the line, from 1, of the place or of what it is missing from."""
-    *_, line = _lines_towards(tree, location)
-    return line + 1
-
-
-def _lines_towards(tree: CommentedMap, location: Location) -> Iterator[int]:
-    """Yield the lines, from 0, of the document, of the place's first key, of the next, …."""
     node: Any = tree  # a tree of ruamel's: mappings, lists, and anything as leaves
-    yield 0
+    line = 0
     for key in location:
         if not isinstance(node, CommentedMap | CommentedSeq) or key not in (node.lc.data or {}):
-            return
-        yield node.lc.data[key][0]
-        node = node[key]
-
-
-def _description(model: type[BaseModel], location: Location) -> str | None:
-    """Find the description of the nearest field that has one."""
-    for length in range(len(location), 0, -1):
-        *parent, last = location[:length]
-        field = _fields(_annotation_at(model, parent)).get(str(last))
-        if field and field.description:
-            return field.description
-    return None
-
-
-def _annotation_at(model: type[BaseModel], location: Location) -> object:
-    """Find the type that a model has at a place; None where it does not say."""
-    annotation: object = model
-    for key in location:
-        field = _fields(annotation).get(str(key))
-        annotation = field.annotation if field else _entry(annotation, key)
-    return annotation
-
-
-def _entry(annotation: object, key: int | str) -> object:
-    """Find the type of a tuple's entry."""
-    entries = get_args(annotation)
-    if entries[-1:] == (Ellipsis,) and isinstance(key, int):
-        return entries[0]
-    return entries[key] if isinstance(key, int) and key < len(entries) else None
+            break
+        line, node = node.lc.data[key][0], node[key]
+    return line + 1
 
 
 def _fields(annotation: object) -> Mapping[str, FieldInfo]:

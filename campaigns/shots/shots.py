@@ -65,7 +65,7 @@ class Shots:
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
-        count, (_, joints) = len(self.numbers), self.joints.shape
+        count, joints = len(self.numbers), self.joints.shape[1]
         unsaid = {
             "session": np.zeros(count, dtype=np.intp),
             "part_temperature_degC": np.full(count, np.nan),
@@ -74,21 +74,17 @@ class Shots:
         for name, column in unsaid.items():
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, column)
-        shapes = {
-            "joints": (self.joints.shape, (count, joints)),
-            "points_in_tracker_mm": (self.points_in_tracker_mm.shape, (count, 3)),
-            "stated_covariance_mm2": (self.stated_covariance_mm2.shape, (count, 3, 3)),
-            "approach": (self.approach.shape, (count, joints)),
-            "commanded": (self.commanded.shape[:1], (count,)),
-            "temperature_degC": (self.temperature_degC.shape, (count,)),
-            **{name: (getattr(self, name).shape, (count,)) for name in unsaid},
-            "purposes": ((len(self.purposes),), (count,)),
-            "pairs": ((len(self.pairs),), (count,)),
-            "measured_utc": ((len(self.measured_utc),), (count,)),
-        }
-        for name, (shape, wanted) in shapes.items():
-            if shape != wanted:
-                raise ValueError(f"{name} of {count} shots has shape {shape}, must have {wanted}")
+        optional = {name for name in ("records", "nests") if not getattr(self, name)}
+        for name in COLUMNS:
+            if name not in optional and len(getattr(self, name)) != count:
+                raise ValueError(f"{name} has {len(getattr(self, name))} of {count} shots")
+        for name, wanted in {
+            "points_in_tracker_mm": (count, 3),
+            "stated_covariance_mm2": (count, 3, 3),
+            "approach": (count, joints),
+        }.items():
+            if (shape := getattr(self, name).shape) != wanted:
+                raise ValueError(f"{name} of {count} shots has shape {shape}, must be {wanted}")
 
     @classmethod
     def of(
@@ -396,10 +392,6 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
     poses = np.full((len(rows), len(nominal.mechanism.task)), np.nan)
     by_robot = np.array([bool(row.joints) for row in rows])
     poses[by_robot] = nominal.forward(joints[by_robot]).values
-    covariance = np.full((len(rows), 3, 3), np.nan)
-    for place, row in enumerate(rows):
-        if row.covariance_mm2 is not None:
-            covariance[place] = row.covariance_mm2
     sides = [row.approach or (0,) * joints.shape[1] for row in rows]
     return Shots(
         numbers=tuple(range(len(rows))),
@@ -407,7 +399,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         pairs=tuple(row.pair for row in rows),
         joints=joints,
         points_in_tracker_mm=np.array([row.point_in_tracker_mm for row in rows]),
-        stated_covariance_mm2=covariance,
+        stated_covariance_mm2=_stated_covariance_mm2(rows),
         approach=np.array(sides, dtype=np.float64).reshape(joints.shape),
         commanded=poses,
         measured_utc=tuple(row.time or "" for row in rows),
@@ -469,13 +461,11 @@ def _or_nan(values: Iterable[float | None]) -> Array:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _stated_covariance_mm2(outcomes: Sequence[Outcome]) -> Array:
+def _stated_covariance_mm2(shots: Sequence[Outcome] | Sequence[ShotRow]) -> Array:
     """Covariance that the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
-    stated = np.full((len(outcomes), 3, 3), np.nan)
-    for row, outcome in enumerate(outcomes):
-        if outcome.covariance_mm2 is not None:
-            stated[row] = outcome.covariance_mm2
-    return stated
+    unknown = np.full((3, 3), np.nan)
+    stated = [unknown if each.covariance_mm2 is None else each.covariance_mm2 for each in shots]
+    return np.array(stated, dtype=np.float64).reshape(-1, 3, 3)
 
 
 def _completed_mm2(

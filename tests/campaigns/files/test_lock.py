@@ -38,13 +38,6 @@ def test_the_campaign_is_free_again_after_the_block_even_after_an_error(tmp_path
         pass
 
 
-def test_two_campaigns_do_not_lock_each_other(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-    with campaign_lock(tmp_path / "a", now_utc=noon), campaign_lock(tmp_path / "b", now_utc=noon):
-        pass
-
-
 @pytest.mark.parametrize("note", ["", "[]", "{}", "\x00"])
 def test_a_holder_that_left_no_readable_word_still_holds(tmp_path: Path, note: str) -> None:
     with campaign_lock(tmp_path, now_utc=noon):

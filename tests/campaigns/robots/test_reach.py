@@ -9,7 +9,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, find_robot
 
-ROBOTS = ("par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l")
+ROBOTS = ("par4-prototype", "linear-delta", "i4r")
 
 
 def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> RobotFile:

@@ -195,11 +195,6 @@ def test_an_import_of_older_software_names_no_file(tmp_path: Path) -> None:
     assert imported_files(series.started) == ()
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ShotsInvalid, match=r"nothing\.csv: there is no such file"):
-        ImportedFile.of(tmp_path / "nothing.csv")
-
-
 def test_known_lengths_need_no_joints_and_come_back_out(tmp_path: Path) -> None:
     lengths = tuple(
         ShotRow(9, (), (1000.0 * end, 2.0, 3.0), ShotSet.KNOWN_LENGTH) for end in (1, 2)

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from campaigns.errors import ShotsInvalid
-from pkmcal import Shots, find_robot, read_shots
+from pkmcal import Shots, find_robot
 
 ROBOT = find_robot("delta")
 JOINTS = np.radians(np.linspace(10.0, 40.0, 15).reshape(5, 3))
 POINTS = np.arange(15.0).reshape(5, 3)
 COVARIANCES = np.tile(1e-4 * np.eye(3), (5, 1, 1))
-HEADER = "pair,q0_deg,q1_deg,q2_deg,x_mm,y_mm,z_mm"
 
 
 def changed(values, at, value):
@@ -63,14 +62,3 @@ def test_covariances_that_are_not_stated_are_nan():
 def test_a_pair_may_have_two_shots_of_each_set():
     sets = ["identification"] * 2 + ["validation"] * 2 + ["drift"]
     assert len(Shots.of(JOINTS, POINTS, ROBOT, sets=sets, pairs=[0, 0, 0, 0, None])) == 5
-
-
-def test_three_shots_of_a_pair_in_a_file_are_refused(tmp_path):
-    file = tmp_path / "shots.csv"
-    rows = [f"7,{10 + row},20,30,{row},0,0" for row in range(3)]
-    file.write_text("\n".join([HEADER, *rows]))
-    with pytest.raises(ShotsInvalid, match="pair 7 has 3 shots"):
-        read_shots(file, ROBOT)
-    file.write_text(f"{HEADER}\n1,10,20,30,nan,0,0\n")
-    with pytest.raises(ShotsInvalid, match="x_mm is 'nan'"):
-        read_shots(file, ROBOT)
