@@ -73,9 +73,8 @@ def state_of(
     every = evidence.journal.series if evidence.journal else ()
     bars = [shot for series in every if series.of_known_lengths for shot in series.shots]
     runs = [series for series in every if series.to_identify]
-    # where a run or import leads on nothing asks for the plan, which takes long to read
-    plan = () if runs else evidence.plan
     program = campaign.is_offline and evidence.has_program
+    plan = () if runs else evidence.plan
     state = replace(
         _unmeasured(campaign, plan, program=program, answered=answered, reported=reported),
         program_after=evidence.program_after,

@@ -6,7 +6,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -45,9 +45,10 @@ from campaigns.journal.records import (
     Stage,
 )
 from campaigns.journal.views import Entry, Series
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters
-from campaigns.planning.plan_file import PlannedShot, is_plan_file, plan_digest
+from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
@@ -66,12 +67,12 @@ class MeasuredSeries:
     """Series with its accepted shots as arrays, which are made when they are asked for."""
 
     series: Series
-    make_shots: Callable[[], Shots]
+    mechanism: ClosedChain
 
     @cached_property
     def shots(self) -> Shots:
         """Accepted shots."""
-        return self.make_shots()
+        return shots_of_journal(self.series.shots, self.mechanism)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,24 +109,13 @@ class JournalFacts:
 
     series: tuple[Series, ...]
     incidents: tuple[Incident, ...]
-    digest_through: Callable[[int], str]
-    """Digest over so many records."""
     records: int
-    identified_records: int | None
-    """Number of records from which the identification was made."""
+    digest: str
+    """Digest of all records."""
+    identified_digest: str | None
+    """Digest of the records up to where the identification was made, as they are now."""
     unended_load: str = ""
     """Sentence about a load that was begun and not ended; empty when there is none."""
-
-    @property
-    def digest(self) -> str:
-        """Digest over all records."""
-        return self.digest_through(self.records)
-
-    @property
-    def identified_digest(self) -> str | None:
-        """Digest over the records up to where the identification was made, as they are now."""
-        through = self.identified_records
-        return None if through is None else self.digest_through(min(through, self.records))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,8 +131,7 @@ class Evidence:
     identification: RecordedIdentification | None = None
     loaded: Load | None = None
     checked: RecordedCheck | None = None
-    read_plan: Callable[[list[str]], tuple[PlannedShot, ...] | None] = lambda _: None
-    """Reads plan.csv, which not everybody asks for; a problem goes into the list."""
+    plan: tuple[PlannedShot, ...] | None = None
     parameter_file: RobotFile | None = None
     spoilt_parameter_file: bool = False
     """Whether it is there and cannot be read."""
@@ -154,23 +143,8 @@ class Evidence:
     """Forms of identified sets that are robot files in the campaign's folder, latest first."""
     program_after: bool = False
     """Whether there is a program of what was written last."""
-    spoilt: tuple[str, ...] = ()
-    """What is there beside the plan and cannot be read, and why."""
-
-    @cached_property
-    def _plan(self) -> tuple[tuple[PlannedShot, ...] | None, list[str]]:
-        problems = list[str]()
-        return self.read_plan(problems), problems
-
-    @property
-    def plan(self) -> tuple[PlannedShot, ...] | None:
-        """plan.csv."""
-        return self._plan[0]
-
-    @property
-    def unreadable(self) -> tuple[str, ...]:
-        """What is there and cannot be read, and why."""
-        return *self._plan[1], *self.spoilt
+    unreadable: tuple[str, ...] = ()
+    """What is there and cannot be read, and why."""
 
     @property
     def has_program(self) -> bool:
@@ -180,11 +154,8 @@ class Evidence:
 
     def has_plan(self, digest: str) -> bool:
         """Whether plan.csv is the plan of this digest."""
-        campaign = self.campaign
-        return self.plan is not None and (
-            is_plan_file(campaign.plan_path, digest)
-            or plan_digest(self.plan, campaign.robot.mechanism) == digest
-        )
+        mechanism = self.campaign.robot.mechanism
+        return self.plan is not None and plan_digest(self.plan, mechanism) == digest
 
     def state(self, digest: str | None) -> ControllerState | None:
         """State of a controller that held the set of this digest; None where nobody knows."""
@@ -361,60 +332,65 @@ def evaluate(campaign: Campaign) -> Evaluation:
 def gather(campaign: Campaign) -> Evidence:
     """Read everything that is there; raises `JournalFailed` for a journal that cannot be read."""
     unreadable: list[str] = []
-    parameters = _read_if_there(
-        campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
-    )
-    is_spoilt = parameters is None and campaign.path(PARAMETER_FILE).exists()
-    files = partial(
-        Evidence,
+    path = campaign.path(PARAMETER_FILE)
+    parameters = _read_if_there(path, lambda path: read_robot(path).robot, unreadable)
+    files = Evidence(
         campaign=campaign,
-        read_plan=partial(_read_if_there, campaign.plan_path, lambda _: campaign.read_plan()),
+        plan=_read_if_there(campaign.plan_path, lambda _: campaign.read_plan(), unreadable),
         parameter_file=parameters,
-        spoilt_parameter_file=is_spoilt,
+        spoilt_parameter_file=parameters is None and path.exists(),
+        unreadable=tuple(unreadable),
     )
     if not campaign.journal_path.exists():
-        return files(spoilt=tuple(unreadable))
+        return files
     with campaign.journal_reader() as journal:
-        entries, all_series = journal.records(), journal.series()
-        identification = _latest(entries, "identification", read_identification, unreadable)
-        loaded = _latest(entries, "load", read_load, unreadable)
-        if loaded is not None and (ended := _latest_finding(entries, "load")) is not None:
-            loaded = replace(loaded, at_utc=ended.at_utc)
-        facts = JournalFacts(
-            all_series,
-            tuple(
-                Incident(entry.at_utc, entry.series, entry.record)
-                for entry in entries
-                if isinstance(entry.record, Rejected | PairVoided | Event)
-            ),
-            lambda through: journal.digest(through=through),
-            journal.last_number(),
-            identification.journal_records if identification else None,
-            _unended_load(journal, unreadable),
-        )
-        run = _measured(campaign, _identified_series(all_series, identification))
-        every_written = tuple(written_sets(journal))
-        written = next(iter(every_written), None)
-        program_after = False
-        if written is not None:
-            program_after = is_program_there(campaign.folder, "after", lambda: written.digest)
-        return files(
-            journal=facts,
-            before=_measured(campaign, _chosen(all_series, STAGES["before"])),
-            run=run[0] if run else None,
-            after=_measured(campaign, _chosen(all_series, STAGES["after"])),
-            identification=identification,
-            loaded=loaded,
-            checked=_latest(entries, "check", read_check, unreadable),
-            sets=KnownSets.of(
-                campaign.robot,
-                (each.record for each in entries if isinstance(each.record, Finding)),
-            ),
-            written=written,
-            forms=tuple(_forms_there(campaign, every_written)),
-            program_after=program_after,
-            spoilt=tuple(unreadable),
-        )
+        return _with_journal(files, journal)
+
+
+def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
+    """Evidence of the files with what the journal says."""
+    campaign, unreadable = files.campaign, [*files.unreadable]
+    entries, all_series = journal.records(), journal.series()
+    identification = _latest(entries, "identification", read_identification, unreadable)
+    loaded = _latest(entries, "load", read_load, unreadable)
+    if loaded is not None and (ended := _latest_finding(entries, "load")) is not None:
+        loaded = replace(loaded, at_utc=ended.at_utc)
+    incidents = tuple(
+        Incident(entry.at_utc, entry.series, entry.record)
+        for entry in entries
+        if isinstance(entry.record, Rejected | PairVoided | Event)
+    )
+    identified_digest = None
+    if identification is not None:
+        through = min(identification.journal_records, journal.last_number())
+        identified_digest = journal.digest(through=through)
+    run = _measured(campaign, _identified_series(all_series, identification))
+    findings = [entry.record for entry in entries if isinstance(entry.record, Finding)]
+    every_written = tuple(written_sets(journal))
+    written = next(iter(every_written), None)
+    return replace(
+        files,
+        journal=JournalFacts(
+            series=all_series,
+            incidents=incidents,
+            records=journal.last_number(),
+            digest=journal.digest(),
+            identified_digest=identified_digest,
+            unended_load=_unended_load(journal, unreadable),
+        ),
+        before=_measured(campaign, _chosen(all_series, STAGES["before"])),
+        run=run[0] if run else None,
+        after=_measured(campaign, _chosen(all_series, STAGES["after"])),
+        identification=identification,
+        loaded=loaded,
+        checked=_latest(entries, "check", read_check, unreadable),
+        sets=KnownSets.of(campaign.robot, findings),
+        written=written,
+        forms=tuple(_forms_there(campaign, every_written)),
+        program_after=written is not None
+        and is_program_there(campaign.folder, "after", lambda: written.digest),
+        unreadable=tuple(unreadable),
+    )
 
 
 def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[WrittenSet]:
@@ -506,11 +482,7 @@ def _identified_series(
 def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
     """Those in which any shot counts."""
     mechanism = campaign.robot.mechanism
-    return tuple(
-        MeasuredSeries(series, partial(shots_of_journal, series.shots, mechanism))
-        for series in every
-        if series.shots
-    )
+    return tuple(MeasuredSeries(series, mechanism) for series in every if series.shots)
 
 
 def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:

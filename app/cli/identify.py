@@ -9,7 +9,6 @@ from app.exits import Exit
 from app.next import tell_next
 from app.options import Folder, Json, Plot
 from app.report.identification_text import show
-from app.report.plots import plot_residuals
 from campaigns.campaign import open_campaign
 from campaigns.identification.options import IdentificationOptions
 from campaigns.workflow.checking import update_by_check
@@ -43,6 +42,8 @@ def command(
     terminal.detail(f"model {found.model}, {found.seconds:.2f} s")
     show(terminal, found, campaign.robot.mechanism.parameters)
     if plot is not None:
+        from app.report.plots import plot_residuals  # with matplotlib
+
         plot_residuals(plot, found)
         terminal.say(f"drawn: {plot}")
     told = tell_next(terminal, campaign)

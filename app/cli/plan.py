@@ -8,7 +8,6 @@ from app import plan_text
 from app.console import WARNING, Terminal, terminal_of
 from app.next import tell_next
 from app.options import Folder, Json, Plot
-from app.report.plots import plot_plan
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions, ProgramOptions
@@ -49,6 +48,8 @@ def command(
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:
+        from app.report.plots import plot_plan  # with matplotlib
+
         plot_plan(plot, planned.checked.shots, planned.forecast, campaign.space)
         terminal.say(f"drawn: {plot}")
     written = _write(terminal, campaign, programs) if programs.program else {}

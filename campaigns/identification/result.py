@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from html import escape
 from importlib import import_module
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from matplotlib.figure import Figure
 from pydantic import JsonValue
 
 from campaigns.arrays import Array
@@ -25,6 +24,9 @@ from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SCHEMA = "pkmcal/identification/2"
 STRONG = 0.9
@@ -343,8 +345,10 @@ class IdentificationResult:
         rows = [{"parameter": name, **asdict(own)} for name, own in self.parameters.items()]
         return import_module("pandas").DataFrame(rows).set_index("parameter")
 
-    def plot(self) -> Figure:
+    def plot(self) -> "Figure":
         """Return a figure of what the nominal and the identified robot leave of each shot."""
+        from matplotlib.figure import Figure  # which no command waits for but those that draw
+
         figure = Figure(figsize=(8.0, 3.5), layout="constrained")
         axes = figure.add_subplot(yscale="log", ylabel="error, mm")
         for kind, table, marker in (("fitted", self.fitted, "o"), ("hold-out", self.unseen, "x")):

@@ -81,15 +81,6 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Clos
         raise
 
 
-def is_plan_file(path: Path, digest: str) -> bool:
-    """Whether a file is a plan's of this digest as it was written: then no row need be read.
-
-    Raises `PlanInvalid`.
-    """
-    text = read_text(path, PlanInvalid, if_missing=REMEDY, most_bytes=CSV_BYTES)
-    return hashlib.sha256(text.encode("utf-8")).hexdigest() == digest
-
-
 def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """SHA-256 of the plan's text: the same before writing and after reading."""
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()

@@ -195,7 +195,7 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         ({"identification": None}, "identify"),
         ({"journal": replace(evidence.journal, series=unfinished)}, "run"),
         ({"journal": None, "before": ()}, "validate --stage before"),
-        ({"read_plan": lambda _: None}, "devices"),
+        ({"plan": None}, "devices"),
     ]
     for taken, said in left:
         evidence = replace(evidence, **taken)  # type: ignore[arg-type]

@@ -343,14 +343,15 @@ def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) ->
         stated_covariance_mm2=np.full_like(run.stated_covariance_mm2, np.nan),
         temperature_degC=np.full_like(run.temperature_degC, np.nan),
     )
-    measured = MeasuredSeries(evidence.run.series, lambda: silent)
+    measured = MeasuredSeries(evidence.run.series, evidence.campaign.robot.mechanism)
+    vars(measured)["shots"] = silent
     row = rows_of(tracker_section(Evaluation(replace(evidence, run=measured))))[1]
     assert row[:5] == ["run", "not stated", "–", "–", "–"]
 
 
 def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampaign) -> None:
     message = "plan.csv:1: '<b>&amp;</b>' is no \"number\""
-    evidence = replace(gather(whole.campaign), spoilt=(message,))
+    evidence = replace(gather(whole.campaign), unreadable=(message,))
     shown = page_of(Evaluation(evidence), MADE_UTC)
     assert missing(shown) == f"Cannot be read: {message}."
     text = shown.html

@@ -48,7 +48,7 @@ def test_files_of_another_campaign_are_found(evidence: Evidence, tmp_path: Path)
     campaign = replace(evidence.campaign, folder=tmp_path)
     shorter = evidence.plan[:-1]
     write_plan(campaign.plan_path, shorter, campaign.robot.mechanism)
-    (found,) = broken(replace(evidence, campaign=campaign, read_plan=lambda _: shorter))
+    (found,) = broken(replace(evidence, campaign=campaign, plan=shorter))
     assert found.startswith("plan.csv")
     other = replace(evidence.identification, robot_digest="0" * 64)
     (found,) = broken(replace(evidence, identification=other))

@@ -44,7 +44,8 @@ def errors_of(whole):
     """Errors of shots by what was identified, in a campaign that has nothing else."""
 
     def errors(data, found) -> ModelErrors:
-        run = MeasuredSeries(gather(whole.campaign).run.series, lambda: data)
+        run = MeasuredSeries(gather(whole.campaign).run.series, NOMINAL.mechanism)
+        vars(run)["shots"] = data
         evidence = Evidence(campaign=whole.campaign, run=run, identification=found)
         return Evaluation(evidence).errors
 
