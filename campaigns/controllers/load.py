@@ -74,11 +74,7 @@ def write_verified(
 
 def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
     """Write the old parameters again and read them back; raises `LoadNotVerified`."""
-    try:
-        held = robot.read_geometry()
-    except DriverError as error:
-        held = _read_anew(robot, f" ({error.problem})")
-    problem = _restored(robot, old) if differing(held, old) else ""
+    problem = _restored(robot, old)
     if problem:
         raise LoadNotVerified(
             f"the old parameters are not back ({problem})",
@@ -127,7 +123,11 @@ def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
 def _restored(robot: RobotController, old: Mapping[str, float]) -> str:
     """Write the old parameters back unless they are there; gives what is wrong then."""
     try:
-        return _written(robot, old) if differing(robot.read_geometry(), old) else ""
+        held = robot.read_geometry()
+    except DriverError as error:
+        held = _read_anew(robot, f" ({error.problem})")
+    try:
+        return _written(robot, old) if differing(held, old) else ""
     except DriverError as error:
         return error.problem
 

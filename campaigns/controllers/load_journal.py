@@ -125,28 +125,27 @@ def standing_loads(journal: JournalReader, held: Mapping[str, float]) -> tuple[L
 def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]:
     """Loads that took effect and were not taken back, oldest first, and one without an end.
 
-    Also of a journal from before loads were begun in it.
-
+    Before one that cannot be read, or of a version that wrote no beginning, none can be put back.
     Raises `FindingUnreadable` for a begun load in another form.
     """
     effective: tuple[Load, ...] = ()
     unended: Load | None = None
     for entry in journal.records_of(Finding):
         kind, body, number = entry.record.kind, entry.record.body, entry.number
+        if kind not in {"load begun", "load failed", "load"}:
+            continue
+        unended = None
         if kind == "load begun":
             begun = replace(read_load(body), begun=number)
             if not (begun.wanted and begun.held):
                 raise FindingUnreadable("the journal's load, wanted, held: missing", remedy=AGAIN)
             unended = replace(begun, number=number, at_utc=entry.at_utc)
-        elif kind == "load failed":
-            unended = None
         elif kind == "load":
-            unended = None
             try:
                 ended = replace(read_load(body), number=number, at_utc=entry.at_utc)
                 effective = _after(effective, ended)
             except FindingUnreadable:
-                effective = ()  # nobody knows what it replaced: nothing before it can be put back
+                effective = ()
     return effective, unended
 
 
@@ -165,8 +164,4 @@ def _after(effective: tuple[Load, ...], load: Load) -> tuple[Load, ...]:
     """Loads in effect after one more, which may have taken others back."""
     if load.rolls_back is not None:
         return tuple(each for each in effective if each.number < load.rolls_back)
-    if load.begun is None:  # written when a rollback was known by the file that it put back
-        kept = [each.kept for each in effective]
-        if load.source in kept:
-            return effective[: kept.index(load.source)]
-    return (*effective, load)
+    return () if load.begun is None else (*effective, load)

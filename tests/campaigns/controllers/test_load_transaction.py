@@ -333,28 +333,6 @@ def test_rollback_of_another_controllers_load_is_refused(campaign: Campaign) -> 
     assert other.writes == 0
 
 
-def test_journal_from_before_loads_were_begun_is_walked_back(campaign: Campaign) -> None:
-    """Its rollbacks are known by the kept file that they put back."""
-    kept = compensated(NOMINAL, "kept", OLD).document.text
-    campaign.path("controller-before-1.yaml").write_text(kept, encoding="utf-8")
-    digest = read_robot(campaign.path(EXPORTED)).robot.digest()
-
-    def write(source: str, kept: str) -> None:
-        with campaign.journal() as journal:
-            body = {"source": source, "digest": digest, "kept": kept}
-            journal.append(Finding("load", body))
-
-    write(EXPORTED, "controller-before-1.yaml")
-    controller = Controller(new_set(campaign))
-    assert rolled_back(campaign, controller, dry=True).outcome == "dry"
-    write("controller-before-1.yaml", "controller-before-2.yaml")
-    with pytest.raises(errors.ShotsMissing):
-        rolled_back(campaign, controller)
-    write(EXPORTED, "controller-before-1.yaml")
-    rolled_back(campaign, controller)
-    assert controller.held == OLD
-
-
 def test_false_parameters_of_a_controller_are_not_kept_as_the_old_ones_without_a_yes(
     campaign: Campaign,
 ) -> None:
