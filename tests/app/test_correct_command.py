@@ -112,11 +112,11 @@ def test_options_that_cannot_be_meant(correct, words, says):
     assert says in err
 
 
-def test_without_an_exported_set(correct, folder, poses):
+def test_without_an_exported_set_the_identified_one_counts(correct, folder, poses):
+    assert correct("--poses", poses, "--to", folder / "a.csv").code == 0
     (folder / "robot-compensated.yaml").unlink()
-    code, _, err = correct("--poses", poses)
-    assert code == 2
-    assert "pkmcal export" in err
+    assert correct("--poses", poses, "--to", folder / "b.csv").code == 0
+    assert (folder / "a.csv").read_text() == (folder / "b.csv").read_text()
 
 
 @pytest.mark.slow
