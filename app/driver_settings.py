@@ -3,9 +3,10 @@
 from campaigns.campaign import Campaign
 from campaigns.controllers import linuxcnc_export as export
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.settings.sections import BY_HAND, FILE, WATCH_FILE
+from campaigns.settings.sections import BY_HAND
 from campaigns.shots import ascii_points
 from drivers.by_hand import HandSettings
+from drivers.catalog import FILE
 from drivers.watch_file import WatchSettings
 
 HELD = "by-hand-active.hal"
@@ -21,7 +22,7 @@ def controller_settings(campaign: Campaign) -> HandSettings | None:
 def tracker_settings(campaign: Campaign) -> WatchSettings | str:
     """What the campaign says to one tracker's driver alone: the file, or a serial number."""
     tracker = campaign.config.tracker
-    if tracker.driver != WATCH_FILE:
+    if not tracker.url.startswith(FILE):
         return tracker.serial or BY_HAND
     path, told = campaign.folder / tracker.url.removeprefix(FILE), tracker.watch
     columns = told.columns.split(",") if told.columns else None

@@ -14,16 +14,9 @@ from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.option import Option
-from campaigns.settings.sections import (
-    BY_HAND,
-    FILE,
-    OFFLINE,
-    SIMULATED,
-    WATCH_FILE,
-    ValidationConfig,
-)
+from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
 from drivers.bounded_files import is_there
-from drivers.catalog import CONTROLLERS, TRACKERS
+from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
@@ -228,11 +221,8 @@ def _device(
     simulated: str = "",
 ) -> dict[str, str]:
     """Address, and driver as it was named, or as the address alone says it."""
-    url, name = urls[device] or simulated, drivers[device]
-    if name is None and url == BY_HAND:
-        name = BY_HAND
-    if name is None and url.startswith(FILE):
-        name = WATCH_FILE
+    url = urls[device] or simulated
+    name = drivers[device] or driver_of_address(url)
     return {"url": url} if name is None else {"url": url, "driver": name}
 
 

@@ -18,7 +18,7 @@ from campaigns.measuring.work import RawReaders
 from campaigns.settings.sections import SIMULATED
 from drivers import bounded_files, errors
 from drivers.byte_log import logged
-from drivers.catalog import controller_driver, tracker_driver
+from drivers.catalog import CONTROLLERS, TRACKERS
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
 from drivers.polling import WakefulClock
@@ -97,7 +97,7 @@ class DeviceConnections:
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
         """The controller."""
-        driver = controller_driver(self.campaign.config.controller.driver)
+        driver = CONTROLLERS[self.campaign.config.controller.driver]
         robot = driver.make(
             RobotSurroundings(
                 open_transport=logged(opener_of(self.controller_url), "controller"),
@@ -125,7 +125,7 @@ class DeviceConnections:
     def tracker(self) -> Iterator[LaserTracker]:
         """The tracker."""
         config = self.campaign.config.tracker
-        driver = tracker_driver(config.driver)
+        driver = TRACKERS[config.driver]
         tracker = driver.make(
             Surroundings(
                 open_transport=logged(opener_of(self.tracker_url), "tracker"),
@@ -309,8 +309,8 @@ def _named(
 
 def _raw_readers(campaign: Campaign) -> RawReaders:
     """Readers of the raw answers of a campaign's devices."""
-    controller = controller_driver(campaign.config.controller.driver)
-    tracker, layout = tracker_driver(campaign.config.tracker.driver), _layout(campaign)
+    controller = CONTROLLERS[campaign.config.controller.driver]
+    tracker, layout = TRACKERS[campaign.config.tracker.driver], _layout(campaign)
     return RawReaders(lambda raw: controller.read_record(raw, layout), tracker.read_record)
 
 

@@ -8,7 +8,6 @@ from drivers import by_hand, pointline, robotline, watch_file
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.emscon.results import recorded_measurement
 from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import AddressInvalid
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Matrix3, Vector3
 from drivers.wire.robotline import RobotLayout
@@ -37,16 +36,24 @@ class ControllerDriver:
     """Read joints, rad or mm, from a state's raw answer; raises `WireError`."""
 
 
+BY_HAND = "by-hand"
+"""Driver and address of a device that a person works: he is shown what to do, and answers."""
+FILE = "file:"
+"""Beginning of the address of a tracker whose software writes into a file."""
+
+
 TRACKERS: dict[str, TrackerDriver] = {
     "emscon": TrackerDriver(EmsconTracker, recorded_measurement),
     "pointline": TrackerDriver(pointline.PointlineTracker, pointline.recorded_measurement),
-    "by-hand": TrackerDriver(by_hand.TrackerByHand, by_hand.recorded_measurement),
+    BY_HAND: TrackerDriver(by_hand.TrackerByHand, by_hand.recorded_measurement),
     "watch-file": TrackerDriver(watch_file.WatchedTracker, watch_file.recorded_measurement),
 }
 CONTROLLERS: dict[str, ControllerDriver] = {
     "robotline": ControllerDriver(robotline.LineRobot, robotline.recorded_joints),
-    "by-hand": ControllerDriver(by_hand.RobotByHand, by_hand.recorded_joints),
+    BY_HAND: ControllerDriver(by_hand.RobotByHand, by_hand.recorded_joints),
 }
+ADDRESSES = {BY_HAND: BY_HAND, "watch-file": FILE}
+"""How the address of a device without a wire begins, by its driver."""
 
 if TYPE_CHECKING:
     TrackerName: TypeAlias = str
@@ -55,22 +62,6 @@ else:  # a choice that settings offer and check
     TrackerName, ControllerName = Literal[tuple(TRACKERS)], Literal[tuple(CONTROLLERS)]
 
 
-def tracker_driver(name: str) -> TrackerDriver:
-    """Return a tracker's driver; raises `AddressInvalid` for an unknown name."""
-    if name not in TRACKERS:
-        raise _unknown("tracker", name, tuple(TRACKERS))
-    return TRACKERS[name]
-
-
-def controller_driver(name: str) -> ControllerDriver:
-    """Return a controller's driver; raises `AddressInvalid` for an unknown name."""
-    if name not in CONTROLLERS:
-        raise _unknown("controller", name, tuple(CONTROLLERS))
-    return CONTROLLERS[name]
-
-
-def _unknown(device: str, name: str, names: tuple[str, ...]) -> AddressInvalid:
-    return AddressInvalid(
-        f"there is no driver '{name}' for a {device}",
-        remedy=f"use one of {', '.join(names)}, or another version of pkmcal",
-    )
+def driver_of_address(url: str) -> str | None:
+    """Return the only driver of addresses of this form; None for those of a wire and others."""
+    return next((name for name, start in ADDRESSES.items() if url.startswith(start)), None)

@@ -8,18 +8,17 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 
 from campaigns.files.ranges import Point
 from campaigns.files.yaml_file import FileModel, broken_rule
+from drivers import catalog
 from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 
 OFFLINE = "offline"
 """In place of an address: nothing is connected, programs go out and files come in."""
 SIMULATED = "sim://"
 """Beginning of the address of a device of a simulated cell."""
-BY_HAND = "by-hand"
-"""Driver and address of a device that a person works: he is shown what to do, and answers."""
-WATCH_FILE, FILE = "watch-file", "file:"
-"""Driver and beginning of the address of a tracker whose software writes into a file."""
+BY_HAND = catalog.BY_HAND
 URL_PATTERN = (
-    rf"^(tcp://[^\s@/?#]+:\d{{1,5}}|serial://\S+|{SIMULATED}[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
+    r"^(tcp://[^\s@/?#]+:\d{1,5}|serial://\S+|"
+    rf"{SIMULATED}[\w-]+|{catalog.FILE}.+|{OFFLINE}|{BY_HAND})$"
 )
 URL_FORMS = (
     "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, file:NAME of a tracker, "
@@ -44,10 +43,10 @@ LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
 def _require_address(driver: str, url: str) -> None:
-    if (driver == BY_HAND) != (url == BY_HAND):
-        raise broken_rule(f"has driver {driver} and url {url}: {BY_HAND} stands in both or none")
-    if (driver == WATCH_FILE) != url.startswith(FILE):
-        raise broken_rule(f"has driver {driver} and url {url}: {WATCH_FILE} is of {FILE}NAME")
+    owner, address = catalog.driver_of_address(url), catalog.ADDRESSES.get(driver)
+    if owner != (driver if address else None):
+        reason = f"such an address is of driver {owner}" if owner else f"it needs {address}"
+        raise broken_rule(f"has driver {driver} and url {url}: {reason}")
 
 
 class ControllerConfig(FileModel):

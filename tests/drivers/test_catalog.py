@@ -3,18 +3,22 @@
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 from timed_pipe import HandClock
 
 from campaigns.settings.sections import ControllerConfig, TrackerConfig
 from drivers import catalog
 from drivers.declaration import Surroundings
-from drivers.errors import AddressInvalid, WireError
+from drivers.errors import WireError
 from drivers.ports import LaserTracker
 from drivers.watch_file import WatchSettings
 
 WATCHED = WatchSettings(
     serial="SN-1", path=Path(), wait_s=1.0, rows_of=lambda _: (), point_of=lambda *_: (0, 0, 0)
 )
+
+
+REQUIRED = {ControllerConfig: {}, TrackerConfig: {"reflector": "CCR"}}
 
 
 def abstract_calls(port):
@@ -28,7 +32,7 @@ def test_tracker_is_made_as_its_declaration_says(name):
         clock=HandClock(),
         settings=WATCHED if name == "watch-file" else "SN-1",
     )
-    tracker = catalog.tracker_driver(name).make(given)
+    tracker = catalog.TRACKERS[name].make(given)
     assert abstract_calls(LaserTracker) <= set(dir(tracker))
 
 
@@ -42,14 +46,25 @@ def test_settings_offer_the_drivers_that_there_are():
         assert all(name in field.description for name in drivers)
 
 
-@pytest.mark.parametrize("found", [catalog.tracker_driver, catalog.controller_driver])
-def test_driver_that_there_is_not_is_refused_by_its_name(found):
-    with pytest.raises(AddressInvalid, match="there is no driver 'faro' for a"):
-        found("faro")
+@pytest.mark.parametrize(
+    ("section", "driver", "url"),
+    [
+        (ControllerConfig, "robotline", "by-hand"),
+        (ControllerConfig, "by-hand", "tcp://robot:5020"),
+        (ControllerConfig, "by-hand", "offline"),
+        (ControllerConfig, "robotline", "file:points.txt"),
+        (TrackerConfig, "emscon", "file:points.txt"),
+        (TrackerConfig, "watch-file", "sim://cell"),
+        (TrackerConfig, "watch-file", "by-hand"),
+    ],
+)
+def test_driver_and_address_have_to_fit(section, driver, url):
+    with pytest.raises(ValidationError, match=f"has driver {driver} and url {url}: "):
+        section(driver=driver, url=url, **REQUIRED[section])
 
 
 @pytest.mark.parametrize("name", catalog.TRACKERS)
 def test_damaged_record_of_a_measurement_is_a_wire_error(name):
     for raw in ("", "00", "°", "%R1P,0,1:0,1.0"):
         with pytest.raises(WireError):
-            catalog.tracker_driver(name).read_record(raw)
+            catalog.TRACKERS[name].read_record(raw)

@@ -7,7 +7,6 @@ times the time: a ratio of 1 is linear, 10 is quadratic.
 import time
 import tracemalloc
 from collections import Counter
-from itertools import pairwise
 from random import Random
 
 import pytest
@@ -93,18 +92,6 @@ def test_example_is_read_whole(wire):
         wire.fresh()(example)
 
 
-@each_wire
-def test_stream_is_read_the_same_however_it_is_cut(wire):
-    draw, stream = Random(f"cuts {wire.name}"), b"".join(wire.examples)
-    whole = wire.fresh()(stream)
-    assert len(whole) >= len(wire.examples)
-    for count in (0, 3, 30, len(stream) - 1):
-        cuts = sorted(draw.sample(range(1, len(stream)), min(count, len(stream) - 1)))
-        feed = wire.fresh()
-        pieces = [feed(stream[a:b]) for a, b in pairwise((0, *cuts, len(stream)))]
-        assert [message for piece in pieces for message in piece] == whole
-
-
 @torture
 @each_wire
 def test_nothing_but_a_wire_error_comes_of_any_frame(wire, times):
@@ -128,14 +115,6 @@ def test_ten_times_the_bytes_take_ten_times_the_time(wire, kind):
     short_s = seconds(wire, flood(wire, kind, SHORT_BYTES))
     long_s = seconds(wire, flood(wire, kind, TIMES_LONGER * SHORT_BYTES))
     assert long_s / (TIMES_LONGER * short_s) < MOST_RATIO
-
-
-def test_exception_that_is_none_of_ours_is_found():
-    def fresh():
-        return lambda data: data.decode("ascii")
-
-    ends = tortured(Wire("as it was", fresh, WIRES[-1].examples), 2000)
-    assert any(each.startswith("UnicodeDecodeError") for each in ends)
 
 
 def test_parser_that_hoards_is_found():
