@@ -75,12 +75,11 @@ class Beam:
         robot has not moved with them. Raise it too after the cell's `beam_wait_s`.
         """
         since_s, look_back = self._clock.now_s(), self._look_back_deadline()
-        here, advice = self._tracker.direction(), self._advise(joints)
-        stayed = self._point_that_stays(joints)
-        knows_place = self._gate.expected_point_mm(joints) is not None
-        alarms = iter(REPEATED_AFTER_S if knows_place else (0.0, *REPEATED_AFTER_S))
+        here, expected_mm = self._tracker.direction(), self._gate.expected_point_mm(joints)
+        advice, stayed = self._advise(expected_mm), self._point_that_stays(expected_mm)
+        alarms = iter(REPEATED_AFTER_S if expected_mm else (0.0, *REPEATED_AFTER_S))
         next_alarm_s = next(alarms)
-        while (failure := self._failure_to_find(joints, here)) is not None:
+        while (failure := self._failure_to_find(expected_mm, here)) is not None:
             self._mover.check_stop()
             self._mover.require_sound()
             if self._session.wishes.take(Wish.SKIP):
@@ -109,9 +108,8 @@ class Beam:
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
         return Loss.BEAM
 
-    def at_expected(self, joints: tuple[float, ...]) -> bool:
+    def is_at(self, expected_mm: Vector3 | None) -> bool:
         """Return whether the reflector is found where it should be; False too if unknown."""
-        expected_mm = self._gate.expected_point_mm(joints)
         if expected_mm is None:
             return False
         try:
@@ -164,13 +162,13 @@ class Beam:
                 poses.append(shot)
         return tuple(poses)
 
-    def _point_that_stays(self, joints: tuple[float, ...]) -> tuple[Vector3, str] | None:
+    def _point_that_stays(self, expected_mm: Vector3 | None) -> tuple[Vector3, str] | None:
         """Return a point at which the reflector may have stayed, and the problem if it has.
 
         A point counts that is on the robot's way, or was measured at poses enough: one elsewhere
         may be another reflector's.
         """
-        one_point, expected_mm = self._poses_of_one_point(), self._gate.expected_point_mm(joints)
+        one_point = self._poses_of_one_point()
         if not one_point or expected_mm is None:
             return None
         point_mm, far_mm = one_point[0].point_in_tracker_mm, self._session.work.gate.distance_mm
@@ -210,9 +208,8 @@ class Beam:
             self._clock, self._session.work.look_back_s, fewest_looks=FEWEST_SEARCHES
         )
 
-    def _advise(self, joints: tuple[float, ...]) -> str:
+    def _advise(self, expected_mm: Vector3 | None) -> str:
         """Return what the operator can do."""
-        expected_mm = self._gate.expected_point_mm(joints)
         if expected_mm is None:
             away_m = self._session.work.search_mm / MM_PER_M
             put = "put the beam onto the robot's reflector by hand"
@@ -250,11 +247,11 @@ class Beam:
         self._mover.return_to(joints, f"back to {name}", self._run_state.enter)
         self._run_state.enter(EngineState.SUSPENDED)
 
-    def _failure_to_find(self, joints: tuple[float, ...], here: Vector3 | None) -> str | None:
+    def _failure_to_find(self, expected_mm: Vector3 | None, here: Vector3 | None) -> str | None:
         """Look at the expected point of this pose, and in the direction of the beam."""
-        if self.at_expected(joints):
+        if self.is_at(expected_mm):
             return None
-        if here is not None and self._gate.expected_point_mm(joints) is not None:
+        if here is not None and expected_mm is not None:
             return self._failure_at(_at(here, self._session.work.search_mm))
         return self._failure_to_search(self._session.work.search_mm)
 

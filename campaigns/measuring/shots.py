@@ -162,7 +162,8 @@ class Shots:
         if refusal:
             reason = self._reject(outcome, refusal)
             self._run_state.rest()
-            return Refused(reason, outcome, self._beam.at_expected(outcome.joints))
+            expected_mm = self._session.gate.expected_point_mm(outcome.joints)
+            return Refused(reason, outcome, relocked=self._beam.is_at(expected_mm))
         return Accepted(outcome)
 
     def _wait_for_beam(self, intent: Intent, arrival: Arrival, error: BeamBroken) -> Skipped | Lost:
