@@ -148,22 +148,23 @@ def leave_one_out(known: Knowledge, refused: Outcome) -> list[Outcome]:
     return [
         shot
         for place, shot in enumerate(known.shots)
-        if _agrees((*known.shots[:place], *known.shots[place + 1 :]), refused, known)
+        if agrees((*known.shots[:place], *known.shots[place + 1 :]), refused, known)
     ]
 
 
-def _agrees(others: tuple[Outcome, ...], refused: Outcome, known: Knowledge) -> bool:
+def agrees(others: tuple[Outcome, ...], shot: Outcome, known: Knowledge) -> bool:
     """Return whether a shot agrees with others, by one Gauss-Newton step from the nominal robot.
 
     A fit that contains a wrong shot is torn, and takes long: from the nominal robot one step is
-    exact to the square of the robot's errors, which is far below the limit.
+    exact to the square of the robot's errors, which is far below the limit. While too few shots
+    are known for a fit, distances are compared.
     """
     if len(others) < FEWEST_SHOTS or known.posterior is None:
-        alone = replace(known, shots=others, posterior=None)
-        return not alone.judge(refused.joints, refused.point_in_tracker_mm).refusal
-    shots, model = (*others, refused), known.model
-    points_mm = np.array([shot.point_in_tracker_mm for shot in shots])
-    observations = known.observe(np.array([shot.joints for shot in shots]), points_mm)
+        unfitted = replace(known, shots=others, posterior=None)
+        return not unfitted.judge(shot.joints, shot.point_in_tracker_mm).refusal
+    shots, model = (*others, shot), known.model
+    points_mm = np.array([s.point_in_tracker_mm for s in shots])
+    observations = known.observe(np.array([s.joints for s in shots]), points_mm)
     positions_mm = observations.near[:, :3]
     frame = fit_transform(positions_mm[:-1], points_mm[:-1])
     at = model.linearise(observations, np.zeros(len(model.names)), (frame,), observations.near)
@@ -217,8 +218,7 @@ class InnovationGate:
         if moved_mm <= self._nothing.rules.fitted_mm:
             return False
         others = [shot for shot in self.accepted if shot.shot != suspect.shot]
-        known = replace(self._nothing, shots=(*others, refused)).fitted()
-        return not known.judge(again.joints, again.point_in_tracker_mm).refusal
+        return agrees((*others, refused), again, self._known)
 
     def find_standing(self, refused: Outcome) -> tuple[Outcome, ...]:
         """Return shots with the point of a refused one, although the robot was elsewhere.
