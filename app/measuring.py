@@ -14,7 +14,7 @@ from app.progress import RunDisplay
 from app.retrying import Retries
 from app.run_screen import STOP_KEY
 from app.run_text import DeviceIdentities, briefing, serials
-from app.wiring import connected_cell, prepare
+from app.wiring import connected_cell, pause_clock, prepare
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
@@ -26,7 +26,7 @@ from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow import validation
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
-from drivers.ports import Prompt, SystemClock
+from drivers.ports import Prompt
 
 Result = TypeVar("Result")
 WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
@@ -102,7 +102,7 @@ def measure(
     Raise `Interrupted` when the operator stopped and does not want to go on now.
     """
     campaign, clearance = job.campaign, Clearance(job, terminal, yes=yes)
-    retries = Retries(campaign, job.work.stage, job.retry, SystemClock())
+    retries = Retries(campaign, job.work.stage, job.retry, pause_clock(campaign))
     with campaign.held():
         campaign.require_devices()
         clearance.ask()

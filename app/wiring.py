@@ -24,14 +24,15 @@ from drivers.link import never
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
-from drivers.transport import opener_of
+from drivers.transport import CONNECT_S, Opener, Transport, opener_of
 from drivers.values import Coordinate, Identity, RobotState
 from drivers.wire.lines import LAST_NUMBER
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
-from sim.clock import ScaledClock
-from sim.embedded import EmbeddedCell
+from sim.clock import EventClock, ScaledClock
 from sim.errors import SimError
+from sim.faults import DeviceName
+from sim.in_process import InProcessCell
 from sim.robot.follower import FollowingController
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
@@ -68,8 +69,25 @@ def connected_cell(
     """
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
-        clocks = to.awake(to.clock), SystemClock()
+        clocks = to.awake(to.controller.clock), SystemClock()
         yield Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign))
+
+
+@dataclass(frozen=True, slots=True)
+class DevicePlace:
+    """Where a device answers, and in which time it lives."""
+
+    url: str
+    open_transport: Opener
+    clock: Clock
+    first_number: int
+    """Number of a session's first question."""
+    simulated: bool = False
+
+    @classmethod
+    def real(cls, url: str) -> "DevicePlace":
+        """Place of a device that is not of this process."""
+        return cls(url, opener_of(url), SystemClock(), _first_number())
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +100,11 @@ class DeviceConnections:
     campaign: Campaign
     stop_requested: StopRequested
     alarm: Alarm
-    controller_url: str
-    """Where the controller answers."""
-    tracker_url: str
-    clock: Clock
-    """Time as the devices live it."""
-    tracker_clock: Clock | None
-    """Time as a simulated tracker of ours lives it; None for one that is not served here."""
     prompt: Prompt | None
     """Asks the operator, for devices that he works by hand; None: nobody can be asked."""
-    followed: FollowingController | None
+    controller: DevicePlace
+    tracker_place: DevicePlace
+    followed: FollowingController | None = None
     """Told where a real robot stands, for the simulated one that a simulated tracker looks at."""
 
     @contextmanager
@@ -100,10 +113,10 @@ class DeviceConnections:
         driver = CONTROLLERS[self.campaign.config.controller.driver]
         robot = driver.make(
             RobotSurroundings(
-                open_transport=logged(opener_of(self.controller_url), "controller"),
-                clock=SystemClock(),
+                open_transport=logged(self.controller.open_transport, "controller"),
+                clock=self.controller.clock,
                 cancelled=self.stop_requested,
-                first_number=_first_number(),
+                first_number=self.controller.first_number,
                 settings=driver_settings.controller_settings(self.campaign),
                 prompt=self.prompt,
                 layout=_layout(self.campaign),
@@ -113,7 +126,7 @@ class DeviceConnections:
         serial = self.campaign.config.controller.serial
         own = errors.MotionFault, errors.LimitViolation
         try:
-            with _named("controller", self.controller_url, own) as greeted:
+            with _named("controller", self.controller.url, own) as greeted:
                 robot.connect()
                 greeted(identity := robot.identity())
                 _check_serial("controller", identity, serial)
@@ -124,21 +137,21 @@ class DeviceConnections:
     @contextmanager
     def tracker(self) -> Iterator[LaserTracker]:
         """The tracker."""
-        config = self.campaign.config.tracker
+        config, place = self.campaign.config.tracker, self.tracker_place
         driver = TRACKERS[config.driver]
         tracker = driver.make(
             Surroundings(
-                open_transport=logged(opener_of(self.tracker_url), "tracker"),
-                clock=self.awake(SystemClock()),
+                open_transport=logged(place.open_transport, "tracker"),
+                clock=self.awake(place.clock),
                 cancelled=self.stop_requested,
-                first_number=_first_number(),
+                first_number=place.first_number,
                 settings=driver_settings.tracker_settings(self.campaign),
                 prompt=self.prompt,
-                instrument_clock=self.tracker_clock,
+                instrument_clock=place.clock if place.simulated else None,
             )
         )
         try:
-            with _named("tracker", self.tracker_url, (errors.BeamBroken,)) as greeted:
+            with _named("tracker", place.url, (errors.BeamBroken,)) as greeted:
                 tracker.connect()
                 greeted(identity := tracker.identity())
                 _check_serial("tracker", identity, config.serial)
@@ -163,28 +176,36 @@ def connections(
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
 ) -> Iterator[DeviceConnections]:
-    """Ways to each device; a simulated cell is served for the time of the block."""
+    """Ways to each device; a simulated cell lives for the time of the block."""
     campaign.require_devices()
-    made = partial(DeviceConnections, campaign, stop_requested, alarm)
-    controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
-    simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
+    made = partial(DeviceConnections, campaign, stop_requested, alarm, prompt)
+    urls = campaign.config.controller.url, campaign.config.tracker.url
+    simulated = {url for url in urls if url.startswith(SIMULATED)}
     if not simulated:
-        yield made(controller, tracker, SystemClock(), None, prompt, None)
+        yield made(DevicePlace.real(urls[0]), DevicePlace.real(urls[1]))
         return
-    if len(set(simulated)) > 1:
+    if len(simulated) > 1:
         raise ConfigInvalid(
-            f"controller and tracker are of two simulated cells: {' and '.join(simulated)}",
+            f"controller and tracker are of two simulated cells: {' and '.join(urls)}",
             remedy="give both the same sim:// address",
         )
-    scenario = scenario_of(campaign.folder, simulated[0])
-    with _embedded(campaign, scenario, follows=controller not in simulated) as cell:
+    scenario = scenario_of(campaign.folder, simulated.pop())
+    with _in_process(campaign, scenario) as cell:
+
+        def place(device: DeviceName, url: str) -> DevicePlace:
+            if not url.startswith(SIMULATED):
+                return DevicePlace.real(url)
+            name = f"{url}/{device}"
+
+            def open_pipe(*, timeout_s: float = CONNECT_S) -> Transport:  # noqa: ARG001 - at once
+                return cell.connect(device, name)
+
+            return DevicePlace(name, open_pipe, cell, 1, simulated=True)
+
         stands_in = cell.cell.controller
         yield made(
-            cell.controller_url if controller in simulated else controller,
-            cell.tracker_url if tracker in simulated else tracker,
-            cell.clock if controller in simulated else SystemClock(),
-            cell.clock if tracker in simulated else None,
-            prompt,
+            place("controller", urls[0]),
+            place("tracker", urls[1]),
             stands_in if isinstance(stands_in, FollowingController) else None,
         )
 
@@ -194,6 +215,11 @@ def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterato
     """The controller alone."""
     with connections(campaign, prompt=prompt) as to, to.robot() as robot:
         yield robot
+
+
+def pause_clock(campaign: Campaign) -> Clock:
+    """Clock by which a pause before a new try is waited for; nobody waits for a simulated cell."""
+    return EventClock() if campaign.is_simulated else SystemClock()
 
 
 def prepare(campaign: Campaign, cell: Devices) -> None:
@@ -237,23 +263,26 @@ def _followed(robot: RobotController, followed: FollowingController) -> RobotCon
 
 
 @contextmanager
-def _embedded(campaign: Campaign, scenario: Scenario, *, follows: bool) -> Iterator[EmbeddedCell]:
+def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCell]:
     """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
     path = campaign.path(CELL_MEMORY)
     require_same_mechanism(campaign, scenario)
     memory = _remembered(path)
     before = _records(campaign) if memory is None else 0
+    follows = not campaign.config.controller.url.startswith(SIMULATED)
     cell = Cell(scenario, memory=memory, follows=follows, attempts_before=before)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
-    with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:
-        try:
-            yield embedded
-        except BaseException:
-            with suppress(WriteFailed):  # what went wrong first is what counts
-                _remember(path, embedded)
-            raise
-        _remember(path, embedded)
+    # beside a real device the cell lives by the wall clock, else as fast as it is computed
+    time = EventClock if campaign.is_simulated else ScaledClock
+    in_process = InProcessCell(cell, time(scenario.speed_up), tracker_speaks=speaks)
+    try:
+        yield in_process
+    except BaseException:
+        with suppress(WriteFailed):  # what went wrong first is what counts
+            _remember(path, in_process)
+        raise
+    _remember(path, in_process)
 
 
 def _records(campaign: Campaign) -> int:
@@ -265,8 +294,8 @@ def _records(campaign: Campaign) -> int:
         return 0
 
 
-def _remember(path: Path, embedded: EmbeddedCell) -> None:
-    replace_text(path, json.dumps(embedded.memory()))  # with an indent ten times as slow
+def _remember(path: Path, cell: InProcessCell) -> None:
+    replace_text(path, json.dumps(cell.memory()))  # with an indent ten times as slow
 
 
 def _remembered(path: Path) -> dict[str, object] | None:

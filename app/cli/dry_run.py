@@ -1,4 +1,4 @@
-"""pkmcal dry-run: the whole chain against a simulated cell, over real sockets."""
+"""pkmcal dry-run: the whole chain against a simulated cell."""
 
 import time
 from pathlib import Path
@@ -54,7 +54,7 @@ def command(
     """Run a whole campaign without hardware.
 
     Plan, validate before, run, identify, export, load, validate after. Controller and tracker are
-    simulated, but reached through the same drivers, protocols and sockets as real ones, and the
+    simulated, but reached through the same drivers and protocols as real ones, and the
     identification has to find the simulated robot's errors. The controller of a new cell computes
     plate tilt and the errors of gears.
 

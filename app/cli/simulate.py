@@ -11,8 +11,9 @@ from app.options import Port, Seed
 from campaigns.robots.robot import find_robot
 from sim.cell import Cell
 from sim.clock import ScaledClock
-from sim.embedded import EmbeddedCell
 from sim.scenarios.scenario import load_scenario, parse_scenario
+from sim.servers.server import CellServer
+from sim.sessions import controller_sessions, tracker_sessions
 
 Name = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A shipped scenario's name, or a cell file.")
@@ -54,21 +55,19 @@ def command(
     loaded = load_scenario(scenario)
     if robot is not None:
         loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
-    cell = EmbeddedCell(
-        Cell(loaded, seed=seed),
-        ScaledClock(loaded.speed_up),
-        tracker_speaks=tracker_driver,
-        controller_on="pty" if serial else "tcp",
-        controller_port=controller_port,
-        tracker_port=tracker_port,
-    )
+    cell = Cell(loaded, seed=seed)
+    server = CellServer(ScaledClock(loaded.speed_up), cell.faults)
+    tracker = server.serve_tcp(tracker_sessions(cell, tracker_driver), "tracker", tracker_port)
+    controller = controller_sessions(cell)
     addresses = {
-        "controller": cell.controller_url,
-        "tracker": cell.tracker_url,
+        "controller": server.serve_pty(controller, "controller")
+        if serial
+        else server.serve_tcp(controller, "controller", controller_port),
+        "tracker": tracker,
         "scenario": loaded.name,
-        "seed": cell.cell.seed,
+        "seed": cell.seed,
         "speed_up": loaded.speed_up,
     }
-    with awaited_signal() as wait, cell:
+    with awaited_signal() as wait, server:
         terminal_of(context, as_json=True).document(addresses)
         wait()

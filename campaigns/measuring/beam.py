@@ -18,7 +18,6 @@ from campaigns.measuring.gate import STANDING_MM, is_same_pose
 from campaigns.measuring.results import Loss, Skipped
 from campaigns.measuring.run_state import EngineState, Wish
 from campaigns.measuring.stopping_rule import in_ranges
-from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.measuring.work import Session
 from drivers.errors import BeamBroken, LimitViolation
 from drivers.values import Vector3
@@ -34,11 +33,6 @@ REPEATED_AFTER_S = (30.0, 300.0, 3000.0)
 """Times at which the operator is told again that the beam is still broken.
 
 He is told at once while the reflector's place is unknown: then he has to place the beam.
-"""
-FEWEST_SEARCHES = 3
-"""Searches in vain before a pose is held for one at which the reflector cannot be seen.
-
-Few, for each may take as long as a tracker wants.
 """
 MOST_ANCHORS = 3
 """Poses, latest first, at which the reflector is looked for where it was measured.
@@ -74,7 +68,7 @@ class Beam:
         `GateRefused` once the reflector is found where it was before the encoders moved: then the
         robot has not moved with them. Raise it too after the cell's `beam_wait_s`.
         """
-        since_s, look_back = self._clock.now_s(), self._look_back_deadline()
+        since_s = self._clock.now_s()
         here, expected_mm = self._tracker.direction(), self._gate.expected_point_mm(joints)
         advice, stayed = self._advise(expected_mm), self._point_that_stays(expected_mm)
         alarms = iter(REPEATED_AFTER_S if expected_mm else (0.0, *REPEATED_AFTER_S))
@@ -93,7 +87,7 @@ class Beam:
                     remedy=LOOK_AT_THE_DRIVES,
                 )
             self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
-            if look_back.has_passed():
+            if lasted_s >= self._session.work.look_back_s:
                 if stayed is not None:
                     self._require_moved(*stayed)
                 if not seen_here and self._gate.accepted:
@@ -201,12 +195,6 @@ class Beam:
         way = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(stops)])
         expected = (self._gate.expected_point_mm(tuple(joints.tolist())) for joints in way)
         return any(mm and dist(mm, point_mm) <= far_mm for mm in expected)
-
-    def _look_back_deadline(self) -> WatchedDeadline:
-        """Deadline by which a reflector must be found at a pose where it never was."""
-        return WatchedDeadline(
-            self._clock, self._session.work.look_back_s, fewest_looks=FEWEST_SEARCHES
-        )
 
     def _advise(self, expected_mm: Vector3 | None) -> str:
         """Return what the operator can do."""

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 
 from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
 from campaigns.kinematics.axes import Axis
 from campaigns.measuring.run_state import EngineState
-from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.planning.paths import Joints, RobotModel
 from campaigns.planning.steps import Step
 from campaigns.settings.sections import SettleConfig
@@ -93,14 +93,14 @@ class Mover:
         started_s = self._clock.now_s()
         for passed in way[:-1]:
             self._start_joints(passed)
-            last_stop = self._await_arrival(passed, self._deadline())
+            last_stop = self._await_arrival(passed, self._deadline_s())
         start()
-        deadline = self._deadline()
+        deadline_s = self._deadline_s()
         target = way[-1]
-        self._await_arrival(target, deadline)
+        self._await_arrival(target, deadline_s)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
-        state = self._settled(target, deadline)
+        state = self._settled(target, deadline_s)
         self._last_target = target
         settle_s = self._clock.now_s() - arrived_s
         return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
@@ -132,10 +132,11 @@ class Mover:
 
     def _at_rest(self) -> RobotState:
         """The robot's state before a motion: somebody else may still be moving it."""
-        deadline = self._deadline()
+        deadline_s = self._deadline_s()
         while True:
             self.check_stop()
-            is_late, state = deadline.has_passed(), self._state()
+            is_late = self._clock.now_s() >= deadline_s
+            state = self._state()
             if not state.moving:
                 return state
             if is_late:
@@ -173,9 +174,9 @@ class Mover:
             )
         return legs
 
-    def _deadline(self) -> WatchedDeadline:
-        """Deadline by which a move that begins now must have ended and settled."""
-        return WatchedDeadline(self._clock, self._settle.timeout_s)
+    def _deadline_s(self) -> float:
+        """Time by which a move that begins now must have ended and settled."""
+        return self._clock.now_s() + self._settle.timeout_s
 
     def _start(self, step: Step) -> None:
         if step.command == "joints":
@@ -189,39 +190,46 @@ class Mover:
         self.check_stop()
         self._robot.move_joints(target, self._speed_fraction)
 
-    def _await_arrival(self, target: Joints, deadline: WatchedDeadline) -> RobotState:
+    def _await_arrival(self, target: Joints, deadline_s: float) -> RobotState:
         """Wait until the controller has stopped moving, and in place: the next way starts there."""
         while True:
             self.check_stop()
-            is_late, state = deadline.has_passed(), self._state()
+            is_late = self._clock.now_s() >= deadline_s
+            state = self._state()
             if not state.moving and self._in_place(state, target):
                 return state
             if is_late:
                 raise self._not_settled(self._why_not_there(state, target))
             self._clock.sleep_s(POLL_S)
 
-    def _settled(self, target: Joints, deadline: WatchedDeadline) -> RobotState:
-        """Wait until the joints have been still, and in place, for the settling time."""
+    def _settled(self, target: Joints, deadline_s: float) -> RobotState:
+        """Wait until the joints have been still, and in place, for the settling time.
+
+        A robot that stands in place is allowed one settling time after the first look that comes
+        too late: this process may have slept, as with a laptop whose lid was closed.
+        """
+        give_up_s = inf
         since_s, reference = self._clock.now_s(), self._state()
         last_motion = (0, 0.0)
         while True:
             self._clock.sleep_s(POLL_S)
             self.check_stop()
-            is_late, now_s, state = deadline.has_passed(), self._clock.now_s(), self._state()
+            now_s = self._clock.now_s()
+            state = self._state()
             motion = self._apart(state, reference.joints)
             still = not state.moving and _within(motion, self._settle.still_rad)
             if not still:
                 since_s, reference, last_motion = now_s, state, _worst(motion)
             in_place = self._in_place(state, target)
-            if still and in_place and now_s - since_s >= self._settle.time_s:
+            if still and in_place and now_s >= since_s + self._settle.time_s:
                 return state
-            if is_late:
-                there = state.moving or not in_place
-                raise self._not_settled(
-                    self._why_not_there(state, target)
-                    if there
-                    else self._why_not_still(*last_motion)
-                )
+            if now_s < deadline_s:
+                continue
+            if state.moving or not in_place:
+                raise self._not_settled(self._why_not_there(state, target))
+            give_up_s = min(give_up_s, now_s + self._settle.time_s)
+            if now_s >= give_up_s:
+                raise self._not_settled(self._why_not_still(*last_motion))
 
     def _in_place(self, state: RobotState, target: Joints) -> bool:
         return _within(self._apart(state, target), self._settle.in_place_rad)

@@ -33,11 +33,11 @@ class FollowingController:
         self._geometry = dict(geometry)
         self._speed_per_s = speed_per_s
         self._worked = worked
-        self._joints: Sequence[float] = ()
 
     def tell(self, joints: Sequence[float]) -> None:
-        """The real robot stands at these joints, rad or mm; from any thread."""
-        self._joints = tuple(joints)
+        """The real robot stands at these joints, rad or mm. Where they have changed, it arrives."""
+        if not np.array_equal(joints, self._robot.standing.encoders):
+            self._arrive(np.array(joints))
 
     def state(self, now_s: float) -> RobotState:
         """Readings of the joints now."""
@@ -51,10 +51,7 @@ class FollowingController:
         return False
 
     def encoders(self, now_s: float) -> Array:  # noqa: ARG002 - the joints have their time
-        """(n,): the joints now. Where they have changed, the robot arrives."""
-        joints = np.array(self._joints)
-        if len(joints) and not np.array_equal(joints, self._robot.standing.encoders):
-            self._arrive(joints)
+        """(n,): the joints now."""
         return self._robot.standing.encoders
 
     def geometry(self) -> dict[str, float]:

@@ -11,9 +11,9 @@ from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
 from sim.faults import Counted, Fault, FaultScript
+from sim.servers.conversation import ServedSession
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome
 from sim.servers.emscon_units import POWER_ON_UNITS, heard, told
-from sim.servers.peers import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64

@@ -1,5 +1,6 @@
 """The simulated tracker's side of pointline (docs/pointline.md): one connection, no socket."""
 
+from collections import deque
 from collections.abc import Callable
 
 from typing_extensions import override
@@ -7,37 +8,77 @@ from typing_extensions import override
 from drivers.values import vector
 from drivers.wire import pointline as wire
 from drivers.wire.lines import Answer, BadQuestion, Hello, Nothing, Question, Refused
-from sim.servers.queueing import Later, QueueingSession
+from sim.servers.conversation import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
 MODEL = "SIM-PL"
 UNSEEN = Refused("BEAM", "no reflector was found")
 
 
-class PointlineSession(QueueingSession[Question, object]):
+MOST_WAITING = 100
+"""Questions that are kept while one is worked on; what comes above is lost, as in a full buffer."""
+
+Work = tuple[float, Callable[[float], object]]
+"""Time when a question's work ends, and what then says its outcome."""
+
+
+class PointlineSession(ServedSession):
     """Answers one client, one question after another; what was prepared is the tracker's."""
 
     def __init__(self, tracker: SimulatedTracker, send: Callable[[bytes], None]) -> None:
-        super().__init__(wire.GRAMMAR.line_framer(), tracker.advance, tracker.next_event_s)
         self._tracker = tracker
         self._send = send
+        self._lines = wire.GRAMMAR.line_framer()
         self._measuring_time_s = 1.0
+        self._waiting: deque[Question] = deque()
+        self._under_way: tuple[Question, Work] | None = None
 
     @override
-    def _read(self, line: bytes) -> Question | None:
-        try:
-            return wire.GRAMMAR.decode_question(line)
-        except BadQuestion as bad:
-            if bad.answer is not None:
-                self._send(wire.GRAMMAR.encode_answer(bad.answer))
-            return None
+    def received(self, data: bytes, now_s: float) -> None:
+        """Obey every line that these bytes complete; what takes time is answered by `advance`."""
+        for line in filter(None, self._lines.feed(data)):
+            try:
+                question = wire.GRAMMAR.decode_question(line)
+            except BadQuestion as bad:
+                if bad.answer is not None:
+                    self._send(wire.GRAMMAR.encode_answer(bad.answer))
+            else:
+                if len(self._waiting) < MOST_WAITING:
+                    self._waiting.append(question)
+            self.advance(now_s)
 
     @override
-    def _answer(self, request: Question, outcome: object) -> None:
-        self._send(wire.GRAMMAR.encode_answer(Answer(request.number, request.verb, outcome)))
+    def advance(self, now_s: float) -> None:
+        """Answer what is due, and go on with what waits behind it."""
+        self._tracker.advance(now_s)
+        while self._under_way is not None or self._waiting:
+            if self._under_way is None:
+                question = self._waiting.popleft()
+                outcome = self._obey(question, now_s)
+                if isinstance(outcome, tuple):
+                    self._under_way = question, outcome
+                    continue
+            else:
+                question, (due_s, finish) = self._under_way
+                if now_s < due_s:
+                    return
+                outcome, self._under_way = finish(now_s), None
+            self._send(wire.GRAMMAR.encode_answer(Answer(question.number, question.verb, outcome)))
 
     @override
-    def _obey(self, request: Question, now_s: float) -> object | Later[object]:
+    def next_due_s(self) -> float | None:
+        """Time of the next thing that happens by itself."""
+        due_s = None if self._under_way is None else self._under_way[1][0]
+        times = (self._tracker.next_event_s(), due_s)
+        return min((time_s for time_s in times if time_s is not None), default=None)
+
+    @override
+    def closed(self, now_s: float) -> None:
+        """Forget what was worked on; the beam stays where it is."""
+        self._under_way = None
+        self._waiting.clear()
+
+    def _obey(self, request: Question, now_s: float) -> object | Work:
         tracker = self._tracker
         match request.body:
             case Hello(version):
@@ -81,7 +122,7 @@ class PointlineSession(QueueingSession[Question, object]):
         each = known[index]
         return wire.ReflectorDefinition(len(known), each.name, each.surface_offset_mm)
 
-    def _prepare(self, name: str, seconds: float, now_s: float) -> object | Later[object]:
+    def _prepare(self, name: str, seconds: float, now_s: float) -> object | Work:
         tracker = self._tracker
         found = next((each for each in tracker.reflectors if each.name == name), None)
         if found is None:
@@ -91,13 +132,13 @@ class PointlineSession(QueueingSession[Question, object]):
         tracker.select_reflector(found.id)
         self._measuring_time_s = seconds
         takes_s = 0.0 if tracker.initialised(now_s) else tracker.initialise(now_s)
-        return Later(now_s + takes_s, lambda _: Nothing())
+        return now_s + takes_s, lambda _: Nothing()
 
-    def _measure(self, now_s: float) -> Refused | Later[object]:
+    def _measure(self, now_s: float) -> Refused | Work:
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
         if due_s is None:
             return Refused("NOBEAM", "the beam is on no reflector")
-        return Later(due_s, self._measured)
+        return due_s, self._measured
 
     def _measured(self, now_s: float) -> wire.PointMeasured | Refused:
         shot = self._tracker.finish_measurement(now_s)
@@ -108,8 +149,8 @@ class PointlineSession(QueueingSession[Question, object]):
         terms = xx, xy, xz, yy, yz, zz
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
 
-    def _seen_after(self, seconds: float, now_s: float) -> Later[object]:
+    def _seen_after(self, seconds: float, now_s: float) -> Work:
         def finish(end_s: float) -> Nothing | Refused:
             return Nothing() if self._tracker.beam_locked(end_s) else UNSEEN
 
-        return Later(now_s + seconds, finish)
+        return now_s + seconds, finish

@@ -10,7 +10,7 @@ from drivers.wire import robotline as wire
 from drivers.wire.lines import Answer, BadQuestion, Hello, Nothing, Question, Refused
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
-from sim.servers.peers import ServedSession
+from sim.servers.conversation import ServedSession
 
 
 def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:

@@ -1,30 +1,120 @@
 """Server of simulated devices on loopback sockets and pseudo-terminals; one thread and selector."""
 
-import math
 import os
 import selectors
 import socket
 import threading
 import tty
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from operator import itemgetter
-from queue import Empty, SimpleQueue
-from typing import TypeVar
 
 from sim.clock import ScaledClock
 from sim.errors import SimError
-from sim.faults import ANSWERS_OF, DeviceName, Fault, FaultScript
-from sim.servers.peers import Channel, Peer, SendQueue, SerialEnd, SessionFactory
+from sim.faults import ANSWERS_OF, DeviceName, FaultScript
+from sim.servers.conversation import Conversation, SessionFactory
 
 LOOPBACK = "127.0.0.1"
 CLIENTS_LIMIT = 8
-LOOK_AGAIN_S = 0.1
 SHORTEST_WAIT_S = 0.0005
 """Wait by which a session that stays due cannot keep the processor busy."""
+CHUNK_BYTES = 65536
+READS_A_TURN = 4
+PAUSE_ABOVE_BYTES = 256 * 1024
+"""A client that asks without reading is not listened to until it has read."""
+GIVE_UP_ABOVE_BYTES = 1024 * 1024
 
-Result = TypeVar("Result")
+
+class SerialEnd:
+    """Device's end of a pseudo-terminal, in the words of a socket.
+
+    The client's end is held open too, as a serial line does not notice who is there.
+    """
+
+    def __init__(self, device_end: int, client_end: int) -> None:
+        os.set_blocking(device_end, False)
+        self._ends = device_end, client_end
+        self.recv = partial(os.read, device_end)
+        self.send = partial(os.write, device_end)
+
+    def fileno(self) -> int:
+        """File descriptor for the selector."""
+        return self._ends[0]
+
+    def close(self) -> None:
+        """Close both ends."""
+        for end in self._ends:
+            os.close(end)
+
+
+class Peer:
+    """Client at the other end of a pipe that never waits, in a conversation with a device."""
+
+    def __init__(self, channel: socket.socket | SerialEnd, conversation: Conversation) -> None:
+        self.channel = channel
+        self.conversation = conversation
+        self._keeps_open = isinstance(channel, SerialEnd)
+        """Whether the pipe outlives its client, as a serial line does."""
+
+    def ready(self) -> None:
+        """Take what has come, the client's leaving too, unless there is too much to say yet."""
+        for _ in range(READS_A_TURN):
+            if self.conversation.is_over or self._is_paused() or not self._take():
+                return
+
+    def turn(self) -> None:
+        """Let the session say what is due, and write what goes out."""
+        self.conversation.turn()
+        self._flush()
+
+    def interest(self) -> int:
+        """Events that the selector should watch for."""
+        if self._is_paused():
+            return selectors.EVENT_WRITE
+        return selectors.EVENT_READ | (selectors.EVENT_WRITE if self.conversation.going() else 0)
+
+    def hang_up(self) -> None:
+        """Part with the client; what has been said so far still goes out if it can."""
+        if not self.conversation.is_over:
+            self.conversation.hang_up()
+            self._flush()
+
+    def _take(self) -> bool:
+        """Take one piece; false when there is no more."""
+        try:
+            data = self.channel.recv(CHUNK_BYTES)
+        except BlockingIOError:
+            return False
+        except OSError:
+            data = b""
+        if data:
+            self.conversation.hear(data)
+        elif not self._keeps_open:
+            self.hang_up()  # the client has gone
+        return bool(data)
+
+    def _is_paused(self) -> bool:
+        return len(self.conversation.going()) > PAUSE_ABOVE_BYTES
+
+    def _flush(self) -> None:
+        """Write what can go out; give up on a client that reads nothing."""
+        if data := self.conversation.going():
+            try:
+                self.conversation.gone(self.channel.send(data))
+            except BlockingIOError:
+                pass
+            except OSError:
+                self._lose()
+        if self.conversation.size_bytes > GIVE_UP_ABOVE_BYTES:
+            self.conversation.discard()
+            self._lose()
+        elif self.conversation.wants_close:
+            self.conversation.end_as_scripted(stays=self._keeps_open)
+
+    def _lose(self) -> None:
+        """Hang up, unless there is a line that stays."""
+        if not self._keeps_open:
+            self.conversation.hang_up()
 
 
 _Watch = tuple[bool, Callable[[], None]]
@@ -34,25 +124,13 @@ _Watch = tuple[bool, Callable[[], None]]
 class CellServer:
     """Server of all devices of a cell. Name them before `start`; `stop` closes everything."""
 
-    def __init__(
-        self,
-        clock: ScaledClock,
-        faults: FaultScript,
-        *,
-        look: Callable[[float], object] = lambda _now_s: None,
-        look_every_s: float = math.inf,
-    ) -> None:
-        """Server that also looks at the cell so often, while it has clients."""
+    def __init__(self, clock: ScaledClock, faults: FaultScript) -> None:
         self._clock = clock
         self._faults = faults
-        self._look = look
-        self._look_every_s = look_every_s
-        self._next_look_s = 0.0 if look_every_s < math.inf else math.inf
         self._selector = selectors.DefaultSelector()
         self._wake_end, self._awake_end = os.pipe()
         self._listeners: list[socket.socket] = []
         self._peers: dict[Peer, DeviceName] = {}
-        self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._thread: threading.Thread | None = None
         self._stopping = False
         self._stopped = False
@@ -107,18 +185,6 @@ class CellServer:
                 f"the simulated cell broke: {self._failure}", remedy="report it with its scenario"
             ) from self._failure
 
-    def call(self, work: Callable[[], Result]) -> Result:
-        """Do something to the cell between two turns of the server, and return its result."""
-        if self._thread is None or not self._thread.is_alive():
-            return work()
-        results: SimpleQueue[Result] = SimpleQueue()
-        self._calls.put(lambda: results.put(work()))
-        self._wake()
-        while self._thread.is_alive():
-            with suppress(Empty):
-                return results.get(timeout=LOOK_AGAIN_S)
-        return work() if results.empty() else results.get()
-
     def __enter__(self) -> "CellServer":
         self.start()
         return self
@@ -139,22 +205,16 @@ class CellServer:
         ready: list[_Watch] = [key.data for key, _ in self._selector.select(self._patience_s())]
         for _, step in sorted(ready, key=itemgetter(0)):  # who left makes room first
             step()
-        while not self._calls.empty():
-            self._calls.get()()
-        if self._peers and (now_s := self._clock.now_s()) >= self._next_look_s:
-            self._look(now_s)
-            self._next_look_s = now_s + self._look_every_s
         for peer in list(self._peers):
             peer.turn()
             self._watch(peer)
 
     def _patience_s(self) -> float | None:
         """Real seconds until something is due; None when only a client can change anything."""
-        dues_s = [due_s for peer in self._peers if (due_s := peer.next_due_s()) is not None]
-        due_s = min([*dues_s, self._next_look_s]) if self._peers else math.inf
-        if due_s == math.inf:
+        dues_s = [t for p in self._peers if (t := p.conversation.next_due_s()) is not None]
+        if not dues_s:
             return None
-        return max(self._clock.real_s(due_s - self._clock.now_s()), SHORTEST_WAIT_S)
+        return max(self._clock.real_s(min(dues_s) - self._clock.now_s()), SHORTEST_WAIT_S)
 
     def _accept(
         self, listener: socket.socket, factory: SessionFactory, device_name: DeviceName
@@ -170,22 +230,24 @@ class CellServer:
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._add(accepted, factory, device_name)
 
-    def _add(self, channel: Channel, factory: SessionFactory, device_name: DeviceName) -> None:
-        outbox = SendQueue(partial(self._next_fault, device_name))
-        peer = Peer(channel, outbox, factory, self._open_count(device_name), self._clock.now_s)
+    def _add(
+        self, channel: socket.socket | SerialEnd, factory: SessionFactory, device_name: DeviceName
+    ) -> None:
+        next_fault = partial(self._faults.next, ANSWERS_OF[device_name])
+        before = self._open_count(device_name)
+        peer = Peer(channel, Conversation(factory, before, next_fault, self._clock.now_s))
         self._peers[peer] = device_name
         self._selector.register(channel, selectors.EVENT_READ, (False, peer.ready))
 
     def _open_count(self, device_name: DeviceName) -> int:
         """Number of clients that a device has and that have not just left."""
-        return sum(n == device_name and not peer.is_over for peer, n in self._peers.items())
-
-    def _next_fault(self, device_name: DeviceName) -> Fault | None:
-        return self._faults.next(ANSWERS_OF[device_name])
+        return sum(
+            n == device_name and not peer.conversation.is_over for peer, n in self._peers.items()
+        )
 
     def _watch(self, peer: Peer) -> None:
         """Forget a peer that is over; else watch what it is interested in."""
-        if peer.is_over:
+        if peer.conversation.is_over:
             self._forget(peer)
         else:
             self._selector.modify(peer.channel, peer.interest(), (False, peer.ready))

@@ -137,7 +137,7 @@ def test_a_controller_whose_joints_and_a_tracker_whose_air_cannot_be(pkmcal, tin
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3
     assert "answers what cannot be: joint q0 at 1e+300°" in ended.error_line
-    assert "tcp://127.0.0.1" in ended.error_line
+    assert "sim://cell/controller" in ended.error_line
 
 
 def test_devices_goes_on_after_a_dead_device_and_tells_of_both(pkmcal, tiny):

@@ -15,11 +15,11 @@ import psutil
 import pytest
 from command_line import change, ended, started
 from relay import Relay
+from served_cell import ServedCell
 
 from drivers.robotline import LineRobot, RobotlineDeadlines
 from sim.cell import Cell
 from sim.clock import ScaledClock
-from sim.embedded import EmbeddedCell
 from sim.scenarios.scenario import load_scenario
 
 PATIENCE_S = 30.0
@@ -88,7 +88,7 @@ SITUATIONS = (
 
 @pytest.fixture
 def wires(planned):
-    cell = EmbeddedCell(Cell(load_scenario("paper-simulation")), ScaledClock(1.0))
+    cell = ServedCell(Cell(load_scenario("paper-simulation")), ScaledClock(1.0))
     with cell, Relay(cell.controller_url) as controller, Relay(cell.tracker_url) as tracker:
         urls = {"controller.url": controller.url, "tracker.url": tracker.url}
         change(planned / "campaign.yaml", urls)

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from CESAPI.command import CommandSync
 from CESAPI.connection import Connection
+from served_cell import ServedCell
 
 from sim.cell import Cell
 from sim.clock import ScaledClock
-from sim.embedded import EmbeddedCell
 from sim.scenarios.scenario import load_scenario
 
 pytestmark = pytest.mark.peer
@@ -89,7 +89,7 @@ def cell():
     """A cell whose tracker has just been switched on and is on no reflector."""
     scenario = load_scenario("realistic")
     switched_on = scenario.tracker.model_copy(update={"initialised": False, "beam_locked": False})
-    with EmbeddedCell(
+    with ServedCell(
         Cell(scenario.model_copy(update={"tracker": switched_on})), ScaledClock(SPEED_UP)
     ) as served:
         yield served
@@ -167,7 +167,7 @@ def quick_reader(monkeypatch):
 
 @pytest.fixture
 def measuring_cell():
-    with EmbeddedCell(Cell(load_scenario("realistic")), ScaledClock(1000.0)) as served:
+    with ServedCell(Cell(load_scenario("realistic")), ScaledClock(1000.0)) as served:
         yield served
 
 

@@ -1,22 +1,49 @@
 """Scripted faults: counted over restarts, each once, and what each does to a message."""
 
 import pytest
+from timed_pipe import HandClock
 
 from sim.faults import Counted, Fault, FaultScript
-from sim.servers.peers import GARBLED, LATE_S, SendQueue
+from sim.servers.conversation import GARBLED, LATE_S, Conversation, ServedSession
 
 MESSAGE = b"0123456789\n"
 
 
-def outbox(*faults):
-    script = FaultScript([Fault(Counted.TRACKER_ANSWER, *fault) for fault in faults], {})
-    return SendQueue(lambda: script.next(Counted.TRACKER_ANSWER))
+class Echo(ServedSession):
+    """Says what it hears."""
+
+    def __init__(self, send):
+        self.send = send
+
+    def received(self, data, now_s):
+        self.send(data)
+
+    def closed(self, now_s):
+        pass
 
 
-def taken(box, now_s):
-    data = box.due(now_s)
-    box.written(len(data))
-    return data
+class Talk:
+    """A conversation at times that a test chooses."""
+
+    def __init__(self, *faults):
+        script = FaultScript([Fault(Counted.TRACKER_ANSWER, *fault) for fault in faults], {})
+        self.clock = HandClock()
+        self.conversation = Conversation(
+            lambda send, _: Echo(send),
+            0,
+            lambda: script.next(Counted.TRACKER_ANSWER),
+            self.clock.now_s,
+        )
+
+    def put(self, message, now_s):
+        self.clock.time_s = now_s
+        self.conversation.hear(message)
+
+    def taken(self, now_s):
+        self.clock.time_s = now_s
+        data = self.conversation.going()
+        self.conversation.gone(len(data))
+        return data
 
 
 def test_a_fault_comes_at_its_number_and_only_once():
@@ -40,44 +67,44 @@ def test_counting_goes_on_after_a_restart():
 
 
 def test_without_faults_messages_go_out_at_once_and_in_order():
-    box = outbox()
-    box.put(b"one", 0.0)
-    box.put(b"two", 0.0)
-    assert taken(box, 0.0) == b"onetwo"
-    assert box.size_bytes == 0
-    assert box.next_due_s() is None
+    talk = Talk()
+    talk.put(b"one", 0.0)
+    talk.put(b"two", 0.0)
+    assert talk.taken(0.0) == b"onetwo"
+    assert talk.conversation.size_bytes == 0
+    assert talk.conversation.next_due_s() is None
 
 
 def test_what_could_not_be_written_stays_first():
-    box = outbox()
-    box.put(b"abcdef", 0.0)
-    assert box.due(0.0) == b"abcdef"
-    box.written(2)
-    box.put(b"gh", 0.0)
-    assert box.due(0.0) == b"cdefgh"
+    talk = Talk()
+    talk.put(b"abcdef", 0.0)
+    assert talk.conversation.going() == b"abcdef"
+    talk.conversation.gone(2)
+    talk.put(b"gh", 0.0)
+    assert talk.conversation.going() == b"cdefgh"
 
 
 @pytest.mark.parametrize(("seconds", "late_s"), [(5.0, 5.0), (None, LATE_S)])
 def test_a_late_answer_holds_up_the_following_ones(seconds, late_s):
-    box = outbox((1, "late", seconds))
-    box.put(b"one", 10.0)
-    box.put(b"two", 11.0)
-    assert taken(box, 10.0 + 0.99 * late_s) == b""
-    assert box.next_due_s() == 10.0 + late_s
-    assert taken(box, 10.0 + late_s) == b"onetwo"
+    talk = Talk((1, "late", seconds))
+    talk.put(b"one", 10.0)
+    talk.put(b"two", 11.0)
+    assert talk.taken(10.0 + 0.99 * late_s) == b""
+    assert talk.conversation.next_due_s() == 10.0 + late_s
+    assert talk.taken(10.0 + late_s) == b"onetwo"
 
 
 def test_a_silent_answer_never_comes():
-    box = outbox((1, "silent", None))
-    box.put(b"one", 0.0)
-    box.put(b"two", 0.0)
-    assert taken(box, 1e9) == b"two"
+    talk = Talk((1, "silent", None))
+    talk.put(b"one", 0.0)
+    talk.put(b"two", 0.0)
+    assert talk.taken(1e9) == b"two"
 
 
 def test_garbage_is_of_the_same_length_and_ends_the_line():
-    box = outbox((1, "garbage", None))
-    box.put(MESSAGE, 0.0)
-    data = taken(box, 0.0)
+    talk = Talk((1, "garbage", None))
+    talk.put(MESSAGE, 0.0)
+    data = talk.taken(0.0)
     assert len(data) == len(MESSAGE)
     assert data.endswith(b"\n")
     assert data[:-1].translate(GARBLED) == MESSAGE[:-1]
@@ -85,21 +112,21 @@ def test_garbage_is_of_the_same_length_and_ends_the_line():
 
 
 def test_a_torn_answer_stops_in_the_middle():
-    box = outbox((1, "torn", None))
-    box.put(MESSAGE, 0.0)
-    assert taken(box, 1e9) == b"01234"
+    talk = Talk((1, "torn", None))
+    talk.put(MESSAGE, 0.0)
+    assert talk.taken(1e9) == b"01234"
 
 
 def test_a_torn_answer_may_be_completed_later():
-    box = outbox((1, "torn", 2.0))
-    box.put(MESSAGE, 0.0)
-    assert taken(box, 1.9) == b"01234"
-    assert taken(box, 2.0) == b"56789\n"
+    talk = Talk((1, "torn", 2.0))
+    talk.put(MESSAGE, 0.0)
+    assert talk.taken(1.9) == b"01234"
+    assert talk.taken(2.0) == b"56789\n"
 
 
 def test_close_ends_the_connection_after_what_was_said_before():
-    box = outbox((2, "close", None))
+    talk = Talk((2, "close", None))
     for message in (b"one", b"two", b"three"):
-        box.put(message, 0.0)
-    assert taken(box, 0.0) == b"one"
-    assert box.wants_close
+        talk.put(message, 0.0)
+    assert talk.taken(0.0) == b"one"
+    assert talk.conversation.wants_close

@@ -1,23 +1,19 @@
-"""A served cell: real sockets to the real drivers, and nothing left when it is closed."""
+"""A served cell: the real drivers over real sockets and a serial line."""
 
-import threading
 from functools import partial
 
 import numpy as np
-import pytest
 from robotline_layouts import PAR4_LAYOUT
+from served_cell import ServedCell
 
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import DriverError
 from drivers.ports import SystemClock
 from drivers.robotline import LineRobot
 from drivers.transport import opener_of
 from drivers.values import Pose
 from sim.cell import Cell
 from sim.clock import ScaledClock
-from sim.embedded import EmbeddedCell
-from sim.errors import SimError
 from sim.scenarios.scenario import load_scenario
 
 SPEED_UP = 1000.0
@@ -53,43 +49,13 @@ class Work:
         return self.tracker.measure().point_in_tracker_mm
 
 
-def served_cell(name="realistic", **options):
-    return EmbeddedCell(Cell(load_scenario(name)), ScaledClock(SPEED_UP), **options)
-
-
 def test_the_same_cell_measures_the_same_over_sockets_and_serial_line():
     points = []
     for wire in ("tcp", "pty"):
-        with served_cell(controller_on=wire) as served, Work(served) as work:
+        cell = Cell(load_scenario("realistic"))
+        with (
+            ServedCell(cell, ScaledClock(SPEED_UP), controller_on=wire) as served,
+            Work(served) as work,
+        ):
             points.append([work.measured(pose) for pose in PLACES])
     assert np.array_equal(points[0], points[1])
-
-
-def test_memory_can_be_asked_for_while_the_cell_is_served_and_after():
-    with served_cell() as served, Work(served) as work:
-        work.measured(PLACES[0])
-        during = served.memory()
-    assert len(during["shots"]) == 1
-    assert served.memory() == during
-
-
-def test_closing_leaves_no_thread_and_nobody_at_the_urls():
-    before = threading.active_count()
-    with served_cell() as served:
-        work = Work(served)
-        work.robot.connect()
-        served.close()
-        with pytest.raises(DriverError):
-            work.robot.state()
-        with pytest.raises(DriverError):
-            work.robot.connect()
-    assert threading.active_count() == before
-
-
-def test_a_taken_port_is_reported_and_leaves_nothing_open():
-    with served_cell() as served:
-        port = int(served.tracker_url.rsplit(":", 1)[1])
-        with pytest.raises(SimError, match=str(port)):
-            served_cell(tracker_port=port)
-        with pytest.raises(SimError, match=str(port)):
-            served_cell(controller_port=port)

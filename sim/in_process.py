@@ -1,0 +1,106 @@
+"""A simulated cell in this process: its devices answer over pipes of memory, in the cell's time.
+
+No thread, no socket: the drivers' waiting itself lets the time pass, from one thing that a device
+does to the next. On an `EventClock` nothing depends on the processor's speed.
+"""
+
+import math
+from functools import partial
+
+from drivers.errors import LinkDown
+from sim.cell import Cell
+from sim.clock import EventClock, ScaledClock
+from sim.faults import ANSWERS_OF, DeviceName
+from sim.servers.conversation import Conversation
+from sim.sessions import controller_sessions, tracker_sessions
+
+SHORTEST_WAIT_S = 0.0005
+"""Wait by which a session that stays due cannot stop the time."""
+
+
+class InProcessCell:
+    """A cell and its time, which is a driver's `Clock`: in a sleep both devices do what is due."""
+
+    def __init__(
+        self, cell: Cell, time: EventClock | ScaledClock, *, tracker_speaks: str = "emscon"
+    ) -> None:
+        """Cell on an `EventClock`, or on the wall clock beside a device that is real."""
+        self.cell = cell
+        self._time = time
+        self._tracker_sessions = tracker_sessions(cell, tracker_speaks)
+        self._conversations: dict[DeviceName, list[Conversation]] = {}
+
+    def now_s(self) -> float:
+        """Seconds of the cell's time."""
+        return self._time.now_s()
+
+    def sleep_s(self, seconds: float) -> None:
+        """Let so much of the cell's time pass."""
+        end_s = self.now_s() + seconds
+        while self.now_s() < end_s:
+            self.step(end_s)
+
+    def step(self, end_s: float) -> None:
+        """Let time pass until something is due, or until the end that is given."""
+        now_s = self.now_s()
+        open_ones = [c for each in self._conversations.values() for c in each if not c.is_over]
+        dues_s = (due_s for each in open_ones if (due_s := each.next_due_s()) is not None)
+        due_s = max(min(dues_s, default=math.inf), now_s + SHORTEST_WAIT_S)
+        self._time.sleep_s(min(due_s, end_s) - now_s)
+        for each in open_ones:
+            each.turn()
+
+    def connect(self, device: DeviceName, name: str) -> "MemoryPipe":
+        """Open a pipe to a device, which errors call by that name."""
+        before = [c for c in self._conversations.get(device, []) if not c.is_over]
+        next_fault = partial(self.cell.faults.next, ANSWERS_OF[device])
+        is_tracker = device == "tracker"
+        sessions = self._tracker_sessions if is_tracker else controller_sessions(self.cell)
+        conversation = Conversation(sessions, len(before), next_fault, self.now_s)
+        self._conversations[device] = [*before, conversation]
+        return MemoryPipe(self, conversation, name)
+
+    def memory(self) -> dict[str, object]:
+        """State for the next cell, as plain values for JSON."""
+        self.cell.advance(self.now_s())
+        return self.cell.memory()
+
+
+class MemoryPipe:
+    """A driver's `Transport` to a device of this process: waiting lets the cell's time pass."""
+
+    def __init__(self, cell: InProcessCell, conversation: Conversation, name: str) -> None:
+        self.name = name
+        self._cell = cell
+        self._conversation = conversation
+
+    def send(self, data: bytes, timeout_s: float) -> None:  # noqa: ARG002 - it is taken at once
+        """Hand all of it to the device."""
+        self._require_open()
+        self._conversation.hear(data)
+        self._conversation.turn()
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has arrived; empty when nothing came in time."""
+        end_s = self._cell.now_s() + timeout_s
+        self._conversation.turn()
+        while not (data := self._conversation.going()):
+            if self._conversation.wants_close:
+                self._conversation.end_as_scripted(stays=False)
+            self._require_open()
+            if self._cell.now_s() >= end_s:
+                break
+            self._cell.step(end_s)
+        self._conversation.gone(len(data))
+        return data
+
+    def close(self) -> None:
+        """Hang up; a second time does nothing."""
+        self._conversation.hang_up()
+
+    def _require_open(self) -> None:
+        if self._conversation.is_over:
+            raise LinkDown(
+                f"{self.name}: the device closed the connection",
+                remedy="check the device, then try again",
+            )

@@ -1,0 +1,140 @@
+"""Conversation of one client with a simulated device, without any I/O; faults hit its messages."""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+
+from drivers.errors import WireError
+from sim.faults import Fault
+
+LATE_S = 600.0
+GARBLED = bytes(code ^ 0xA5 for code in range(256))
+
+
+class ServedSession(ABC):
+    """A simulated device's side of one connection."""
+
+    @abstractmethod
+    def received(self, data: bytes, now_s: float) -> None:
+        """Bytes from the client; may raise `WireError` to hang up."""
+
+    def advance(self, now_s: float) -> None:  # noqa: B027 - not every protocol says things unasked
+        """Say what is due by now."""
+
+    def next_due_s(self) -> float | None:
+        """Time of the next call of `advance`; None when nothing is pending."""
+        return None
+
+    @abstractmethod
+    def closed(self, now_s: float) -> None:
+        """The client has gone."""
+
+
+SessionFactory = Callable[[Callable[[bytes], None], int], ServedSession]
+"""Factory of a session by its `send` and how many connections its device already has."""
+
+
+_Item = tuple[float, bytes | None]
+"""Time before which bytes do not go out, and the bytes; None is the end of the connection."""
+
+
+class Conversation:
+    """A session and its messages, in order, each of which may be hit by one fault.
+
+    It is over when either side hung up, which `is_over` says.
+    """
+
+    def __init__(
+        self,
+        factory: SessionFactory,
+        already_open: int,
+        next_fault: Callable[[], Fault | None],
+        now_s: Callable[[], float],
+    ) -> None:
+        self.is_over = False
+        self._next_fault = next_fault
+        self._now_s = now_s
+        self._items: deque[_Item] = deque()
+        self._going = bytearray()
+        self._session = factory(self._say, already_open)
+
+    def hear(self, data: bytes) -> None:
+        """Take bytes of the client."""
+        self._let(partial(self._session.received, data))
+
+    def turn(self) -> None:
+        """Let the session say what is due."""
+        if not self.is_over:
+            self._let(self._session.advance)
+
+    def going(self) -> bytes:
+        """Return the bytes to send now. A message waits for the one before it."""
+        while self._items and self._items[0][0] <= self._now_s() and not self.wants_close:
+            self._going += self._items.popleft()[1] or b""
+        return bytes(self._going)
+
+    def gone(self, count: int) -> None:
+        """Drop so many bytes that have been sent."""
+        del self._going[:count]
+
+    @property
+    def wants_close(self) -> bool:
+        """Whether the device ends the connection now, once what was said before has gone out."""
+        return bool(self._items) and self._items[0][1] is None
+
+    def end_as_scripted(self, *, stays: bool) -> None:
+        """Hang up where a fault says so, unless the line stays."""
+        self._items.popleft()
+        if not stays:
+            self.hang_up()
+
+    @property
+    def size_bytes(self) -> int:
+        """Number of bytes that have not gone out yet."""
+        return len(self._going) + sum(len(data or b"") for _, data in self._items)
+
+    def discard(self) -> None:
+        """Forget everything that has not gone out."""
+        self._items.clear()
+        self._going.clear()
+
+    def next_due_s(self) -> float | None:
+        """Time of the next call of `turn`; None when only the client can change anything."""
+        session_s = self._session.next_due_s()
+        if not self._items:
+            return session_s
+        item_s = self._items[0][0]
+        return item_s if session_s is None else min(item_s, session_s)
+
+    def hang_up(self) -> None:
+        """End it; a second time does nothing."""
+        if not self.is_over:
+            self.is_over = True
+            self._session.closed(self._now_s())
+
+    def _let(self, step: Callable[[float], None]) -> None:
+        try:
+            step(self._now_s())
+        except WireError:
+            self.hang_up()
+
+    def _say(self, message: bytes) -> None:
+        fault, now_s = self._next_fault(), self._now_s()
+        items = [(now_s, message)] if fault is None else _hit(message, fault, now_s)
+        self._items.extend(items)
+
+
+def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
+    """Rest of a message that a fault has hit."""
+    if fault.kind == "late":
+        return [(now_s + (LATE_S if fault.seconds is None else fault.seconds), message)]
+    if fault.kind == "garbage":  # its last byte stays, so that a line still ends
+        return [(now_s, message[:-1].translate(GARBLED) + message[-1:])]
+    if fault.kind == "torn":
+        half = len(message) // 2
+        rest = [] if fault.seconds is None else [(now_s + fault.seconds, message[half:])]
+        return [(now_s, message[:half]), *rest]
+    if fault.kind == "close":
+        return [(now_s, None)]
+    return []  # silent
