@@ -261,12 +261,12 @@ class Evaluation:
     @cached_property
     def errors(self) -> model_errors.ModelErrors | None:
         """Errors of the models."""
-        modelled, instrument = _modelled(self.evidence), self.evidence.campaign.instrument
+        modelled = _modelled(self.evidence)
         if modelled is None:
             return None
         return model_errors.ModelErrors(
-            model_errors.pair_errors(modelled, ShotSet.IDENTIFICATION, instrument),
-            model_errors.pair_errors(modelled, ShotSet.VALIDATION, instrument),
+            model_errors.pair_errors(modelled, ShotSet.IDENTIFICATION),
+            model_errors.pair_errors(modelled, ShotSet.VALIDATION),
             _shot_errors(self.evidence),
             model_errors.position_errors(modelled),
         )
@@ -546,22 +546,11 @@ def _left_out(shots: Shots, found: RecordedIdentification) -> Mask:
 
 
 def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:
-    """Residuals of the fitted shots, as identified, beside what the tracker states of them."""
+    """Return the residuals of the fitted shots, as identified."""
     table = evidence.identification.fitted if evidence.identification else None
     if evidence.run is None or table is None or table.of == "pairs":
         return None
-    shots = evidence.run.shots
-    stated_mm2 = shots.covariance_mm2(evidence.campaign.instrument)
-    stated_mm = np.sqrt(np.trace(stated_mm2, axis1=1, axis2=2) / 3.0)
-    of_shot = dict(zip(shots.numbers, stated_mm.tolist(), strict=True))
-    stated = np.array([of_shot.get(number, np.nan) for number in table.numbers])
-    known = np.isfinite(stated)
-    return model_errors.Residuals(
-        tuple(np.array(table.numbers)[known].tolist()),
-        table.before[known],
-        table.after[known],
-        stated[known],
-    )
+    return model_errors.Residuals(table.numbers, table.before, table.after)
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:

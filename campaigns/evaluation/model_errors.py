@@ -9,7 +9,6 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit.point_sets import SHOTS_FOR_A_FRAME, distances_mm
 from campaigns.fit.rigid_transforms import fit_transform
-from campaigns.fit.tracker_noise import TrackerUncertainty, distance_variance_mm2
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -52,9 +51,6 @@ class Residuals:
     """Of the pairs, (M,), or of the shots, (N,)."""
     before_mm: Array
     after_mm: Array | None
-    instrument_mm: Array
-    """Standard uncertainty of each measured distance, (M,), or coordinate, as a root mean square of
-    the three, (N,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,15 +79,12 @@ class ModelErrors:
     positions: PositionErrors | None
 
 
-def pair_errors(
-    modelled: ModelledShots, purpose: ShotSet, instrument: TrackerUncertainty
-) -> Residuals | None:
+def pair_errors(modelled: ModelledShots, purpose: ShotSet) -> Residuals | None:
     """Errors of the pairs of a set; None without any."""
     rows, shots = modelled.pairs(purpose), modelled.shots
     if len(rows) == 0:
         return None
     first, second = rows.T
-    points, covariance = shots.points_in_tracker_mm, shots.covariance_mm2(instrument)
     measured_mm = shots.measured_distances_mm(rows)
 
     def missed(poses: Array) -> Array:
@@ -101,7 +94,6 @@ def pair_errors(
         tuple(shots.pairs[row] or 0 for row in first.tolist()),
         missed(modelled.before),
         None if modelled.after is None else missed(modelled.after),
-        np.sqrt(distance_variance_mm2(points, covariance, first, second)),
     )
 
 

@@ -97,14 +97,11 @@ TRACKER_SOURCES: Mapping[str, Unit] = {"constant": "mm", "transit": "deg", "scal
 """Sources that are no parameter of the robot, and the units in which they are shown."""
 SCATTER_TOLERANCE_MM = 0.5
 """Tolerance of the scatter of the robot's point, 1 σ an axis: worse is no robot that repeats."""
-SCATTER_TOLERANCE_RAD = 5 * ARCMIN
-SCATTER_TOLERANCE_JOINT_MM = 0.1
-"""Tolerances of the scatter of joints about their readings."""
 
 
 def scatter_tolerance_of_joints(*, revolute: bool) -> float:
     """Return the tolerance (1 σ) of the scatter of joints, rad of cranks, mm of carriages."""
-    return SCATTER_TOLERANCE_RAD if revolute else SCATTER_TOLERANCE_JOINT_MM
+    return 5 * ARCMIN if revolute else 0.1
 
 
 def tolerance_of(parameter: Parameter) -> float:

@@ -99,6 +99,14 @@ class Posterior:
         return np.sqrt(np.diag(self.own_covariance))
 
     @property
+    def scatter(self) -> tuple[float, float]:
+        """1 σ of the scatter of the robot's point, mm, and of its joints, rad or mm."""
+        factors = self.components.factors
+        revolute = self.model.nominal.mechanism.joints[0].is_revolute
+        joint = scatter_tolerance_of_joints(revolute=revolute)
+        return SCATTER_TOLERANCE_MM * factors["points"] ** 0.5, joint * factors["joints"] ** 0.5
+
+    @property
     def total_noise(self) -> Array:
         """Covariance of each shot, (N, 3, 3)."""
         factors = self.components.factors

@@ -131,23 +131,19 @@ def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int)
 
 def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
     """Yield a finding where points or joints scatter beyond any robot that repeats."""
-    factors = posterior.components.factors
-    revolute = posterior.model.nominal.mechanism.joints[0].is_revolute
-    point = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
-    joint = factors["joints"] ** 0.5
+    (point, joint), axis = posterior.scatter, posterior.model.nominal.mechanism.joints[0]
+    limit = scatter_tolerance_of_joints(revolute=axis.is_revolute)
     remedy = (
         "joints and points may be of different instants, angles in degrees and minutes, or of "
         "another robot"
     )
-    if factors["points"] > 1.0:
+    if point > SCATTER_TOLERANCE_MM:
         says = f"the points scatter by {point:.3g} mm, limit {SCATTER_TOLERANCE_MM:g} mm: {remedy}"
         yield Finding(SCATTER, says, "fail", {"mm": point})
-    if factors["joints"] > 1.0:
-        limit, unit = scatter_tolerance_of_joints(revolute=revolute), " mm"
-        if revolute:
-            limit, unit = limit / ARCMIN, "′"
-        size = joint * limit
-        says = f"the joints scatter by {size:.3g}{unit}, limit {limit:g}{unit}: {remedy}"
+    if joint > limit:
+        unit, sign = (ARCMIN, "′") if axis.is_revolute else (1.0, " mm")
+        size, limit = joint / unit, limit / unit
+        says = f"the joints scatter by {size:.3g}{sign}, limit {limit:g}{sign}: {remedy}"
         yield Finding(SCATTER, says, "fail", {"joints": size})
 
 

@@ -19,11 +19,7 @@ from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import limits_met
 from campaigns.fit.changes import SHOT, Change, fit_with_changes
-from campaigns.fit.error_sources import (
-    SCATTER_TOLERANCE_MM,
-    TRACKER_SOURCES,
-    scatter_tolerance_of_joints,
-)
+from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.posterior import Posterior, Prior
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.fit.uncertainty import NullDirections, null_directions
@@ -158,7 +154,7 @@ class _Case:
         residuals = self._residuals()
         found = (
             *self._findings(null, unseen, region),
-            *([] if lengths is None else lengths.findings()),
+            *([] if lengths is None else lengths.findings),
         )
         decision, reasons, obstacles = _verdict(found, residuals, unseen.errors, region)
         frames = tuple(map(Frame.of, posterior.at.frames))
@@ -256,11 +252,9 @@ class _Case:
         )
 
     def _scatter(self) -> Scatter:
-        factors = self.posterior.components.factors
-        axis = self.nominal.mechanism.joints[0]
-        point = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
-        tolerance = scatter_tolerance_of_joints(revolute=axis.is_revolute)
-        joint = axis.to_file(tolerance * factors["joints"] ** 0.5)
+        factors, axis = self.posterior.components.factors, self.nominal.mechanism.joints[0]
+        point, joint = self.posterior.scatter
+        joint = axis.to_file(joint)
         of_instrument: dict[str, float] = {
             p: factors[p] ** 0.5 for p in ("along", "across") if p in factors
         }

@@ -97,9 +97,12 @@ class Limb(ABC):
     def swing_rad(self, fields: Fields, forearms: Array) -> Array:
         """Return the angles (N, n) of forearms out of their arms' planes, or off their rails."""
 
-    @abstractmethod
+    @np.errstate(invalid="ignore")
     def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
         """Return the share (N, n) of each forearm along which its joint moves it."""
+        way = self.upper_ends(fields, np.asarray(joints + 1e-200j)).imag / 1e-200
+        size = np.sqrt(dot(way, way)) * fields["forearm"]
+        return np.asarray(np.abs(dot(forearms, way) / size))
 
     @abstractmethod
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
@@ -184,13 +187,6 @@ class Crank(Limb):
         return np.asarray(np.arcsin(np.clip(aside, -1.0, 1.0)))
 
     @override
-    def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
-        angle = joints + fields["joint_offset"]
-        outward, _, lowered = crank_frames(fields["azimuth"], fields["axis_tilt"])
-        moved = along(np.cos(angle), lowered) - along(np.sin(angle), outward)
-        return np.asarray(np.abs(dot(forearms, moved) / fields["forearm"]))
-
-    @override
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
         """Return a box of a forearm each way about the middle of the motors, and below it."""
         middle = _place(fields).mean(axis=(1, 2))
@@ -261,11 +257,6 @@ class Carriage(Limb):
     def swing_rad(self, fields: Fields, forearms: Array) -> Array:
         part = dot(forearms, rail_directions(fields)) / fields["forearm"]
         return np.asarray(np.arccos(np.clip(-part, -1.0, 1.0)))
-
-    @override
-    def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
-        part = dot(forearms, rail_directions(fields))
-        return np.asarray(np.abs(part / fields["forearm"]))
 
     @override
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:

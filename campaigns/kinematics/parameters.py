@@ -344,10 +344,6 @@ class Parameters(Mapping[str, float]):
         """Return other values by name, with these in their place."""
         return {**other, **self}
 
-    def with_values(self, values: Mapping[str, float]) -> "Parameters":
-        """Return these parameters with some values replaced, without the covariance."""
-        return Parameters.of(self.table, self | values)
-
     def digest(self) -> str:
         """Return the SHA-256 of all listed values: equal exactly when all doubles are.
 

@@ -7,7 +7,6 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import PlanInvalid
 from campaigns.fit.changes import fit_with_changes
-from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM
 from campaigns.fit.posterior import Posterior
 from campaigns.fit.uncertainty import null_directions, position_std_mm
 from campaigns.identification.observations import error_model, observations_of
@@ -100,7 +99,7 @@ class UncertaintyMonitor:
         judged = judged_at(self._model, robot, joints, poses)
         std = position_std_mm(judged.by_unknowns, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
-        scatter = SCATTER_TOLERANCE_MM * posterior.components.factors["points"] ** 0.5
+        scatter, _ = posterior.scatter
         count = int(posterior.kept.sum())
         return PositionUncertainty(count, name, length_std, float(std.mean()), scatter)
 

@@ -7,11 +7,6 @@ from math import isclose
 
 from pydantic import JsonValue
 
-from campaigns.fit.error_sources import (
-    SCATTER_TOLERANCE_JOINT_MM,
-    SCATTER_TOLERANCE_MM,
-    SCATTER_TOLERANCE_RAD,
-)
 from campaigns.identification.observations import error_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
@@ -171,11 +166,7 @@ class Work:
         if posterior is None or freedom < FEWEST_FREEDOM:
             limit_mm = self.gate.drift_mm
             return ReferenceNoise(instrument, UNKNOWN_NOISE * limit_mm, limit_mm=limit_mm)
-        factors = posterior.components.factors
-        revolute = self.robot.kinematics.mechanism.joints[0].is_revolute
-        joint = SCATTER_TOLERANCE_RAD if revolute else SCATTER_TOLERANCE_JOINT_MM
-        point_mm = SCATTER_TOLERANCE_MM * factors["points"] ** 0.5
-        joint *= factors["joints"] ** 0.5
+        point_mm, joint = posterior.scatter
         return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
 
     def gate_after(self, shots: Iterable[AcceptedShot]) -> InnovationGate:

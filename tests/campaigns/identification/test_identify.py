@@ -161,7 +161,7 @@ def test_joints_of_another_instant_are_a_scatter_that_no_robot_has(clean):
 def test_a_wrong_nominal_length_is_a_finding_until_it_is_accepted(clean):
     campaign, _ = clean
     wrong = dict(campaign.robot.parameters)
-    wrong["arm1.forearm_mm"] += 40.0
+    wrong["arm1.forearm_mm"] += 20.0
     nominal = campaign.robot.kinematics.of(campaign.robot.mechanism, wrong)
     sample = sample_workspace(campaign.robot, 60)
     for accepts in (False, True):
