@@ -1,16 +1,12 @@
 """Settings that one driver alone knows, of what a campaign says."""
 
 from campaigns.campaign import Campaign
-from campaigns.controllers import linuxcnc_export as export
-from campaigns.controllers.active_kinematics import ActiveKinematics
+from campaigns.controllers.active_kinematics import ActiveKinematics, HeldParameters
 from campaigns.settings.sections import BY_HAND
 from campaigns.shots import ascii_points
 from drivers.by_hand import HandSettings
 from drivers.catalog import FILE
 from drivers.watch_file import WatchSettings
-
-HELD = "by-hand-active.hal"
-"""The parameters that were typed into a controller by hand; in the campaign's folder."""
 
 
 def controller_settings(campaign: Campaign) -> HandSettings | None:
@@ -40,8 +36,7 @@ def tracker_settings(campaign: Campaign) -> WatchSettings | str:
 def _hand_settings(campaign: Campaign) -> HandSettings:
     """What the driver has to know of a robot that somebody moves."""
     mechanism = campaign.robot.mechanism
-    whose = export.RobotIdentity(campaign.robot_identity, campaign.robot)
-    held = export.CalibrationFile(campaign.folder / HELD, whose)
+    held = HeldParameters(campaign.folder, campaign.nominal)
     return HandSettings(
         serial=campaign.config.controller.serial or BY_HAND,
         in_place=tuple(campaign.config.settle.in_place_rad * a.scale for a in mechanism.joints),

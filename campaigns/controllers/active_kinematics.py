@@ -1,17 +1,54 @@
-"""Active kinematics: poses to joints and back for a controller that cannot do it itself."""
+"""What a controller worked by hand cannot do itself: convert poses, and state its parameters."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.errors import ConfigInvalid
+from campaigns.files.text_file import replace_text
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import STANDS
-from campaigns.robots.robot import pose_of, pose_row
+from campaigns.robots.robot import RobotDocument, compensated, pose_of, pose_row, read_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose
+
+FILE_NAME = "by-hand-active.yaml"
+FILE_BEFORE = "by-hand-active.hal"
+"""Name under which earlier versions kept them, for LinuxCNC."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeldParameters:
+    """Parameters of a controller worked by hand, in a robot file of the campaign's folder."""
+
+    folder: Path
+    nominal: RobotDocument
+
+    def read(self) -> Mapping[str, float]:
+        """Parameters by name; the nominal ones until others were written. Raise `ConfigInvalid`."""
+        path = self.folder / FILE_NAME
+        if path.exists():
+            return read_robot(path).robot.parameters
+        if (self.folder / FILE_BEFORE).exists():
+            raise ConfigInvalid(
+                f"{self.folder / FILE_BEFORE}: an earlier version kept the typed parameters there",
+                remedy=f"copy the robot file that was loaded to {path}, and delete this one",
+            )
+        return self.nominal.robot.parameters
+
+    def write(self, geometry: Mapping[str, float]) -> None:
+        """Replace the file whole; raise `ConfigInvalid`, `WriteFailed`."""
+        held = compensated(self.nominal, "by-hand-active", geometry)
+        replace_text(self.folder / FILE_NAME, held.document.text)
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
+        """Nothing: poses are converted by all of them."""
+        return ()
 
 
 class ActiveKinematics:

@@ -10,9 +10,9 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import pytest
+from hal_files import parameters_of
 from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
 
-from campaigns.controllers.linuxcnc_export import RobotIdentity, parse_hal
 from campaigns.robots.robot import find_robot
 from drivers.declaration import RobotSurroundings
 from drivers.ports import SystemClock
@@ -75,8 +75,7 @@ class Bench:
     def kept(self):
         """The parameters in its HAL file."""
         file = self.linuxcnc.config / "calib.hal"
-        whose = RobotIdentity(IDENTITY, NOMINAL)
-        return dict(parse_hal(file.read_text(), "calib.hal", whose).parameters)
+        return parameters_of(file.read_text(), NOMINAL.mechanism)
 
     def move(self, joints, speed_fraction=1.0):
         """Move and wait; gives the state at the end."""

@@ -5,10 +5,10 @@ identified parameters go into its own kinematics.
 from pathlib import Path
 
 import pytest
+from hal_files import parameters_of
 from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
 from linuxcnc_campaign import Campaign, made_campaign, tell
 
-from campaigns.controllers.linuxcnc_export import RobotIdentity, parse_hal
 from campaigns.robots.robot import find_robot, read_robot
 
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(240)]
@@ -40,7 +40,6 @@ def linuxcnc(tmp_path, name):
 
 def test_campaign_on_linuxcnc_makes_its_own_cartesian_moves_exact(tmp_path, linuxcnc, name, capsys):
     nominal = find_robot(name).robot
-    whose = RobotIdentity(name, nominal)
     folder = made_campaign(tmp_path / "campaign", linuxcnc, name, SMALL)
     pkmcal = Campaign(folder, linuxcnc, capsys)
 
@@ -62,8 +61,8 @@ def test_campaign_on_linuxcnc_makes_its_own_cartesian_moves_exact(tmp_path, linu
     compensated = dict(read_robot(folder / "robot-compensated.yaml").robot.parameters)
     calib = linuxcnc.config / "calib.hal"
     for text in (calib.read_text(), Path(exported).read_text()):
-        assert dict(parse_hal(text, "calib.hal", whose).parameters) == compensated
+        assert parameters_of(text, nominal.mechanism) == compensated
 
     pkmcal.load("--rollback")
-    back = parse_hal(calib.read_text(), "calib.hal", whose).parameters
+    back = parameters_of(calib.read_text(), nominal.mechanism)
     assert back == dict(nominal.parameters)

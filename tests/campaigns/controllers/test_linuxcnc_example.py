@@ -5,8 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
+from hal_files import parameters_of
 
-from campaigns.controllers.linuxcnc_export import RobotIdentity, drawing_flat, parse_hal
+from campaigns.controllers.linuxcnc_export import drawing_flat
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 
@@ -27,8 +28,7 @@ def ini(variant):
 def test_calibration_of_the_example_is_the_nominal_robot(variant):
     nominal = find_robot(ROBOTS[variant]).robot
     text = (EXAMPLES / variant / "calib.hal").read_text()
-    found = parse_hal(text, "calib.hal", RobotIdentity(ROBOTS[variant], nominal))
-    assert dict(found.parameters) == dict(nominal.parameters)
+    assert parameters_of(text, nominal.mechanism) == dict(nominal.parameters)
 
 
 @pytest.mark.parametrize("variant", ROBOTS)
