@@ -17,7 +17,7 @@ from campaigns.identification.result import (
 )
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
-from campaigns.settings.certificate import CertificateConfig
+from campaigns.settings.sections import CertificateConfig
 from campaigns.shots.import_export import imported_files
 from campaigns.shots.shots import Shots
 from drivers.values import Weather

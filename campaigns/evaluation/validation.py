@@ -17,8 +17,7 @@ from campaigns.fit.point_sets import length_with_std
 from campaigns.fit.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig
-from campaigns.shots.pairs import PairRows
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import PairRows, ShotSet
 from campaigns.shots.shots import Shots
 
 SET_OF: Mapping[str, ShotSet] = {

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Any, ClassVar, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 from ruamel.yaml import YAML
@@ -58,6 +58,19 @@ WORDS: Mapping[str, str] = {
 def broken_rule(message: str) -> PydanticCustomError:
     """Return a finding of our own for a validator to raise; it says value and limit itself."""
     return PydanticCustomError(BROKEN_RULE, "{message}", {"message": message})
+
+
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] < ends[1]:
+        return ends
+    raise broken_rule(f"is {list(ends)}, the lowest must be below the highest")
+
+
+RISING = AfterValidator(_rising)
+Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
+Point = tuple[Place, Place, Place]
+PlaceRange = Annotated[tuple[Place, Place], RISING]
 
 
 def explained(

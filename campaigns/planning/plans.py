@@ -26,8 +26,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, pose_of, pose_row
 from campaigns.settings.sections import KnownLengthConfig, NestConfig
-from campaigns.shots.pairs import pair_rows
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet, pair_rows
 from drivers.values import Pose, Vector3
 
 JOINT_RESERVE_RAD = float(np.radians(0.5))

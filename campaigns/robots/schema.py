@@ -12,9 +12,16 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, JsonValue, create_model
 
 from campaigns.errors import ConfigInvalid
-from campaigns.files.ranges import RISING, Length, Place, PlaceRange, Point
 from campaigns.files.wording import shown, suggestion
-from campaigns.files.yaml_file import FileModel, broken_rule
+from campaigns.files.yaml_file import (
+    RISING,
+    FileModel,
+    Length,
+    Place,
+    PlaceRange,
+    Point,
+    broken_rule,
+)
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.catalog import MECHANISMS, find_mechanism

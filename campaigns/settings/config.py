@@ -11,7 +11,6 @@ from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
 from campaigns.robots.robot import RobotDocument
 from campaigns.settings import sections
-from campaigns.settings.certificate import CertificateConfig
 from campaigns.settings.space import SpaceConfig
 from drivers.bounded_files import is_file
 
@@ -91,8 +90,8 @@ class CampaignConfig(yaml_file.FileModel):
         default=sections.InstrumentsConfig(),
         description="what no device tells about itself, for the record",
     )
-    certificate: CertificateConfig = Field(
-        default=CertificateConfig(),
+    certificate: sections.CertificateConfig = Field(
+        default=sections.CertificateConfig(),
         description="customer, item and the tracker's own certificate, for the record",
     )
 

@@ -4,9 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from campaigns.files.ranges import Length, Place
-from campaigns.files.ranges import PlaceRange as Side
-from campaigns.files.yaml_file import FileModel, broken_rule
+from campaigns.files.yaml_file import FileModel, Length, Place, broken_rule
+from campaigns.files.yaml_file import PlaceRange as Side
 
 MOST_ZONES = 100
 """Zones of a kind: more would be a drawing, not a rule."""

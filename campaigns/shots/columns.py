@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from campaigns.files.csv_file import CsvColumn, CsvRow, angle_column, number_column
 from campaigns.files.wording import shown, suggestion
 from campaigns.kinematics.axes import Axis
-from campaigns.shots.pairs import SHOTS_OF_A_PAIR
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
 
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 NEST = "nest"

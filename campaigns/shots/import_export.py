@@ -18,8 +18,7 @@ from campaigns.journal.views import AcceptedShot, Series
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
 from campaigns.shots.columns import POINT_COLUMNS
-from campaigns.shots.pairs import pair_rows
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet, pair_rows
 from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.version import VERSION
 from drivers.bounded_files import CSV_BYTES, FileRefused, read_bounded

@@ -19,8 +19,7 @@ from campaigns.files.wording import shown
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.shots.ascii_points import NAME_JOINT, LengthUnit, NamedPoint, read_points
 from campaigns.shots.columns import check_pairs, columns_of, joint_values, pair_number, shot_set
-from campaigns.shots.pairs import SHOTS_OF_A_PAIR
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
 from campaigns.shots.shots_csv import ShotRow
 from drivers.bounded_files import CSV_BYTES
 from drivers.texts import nearest_word

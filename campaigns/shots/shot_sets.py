@@ -1,6 +1,14 @@
-"""Sets of shots, by what they are for."""
+"""Sets of shots, by what they are for, and the pairs in them."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
+
+import numpy as np
+
+from campaigns.arrays import Index
+
+SHOTS_OF_A_PAIR = 2
 
 
 class ShotSet(Enum):
@@ -30,3 +38,24 @@ class ShotSet(Enum):
 
 IN_PAIRS = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.KNOWN_LENGTH)
 OFF_ROBOT = (ShotSet.KNOWN_LENGTH, ShotSet.NEST)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairRows:
+    """Whole pairs by their numbers, their rows (M, 2), and rows whose partner is missing."""
+
+    numbers: tuple[int, ...]
+    rows: Index
+    halves: tuple[int, ...]
+
+
+def pair_rows(pairs: Sequence[int | None]) -> PairRows:
+    """Pairs of the shots' pair numbers in their order; None stands for a shot without one."""
+    rows: dict[int, list[int]] = {}
+    for row, pair in enumerate(pairs):
+        if pair is not None:
+            rows.setdefault(pair, []).append(row)
+    whole = {pair: both for pair, both in rows.items() if len(both) == SHOTS_OF_A_PAIR}
+    halves = [row for each in rows.values() if len(each) < SHOTS_OF_A_PAIR for row in each]
+    both = np.array(list(whole.values()), dtype=np.intp).reshape(-1, SHOTS_OF_A_PAIR)
+    return PairRows(tuple(whole), both, tuple(halves))

@@ -1,7 +1,7 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from io import StringIO
@@ -21,8 +21,7 @@ from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.import_export import noted
-from campaigns.shots.pairs import SHOTS_OF_A_PAIR, PairRows, pair_rows
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, PairRows, ShotSet, pair_rows
 from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s
 from drivers.values import Matrix3, Pose, is_positive_definite, vector
 
@@ -293,6 +292,25 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
             if purposes[row] is ShotSet.VALIDATION:
                 pairs[row] = number  # no validation pair has it yet
     return replace(shots, purposes=tuple(purposes), pairs=tuple(pairs))
+
+
+def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
+    """Fill in temperatures of parts from readings at times, °C, where shots have none.
+
+    Between two readings in proportion to time. Raise `ShotsInvalid` for times of another kind.
+    """
+    if not readings:
+        return shots
+    seconds, lacking = times_s([*shots.measured_utc, *readings])
+    if seconds is None:
+        raise ShotsInvalid(
+            f"part_temperatures in campaign.yaml and the shots do not go together: {lacking}",
+            remedy='give times as those of the shots, "2026-11-21T09:00:00Z"',
+        )
+    own, at, read = shots.part_temperature_degC, *np.split(seconds, [len(shots)])
+    order = np.argsort(read, kind="stable")
+    between = np.interp(at, read[order], np.array([*readings.values()])[order])
+    return replace(shots, part_temperature_degC=np.where(np.isnan(own), between, own))
 
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:

@@ -10,9 +10,8 @@ from campaigns.identification.options import IdentificationOptions, matching, na
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.settings.option import typed_words
-from campaigns.shots.part_temperatures import with_readings
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import shots_of_journal
+from campaigns.shots.shots import shots_of_journal, with_readings
 
 
 def identify(

@@ -14,7 +14,7 @@ from app.report.record import facts
 from campaigns.campaign import open_campaign
 from campaigns.errors import ConfigInvalid
 from campaigns.evidence import evaluate, gather
-from campaigns.settings.certificate import CertificateConfig, TrackerCertificateConfig
+from campaigns.settings.sections import CertificateConfig, TrackerCertificateConfig
 
 TRACKER = TrackerCertificateConfig(
     number="T-9", laboratory="NMI", issued=date(2025, 3, 1), expires=date(2027, 3, 1)

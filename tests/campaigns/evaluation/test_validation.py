@@ -20,8 +20,7 @@ from campaigns.evaluation.validation import (
 )
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.settings.sections import AcceptanceConfig
-from campaigns.shots.pairs import pair_rows
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet, pair_rows
 
 CENTRE_MM = np.array([10.0, 20.0, 30.0])
 QUIET = TrackerUncertainty(1e-6, 0.0, 1e-6, 0.0)
