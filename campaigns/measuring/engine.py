@@ -445,7 +445,7 @@ class Engine:
     def _fit_shots(self) -> None:
         """Fit the shots that count as `identify` will, and show the uncertainty."""
         self._uncertainty_schedule.done(len(self._gate.accepted))
-        self._update(self._work.uncertainty_monitor().fitted(self._gate.accepted))
+        self._update(self._work.uncertainty_monitor.fitted(self._gate.accepted))
 
     def _update(self, uncertainty: PositionUncertainty | None) -> None:
         self._uncertainty = uncertainty

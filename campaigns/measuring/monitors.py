@@ -39,7 +39,7 @@ class TemperatureMonitor:
         self._alarmed = False
 
     def events(self, weather: Weather | None) -> tuple[Event, ...]:
-        """What to tell the operator of this shot's air, if there is anything new."""
+        """Return the beginning or end of an alarm by this shot's air; nothing else."""
         if weather is None:
             return ()
         self._first = self._first or weather

@@ -78,7 +78,7 @@ class Mover:
             self._clock.sleep_s(min(left_s, POLL_S))
 
     def require_sound(self) -> None:
-        """Raise `EmergencyStop` or `MotionFault` when the robot has one."""
+        """Raise `EmergencyStop` or `MotionFault` if the robot has one."""
         self._state()
 
     def _take(
@@ -106,7 +106,7 @@ class Mover:
         return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
 
     def has_moved(self, since: RobotState) -> bool:
-        """Whether the robot has left the place where it was read before; raises its faults."""
+        """Return whether the robot has left the place where it was read; raise its faults."""
         now = self._state()
         return now.moving or not _within(self._apart(now, since.joints), self._settle.still_rad)
 
@@ -147,7 +147,7 @@ class Mover:
             self._clock.sleep_s(POLL_S)
 
     def _stop_of(self, state: RobotState) -> Joints:
-        """Where the robot stands: its last target if it is still there, else as it was read."""
+        """Return where the robot stands: its last target if it is there, else as it was read."""
         last = self._last_target
         return last if last is not None and self._in_place(state, last) else state.joints
 
@@ -241,7 +241,7 @@ class Mover:
         )
 
     def _apart(self, state: RobotState, others: Joints) -> list[float]:
-        """How far each joint is from another value, in what compares with radians of a crank."""
+        """Return the distance of each joint from another value, in radians of a crank or alike."""
         each = zip(self._axes, state.joints, others, strict=True)
         return [abs(here - other) / axis.scale for axis, here, other in each]
 
@@ -269,7 +269,7 @@ class Mover:
 
 
 def _within(sizes: Sequence[float], limit: float) -> bool:
-    """Whether none exceeds the limit; NaN, which is no size, does."""
+    """Return whether no size exceeds the limit; NaN does."""
     return all(size <= limit for size in sizes)
 
 

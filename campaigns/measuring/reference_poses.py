@@ -173,7 +173,7 @@ def _explain(
 
 
 def _may_be_chance(left: float, rest: int, freedom: float) -> bool:
-    """Whether scatter alone leaves as much: Fisher's F, for the scatter is an estimate."""
+    """Test whether scatter alone leaves as much, by Fisher's F: the scatter is an estimate."""
     p = (
         scipy.special.fdtrc(rest, freedom, left / rest)
         if isfinite(freedom)

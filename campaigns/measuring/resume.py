@@ -1,4 +1,4 @@
-"""What is there of a series: whether and where it may go on."""
+"""Resume: what a series has already, and whether and where it may go on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ REMEDY = "bring back what it began with, or start a new series with --anew"
 
 @dataclass(frozen=True, slots=True)
 class ResumeState:
-    """What is there of a series, and what is still to be done."""
+    """Shots that a series has, and groups that are still to be measured."""
 
     kept: tuple[AcceptedShot, ...]
     halves: tuple[PairVoided, ...]
@@ -27,7 +27,7 @@ class ResumeState:
     left: tuple[Group, ...]
 
     def first_drift_mm(self) -> Vector3 | None:
-        """Where the drift pose was first."""
+        """Return the point of the first drift shot."""
         drifts = [s for s in self.kept if s.intent.purpose == ShotSet.DRIFT.value]
         first = min(drifts, key=lambda shot: shot.number, default=None)
         return first.outcome.point_in_tracker_mm if first else None
@@ -108,7 +108,7 @@ def check_same_devices(
 
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
-    """How the last session of a series ended."""
+    """Say how the last session of a series ended."""
     records = [entry.record for entry in journal.records(series)]
     sessions = [each for each in records if isinstance(each, SessionStarted | SessionStopped)]
     if sessions and isinstance(sessions[-1], SessionStopped):
@@ -117,7 +117,7 @@ def how_it_stopped(journal: JournalReader, series: int) -> str:
 
 
 def _other_plan(series: Series, work: Work) -> str:
-    """How the plan is another one than that of a series, in words; empty when it is not.
+    """Say how the plan differs from that of a series; empty if it does not.
 
     Only plan.csv, which a run measures, is edited by people: rows may go and come. Other stages
     make their plans themselves, and one of them is the same to the last digit or another one.

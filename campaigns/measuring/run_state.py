@@ -79,7 +79,7 @@ SILENT = RunObserver()
 
 
 def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float, float] | None:
-    """An interval for the rest, from the shots so far: the mean ± two standard deviations."""
+    """Estimate the rest by the shots so far: the mean ± two standard deviations, s."""
     if len(shot_seconds) < SHOTS_FOR_AN_ESTIMATE:
         return None
     seconds = np.fromiter(shot_seconds, np.float64)
@@ -103,21 +103,21 @@ class RunState:
         self._seconds: deque[float] = deque(maxlen=LATEST_SHOTS)
 
     def begin(self, step: Step) -> None:
-        """A shot's attempt begins."""
+        """Show the shot whose attempt begins."""
         planned = step.planned
         self._progress = replace(self._progress, shot=planned.shot, purpose=planned.purpose.value)
 
     def enter(self, state: EngineState) -> None:
-        """The engine goes on to another state."""
+        """Show another state."""
         self._tell(replace(self._progress, state=state))
 
     def rest(self) -> None:
-        """The engine does nothing now, whatever it did before."""
+        """Show that nothing is done now, whatever was before."""
         if self._progress.state is not EngineState.IDLE:
             self.enter(EngineState.IDLE)
 
     def see_beam(self, *, locked: bool, lost_s: float = 0.0, advice: str = "") -> None:
-        """Whether the tracker has its reflector, as far as is known, or for how long it has not."""
+        """Note whether the tracker has its reflector, and for how long it has not."""
         progress = replace(
             self._progress, beam_locked=locked, beam_lost_s=lost_s, beam_advice=advice
         )
@@ -126,7 +126,7 @@ class RunState:
         self._progress = progress
 
     def accept(self, seconds: float, residual_mm: float | None, drift_mm: float | None) -> None:
-        """A shot counts."""
+        """Count a shot, and show when the run will end."""
         self._seconds.append(seconds)
         now, done = self._progress, self._progress.done + 1
         self._tell(
@@ -140,15 +140,15 @@ class RunState:
         )
 
     def update(self, known: PositionUncertainty | None) -> None:
-        """What the shots that count tell."""
+        """Show the uncertainty by the shots that count."""
         self._progress = replace(self._progress, known=known)
 
     def leave_out(self, shots: int) -> None:
-        """Shots of the plan that need not be taken."""
+        """Take shots of the plan out of the total."""
         self._progress = replace(self._progress, total=self._progress.total - shots)
 
     def void(self, shots: int) -> None:
-        """Shots that had counted do so no more."""
+        """Take shots that do not count any more out of those done."""
         self._progress = replace(self._progress, done=self._progress.done - shots)
 
     def _tell(self, progress: Progress) -> None:

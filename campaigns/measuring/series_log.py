@@ -85,7 +85,7 @@ def closing(log: SeriesLog) -> Iterator[None]:
 
 
 def problem_of(error: BaseException) -> str:
-    """What went wrong, without the remedy."""
+    """Return the problem of an error, without its remedy."""
     if isinstance(error, ExplainedError):
         return error.problem
     return str(error) or type(error).__name__

@@ -20,7 +20,7 @@ from drivers.values import Weather
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What there is of a plan when its run is over."""
+    """Result of a run: what was measured of its plan."""
 
     series: int
     shots: int
@@ -35,7 +35,7 @@ class RunResult:
 
     @property
     def good(self) -> bool:
-        """Whether the goal is met, if there was one."""
+        """Return whether the goal is met, if there was one."""
         return self.goal_mm is None or is_met(self.goal_mm, self.known)
 
 
@@ -145,7 +145,7 @@ def _without_skipped(session: Session, left: Sequence[Group]) -> tuple[Group, ..
 
 
 def _beam_start(cell: Cell) -> records.BeamStart | None:
-    """Where the robot stands and the beam points before this session moves anything."""
+    """Read where the robot stands and the beam points before anything moves."""
     direction, state = cell.tracker.direction(), cell.robot.state()
     if direction is None or state.moving:
         return None

@@ -1,4 +1,4 @@
-"""How surely positions shall be known before measuring may end: `--until 0.02`."""
+"""Stopping rule: the uncertainty of positions that ends a run, `--until 0.02`."""
 
 import math
 import re

@@ -1,10 +1,10 @@
 """Work of a session: what is to be measured, by which rules, and what all that do it share."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain
-from math import isclose
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
 from pydantic import JsonValue
 
 from campaigns.identification.observations import error_model
@@ -48,30 +48,20 @@ class RawReaders:
     def check(self, outcome: Outcome) -> None:
         """Raise `ImplausibleAnswer` if a shot's values are not those of its raw answers."""
         point_mm, covariance_mm2 = self.point(outcome.raw_tracker)
-        compared = [
+        compared: list[tuple[str, object, object]] = [
             ("joints", outcome.joints, self.joints(outcome.raw_robot)),
             ("point_mm", outcome.point_in_tracker_mm, point_mm),
         ]
         if covariance_mm2 is not None:
-            stated = outcome.covariance_mm2 or ()
-            compared.append(("covariance_mm2", _flat(stated), _flat(covariance_mm2)))
+            compared.append(("covariance_mm2", outcome.covariance_mm2 or (), covariance_mm2))
         for name, recorded, said in compared:
-            if not _are_close(recorded, said):
+            values, raw = np.array(recorded), np.array(said)
+            # equal but for rounding: units are converted in two ways
+            if values.shape != raw.shape or not np.allclose(values, raw, rtol=1e-12, atol=1e-15):
                 raise ImplausibleAnswer(
                     f"shot {outcome.shot}: {name} {recorded}, but the raw answer says {said}",
                     remedy="report it with this line: the software misreads the device",
                 )
-
-
-def _flat(matrix: Sequence[Sequence[float]]) -> tuple[float, ...]:
-    return tuple(chain.from_iterable(matrix))
-
-
-def _are_close(recorded: Sequence[float], said: Sequence[float]) -> bool:
-    """Whether values differ by no more than rounding: units are converted on two ways."""
-    return len(recorded) == len(said) and all(
-        isclose(*pair, rel_tol=1e-12, abs_tol=1e-15) for pair in zip(recorded, said, strict=True)
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +81,7 @@ class Cell:
     """Longest wait for a broken beam; infinite where an operator is there to place it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Work:
     """Work of a session: what is to be measured, and by which rules."""
 
@@ -105,13 +95,13 @@ class Work:
     settle: SettleConfig
     gate: GateConfig
     search_mm: float
-    """How far from the tracker to search while the robot's place is not known to it."""
+    """Distance from the tracker at which is searched while the robot's place is unknown."""
     look_back_s: float = 60.0
-    """How long a reflector that was never seen at a pose is waited for there."""
+    """Longest wait for a reflector at a pose where it never was seen."""
     options: IdentificationOptions
-    """How the shots will be identified from, which says how much is known."""
+    """Options of the identification, by which the uncertainty is computed."""
     station: Station | None = None
-    """Where the tracker is said to stand; None: nobody said it."""
+    """Place of the tracker by campaign.yaml; None: it is not given."""
     goal_mm: float | None = None
     """Mean 1 σ of positions that suffices; once it is met, only the other shots are taken."""
     skip: frozenset[int] = frozenset()
@@ -128,8 +118,6 @@ class Work:
     measuring_time_s: float = 1.0
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
-    _monitors: list[UncertaintyMonitor] = field(default_factory=list, init=False)
-    """That of this work, once somebody has asked for it."""
 
     @property
     def park_joints(self) -> tuple[float, ...] | None:
@@ -142,16 +130,15 @@ class Work:
         """Groups with a shot that shall not be measured."""
         return tuple(group for group in groups(self.steps) if self.skip & set(shots_of(group)))
 
+    @cached_property
     def uncertainty_monitor(self) -> UncertaintyMonitor:
-        """Return the monitor of how surely positions are known."""
-        if not self._monitors:
-            shots = [step.planned for step in self.steps]
-            self._monitors.append(UncertaintyMonitor(shots, self.robot, self.options))
-        return self._monitors[0]
+        """Monitor of the uncertainty of positions by shots of this plan."""
+        shots = [step.planned for step in self.steps]
+        return UncertaintyMonitor(shots, self.robot, self.options)
 
     def known_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
         """Fit the accepted shots of a series, and return the uncertainty that they give."""
-        return self.uncertainty_monitor().fitted(shot.outcome for shot in shots)
+        return self.uncertainty_monitor.fitted(shot.outcome for shot in shots)
 
     def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
         """Return the noise of poses measured twice: the tracker's, and the robot's own scatter.
@@ -159,7 +146,7 @@ class Work:
         With too few shots to estimate it, the robot may scatter by a part of what drift shots may.
         """
         instrument, freedom = self.options.instrument, 0.0
-        posterior = self.uncertainty_monitor().posterior(outcomes)
+        posterior = self.uncertainty_monitor.posterior(outcomes)
         if posterior is not None:
             used = (posterior.covariance * posterior.prior).sum()
             freedom = 3.0 * posterior.kept.sum() - len(posterior.covariance) + float(used)
@@ -178,7 +165,7 @@ class Work:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """What all that measure in one session share."""
+    """Cell, work and state that all parts of one session share."""
 
     cell: Cell
     work: Work

@@ -113,9 +113,7 @@ def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, 
     """
     if work.goal_mm is None:
         return None
-    return predicted_stop(
-        work.goal_mm, work.uncertainty_monitor(), campaign.config.tracker.place_mm
-    )
+    return predicted_stop(work.goal_mm, work.uncertainty_monitor, campaign.config.tracker.place_mm)
 
 
 def measured_before(campaign: Campaign, work: Work) -> RunResult | None:

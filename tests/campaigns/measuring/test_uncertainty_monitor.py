@@ -39,7 +39,7 @@ def fixing(*names: str) -> Work:
 
 
 def fitted(measured: Sequence[Outcome], *fix: str) -> PositionUncertainty | None:
-    return fixing(*fix).uncertainty_monitor().fitted(measured)
+    return fixing(*fix).uncertainty_monitor.fitted(measured)
 
 
 def test_what_is_known_is_what_identify_states_of_the_same_shots() -> None:
