@@ -9,16 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from app import driver_settings
 from campaigns.campaign import Campaign
+from campaigns.controllers.active_kinematics import ActiveKinematics, HeldParameters
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
-from campaigns.settings.sections import SIMULATED
+from campaigns.settings.sections import BY_HAND, SIMULATED
+from campaigns.shots import ascii_points
 from drivers import bounded_files, errors
+from drivers.by_hand import HandSettings
 from drivers.byte_log import logged
-from drivers.catalog import CONTROLLERS, TRACKERS
+from drivers.catalog import CONTROLLERS, FILE, TRACKERS
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
 from drivers.polling import WakefulClock
@@ -26,6 +28,7 @@ from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemCl
 from drivers.stopping import Alarm, unheard
 from drivers.transport import CONNECT_S, Opener, Transport, opener_of
 from drivers.values import Coordinate, Identity, RobotState
+from drivers.watch_file import WatchSettings
 from drivers.wire.lines import LAST_NUMBER
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
@@ -117,7 +120,7 @@ class DeviceConnections:
                 clock=self.controller.clock,
                 cancelled=self.stop_requested,
                 first_number=self.controller.first_number,
-                settings=driver_settings.controller_settings(self.campaign),
+                settings=_hand_settings(self.campaign),
                 prompt=self.prompt,
                 layout=_layout(self.campaign),
                 alarm=self.alarm,
@@ -145,7 +148,7 @@ class DeviceConnections:
                 clock=self.awake(place.clock),
                 cancelled=self.stop_requested,
                 first_number=place.first_number,
-                settings=driver_settings.tracker_settings(self.campaign),
+                settings=_tracker_settings(self.campaign),
                 prompt=self.prompt,
                 instrument_clock=place.clock if place.simulated else None,
             )
@@ -341,6 +344,40 @@ def _raw_readers(campaign: Campaign) -> RawReaders:
     controller = CONTROLLERS[campaign.config.controller.driver]
     tracker, layout = TRACKERS[campaign.config.tracker.driver], _layout(campaign)
     return RawReaders(lambda raw: controller.read_record(raw, layout), tracker.read_record)
+
+
+def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
+    """Return what the campaign says to one tracker's driver alone: a file or a serial number."""
+    tracker = campaign.config.tracker
+    if not tracker.url.startswith(FILE):
+        return tracker.serial or BY_HAND
+    path, watch = campaign.folder / tracker.url.removeprefix(FILE), tracker.watch
+    columns = watch.columns.split(",") if watch.columns else None
+    return WatchSettings(
+        serial=tracker.serial or path.name,
+        path=path,
+        wait_s=watch.wait_s,
+        rows_of=ascii_points.data_rows,
+        point_of=lambda row, text: ascii_points.point_of_row(
+            row, text, path.name, unit=watch.unit, columns=columns
+        ),
+    )
+
+
+def _hand_settings(campaign: Campaign) -> HandSettings | None:
+    """Return what the driver has to know of a robot that somebody moves; None for others."""
+    if campaign.config.controller.driver != BY_HAND:
+        return None
+    mechanism = campaign.robot.mechanism
+    held = HeldParameters(campaign.folder, campaign.nominal)
+    return HandSettings(
+        serial=campaign.config.controller.serial or BY_HAND,
+        in_place=tuple(campaign.config.settle.in_place_rad * a.scale for a in mechanism.joints),
+        read=held.read,
+        write=held.write,
+        lacks=held.lacks,
+        joints_of=lambda held, pose: ActiveKinematics(mechanism, held).joints(pose),
+    )
 
 
 def _layout(campaign: Campaign) -> RobotLayout:

@@ -85,13 +85,6 @@ def seconds(wire, parts):
     return min(costs_s)
 
 
-@each_wire
-def test_example_is_read_whole(wire):
-    for example in wire.examples:
-        assert wire.resealed(example) == example
-        wire.fresh()(example)
-
-
 @torture
 @each_wire
 def test_nothing_but_a_wire_error_comes_of_any_frame(wire, times):
