@@ -89,11 +89,6 @@ class Geometry:
         """Yield of joints to a load of 1, (1, n), rad or mm."""
         return self.transmission.get("compliance", np.zeros((1, 1)))
 
-    @property
-    def yields(self) -> bool:
-        """Whether a joint yields to the plate's weight."""
-        return bool(self.compliance.any())
-
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
@@ -394,13 +389,13 @@ class ClosedChain:
             wanted = self._is_wanted(geometry, plate, ends[:, rows], y[rows], sign)
             found[rows] = settled & wanted
         ends = ends[:, found]
-        if geometry.yields:
+        if geometry.compliance.any():
             loads = self._loads(geometry, plate, joints[found], y[found])
             yielded = joints[found] + geometry.compliance * loads
             ends = self.limb.upper_ends(geometry.arms, yielded)
         if geometry.tilts:
             y = np.pad(y, ((0, 0), (0, 3)))
-        if geometry.tilts or geometry.yields:
+        if geometry.tilts or geometry.compliance.any():
             y[found], found[found] = self._newton(geometry, plate, ends, y[found])
         return y, found
 
@@ -481,13 +476,15 @@ class ClosedChain:
         """
         geometry, goal = self.geometry(p), poses.copy()
         joints, found = self._level_inverse(geometry, goal)
-        is_level = not (geometry.tilts or geometry.yields or geometry.sag.any())
+        is_level = not (geometry.tilts or geometry.compliance.any() or geometry.sag.any())
+        rows = np.flatnonzero(found)
         for _ in range(0 if is_level else READ_ROUNDS):
-            error = poses[found] - self._reached(geometry, joints[found], poses[found])
-            goal[found] += error
-            joints[found], held = self._level_inverse(geometry, goal[found])
-            found[found] = held & np.isfinite(error).all(axis=1)
-            if not np.nanmax(np.abs(error), initial=0.0) > READ_TO_MM:
+            error = poses[rows] - self._reached(geometry, joints[rows], poses[rows])
+            goal[rows] += error
+            joints[rows], held = self._level_inverse(geometry, goal[rows])
+            found[rows] = held & np.isfinite(error).all(axis=1)
+            rows = rows[found[rows] & (np.abs(error).max(axis=1) > READ_TO_MM)]
+            if not len(rows):
                 break
         joints[~found] = np.nan
         read = transmission.encoder_readings(
