@@ -13,15 +13,20 @@ import linuxcnc
 status, command, errors = linuxcnc.stat(), linuxcnc.command(), linuxcnc.error_channel()
 
 
+def fail(what):
+    """End with LinuxCNC's own words."""
+    command.abort()
+    said = errors.poll()
+    sys.exit(f"no {what}: {said[1] if said else 'LinuxCNC says no reason'}")
+
+
 def step(what, is_done, within_s, order, *values):
-    """Give an order and wait until it is done, or end with LinuxCNC's own words."""
+    """Give an order and wait until it is done, or end."""
     getattr(command, order)(*values)
     give_up_s = time.monotonic() + within_s
     while not is_done():
         if time.monotonic() > give_up_s:
-            command.abort()
-            said = errors.poll()
-            sys.exit(f"no {what} within {within_s:g} s: {said[1] if said else 'no reason given'}")
+            fail(what)
         time.sleep(0.01)
         status.poll()
 
@@ -42,8 +47,10 @@ while errors.poll():
 if not is_on():
     step("released e-stop", lambda: not status.estop, 1.0, "state", linuxcnc.STATE_ESTOP_RESET)
     step("machine on", is_on, 1.0, "state", linuxcnc.STATE_ON)
-    time.sleep(0.2)  # with a faulty drive it is on for a moment
-    step("machine that stays on", is_on, 0.0, "state", linuxcnc.STATE_ON)
+    time.sleep(0.5)  # with a faulty drive it is on for a moment
+    status.poll()
+    if not is_on():
+        fail("machine that stays on")
 if not is_homed():
     step("manual mode", lambda: True, 1.0, "mode", linuxcnc.MODE_MANUAL)
     step("joint mode", lambda: True, 1.0, "teleop_enable", 0)

@@ -98,9 +98,9 @@ class Bench:
             time.sleep(0.005)
 
     def faulty(self):
-        """Wait for a fault; gives the state with it."""
+        """Wait for a fault and its reason, which comes a moment later; gives the state with it."""
         deadline_s = time.monotonic() + SEEN_WITHIN_S
-        while not (state := self.robot.state()).fault:
+        while not (state := self.robot.state()).fault or "machine is off" in state.fault:
             assert time.monotonic() < deadline_s, state
             time.sleep(0.005)
         return state

@@ -7,6 +7,7 @@ ordinary user where the system lets users make namespaces.
 
 import os
 import random
+import re
 import shlex
 import shutil
 import signal
@@ -16,10 +17,10 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from drivers import linuxcnc_bridge
+import drivers
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "linuxcnc"
-BRIDGE = Path(linuxcnc_bridge.__file__)
+DRIVERS = Path(drivers.__file__).parent
 STOCK_MODULES = Path("/usr/lib/linuxcnc/modules")
 STOCK_NML = Path("/usr/share/linuxcnc/linuxcnc.nml")
 PROGRAMS = ("linuxcnc", "halcmd", "unshare", "nsenter", "setpriv")
@@ -54,10 +55,11 @@ def why_not() -> str:
 class LinuxcncInstance:
     """One LinuxCNC with one of the example configurations; `start` it, and `stop` it in the end.
 
-    `edits` are replacements in its INI file. `modules` are kinematics beside LinuxCNC's own.
+    `edits` are replacements in its INI file. `modules` are kinematics beside LinuxCNC's own. Its
+    drives are `times_as_fast` as those of the example.
     """
 
-    def __init__(self, folder: Path, variant: str, *, modules=(), edits=()):
+    def __init__(self, folder: Path, variant: str, *, modules=(), edits=(), times_as_fast=1):
         self.port = _free_port()
         self.folder = folder
         self.config = folder / "config" / variant
@@ -65,11 +67,11 @@ class LinuxcncInstance:
         self._ini = next((EXAMPLES / variant).glob("*.ini")).name
         self._process: subprocess.Popen | None = None
         shutil.copytree(EXAMPLES, folder / "config")
-        shutil.copy(BRIDGE, folder / "config")
+        shutil.copytree(DRIVERS, folder / "config" / "drivers")
         folder.chmod(0o755)  # its realtime part may run as another user
         _prepare_modules(folder, modules)
         self._make_tmp()
-        self._adapt_ini(edits)
+        self._adapt_ini(edits, times_as_fast)
 
     @property
     def url(self):
@@ -168,7 +170,7 @@ class LinuxcncInstance:
             return True
         return False
 
-    def _adapt_ini(self, edits):
+    def _adapt_ini(self, edits, times_as_fast):
         ini = self.config / self._ini
         nml = self.config / "own.nml"
         nml.write_text(STOCK_NML.read_text().replace("TCP=5005", f"TCP={_free_port()}"))
@@ -177,6 +179,8 @@ class LinuxcncInstance:
         for old, new in edits:
             assert old in text, old
             text = text.replace(old, new)
+        limits = r"(MAX_\w+VELOCITY|MAX_VELOCITY|MAX_ACCELERATION|FERROR) = ([0-9.]+)"
+        text = re.sub(limits, lambda m: f"{m[1]} = {float(m[2]) * times_as_fast}", text)
         ini.write_text(text)
 
     def _environment(self):

@@ -34,7 +34,7 @@ def name(request):
 
 @pytest.fixture
 def linuxcnc(tmp_path, name):
-    with world_controller(tmp_path, VARIANTS[name]) as running:
+    with world_controller(tmp_path, VARIANTS[name], times_as_fast=10) as running:
         yield running
 
 

@@ -28,7 +28,7 @@ def load_all_the_same(pkmcal, found):
 
 
 def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_path, capsys):
-    with world_controller(tmp_path) as linuxcnc:
+    with world_controller(tmp_path, times_as_fast=10) as linuxcnc:
         folder = made_campaign(
             tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS, IMPERFECT
         )

@@ -44,7 +44,7 @@ def truth(folder):
 
 
 def test_terms_of_gears_take_most_of_the_error_off(tmp_path, capsys):
-    with world_controller(tmp_path) as linuxcnc:
+    with world_controller(tmp_path, times_as_fast=10) as linuxcnc:
         folder = made_campaign(tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS, GEARS)
         change(folder / "robot.yaml", {"ripples_per_turn": 30.0})
         geometry, terms = truth(folder)

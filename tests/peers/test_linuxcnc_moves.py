@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import suppress
 from math import degrees, radians
 
 import linuxcnc_bench
@@ -90,19 +91,6 @@ def test_second_move_during_a_motion_is_refused(bench):
     assert bench.arrived().joints == pytest.approx(FAR_RAD, abs=1e-6)
 
 
-def test_stop_in_motion_brakes_at_once_and_the_robot_goes_on_afterwards(linuxcnc, bench):
-    bench.started(FAR_RAD, 0.1)
-    began_s = time.monotonic()
-    bench.robot.stop()
-    assert time.monotonic() - began_s < 1.0
-    stood = bench.robot.state()
-    assert not stood.moving
-    assert stood.joints != pytest.approx(FAR_RAD, abs=0.01)
-    time.sleep(0.05)
-    assert bench.robot.state().joints == stood.joints
-    assert bench.move(HOME_RAD).fault == ""
-
-
 @pytest.mark.parametrize("from_another_connection", [False, True])
 def test_stop_reaches_linuxcnc_within_a_tenth_of_a_second(linuxcnc, bench, from_another_connection):
     """Seen by the joints themselves: at 36°/s, a stop that is late shows as 3.6° more."""
@@ -110,26 +98,25 @@ def test_stop_reaches_linuxcnc_within_a_tenth_of_a_second(linuxcnc, bench, from_
     stopper.robot.connect()
     bench.started(FAR_RAD, 0.1)
     before = bench.robot.state().joints
-    began_s = time.monotonic()
     stopper.robot.stop()
-    took_s = time.monotonic() - began_s
-    after = bench.robot.state().joints
-    moved_deg = degrees(max(np.abs(np.subtract(after, before))))
+    stood = bench.robot.state()
     stopper.robot.close()
-    assert moved_deg < (0.1 * linuxcnc_bench.FULL_SPEED_DEG_S) * STOPS_WITHIN_S, took_s
+    moved_deg = degrees(max(np.abs(np.subtract(stood.joints, before))))
+    assert moved_deg < 0.1 * linuxcnc_bench.FULL_SPEED_DEG_S * STOPS_WITHIN_S
+    assert not stood.moving
+    bench.robot.reconnect()
+    assert bench.robot.state().joints == stood.joints
+    assert bench.move(HOME_RAD).fault == ""
 
 
 def test_stop_while_a_move_of_many_parts_is_being_sent_ends_it(linuxcnc, bench):
     stopper = linuxcnc_bench.Bench(linuxcnc)
     stopper.robot.connect()
     far = tuple(map(radians, (-34.5, -42.3, 89.9, 88.9)))
-    refused = []
 
     def move():
-        try:
+        with suppress(MotionFault):
             bench.robot.move_joints(far, 0.05)
-        except MotionFault as error:
-            refused.append(error)
 
     sending = threading.Thread(target=move)
     sending.start()
@@ -178,6 +165,7 @@ def test_drive_that_reports_a_fault_stops_everything_until_it_is_cleared(linuxcn
     bench.started(FAR_RAD, 0.1)
     linuxcnc.hal("sets", "j2-ampfault", "1")
     assert "joint 2 amplifier fault" in bench.faulty().fault
+    stand(bench)
     with pytest.raises(AssertionError, match="no machine"):
         linuxcnc.make_ready()
     linuxcnc.hal("sets", "j2-ampfault", "0")

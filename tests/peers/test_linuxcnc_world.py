@@ -6,7 +6,7 @@ from linuxcnc_bench import NEEDS_LINUXCNC, NOMINAL, at, world_controller
 from par4_space import par4
 
 from campaigns.controllers.load import write_verified
-from drivers.errors import DeviceNotReady, DeviceRefused, MotionFault
+from drivers.errors import DeviceNotReady, MotionFault
 from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC
@@ -54,17 +54,12 @@ def test_poses_with_loaded_parameters_give_our_models_joints(linuxcnc, bench):
         assert away_deg(state.joints, ours) <= SAME_DEG
 
 
-def test_joints_are_reached_by_way_of_their_poses(bench):
-    for joints in par4(OLD).inverse(reachable(3, OLD)).values_or_raise().tolist():
-        state = bench.move(joints)
-        assert state.fault == ""
-        assert away_deg(state.joints, joints) <= SAME_DEG
-
-
 def test_way_of_a_joint_move_is_the_straight_line_of_its_joints(bench):
     """The straight line of poses between these two would take joint 1 to -72°."""
     there = np.radians((41.3, -44.4, -24.4, 34.1))
     back = np.radians((-34.5, -42.3, 89.9, 88.9))
+    bench.robot.move_pose(Pose(0.0, -50.0, -371.0, 0.0), 1.0)
+    assert bench.arrived().fault == ""
     assert bench.move(there).fault == ""
     for start, end in ((there, back), (back, there)):
         bench.robot.move_joints(end, 0.2)
@@ -93,24 +88,6 @@ def test_pins_are_never_set_in_motion(bench):
     assert bench.robot.read_geometry() == OLD
 
 
-def test_set_that_is_no_robots_is_refused_whole(bench):
-    with pytest.raises(DeviceRefused, match=r"arm2\.arm_mm"):
-        bench.robot.write_geometry(NEW | {"arm2.arm_mm": -1.0})
-    assert bench.robot.read_geometry() == OLD
-    assert bench.kept() == OLD
-
-
-def test_set_that_cannot_be_kept_is_taken_back(linuxcnc, bench):
-    obstacle = linuxcnc.config / "calib.hal.new"
-    obstacle.mkdir()
-    try:
-        with pytest.raises(DeviceRefused, match="the old parameters are back"):
-            bench.robot.write_geometry(NEW)
-    finally:
-        obstacle.rmdir()
-    assert bench.robot.read_geometry() == OLD
-
-
 def test_new_parameters_survive_a_restart(tmp_path):
     tilted = NEW | {"arm1.axis_tilt_deg": 0.02, "arm2.backlash_deg": 0.005}
     with world_controller(tmp_path) as linuxcnc, at(linuxcnc) as bench:
@@ -120,17 +97,6 @@ def test_new_parameters_survive_a_restart(tmp_path):
         assert bench.robot.read_geometry() == tilted
         linuxcnc.make_ready()
         assert bench.robot.state().fault == ""
-
-
-def test_tilts_are_not_taken_where_nobody_knows_the_plates_drawing(tmp_path):
-    linuxcnc = world_controller(tmp_path)
-    file = linuxcnc.config / "calib.hal"
-    drawn = ("plate_x", "plate_y", "plate_z", "reflector")
-    lines = file.read_text().splitlines()
-    file.write_text("\n".join(line for line in lines if not any(word in line for word in drawn)))
-    with linuxcnc, at(linuxcnc) as bench:
-        tilt, gain = "arm0.axis_tilt_deg", "arm0.encoder_gain_ppm"
-        assert bench.robot.lacks((tilt, gain)) == (tilt,)
 
 
 def test_file_that_was_exchanged_under_a_running_linuxcnc_is_told(linuxcnc, bench):

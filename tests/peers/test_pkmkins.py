@@ -321,19 +321,6 @@ def test_unknown_type_is_refused(loaded):
     assert not loaded("hexapod").started
 
 
-def test_both_ways_fit_many_times_into_a_servo_period(module, case, extended):
-    """The largest times hold what else runs on this machine; the medians are the module's."""
-    lines = []
-    for which, rows in (
-        ("kinematicsInverse", case.poses_out()),
-        ("kinematicsForward", case.joints_out()),
-    ):
-        times = module.times_us(which, rows)
-        lines.append(f"{which} {np.median(times):.2f} us, longest {times.max():.1f} us")
-        assert np.median(times) < SERVO_US / 20.0
-    tell(f"{case.robot.name}{' full' if extended else ''}: {'; '.join(lines)}")
-
-
 def test_no_call_takes_a_servo_period_not_even_one_without_a_solution(module, case, extended):
     """The least of three times of each call, for this machine does other things too."""
     draw = np.random.default_rng(8)

@@ -66,7 +66,3 @@ def test_joints_that_jump_where_no_straight_way_leads_are_reached_all_the_same(f
 def test_joints_at_which_no_robot_can_be_assembled_are_told(followed):
     with pytest.raises(AssemblyLost, match="cannot be at joints"):
         followed.told(np.radians([-179.0, 90.0, -179.0, 90.0]))
-
-
-def test_geometry_is_the_scenarios(followed):
-    assert followed.controller.geometry() == {"plate_mm": 100.0}

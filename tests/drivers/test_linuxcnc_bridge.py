@@ -1,0 +1,107 @@
+"""LinuxCNC's bridge where there is no LinuxCNC: its lines, and its file of parameters."""
+
+import json
+import re
+import socket
+from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.linuxcnc_bridge import Parameters, Refusal, Session
+from drivers.wire.robotline import grammar
+
+GOLDEN = json.loads((Path(__file__).parents[1] / "data/robotline-golden.json").read_text())
+FILE = Path(__file__).parents[2] / "examples/linuxcnc/cartesian/calib.hal"
+
+
+class Machine:
+    """Pins of a Par4 that a HAL file has set; the drives are off."""
+
+    joints, letters, unit = range(4), "xyzc", "deg"
+
+    def __init__(self, file, stuck=()):
+        lines = [line.split() for line in file.read_text().splitlines()]
+        self.held = {words[1]: float(words[2]) for words in lines if words[0] == "setp"}
+        self.held |= {"pkmkins.arm0.axis_tilt_deg": 0.0} | dict.fromkeys(
+            [f"ini.{n}.backlash" for n in range(4)], 0.0
+        )
+        self.pins, self.stuck = set(self.held), stuck
+
+    def get(self, pin):
+        return self.held[pin]
+
+    def put(self, pin, value):
+        if pin not in self.stuck:
+            self.held[pin] = value
+
+    def has_power(self):
+        return False
+
+    def is_moving(self):
+        return False
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "calib.hal"
+    path.write_text(FILE.read_text())
+    return path
+
+
+def whole(parameters, **changes):
+    names = parameters.layout.parameters
+    return {n: parameters._machine.get(f"pkmkins.{n}") for n in names} | changes
+
+
+def test_new_set_is_at_work_and_in_the_file_and_set_again_at_the_next_start(file):
+    parameters = Parameters(Machine(file), file)
+    parameters.replace(whole(parameters, plate_mm=101.0) | {"arm1.backlash_deg": 0.005})
+    parameters.check()
+    assert parameters.robot() == "par4-prototype"
+    started = Machine(file)
+    again = Parameters(started, file)
+    assert again.values("PLATE") == (101.0,)
+    assert started.get("ini.1.backlash") == 0.005
+    again.check()
+    file.write_text(file.read_text().replace("setp ini.1.backlash", "[JOINT_1]BACKLASH ="))
+    Parameters(Machine(file), file).check()
+    assert "BACKLASH = 0.005" in file.read_text()
+
+
+@pytest.mark.parametrize("stuck", [["pkmkins.plate_mm"], []], ids=["pin", "file"])
+def test_set_that_cannot_be_put_to_work_or_kept_is_taken_back(file, stuck):
+    machine, before = Machine(file, stuck), file.read_text()
+    parameters, held = Parameters(machine, file), dict(machine.held)
+    if not stuck:
+        file.with_name("calib.hal.new").mkdir()
+    with pytest.raises(Refusal, match="the old parameters are back"):
+        parameters.replace(whole(parameters, plate_mm=101.0))
+    with pytest.raises(Refusal, match="not positive: plate_mm"):
+        parameters.replace(whole(parameters, plate_mm=0.0))
+    assert (machine.held, file.read_text()) == (held, before)
+
+
+def test_tilts_are_not_taken_where_nobody_knows_the_plates_drawing(file):
+    assert "arm0.axis_tilt_deg" in Parameters(Machine(file), file).layout.extensions
+    file.write_text(re.sub(r"setp pkmkins\.(arm\d\.plate|reflector).*\n", "", file.read_text()))
+    assert "arm0.axis_tilt_deg" not in Parameters(Machine(file), file).layout.extensions
+
+
+@pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=lambda case: case["why"])
+def test_bad_lines_are_answered_as_the_page_says(file, case):
+    machine = Machine(file)
+    parameters = Parameters(machine, file)
+    lines = grammar(parameters.layout)
+    bridge = SimpleNamespace(machine=machine, parameters=parameters, grammar=lines)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        serving = Thread(target=Session, args=(theirs, None, bridge))
+        serving.start()
+        ours.sendall(case["line"].encode() + b"\n")
+        ours.shutdown(socket.SHUT_WR)
+        serving.join()
+        theirs.close()
+        said = ours.recv(1000).decode()
+    assert said.startswith(case["answer"]) if case["answer"] else said == ""
