@@ -1,30 +1,27 @@
 """The one owner of the terminal: answers on stdout, talk on stderr, all of it cleaned."""
 
-import io
 import json
 import os
-import select
 import sys
-import termios
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
-from functools import cached_property, partial
-from threading import Event, Thread
-from time import monotonic
+from contextlib import contextmanager, nullcontext
+from functools import cached_property
 from typing import TypeVar
 
 import typer
 from pydantic_core import to_jsonable_python
 from rich import box
 from rich.console import Console
-from rich.live import Live
+from rich.progress import Progress as Bars
+from rich.progress import TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from app.exits import NotConfirmed
-from app.keys import LOOK_S, TYPED_BYTES, Keyboard, keys_heard, typed_line
-from app.progress import RunDisplay
+from app.keyboard import KEYBOARD
+from app.run_screen import RunLines, RunScreen
 from campaigns.files.table import Column, texts
+from drivers.errors import LinkDown
 from drivers.ports import Prompt
 from drivers.texts import printable
 
@@ -38,10 +35,6 @@ LIKE_A_TERMINAL = {"FORCE_COLOR", "TTY_COMPATIBLE"}
 """Variables by which users want styles where there is no terminal."""
 NO_NEXT: Mapping[str, None] = {"next": None, "before_next": None, "next_reason": None}
 """What a document says where no command follows."""
-SILENT_S = 1.0
-"""Work of so long needs no word."""
-REDRAWN_S = 1.0
-"""After so long its line is drawn again: each drawing takes its time from the work."""
 
 
 def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
@@ -50,28 +43,9 @@ def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
     return Terminal(as_json=as_json, verbose=context.obj is True, command=command)
 
 
-def forget_what_was_typed() -> None:
-    """Drop what waits to be read from the terminal: it answers no question that comes later."""
-    with suppress(termios.error, io.UnsupportedOperation):  # no terminal, or none any more
-        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
-
-
 def is_yes(typed: str) -> bool:
     """Whether an answer means yes; nothing typed means no."""
     return typed.strip().lower() in {"y", "yes"}
-
-
-def _typed_piece() -> bytes | None:
-    """Read what is typed into a terminal of which no keys are heard; None while nothing is."""
-    ready, _, _ = select.select([sys.stdin], [], [], LOOK_S)
-    return os.read(sys.stdin.fileno(), TYPED_BYTES) if ready else None
-
-
-@contextmanager
-def _lines() -> Iterator[Callable[[Callable[[], bool]], str]]:
-    """Give the function that waits for a line, as `typed_line` does, where no keys are heard."""
-    forget_what_was_typed()
-    yield partial(typed_line, _typed_piece)
 
 
 def _not_confirmed() -> NotConfirmed:
@@ -88,8 +62,6 @@ class Terminal:
         self._as_json = as_json
         self._command = command
         self._verbose = verbose
-        self._keyboard: Keyboard | None = None
-        """Reader of the keys while they are heard: it answers the questions then."""
 
     @cached_property
     def _talk(self) -> Console:
@@ -171,14 +143,11 @@ class Terminal:
             sys.stdout.flush()
 
     def asks(self, question: str) -> bool:
-        """Whether the operator says yes, now; without a terminal nobody does."""
-        if not self.has_somebody:
-            return False
-        forget_what_was_typed()
-        asked = f"{printable(question)} [y/N] "
-        self._talk.print(asked, style="bold", end="", markup=False, soft_wrap=True)
+        """Return whether the operator says yes, now; without a terminal nobody does."""
         try:
-            return is_yes(sys.stdin.readline())
+            return self.has_somebody and is_yes(self._answer(f"{question} [y/N] "))
+        except LinkDown:  # the terminal was closed
+            return False
         except KeyboardInterrupt:
             self._talk.print()  # what is said next begins a line
             raise
@@ -186,14 +155,15 @@ class Terminal:
     @property
     def has_somebody(self) -> bool:
         """Whether there is a terminal at which somebody can answer."""
-        return sys.stdin is not None and sys.stdin.isatty()
+        return KEYBOARD.has_somebody
 
     def prompt(
-        self,
-        display: "RunDisplay | None" = None,
-        stop_requested: Callable[[], bool] = lambda: False,
+        self, display: RunLines | None = None, stop_requested: Callable[[], bool] = lambda: False
     ) -> Prompt | None:
-        """Way to ask the operator for a line while a run is shown; None: nobody is there."""
+        """Return a way to ask the operator for a line while a run is shown; None: nobody is there.
+
+        It raises `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed.
+        """
         if not self.has_somebody:
             return None
 
@@ -203,26 +173,15 @@ class Terminal:
 
         return asked
 
-    def _answer(self, question: str, stop_requested: Callable[[], bool]) -> str:
-        """The line that the operator types now; raises `Cancelled` once a stop is requested.
-
-        What was typed before the question answers nothing. `LinkDown` when the terminal closes.
-        """
-        with _lines() if self._keyboard is None else self._keyboard.lines() as answer:
-            for line in question.split("\n")[:-1]:
-                self.note(line, OPEN)
-            last = printable(question.rpartition("\n")[2])
-            self._talk.print(last, style="bold", end="", markup=False, soft_wrap=True)
-            return answer(stop_requested)
-
-    @contextmanager
-    def hearing(self, pressed: Callable[[str], None]) -> Iterator[None]:
-        """Hand each key to a function while the block runs; questions are answered all the same."""
-        with keys_heard(pressed) as self._keyboard:
-            try:
-                yield
-            finally:
-                self._keyboard = None
+    def _answer(self, question: str, stop_requested: Callable[[], bool] = lambda: False) -> str:
+        """Ask, and return the line that the operator types now."""
+        *lines, last = question.split("\n")
+        for line in lines:
+            self.note(line, OPEN)
+        self._talk.print(
+            Text(printable(last), "bold"), end="", soft_wrap=not self._talk.is_terminal
+        )
+        return KEYBOARD.line(stop_requested)
 
     def require_somebody(self) -> None:
         """Raise `NotConfirmed` where there is nobody who could be asked."""
@@ -236,40 +195,15 @@ class Terminal:
 
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:
-        """Shows on a terminal, from a second on, what the block is at and how long it has taken.
+        """Show on a terminal what the block is at and for how long; give what changes the words."""
+        columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+        is_shown = self._talk.is_interactive
+        with Bars(*columns, console=self._talk, transient=True, disable=not is_shown) as bars:
+            task = bars.add_task(printable(text), total=None)
+            yield lambda news: bars.update(task, description=printable(news))
 
-        Gives what changes it.
-        """
-        if not self._talk.is_terminal:
-            yield lambda _news: None
-            return
-        began_s, now_at, over = monotonic(), text, Event()
-
-        def shown() -> Text:
-            return Text(f"{now_at} · {monotonic() - began_s:.0f} s")
-
-        def draw() -> None:
-            if not over.wait(SILENT_S):
-                live.start(refresh=True)
-            while not over.wait(REDRAWN_S):
-                live.refresh()
-
-        def tell(news: str) -> None:
-            nonlocal now_at
-            now_at = news
-            if live.is_started:
-                live.refresh()
-
-        live = Live(console=self._talk, transient=True, auto_refresh=False, get_renderable=shown)
-        drawing = Thread(target=draw)
-        drawing.start()
-        try:
-            yield tell
-        finally:
-            over.set()
-            drawing.join()
-            live.stop()
-
-    def watching(self, title: str, *, plain: bool = False) -> RunDisplay:
-        """Shows a run while the block runs; `plain` by lines."""
-        return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose, plain=plain)
+    def watching(self, title: str, *, plain: bool = False) -> RunLines:
+        """Return the display of a run; `plain` by lines."""
+        if self._talk.is_interactive and not plain and not self._verbose:
+            return RunScreen(self._talk, title)
+        return RunLines(self._talk, title, verbose=self._verbose)

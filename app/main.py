@@ -8,6 +8,8 @@ import traceback
 from collections.abc import Mapping
 from importlib import import_module
 from itertools import takewhile
+from shutil import get_terminal_size
+from textwrap import fill
 from typing import Annotated, Any
 
 import typer
@@ -210,7 +212,11 @@ def _explained(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
 def _tell_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:
     """Print an error's line on stderr, and with --json its document on stdout."""
     line = " ".join(printable(shortened(line, LONGEST_LINE)).split())
-    typer.echo(f"pkmcal: {line}", err=True)
+    text = f"pkmcal: {line}"
+    if sys.stderr is not None and sys.stderr.isatty():  # elsewhere it stays one line
+        width = get_terminal_size().columns
+        text = fill(text, width, break_long_words=False, break_on_hyphens=False)
+    typer.echo(text, err=True)
     if as_json and sys.stdout is not None:
         problem, _, remedy = line.partition(" → ")
         error = {"problem": problem, "remedy": remedy, "exit_code": int(code)}

@@ -10,9 +10,9 @@ from typing import Generic, TypeVar
 
 from app.console import WARNING, Terminal, is_yes
 from app.interrupt import StopRequest, stop_on_signals, suspend
-from app.progress import RunDisplay
+from app.keyboard import KEYBOARD
 from app.retrying import Retries
-from app.run_screen import STOP_KEY
+from app.run_screen import STOP_KEY, RunLines
 from app.run_text import DeviceIdentities, briefing, serials
 from app.wiring import connected_cell, pause_clock, prepare
 from campaigns.campaign import Campaign
@@ -142,7 +142,7 @@ def _measure_once(
     with terminal.watching(job.title, plain=plain or campaign.is_by_hand) as display:
         prompt = terminal.prompt(display, stop)
         with (
-            _keys(terminal, display, stop, wishes),
+            _keys(display, stop, wishes),
             connected_cell(campaign, stop, terminal.alarm, prompt) as cell,
         ):
             devices = identities(cell)
@@ -169,9 +169,7 @@ def _attended(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
 
 
 @contextmanager
-def _keys(
-    terminal: Terminal, display: RunDisplay, stop: StopRequest, wishes: Wishes
-) -> Iterator[None]:
+def _keys(display: RunLines, stop: StopRequest, wishes: Wishes) -> Iterator[None]:
     """Keys as wishes of the operator while the screen names them; q stops at once, as Ctrl-C."""
 
     def pressed(key: str) -> None:
@@ -184,7 +182,7 @@ def _keys(
     if not display.has_screen:
         yield
         return
-    with terminal.hearing(pressed):
+    with KEYBOARD.keys(pressed):
         yield
 
 

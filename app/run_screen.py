@@ -1,18 +1,25 @@
-"""Screen of a run: what the operator at the robot reads."""
+"""Display of a run: a screen on a terminal, a line every tenth of the shots elsewhere."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from statistics import median
+from typing import Self
 
-from rich.console import Group
+from rich.console import Console, Group
+from rich.live import Live
 from rich.text import Text
+from typing_extensions import override
 
-from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress
+from app.progress import interval, is_next_tenth, say
+from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress, RunObserver
+from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
 
 GOOD, BAD, OPEN, QUIET = "bold green", "bold red", "bold yellow", "dim"
 KEYS = "p pause · s skip this shot · r the last again · k park · q stop"
-GO_ON = "p goes on · q stop"
+KEYS_IN_PAUSE = "p goes on · q stop"
 STOP_KEY = "q"
 ANSWERS = {
     "p": "p: it pauses after this pair",
@@ -21,18 +28,15 @@ ANSWERS = {
     "k": "k: it parks after this pair",
     STOP_KEY: "q: it stops",
 }
-ANSWERS_IN_PAUSE = {
-    "p": "p: it goes on",
-    "s": "s: no shot is being taken",
-    STOP_KEY: ANSWERS[STOP_KEY],
-}
+ANSWERS_IN_PAUSE = {"p": "p: it goes on", "s": "s: no shot is being taken", STOP_KEY: "q: it stops"}
 LONGEST_BAR = 60
 SKIP_AFTER_S = 10.0
 """Search for a reflector after which it is said how to leave the shot out."""
-LARGE = 3.0
-"""Times the usual residual from which one is named as large."""
+USUAL_RESIDUALS = 30
+"""Last residuals by which the next one is called good or large."""
 FEWEST_RESIDUALS = 5
-LONG_S = 120.0
+LARGE = 3.0
+"""Times the usual residual from which one is called large."""
 WORDS = {
     EngineState.IDLE: "between two shots",
     EngineState.MOVING: "moving to",
@@ -45,51 +49,167 @@ WORDS = {
 WITHOUT_SHOT = {EngineState.IDLE, EngineState.STOPPED, EngineState.FINISHED}
 
 
-def run_screen(
-    title: str,
-    progress: Progress | None,
-    residuals_mm: Sequence[float],
-    events: Sequence[str],
-    now: datetime,
-    size: tuple[int, int],
-    answer: str = "",
-) -> Group:
-    """Screen of so many columns and rows: state, what is left, whether it is good, events.
+class RunLines(RunObserver):
+    """Run as lines: at each tenth of the shots, at events and at the end; or at every state."""
 
-    `answer` is to the key that was pressed last.
-    """
-    if progress is None:
-        return Group(Text(f"{title}: connecting", OPEN))
-    state, style = state_of(progress)
-    lines = [
-        Text(f"{title}: {state}", style),
-        Text(shots_and_end(progress, now)),
-        *(Text(text, QUIET) for text in figures(progress, residuals_mm)),
-        *(Text(printable(text), OPEN) for text in what_to_do(progress)),
-    ]
-    width, height = size
-    long = min(width, LONGEST_BAR)
-    filled = long * progress.done // max(progress.total, 1)
-    bar = Text.assemble(("━" * filled, "green"), ("━" * (long - filled), QUIET))
-    keys = Text(GO_ON if progress.state is EngineState.PAUSED else KEYS, "reverse")
-    left = max(height - len(lines) - 6, 0)
-    news = [Text(printable(text), "yellow") for text in events[-left:]] if left else []
-    return Group(lines[0], bar, *lines[1:], Text(), keys, Text(answer, OPEN), *news)
+    has_screen = False
+
+    def __init__(self, console: Console, title: str, *, verbose: bool = False) -> None:
+        self._console, self._title, self._verbose = console, title, verbose
+        self._progress: Progress | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _kind: object, error: object, _trace: object) -> None:
+        if isinstance(error, RobotStateUnknown):
+            say(self._console, PRESS_THE_EMERGENCY_STOP, BAD)
+        progress = self._progress
+        if progress is not None:
+            say(self._console, f"{self._title}: {summary(progress)}", QUIET)
+            if progress.known is not None and progress.state is not EngineState.FINISHED:
+                say(self._console, f"{self._title}: {certainty(progress.known)}", QUIET)
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Leave the terminal to a question for the time of the block."""
+        yield
+
+    def answer(self, key: str) -> None:
+        """Say what comes of a key: without a screen no keys are heard."""
+
+    def progress(self, progress: Progress) -> None:
+        """Say where the run is if another tenth is done, or if the operator has to do something."""
+        before, self._progress = self._progress or progress, progress
+        is_due = is_next_tenth(before.done, progress.done, progress.total)
+        is_advice = bool(progress.beam_advice) and progress.beam_advice != before.beam_advice
+        if self._verbose or is_due or is_advice:
+            say(self._console, f"{self._title}: {line_of(progress)}", QUIET)
+
+    def event(self, text: str) -> None:
+        """Say what happened."""
+        say(self._console, f"! {text}", "yellow")
 
 
-def answer_to(key: str, state: EngineState | None) -> str:
-    """What comes of a key, said at once; what did come of it is an event."""
-    paused = state is EngineState.PAUSED
-    if paused and key in ANSWERS:
-        return ANSWERS_IN_PAUSE.get(key, f"{key}: when it goes on")
-    return ANSWERS.get(key, f"{printable(key)}: no such key")
+class RunScreen(RunLines):
+    """Run on a screen of its own; what happened stays on the terminal when the screen is left."""
+
+    has_screen = True
+
+    def __init__(self, console: Console, title: str) -> None:
+        super().__init__(console, title)
+        self._residuals_mm: deque[float] = deque(maxlen=USUAL_RESIDUALS)
+        self._events: list[str] = []
+        self._answer = ""
+        self._live = Live(
+            console=console, screen=True, refresh_per_second=2, get_renderable=self.picture
+        )
+
+    @override
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    @override
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self._leave()
+        super().__exit__(kind, error, trace)
+
+    @override
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        self._leave()
+        try:
+            yield
+        finally:
+            self._live.start()
+
+    @override
+    def answer(self, key: str) -> None:
+        """Say what comes of a key, until an event says what did."""
+        is_paused = self._progress is not None and self._progress.state is EngineState.PAUSED
+        if is_paused and key in ANSWERS:
+            self._answer = ANSWERS_IN_PAUSE.get(key, f"{key}: when it goes on")
+        else:
+            self._answer = ANSWERS.get(key, f"{printable(key)}: no such key")
+
+    @override
+    def progress(self, progress: Progress) -> None:
+        before, self._progress = self._progress or progress, progress
+        if progress.done > before.done and progress.residual_mm is not None:
+            self._residuals_mm.append(progress.residual_mm)
+
+    @override
+    def event(self, text: str) -> None:
+        self._answer = ""
+        self._events.append(text)
+
+    def picture(self, now: datetime | None = None) -> Group:
+        """Return what is on the screen: state, bar, shots, figures, keys, events."""
+        progress = self._progress
+        if progress is None:
+            return Group(Text(f"{self._title}: connecting", OPEN))
+        state, style = state_of(progress)
+        width = min(self._console.width, LONGEST_BAR)
+        filled = width * progress.done // max(progress.total, 1)
+        bar = Text.assemble(("━" * filled, "green"), ("┄" * (width - filled), QUIET))
+        facts = [
+            Text(shots_and_end(progress, now or datetime.now())),  # noqa: DTZ005 - as on the wall
+            *(Text(text, QUIET) for text in figures(progress, [*self._residuals_mm])),
+            *(Text(printable(text), OPEN) for text in what_to_do(progress)),
+        ]
+        keys = KEYS_IN_PAUSE if progress.state is EngineState.PAUSED else KEYS
+        room = max(self._console.height - len(facts) - 7, 1)
+        events = [Text(printable(text), "yellow") for text in self._events[-room:]]
+        return Group(
+            Text(f"{self._title}: {state}", style),
+            bar,
+            *facts,
+            Text(),
+            Text(keys, "reverse"),
+            Text(self._answer, OPEN),
+            *events,
+        )
+
+    def _leave(self) -> None:
+        self._live.stop()
+        for text in self._events:
+            say(self._console, f"! {text}", "yellow")
+        self._events.clear()
+
+
+def line_of(progress: Progress) -> str:
+    """Return where a run is: `97/163 · 3–5 min left · moving drift 97 · residual 0.012 mm · …`."""
+    parts = [f"{progress.done}/{progress.total}"]
+    if progress.eta_s is not None:
+        parts.append(f"{interval(progress.eta_s)} left")
+    has_shot = progress.shot is not None and progress.state not in WITHOUT_SHOT
+    shot = f" {progress.purpose} {progress.shot}" if has_shot else ""
+    parts += [f"{progress.state.value}{shot}", *_residual_and_drift(progress)]
+    if not progress.beam_locked:
+        lost_s = progress.beam_lost_s
+        parts.append(f"BEAM LOST for {interval((lost_s, lost_s))}" if lost_s else "BEAM LOST")
+    if progress.beam_advice:
+        parts.append(progress.beam_advice)
+    if progress.goal_mm is not None:
+        parts.append(_goal(progress))
+    if progress.known is not None:
+        parts.append(certainty(progress.known))
+    return " · ".join(parts)
+
+
+def summary(progress: Progress) -> str:
+    """Return shots done and last figures of a run that is over."""
+    shots = f"{progress.done} of {progress.total} shots"
+    return " · ".join([shots, progress.state.value, *_residual_and_drift(progress)])
 
 
 def state_of(progress: Progress) -> tuple[str, str]:
-    """State in words, and its colour."""
+    """Return the state in words, and its colour."""
     if not progress.beam_locked:
-        lost = f" {_lasted(progress.beam_lost_s)} ago" if progress.beam_lost_s else ""
-        return f"the tracker lost the beam{lost}", BAD
+        lost_s = progress.beam_lost_s
+        ago = f" {interval((lost_s, lost_s))} ago" if lost_s else ""
+        return f"the tracker lost the beam{ago}", BAD
     if progress.state is EngineState.PAUSED:
         return "paused, the robot stands still", OPEN
     words = WORDS[progress.state]
@@ -100,30 +220,26 @@ def state_of(progress: Progress) -> tuple[str, str]:
 
 
 def shots_and_end(progress: Progress, now: datetime) -> str:
-    """Shots and the end by the clock: `34 of 163 shots · 129 left · ends at 14:32`."""
+    """Return shots and the end by the clock: `34 of 163 shots · 129 left · ends at 14:32`."""
     left = progress.total - progress.done
-    told = f"{progress.done} of {progress.total} shots · {left} left"
+    shots = f"{progress.done} of {progress.total} shots · {left} left"
     if progress.eta_s is None or not left:
-        return told
+        return shots
     low, high = (f"{now + timedelta(seconds=s):%H:%M}" for s in progress.eta_s)
-    return f"{told} · ends {f'at {low}' if low == high else f'between {low} and {high}'}"
+    return f"{shots} · ends {f'at {low}' if low == high else f'between {low} and {high}'}"
 
 
-def figures(progress: Progress, residuals_mm: Sequence[float]) -> Iterator[str]:
+def figures(progress: Progress, residuals_mm: list[float]) -> Iterator[str]:
     """Yield the last residual and whether it is good, drift, uncertainty and the goal."""
-    told = []
+    parts = _residual_and_drift(progress)
     if progress.residual_mm is not None:
-        told.append(f"last residual {progress.residual_mm:.3f} mm{_judged(residuals_mm)}")
-    if progress.drift_mm is not None:
-        told.append(f"drift {progress.drift_mm:.3f} mm")
-    if told:
-        yield " · ".join(told)
+        parts[0] = f"last {parts[0]}{_judged(residuals_mm)}"
+    if parts:
+        yield " · ".join(parts)
     if progress.known is not None:
         yield certainty(progress.known)
     if progress.goal_mm is not None:
-        known = progress.known
-        reached = "not known yet" if known is None else f"±{known.position_std_mm:.3f} mm"
-        yield f"goal: positions to ±{progress.goal_mm:g} mm, now {reached}"
+        yield _goal(progress)
 
 
 def certainty(known: PositionUncertainty) -> str:
@@ -134,22 +250,29 @@ def certainty(known: PositionUncertainty) -> str:
     return f"{positions} · weakest length {known.weakest} ±{known.weakest_std_mm:.3f} mm"
 
 
-def what_to_do(progress: Progress) -> Iterable[str]:
-    """What the operator can do now; nothing while all is well."""
+def what_to_do(progress: Progress) -> Iterator[str]:
+    """Yield what the operator can do now; nothing while all is well."""
     if progress.beam_advice:
         yield progress.beam_advice
     if not progress.beam_locked and progress.beam_lost_s >= SKIP_AFTER_S:
         yield "s skips this shot"
 
 
-def _judged(residuals_mm: Sequence[float]) -> str:
-    """Whether the last residual is as the others are; nothing said of the first few."""
-    *before, last = residuals_mm or (0.0,)
+def _residual_and_drift(progress: Progress) -> list[str]:
+    values = (("residual", progress.residual_mm), ("drift", progress.drift_mm))
+    return [f"{name} {value:.3f} mm" for name, value in values if value is not None]
+
+
+def _goal(progress: Progress) -> str:
+    known = progress.known
+    reached = "not known yet" if known is None else f"±{known.position_std_mm:.3f} mm"
+    return f"goal: positions to ±{progress.goal_mm:g} mm, now {reached}"
+
+
+def _judged(residuals_mm: list[float]) -> str:
+    """Return whether the last residual is like those before it; nothing for the first few."""
+    *before, last = residuals_mm or [0.0]
     if len(before) < FEWEST_RESIDUALS:
         return ""
-    usual = median(before)
-    return ": good" if last <= LARGE * usual else f": large, {usual:.3f} mm is usual"
-
-
-def _lasted(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < LONG_S else f"{seconds / 60.0:.0f} min"
+    usual_mm = median(before)
+    return ": good" if last <= LARGE * usual_mm else f": large, {usual_mm:.3f} mm is usual"

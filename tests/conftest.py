@@ -56,7 +56,10 @@ def nothing_is_left_running() -> Iterator[None]:
     """Fail the test that leaves a thread or a process behind, not one of those that come after."""
     threads, processes = set(threading.enumerate()), children()
     yield
-    left = [thread.name for thread in threading.enumerate() if thread not in threads]
+    new = [thread for thread in threading.enumerate() if thread not in threads]
+    for thread in new:
+        thread.join(1.0)  # one that was told to end needs a moment
+    left = [thread.name for thread in new if thread.is_alive()]
     left += [f"process {number}" for number in sorted(children() - processes)]
     if left:
         pytest.fail(f"the test left running: {', '.join(left)}", pytrace=False)

@@ -13,7 +13,7 @@ from app.interrupt import StopRequest, asking, stop_on_signals, suspend
 from app.measuring import goes_on
 from app.next import tell_next
 from app.options import Dry, Folder, Json
-from app.progress import RunDisplay
+from app.run_screen import RunLines
 from app.wiring import connected_cell, connected_robot, prepare
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import Change
@@ -104,13 +104,13 @@ def command(
 
 
 @contextmanager
-def _watched(wish: StopRequest, display: RunDisplay) -> Iterator[None]:
+def _watched(wish: StopRequest, display: RunLines) -> Iterator[None]:
     """Signals are a wish to stop meanwhile, and what is measured is shown."""
     with stop_on_signals(wish), display:
         yield
 
 
-def _goes_on(wish: StopRequest, display: RunDisplay, terminal: Terminal) -> bool:
+def _goes_on(wish: StopRequest, display: RunLines, terminal: Terminal) -> bool:
     """Ask after Ctrl-Z; Ctrl-C takes back at once what is not verified."""
     if not wish.suspends:
         return False

@@ -75,4 +75,4 @@ def command(
 def counting(total: int, done: int) -> CountedWork:
     """Show how far the campaigns are."""
     screen = Console(stderr=True, highlight=False)
-    return CountedWork(screen, "campaigns", total, done=done, now_s=time.monotonic)
+    return CountedWork(screen, "campaigns", total, done=done)

@@ -28,7 +28,7 @@ def test_lines_tables_and_questions_are_cleaned(capsys):
 
 def test_the_progress_of_a_run_is_cleaned():
     screen = io.StringIO()
-    CountedWork(Console(file=screen), "run", 3, now_s=lambda: 0.0).say(HOSTILE)
+    CountedWork(Console(file=screen), "run", 3).say(HOSTILE)
     assert screen.getvalue().strip() == CLEAN
 
 

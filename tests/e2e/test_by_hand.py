@@ -162,7 +162,7 @@ class Software(Operator):
         self.file, self.rows = file, 0
 
     def waits(self):
-        if re.findall(r"\d/\d+ (\w+)", self.said)[-1:] == ["measuring"]:
+        if re.findall(r"\d/\d+ .*?(moving|measuring|idle)", self.said)[-1:] == ["measuring"]:
             self.rows += 1
             row = self.point(self.joints_deg).replace(",", ".")
             with self.file.open("a") as file:

@@ -1,7 +1,7 @@
 """The command line as its users see it: a command in, exit code and both streams out."""
 
-import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -60,8 +60,16 @@ class CommandLine:
         return Ended(int(code), captured.out, captured.err)
 
 
-class Keyboard(io.StringIO):
-    """Somebody who has typed this, at a terminal."""
+class Keyboard:
+    """Somebody at a terminal who types this and leaves."""
+
+    def __init__(self, typed):
+        self._typed, hand = os.pipe()
+        os.write(hand, typed.encode())
+        os.close(hand)
+
+    def fileno(self):
+        return self._typed
 
     def isatty(self):
         return True

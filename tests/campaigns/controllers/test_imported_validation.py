@@ -1,6 +1,5 @@
 """Validations measured elsewhere: judged as measured ones, with what is declared to be held."""
 
-import io
 import json
 import shutil
 from collections.abc import Sequence
@@ -9,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import change
+from command_line import Keyboard, change
 from family_cases import ALL_MEMBERS
 from paper_campaign import NOMINAL, TRACKER_FROM_BASE, PaperCampaign, new_campaign, validation_shots
 
@@ -216,11 +215,6 @@ def test_what_was_measured_once_proves_nothing_of_itself(paper: PaperCampaign) -
     identifying = [replace(row, purpose=ShotSet.IDENTIFICATION) for row in before if row.pair]
     with pytest.raises(ShotsInvalid, match=r"of series 3 \(before\)"):
         import_shots(paper.campaign, identifying, anyway=True)
-
-
-class Keyboard(io.StringIO):
-    def isatty(self) -> bool:
-        return True
 
 
 @pytest.mark.parametrize(("answer", "code"), [("n\n", 2), ("y\n", 3)])
