@@ -9,6 +9,7 @@ import random
 import signal
 import threading
 import time
+from dataclasses import replace
 from functools import partial
 
 import psutil
@@ -17,6 +18,7 @@ from command_line import change, ended, started
 from relay import Relay
 from served_cell import ServedCell
 
+from drivers.catalog import CONTROLLERS
 from drivers.robotline import LineRobot, RobotlineDeadlines
 from sim.cell import Cell
 from sim.clock import ScaledClock
@@ -174,7 +176,8 @@ def assert_says_first_what_to_do(unknown):
 def test_a_stop_that_nobody_confirms_says_first_what_to_do(wires, planned, pkmcal, monkeypatch):
     controller, _ = wires
     soon = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=1.0)
-    monkeypatch.setattr("drivers.robotline.robot.LineRobot", partial(LineRobot, deadlines=soon))
+    driver = replace(CONTROLLERS["robotline"], make=partial(LineRobot, deadlines=soon))
+    monkeypatch.setitem(CONTROLLERS, "robotline", driver)
 
     def stop_it():
         controller.await_heard_s(b" MOVEJ ", within_s=PATIENCE_S)
