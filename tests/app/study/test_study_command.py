@@ -53,9 +53,8 @@ def test_document_and_tables_tell_of_every_campaign_and_only_new_ones_are_comput
     assert (document["plan"], document["scenario"]) == ("plan", "paper-simulation")
     assert (document["shots"], document["campaigns"]) == (50, 10)
     assert (document["failed"], document["lost"], document["computed"]) == (0, 0, 10)
-    names = tuple(document["parameters"])
+    names, plate = tuple(document["parameters"]), document["parameters"]["plate_mm"]
     assert {"arm0.x_mm", "arm3.backlash_deg", "plate_mm"} <= {*names}
-    plate = document["parameters"]["plate_mm"]
     assert 0.5 < plate["ratio"] < 2.0
     assert 0.7 < document["position_mm"] / document["stated_mm"] < 1.3
     assert document["path"] == str(folder / "study" / TABLE)
