@@ -7,6 +7,7 @@
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
 #   make bench   how long users wait, and how large the house is
+#   make pictures  the pictures of docs/, drawn anew; needs chromium
 #   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours
 #
 # PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
@@ -25,7 +26,7 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILE := $(BIN)/python -m compileall -q app campaigns drivers sim pkmcal.py
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: demo test quick long peers lint bench torture
+.PHONY: demo test quick long peers lint bench pictures torture
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -54,6 +55,11 @@ lint: $(VENV)/installed-dev
 		$(BIN)/$$check || failed=1; \
 	done; \
 	exit $$failed
+
+pictures: $(VENV)/installed-dev
+	$(BIN)/python docs/pictures/make_dry_run.py
+	$(BIN)/python docs/pictures/make_gain.py
+	$(BIN)/python docs/pictures/make_screens.py
 
 bench: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks.timings

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from ruamel.yaml import YAML
 
-from app.run_screen import run_screen
+from app.run_screen import RunScreen
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress
 
 HERE = Path(__file__).parent
@@ -49,10 +50,12 @@ RUN = Progress(
 def main() -> None:
     """Make all of them."""
     console = Console(record=True, width=80, height=24, file=io.StringIO(), force_terminal=True)
-    residuals = (0.02, 0.03, 0.018, 0.025, 0.022, 0.023)
-    now = datetime(2026, 3, 2, 14, 26, tzinfo=UTC)
-    events = ("shot 12, attempt 1: beam broken: the tracker lost its target", "the beam is back")
-    console.print(run_screen("run", RUN, residuals, events, now, (80, 24)))
+    screen = RunScreen(console, "run")
+    for done, residual_mm in enumerate((0.02, 0.03, 0.018, 0.025, 0.022, 0.023), start=29):
+        screen.progress(replace(RUN, done=done, residual_mm=residual_mm))
+    screen.event("shot 12, attempt 1: beam broken: the tracker lost its target")
+    screen.event("the beam is back")
+    console.print(screen.picture(datetime(2026, 3, 2, 14, 26, tzinfo=UTC)))
     console.save_svg(str(HERE / "run.svg"), title="pkmcal run cell-7")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "cell-7"
