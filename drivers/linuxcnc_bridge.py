@@ -126,8 +126,10 @@ class Machine:
         self._messages.clear()
         if fault := self._fault(moving=False):
             raise Refusal("FAULT", fault)
-        if moving or self._status.interp_state != self._linuxcnc.INTERP_IDLE:
-            raise Refusal("BUSY", "LinuxCNC is still at work")
+        if moving:
+            raise Refusal("BUSY", "the robot moves")
+        idle = self._linuxcnc.INTERP_IDLE  # which the task sees later than the realtime part
+        self._wait(lambda: bool(self._status.interp_state == idle), "LinuxCNC is still at work")
 
     def move_joints(self, joints: Sequence[float], percent: float) -> float:
         """Start a move along the straight line of the joints; return its seconds.
@@ -295,13 +297,12 @@ class Parameters:
             tuple(name for name in extensions if name not in sum(own.values(), ())),
         )
         if not machine.has_power():
-            kept = self._kept()
-            self._set({n: kept.get(pin, 0.0) for n, pin in self._pins.items() if "backlash" in n})
+            backlashes = {n: pin for n, pin in self._pins.items() if "backlash" in n}
+            self._set({name: self._kept().get(pin, 0.0) for name, pin in backlashes.items()})
 
     def robot(self) -> str:
         """Return whose parameters the file holds."""
-        names = [line.removeprefix("# robot:") for line in self._lines() if "# robot:" in line]
-        return "".join(names).strip() or "unknown"
+        return "".join(re.findall(r"# robot:(.*)", "\n".join(self._lines()))).strip() or "unknown"
 
     def values(self, words: str) -> tuple[float, ...]:
         """Return the values of `ARM i`, `PLATE` or `NAME`."""
@@ -454,8 +455,7 @@ def main() -> None:
     words.add_argument("--host", default="127.0.0.1", help="0.0.0.0: for other computers too")
     words.add_argument("--file", type=Path, default="calib.hal", help="keeps the parameters")
     given = words.parse_args()
-    with Bridge((given.host, given.port), given.file) as bridge:
-        bridge.serve_forever()
+    Bridge((given.host, given.port), given.file).serve_forever()
 
 
 if __name__ == "__main__":
