@@ -18,12 +18,7 @@ from sim.factory import true_geometry
 from sim.scenarios.scenario import load_scenario
 
 pytestmark = pytest.mark.long
-SMALL = {
-    "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
-    "plan.shots": 30,
-    "plan.validation_pairs": 4,
-    **SMALL_TESTS,
-}
+SMALL = {"plan.shots": 30, "plan.validation_pairs": 4, **SMALL_TESTS}
 FAST = {
     "speed_up": 1000,
     "controller.computes_plate_tilt": True,

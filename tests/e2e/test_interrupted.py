@@ -23,12 +23,7 @@ SLOW = {"speed_up": 60}
 FAST = {"speed_up": 1000}
 WATCHED = {"speed_up": 15}
 """So slow that a picture drawn four times a second, late on a busy machine, shows every state."""
-FEW_SHOTS = {
-    "settle.timeout_s": 300,
-    "plan.shots": 8,
-    "plan.validation_pairs": 0,
-    "plan.drift_shots": 2,
-}
+FEW_SHOTS = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 AT_WORK_SHOTS = 4
 DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 RESUMED = re.compile(rf"series 1 has (\d+) of 59 shots, (\d+) are left, about .*, {DEVICES}")

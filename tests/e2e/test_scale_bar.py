@@ -24,7 +24,7 @@ def test_a_bar_between_nests_names_a_scale_of_100_ppm(pkmcal, tmp_path):
     folder = tmp_path / "cell"
     assert pkmcal("new", folder, "--scenario", scenario).code == 0
     change(folder / "cell.yaml", {"speed_up": 1000})
-    small = {"plan.shots": 16, "plan.validation_pairs": 2, "settle.timeout_s": 300}
+    small = {"plan.shots": 16, "plan.validation_pairs": 2}
     change(folder / "campaign.yaml", {**small, "known_lengths": [BAR]})
     assert pkmcal("plan", folder).code == 0
     assert pkmcal("run", folder, "--yes").code == 0

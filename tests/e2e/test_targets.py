@@ -9,7 +9,6 @@ from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Finding, Intent
 
 SMALL = {
-    "settle.timeout_s": 300,
     "plan.shots": 60,
     "plan.validation_pairs": 12,
     "validation.repeatability_approaches": 3,

@@ -16,7 +16,7 @@ from sim.robot.tilting_kinematics import KnownPlate, _mechanism, is_level, tilte
 
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
 SPACING_MM = 80.0
-POSES = 25
+POSES = 8
 LEFT_RMS_MM = 4e-4
 """Of second order in the rods' differences and the tilts (model.md)."""
 
