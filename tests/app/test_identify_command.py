@@ -157,7 +157,7 @@ def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(pkmcal,
     rows[17] = replace(rows[17], covariance_mm2=broken)
     import_shots(campaign, rows)
     code, out, err = pkmcal("identify", campaign.folder, "--json")
-    assert (code, out) == (2, "")
+    assert (code, "error" in json.loads(out)) == (2, True)
     assert "shot 17: its covariance is not positive definite → import the shots again" in err
 
 
