@@ -103,7 +103,6 @@ def test_the_document_states_parameters_within_their_uncertainty(pkmcal, clean):
 
 def test_what_takes_long_is_told_on_a_terminal(pkmcal, clean, monkeypatch):
     monkeypatch.setattr("rich.console.Console.is_terminal", True)
-    monkeypatch.setattr("app.console.SILENT_S", 0.0)
     code, _, err = pkmcal("identify", clean.folder)
     assert (code, "identifying" in err) == (0, True)
 

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 
 from sim.scenarios.scenario import load_scenario
 
-NEXT = {"next", "before_next"}
+NEXT = {"schema", "next", "before_next", "next_reason"}
 DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 PLAN_KEYS = {
     *NEXT,
@@ -46,7 +46,7 @@ def assert_is_validation(document):
 
 
 def assert_is_identification(document):
-    assert set(document) - NEXT - {"ways"} == IDENTIFICATION_KEYS
+    assert set(document) - NEXT - {"ways"} == IDENTIFICATION_KEYS - NEXT
     assert document["schema"] == "pkmcal/identification/2"
     assert tuple(document["parameters"])[: len(SPACE.names)] == SPACE.names
     for entry in document["parameters"].values():
