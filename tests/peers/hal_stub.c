@@ -6,7 +6,7 @@
 #include <string.h>
 #include <time.h>
 
-static struct { char name[48]; int component; volatile double value; } pins[512];
+static struct { char name[48]; int component; volatile double value; } pins[1024];
 static int count, components;
 
 int hal_init(const char *name) { (void)name; return ++components; }
