@@ -97,7 +97,7 @@ class Engine:
         self._compared: set[int] = set()
         self._looked_back: Counter[int] = Counter()
         self._uncertainty: PositionUncertainty | None = None
-        self._uncertainty_schedule = Schedule(0.02)
+        self._uncertainty_schedule = Schedule(0.05)
         self._noise: ReferenceNoise | None = None
         self._noise_schedule = Schedule(0.25)
         self._at_rest: tuple[int, ...] | None = None

@@ -13,7 +13,7 @@ from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome
 from campaigns.measuring.run_state import PositionUncertainty
-from campaigns.planning.forecast import forecast, judged_at, judged_positions
+from campaigns.planning.forecast import forecast, judged_positions
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
@@ -90,14 +90,13 @@ class UncertaintyMonitor:
             targets=[shot.pose for shot in planned],
         )
 
-    def _stated(self, posterior: Posterior) -> PositionUncertainty | None:
-        """Return the uncertainty of positions at the poses that the fitted robot can take."""
-        robot = self._model.kinematics(posterior.x)
-        joints, poses = robot.assembled(self._judged.poses)
-        if not len(poses):
-            return None
-        judged = judged_at(self._model, robot, joints, poses)
-        std = position_std_mm(judged.by_unknowns, posterior.own_covariance)
+    def _stated(self, posterior: Posterior) -> PositionUncertainty:
+        """Return the uncertainty at the positions judged, with the nominal robot's derivatives.
+
+        Those of the fitted robot differ by the second order, and would take half as long as the
+        fit.
+        """
+        std = position_std_mm(self._judged.by_unknowns, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
         scatter, _ = posterior.scatter
         count = int(posterior.kept.sum())

@@ -47,7 +47,7 @@ def test_what_is_known_is_what_identify_states_of_the_same_shots() -> None:
     for count in (6, 12, len(SHOTS)):
         known = fitted(measured[:count])
         assert known.shots == count
-        assert known.position_std_mm == pytest.approx(mean_std_of(measured[:count]), rel=1e-6)
+        assert known.position_std_mm == pytest.approx(mean_std_of(measured[:count]), rel=1e-3)
     assert fitted(measured[:5]) is None
 
 
