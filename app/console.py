@@ -176,12 +176,14 @@ class Terminal:
     def _answer(self, question: str, stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Ask, and return the line that the operator types now."""
         *lines, last = question.split("\n")
-        for line in lines:
-            self.note(line, OPEN)
-        self._talk.print(
-            Text(printable(last), "bold"), end="", soft_wrap=not self._talk.is_terminal
-        )
-        return KEYBOARD.line(stop_requested)
+
+        def show() -> None:
+            for line in lines:
+                self.note(line, OPEN)
+            words = Text(printable(last), "bold")
+            self._talk.print(words, end="", soft_wrap=not self._talk.is_terminal)
+
+        return KEYBOARD.line(show, stop_requested)
 
     def require_somebody(self) -> None:
         """Raise `NotConfirmed` where there is nobody who could be asked."""

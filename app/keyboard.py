@@ -31,13 +31,16 @@ class Keyboard:
         """Whether there is a terminal at which somebody can answer."""
         return sys.stdin is not None and sys.stdin.isatty()
 
-    def line(self, stop_requested: Callable[[], bool] = lambda: False) -> str:
-        """Return the line that is typed from now on; what was typed before answers nothing.
+    def line(
+        self, show_question: Callable[[], None], stop_requested: Callable[[], bool] = lambda: False
+    ) -> str:
+        """Return the line that is typed once the question is shown; what was typed before is lost.
 
         Raise `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed.
         """
         typed = b""
         with self._turn, self._by_lines():
+            show_question()
             while b"\n" not in typed:
                 if stop_requested():
                     raise Cancelled("the question was abandoned", remedy="start again when ready")
