@@ -148,11 +148,6 @@ class Shots:
             StringIO(shots_text(rows_of_shots(self), robot.mechanism))
         )
 
-    @property
-    def knows_approach(self) -> bool:
-        """Whether of any shot it is known from which side its joints came."""
-        return bool(self.approach.any())
-
     def order_of_time(self) -> Index:
         """Rows as they were measured, by the journal's records: a clock may be set back.
 

@@ -92,7 +92,7 @@ def test_shots_of_an_older_journal_or_of_other_software_have_no_direction():
     received = AcceptedShot(intent(1), imported(1), "2026-03-02T08:00:00Z")
     data = shots_of_journal([received], PAR4)
     assert data.approach.tolist() == [[0.0] * 4]
-    assert not data.knows_approach
+    assert not data.approach.any()
 
 
 def test_a_measured_series_tells_from_where_its_joints_came(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_a_measured_series_tells_from_where_its_joints_came(tmp_path: Path) -> N
         shots = journal.shots(cell.measure(journal, work(FOUR_PAIRS)))
     data = shots_of_journal(shots, PAR4)
     stops = np.array([planned.joints for planned in FOUR_PAIRS])
-    assert data.knows_approach
+    assert data.approach.any()
     assert (data.approach[1:] == np.sign(np.diff(stops, axis=0))).all()
     for before, after in pairwise(shots):
         assert after.outcome.came_from == pytest.approx(before.outcome.joints)
