@@ -30,9 +30,11 @@ class NextStep:
 
     @property
     def says(self) -> str:
-        """What to do first, the command and its reason, in one line."""
-        command = f"{self.first}, then: {self.text}" if self.first else self.text
-        return f"{command} ({self.why})" if self.why else command
+        """What to do first and why, then the command, which ends the line to be copied."""
+        if not self.first:
+            return f"{self.why}, so: {self.text}" if self.why else self.text
+        why = f" ({self.why})" if self.why else ""
+        return f"{self.first}{why}, then: {self.text}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

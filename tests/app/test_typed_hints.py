@@ -32,14 +32,14 @@ def test_every_command_of_the_table_is_taken_by_the_command_line(row, monkeypatc
     )
     monkeypatch.setattr("campaigns.next_step.ROWS", (replace(row, applies=lambda _: True),))
     step = next_step(state)
-    command, *words = shlex.split(step.text)[1:]
+    command, *words = shlex.split(step.says.rpartition(": ")[2])[1:]
     context = get_command(app).get_command(None, command).make_context(command, words)
     assert str(context.params["folder"]) == "a b"
 
 
 def hint(ended):
     """The command that is next, of which its words, status and the document say the same."""
-    (said,) = re.findall(r"^next: .*?(pkmcal [^()]*?)(?: \(.*)?$", ended.err + ended.out, re.M)
+    (said,) = re.findall(r"^next: (?:.*: )?(pkmcal .*)$", ended.err + ended.out, re.M)
     return said
 
 

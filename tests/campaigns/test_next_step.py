@@ -127,13 +127,13 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({**MEASURED, "left": "run"}, "run DIR"),
         (
             {**MEASURED, "left": "run", "worker": "process 7"},
-            "wait, or look on by `watch`, then: status DIR (process 7 works on this campaign)",
+            "wait, or look on by `watch` (process 7 works on this campaign), then: status DIR",
         ),
         (MEASURED, "identify DIR"),
         ({**PASSED, "to_export": "yaml", "overwrite": True}, "export DIR --overwrite"),
         (
             {**PASSED, "to_export": "plain"},
-            "export DIR --format plain (the controller does not know all parameters)",
+            "the controller does not know all parameters, so: export DIR --format plain",
         ),
         ({**PASSED, "check": "update"}, "identify DIR --update"),
         ({**PASSED, "check": "again"}, "check DIR"),
@@ -144,7 +144,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --file DIR/elsewhere.yaml"),
         (
             {**PASSED, "holds": True, "after": "worse"},
-            "load DIR --rollback (the robot became worse by what it was loaded with)",
+            "the robot became worse by what it was loaded with, so: load DIR --rollback",
         ),
         ({**PASSED, "by_targets": True}, "validate DIR --stage after --by targets"),
     ],
