@@ -447,8 +447,9 @@ class RecordedIdentification(IdentificationResult):
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Read the identification of a journal's finding; raise `FindingUnreadable`."""
     remedy = "run `pkmcal identify` again: another version of the software wrote it"
-    if body.get("schema") != SCHEMA:
-        raise FindingUnreadable(f"the identification is {body.get('schema')}", remedy=remedy)
+    schema = body.get("schema", "without a schema")
+    if schema != SCHEMA:
+        raise FindingUnreadable(f"the identification is {schema}", remedy=remedy)
     return read_body(body, RecordedIdentification, "identification", remedy)
 
 
