@@ -50,11 +50,9 @@ def command(
     table = StudyTable(to / f"{study.file_name}.jsonl", study.table_head())
     make_folder(to)
     with campaign_lock(to, now_utc=now_utc):
-        compute = (
-            partial(parts_of_cluster, scheduler=options.scheduler)
-            if options.scheduler
-            else partial(simulated_parts, processes=options.workers or cpu_count())
-        )
+        compute = partial(simulated_parts, processes=options.workers or cpu_count())
+        if options.scheduler:
+            compute = partial(parts_of_cluster, scheduler=options.scheduler)
         studied = run_study(study, table, range(options.campaigns), compute, counting)
         summary = studied.summary()
         seconds = time.monotonic() - began_s

@@ -93,8 +93,7 @@ class UncertaintyMonitor:
     def _stated(self, posterior: Posterior) -> PositionUncertainty:
         """Return the uncertainty at the positions judged, with the nominal robot's derivatives.
 
-        Those of the fitted robot differ by the second order, and would take half as long as the
-        fit.
+        Those of the fitted robot differ by the second order, and would cost half a fit.
         """
         std = position_std_mm(self._judged.by_unknowns, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
