@@ -14,11 +14,10 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, tracker_columns
-from campaigns.fit.rigid_transforms import Transform, fit_transform, frame_jacobian
+from campaigns.fit.rigid_transforms import Transform, fit_transform, frame_jacobian, rotation_by
 from campaigns.kinematics.closed_chain import Assembly
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Role
@@ -258,10 +257,7 @@ def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform,
     """Return frames after a step (6 F,) of turns in mrad and shifts in mm."""
     steps = step.reshape(len(frames), 6)
     return tuple(
-        Transform(
-            Rotation.from_rotvec(MRAD * own[:3]).as_matrix() @ frame.rotation,
-            frame.translation_mm + own[3:],
-        )
+        Transform(rotation_by(MRAD * own[:3]) @ frame.rotation, frame.translation_mm + own[3:])
         for frame, own in zip(frames, steps, strict=True)
     )
 

@@ -1,9 +1,13 @@
-"""Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b."""
+"""Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b.
+
+`scipy.spatial` is named in full where it is used: SciPy then loads it at the first use, and
+commands that fit nothing start without it.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from campaigns.arrays import Array
 
@@ -19,18 +23,18 @@ class Transform:
     translation_mm: Array
 
     def apply(self, points_mm: Array) -> Array:
-        """Points (N, 3) in the other frame."""
+        """Return points (N, 3) in the other frame."""
         return np.asarray(points_mm @ self.rotation.T + self.translation_mm)
 
     def after(self, first: "Transform") -> "Transform":
-        """This transform behind another one."""
+        """Return the transform that applies `first`, then this one."""
         return Transform(
             self.rotation @ first.rotation,
             self.rotation @ first.translation_mm + self.translation_mm,
         )
 
     def inverted(self) -> "Transform":
-        """The way back."""
+        """Return the inverse transform."""
         return Transform(self.rotation.T, -self.rotation.T @ self.translation_mm)
 
 
@@ -70,6 +74,11 @@ def frame_jacobian(points_mm: Array) -> Array:
     return columns
 
 
+def rotation_by(vector_rad: Array) -> Array:
+    """Return the matrix (3, 3) of a rotation vector (3,)."""
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector_rad).as_matrix())
+
+
 def paper_angles_rad(transform: Transform) -> Array:
     """Return φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,).
 
@@ -85,4 +94,5 @@ def paper_angles_rad(transform: Transform) -> Array:
 
 def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
     """Return R(z, φ) R(y, γ) R(x, ψ) with a translation (paper eqs. 22 and 23), from (3,) each."""
-    return Transform(Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm)
+    turn = scipy.spatial.transform.Rotation.from_euler("ZYX", angles_rad)
+    return Transform(turn.as_matrix(), translation_mm)

@@ -5,7 +5,7 @@ to compare; the full model states more and less wrongly.
 """
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsMissing
