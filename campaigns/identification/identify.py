@@ -68,7 +68,9 @@ def identify(
     rows, excluded = rows_to_fit(shots, at_nominal, options)
     fitted = shots.rows(rows)
     observations = observations_of(fitted, at_nominal.values[rows], options)
-    prior = Prior() if lengths is None else Prior(lengths={"scale": lengths.scale})
+    prior = Prior()
+    if lengths is not None and "scale" in model.names:  # --fix scale holds it at nominal
+        prior = Prior(lengths={"scale": lengths.scale})
     try:
         posterior, changes = fit_with_changes(model, observations, prior)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -12,6 +12,7 @@ from campaigns.identification import findings
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.settings.sections import KnownLengthConfig
 from campaigns.shots.shot_sets import ShotSet
 
 MECHANISMS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
@@ -193,6 +194,25 @@ def test_options_hold_parameters_and_change_tolerances(clean):
     ):
         with pytest.raises(OptionsInvalid, match=said):
             identified(campaign, **wrong)
+
+
+def test_a_known_length_measures_the_scale_unless_that_is_held(clean):
+    campaign, _ = clean
+    shots, bar = campaign.shots, KnownLengthConfig(name="bar", length_mm=500.0, std_mm=0.01)
+    rows = shots.whole_pairs(ShotSet.VALIDATION).rows[0].tolist()
+    purposes = [
+        ShotSet.KNOWN_LENGTH if row in rows else own for row, own in enumerate(shots.purposes)
+    ]
+    points = shots.points_in_tracker_mm.copy()
+    points[rows[1]] = points[rows[0]] + [0.0, 0.0, 500.0 * (1.0 + 1e-4)]
+    shots = replace(shots, purposes=tuple(purposes), points_in_tracker_mm=points)
+    result = identified(replace(campaign, shots=shots), known_lengths=(bar,))
+    scale_ppm, std_ppm = result.tracker["scale"]
+    assert std_ppm < 45.0
+    assert scale_ppm == pytest.approx(100.0, abs=3.0 * std_ppm)
+    held = identified(replace(campaign, shots=shots), known_lengths=(bar,), fix=("scale",))
+    assert "scale" not in held.tracker
+    assert held.verdict == "pass", held.reasons
 
 
 def test_too_few_shots_and_nonsense_are_refused_with_a_remedy(clean):
