@@ -20,7 +20,7 @@ from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, 
 from campaigns.fit.rigid_transforms import Transform, fit_transform, frame_jacobian, rotation_by
 from campaigns.kinematics.closed_chain import Assembly
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.kinematics.parameters import Role
+from campaigns.kinematics.parameters import INNER, Role, Unit
 
 MRAD = 1e-3
 GROSS_MEDIANS = 6.0
@@ -133,6 +133,17 @@ class ErrorModel:
         """Group of each unknown, (P,)."""
         table = self.nominal.mechanism.parameters
         return tuple(n if n in TRACKER_SOURCES else table[n].field.group for n in self.names)
+
+    @cached_property
+    def units(self) -> tuple[Unit, ...]:
+        """Unit of each unknown in files and on screens, (P,)."""
+        table = self.nominal.mechanism.parameters
+        return tuple(TRACKER_SOURCES.get(n) or table[n].unit for n in self.names)
+
+    @cached_property
+    def file_tolerance(self) -> Array:
+        """Tolerance of each unknown in its unit in files, (P,): mm, deg or ppm."""
+        return np.asarray(self.tolerance / [INNER[unit] for unit in self.units])
 
     @cached_property
     def tolerance(self) -> Array:

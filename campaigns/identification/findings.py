@@ -17,7 +17,7 @@ from campaigns.fit.error_sources import (
 )
 from campaigns.fit.posterior import Posterior
 from campaigns.fit.uncertainty import NullDirections
-from campaigns.kinematics.parameters import INNER, SIGNS
+from campaigns.kinematics.parameters import SIGNS
 
 FAR_TOLERANCES = 3.0
 """Tolerances beyond which a value is far outside."""
@@ -107,17 +107,10 @@ def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[F
 
 def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int) -> Finding:
     model = posterior.model
-    name, tolerance, source = (
-        model.names[place],
-        model.tolerance[place],
-        SOURCES[model.groups[place]],
-    )
-    if name in TRACKER_SOURCES:
-        words, unit = source.words, TRACKER_SOURCES[name]
-    else:
-        parameter = model.nominal.mechanism.parameters[name]
-        words, unit = parameter.words, parameter.unit
-    sign, limit = SIGNS[unit], tolerance / INNER[unit]
+    name, source = model.names[place], SOURCES[model.groups[place]]
+    is_of_tracker = name in TRACKER_SOURCES
+    words = source.words if is_of_tracker else model.nominal.mechanism.parameters[name].words
+    sign, limit = SIGNS[model.units[place]], model.file_tolerance[place]
     value, width = x * limit, COVERAGE * std * limit
     more = f" (and {others} more of {source.words})" if others else ""
     says = (

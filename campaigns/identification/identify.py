@@ -45,7 +45,6 @@ from campaigns.identification.result import (
     StoredPosterior,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
-from campaigns.kinematics.parameters import INNER
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -212,10 +211,9 @@ class _Case:
             value, std = nominal, None
             if is_free:
                 place = model.names.index(name)
-                unit = model.tolerance[place] / float(table.units((name,))[0])
-                value = nominal + float(deviations[place]) * unit
-                variance = covariance[place, place]
-                std = float(np.sqrt(variance)) * unit if variance > 1e-12 else None
+                tolerance, variance = float(model.file_tolerance[place]), covariance[place, place]
+                value = nominal + float(deviations[place]) * tolerance
+                std = float(np.sqrt(variance)) * tolerance if variance > 1e-12 else None
             group = table[name].field.group
             parameters[name] = IdentifiedParameter(
                 nominal=nominal, value=value, std=std, free=is_free, group=group
@@ -226,20 +224,17 @@ class _Case:
         model, table = self.posterior.model, self.nominal.mechanism.parameters
         own = [n for n, name in enumerate(model.names) if name in table.of_robot]
         names = tuple(model.names[place] for place in own)
-        unit = model.tolerance[own] / table.units(names)
+        tolerance = model.file_tolerance[own]
         matrix = null.without(self.posterior.own_covariance)[np.ix_(own, own)]
-        matrix = matrix * np.outer(unit, unit)
+        matrix = matrix * np.outer(tolerance, tolerance)
         return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
 
     def _tracker(self) -> dict[str, tuple[float, float]]:
-        model, std = self.posterior.model, self.posterior.std
-        values = {}
-        for source, unit in TRACKER_SOURCES.items():
-            if source in model.names:
-                place = model.names.index(source)
-                scale = float(model.tolerance[place] / INNER[unit])
-                values[source] = (float(self.posterior.x[place]) * scale, float(std[place]) * scale)
-        return values
+        """Return value and 1 σ of each of the tracker's errors, in the unit it is shown in."""
+        model, posterior = self.posterior.model, self.posterior
+        values, std = (model.file_tolerance * own for own in (posterior.x, posterior.std))
+        rows = zip(model.names, values.tolist(), std.tolist(), strict=True)
+        return {name: (value, s) for name, value, s in rows if name in TRACKER_SOURCES}
 
     def _stored(self, null: NullDirections) -> StoredPosterior:
         posterior = self.posterior

@@ -95,7 +95,7 @@ def forecast(
     return Forecast(
         shots=len(rows),
         std=_std_by_name(model, null.without(covariance[:size, :size])),
-        units={name: model.nominal.mechanism.parameters[name].unit for name in model.parameters},
+        units=dict(zip(model.parameters, model.units, strict=False)),
         position_std_mm=position_std_mm(judged.by_unknowns, covariance[:size, :size]),
         from_below=_approach_shares(shots),
     )
@@ -124,14 +124,9 @@ def _precision(model: ErrorModel, at: Linearised, weights: Array) -> Array:
 
 def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
     """Return 1 σ in file units of the parameters that shots determine."""
-    table = model.nominal.mechanism.parameters
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    values = {}
-    for place, name in enumerate(model.parameters):
-        if std[place] > 1e-6:
-            unit = float(table.units((name,))[0])
-            values[name] = float(std[place] * model.tolerance[place]) / unit
-    return values
+    rows = zip(model.parameters, std, model.file_tolerance, strict=False)
+    return {name: float(s * tolerance) for name, s, tolerance in rows if s > 1e-6}
 
 
 def _approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:

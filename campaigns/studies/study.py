@@ -113,7 +113,7 @@ def _estimate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     shots = replace(setup.shots, points_in_tracker_mm=points, stated_covariance_mm2=covariance)
     near = setup.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
     posterior, _ = fit_with_changes(model, observations_of(shots, near, setup.options))
-    errors, std = _parameter_errors(setup, posterior, true)
+    errors, std = _parameter_errors(posterior, true)
     real_mm, stated_mm = _positions(setup, posterior, robot)
     return CampaignEstimate(
         errors=tuple(errors.tolist()),
@@ -152,14 +152,13 @@ def _noise(setup: StudySetup, points: Array, rng: np.random.Generator) -> Array:
     return np.asarray((roots @ rng.standard_normal((*points.shape, 1)))[..., 0])
 
 
-def _parameter_errors(setup: StudySetup, posterior: Posterior, true: Array) -> tuple[Array, Array]:
+def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
     """Return errors and stated σ of the robot's parameters, (F,), in file units."""
     model = posterior.model
     count, null = len(model.parameters), null_directions(posterior)
     off = null.at_nominal(posterior.x - true)
     variance = np.diag(null.without(posterior.own_covariance))
-    units = setup.nominal.mechanism.parameters.units(model.parameters)
-    scale = model.tolerance[:count] / units
+    scale = model.file_tolerance[:count]
     return off[:count] * scale, np.sqrt(np.maximum(variance[:count], 0.0)) * scale
 
 
