@@ -54,8 +54,8 @@ class ShotDesign:
 
     def add_best(self) -> int:
         """Add the candidate that lowers the variance of positions most; return it."""
-        own = self._products @ self.jacobians.swapaxes(1, 2) + np.eye(3)
-        gain = (self._judged * np.linalg.solve(own, self._judged)).sum(axis=(1, 2))
+        inner = self._products @ self.jacobians.swapaxes(1, 2) + np.eye(3)
+        gain = (self._judged * np.linalg.solve(inner, self._judged)).sum(axis=(1, 2))
         gain[self.chosen] = -np.inf
         best = int(gain.argmax())
         self._change(best, 1.0)
@@ -82,10 +82,10 @@ class ShotDesign:
 
     def _change(self, shot: int, sign: float) -> None:
         """Add (+1) or take away (-1) a shot from the covariance and all products."""
-        jacobian, product = self.jacobians[shot], self._products[shot].copy()
-        judged = self._judged[shot].copy()
-        own = np.eye(3) + sign * jacobian @ product.T
+        jacobian, product = self.jacobians[shot], self._products[shot]
+        inner = np.eye(3) + sign * jacobian @ product.T  # A of the module's text
         mixed = sign * (self.jacobians @ product.T)
-        self.covariance = self.covariance - sign * product.T @ np.linalg.solve(own, product)
-        self._products -= mixed @ np.linalg.solve(own, product)
-        self._judged -= mixed @ np.linalg.solve(own, judged)
+        change = np.linalg.solve(inner, product)
+        self.covariance = self.covariance - sign * product.T @ change
+        self._products -= mixed @ change
+        self._judged -= mixed @ np.linalg.solve(inner, self._judged[shot])

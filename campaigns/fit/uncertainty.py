@@ -1,4 +1,4 @@
-"""What a posterior says: undetermined directions, uncertainty of positions, and its budget."""
+"""Undetermined directions of a posterior, its uncertainty of positions, and their budget."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,20 +53,21 @@ def null_directions(posterior: Posterior) -> NullDirections:
     rows = np.concatenate(
         [posterior.at.jacobian[..., :size], posterior.at.jacobian[..., frames]], axis=2
     )
-    information = marginal_information(rows, posterior.weights, size)
+    information = marginal_information(shot_information(rows, posterior.weights), size)
     for source in posterior.measured:
         place = posterior.model.names.index(source)
         information[place, place] += posterior.prior[place, place]
     return null_directions_of(information, posterior.model.names)
 
 
-def marginal_information(rows: Array, weights: Array, size: int) -> Array:
-    """Return the information of shots on their first `size` unknowns, the others eliminated.
+def shot_information(jacobian: Array, weights: Array) -> Array:
+    """Return the information (Q, Q) of shots with derivatives (N, 3, Q) and weights (N, 3, 3)."""
+    rows = jacobian.reshape(-1, jacobian.shape[2])
+    return np.asarray((weights @ jacobian).reshape(rows.shape).T @ rows)
 
-    `rows` (N, 3, Q) are derivatives, `weights` (N, 3, 3) inverse covariances.
-    """
-    flat = rows.reshape(-1, rows.shape[2])
-    information = (weights @ rows).reshape(flat.shape).T @ flat
+
+def marginal_information(information: Array, size: int) -> Array:
+    """Return the information on the first `size` unknowns, the others eliminated."""
     own, mixed = information[:size, :size], information[:size, size:]
     frames = information[size:, size:]
     return np.asarray(own - mixed @ np.linalg.solve(frames, mixed.T))

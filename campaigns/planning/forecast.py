@@ -20,6 +20,7 @@ from campaigns.fit.uncertainty import (
     marginal_information,
     null_directions_of,
     position_std_mm,
+    shot_information,
     without_frame,
 )
 from campaigns.kinematics.mechanism import Kinematics
@@ -89,9 +90,9 @@ def forecast(
     at = linearised_plan(model, joints[rows], poses[rows], approach, tracker_mm)
     noise = point_covariance_mm2(poses[rows, :3] - tracker_mm, instrument)
     weights = np.asarray(np.linalg.inv(noise), dtype=np.float64)
-    covariance = np.asarray(np.linalg.inv(_precision(model, at, weights)), dtype=np.float64)
-    size = len(model.names)
-    null = null_directions_of(marginal_information(at.jacobian, weights, size), model.names)
+    information, size = shot_information(at.jacobian, weights), len(model.names)
+    covariance = np.asarray(np.linalg.inv(prior_precision(model) + information), dtype=np.float64)
+    null = null_directions_of(marginal_information(information, size), model.names)
     return Forecast(
         shots=len(rows),
         std=_std_by_name(model, null.without(covariance[:size, :size])),
@@ -114,12 +115,6 @@ def linearised_plan(
 def prior_precision(model: ErrorModel) -> Array:
     """Return the precision of all unknowns and the frame before any shot, (Q, Q)."""
     return np.diag([1.0] * len(model.names) + [FRAME_PRECISION] * 6)
-
-
-def _precision(model: ErrorModel, at: Linearised, weights: Array) -> Array:
-    rows = at.jacobian.reshape(-1, at.jacobian.shape[2])
-    weighted = (weights @ at.jacobian).reshape(rows.shape)
-    return np.asarray(prior_precision(model) + weighted.T @ rows)
 
 
 def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
