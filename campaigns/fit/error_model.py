@@ -224,8 +224,7 @@ class ErrorModel:
         if self.with_growth:
             growth = [n for n, g in enumerate(self.groups) if g == "growth"]
             assembly = moved(assembly, columns[..., growth] @ x[growth])
-        turns = np.stack([frame.rotation for frame in frames])[observations.frame]
-        shifts = np.stack([frame.translation_mm for frame in frames])[observations.frame]
+        turns, shifts = frames_of_shots(frames, observations.frame)
         turned = (turns @ assembly.poses[:, :3, None])[..., 0]
         columns = turns @ columns
         predicted = turned + shifts
@@ -264,6 +263,13 @@ def frame_columns(turned: Array) -> Array:
     return np.asarray(frame_jacobian(turned) * np.array([MRAD, MRAD, MRAD, 1.0, 1.0, 1.0]))
 
 
+def frames_of_shots(frames: tuple[Transform, ...], frame: Index) -> tuple[Array, Array]:
+    """Return the rotation (N, 3, 3) and shift (N, 3) of each shot's session, by its number."""
+    turns = np.stack([transform.rotation for transform in frames])
+    shifts = np.stack([transform.translation_mm for transform in frames])
+    return turns[frame], shifts[frame]
+
+
 def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform, ...]:
     """Return frames after a step (6 F,) of turns in mrad and shifts in mm."""
     steps = step.reshape(len(frames), 6)
@@ -290,8 +296,7 @@ def first_frames(
             for number in range(int(observations.frame.max()) + 1)
             for own in [kept & (observations.frame == number)]
         )
-        turns = np.stack([frame.rotation for frame in frames])[observations.frame]
-        shifts = np.stack([frame.translation_mm for frame in frames])[observations.frame]
+        turns, shifts = frames_of_shots(frames, observations.frame)
         predicted = (turns @ positions[..., None])[..., 0] + shifts
         distance = np.linalg.norm(predicted - observations.points, axis=1)
         limit = GROSS_MEDIANS * np.median(distance[kept]) + 1.0

@@ -212,11 +212,6 @@ class _State:
         with np.errstate(all="ignore"):
             at = model.linearise(observations, x, frames, near, changes)
         fixed, deviation = _fixed_prior(model, x, 6 * len(frames), prior)
-        for source, (value, std) in prior.lengths.items():
-            place = model.names.index(source)
-            tolerance = model.tolerance[place]
-            fixed[place, place] = (tolerance / std) ** 2
-            deviation[place] = x[place] - value / tolerance
         slope = fixed @ deviation
         noise = noise_parts(model, observations, at.by_joint)
         groups = {} if prior.precision is not None else model.learned
@@ -261,6 +256,11 @@ def _fixed_prior(
         precision[free, free] = 1.0
     changes = np.arange(size, count)
     precision[changes, changes] = 1.0
+    for source, (value, std) in prior.lengths.items():
+        place = model.names.index(source)
+        tolerance = model.tolerance[place]
+        precision[place, place] = (tolerance / std) ** 2
+        deviation[place] = x[place] - value / tolerance
     return precision, deviation
 
 
