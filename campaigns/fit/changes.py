@@ -177,18 +177,18 @@ def _scanned(
     """Return the candidates of each part over its spans, `otherwise` those of all others."""
     weighted = posterior.weights @ posterior.at.jacobian
     pulls = posterior.weights @ posterior.at.residual[..., None]
-    found = []
+    candidates = []
     for part, columns in part_columns(posterior).items():
         spans, transposed = spans_of.get(part, otherwise), columns.swapaxes(1, 2)
         score = _over_spans(transposed @ pulls, spans)
         shared = _over_spans(transposed @ weighted, spans)
-        own = _over_spans(transposed @ (posterior.weights @ columns), spans)
-        left = own - shared @ posterior.covariance @ shared.swapaxes(1, 2)
+        alone = _over_spans(transposed @ (posterior.weights @ columns), spans)
+        left = alone - shared @ posterior.covariance @ shared.swapaxes(1, 2)
         matrix = left + np.eye(columns.shape[2])
         gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
         log_factors = 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1]
-        found.append(Candidates(part, spans, log_factors))
-    return found
+        candidates.append(Candidates(part, spans, log_factors))
+    return candidates
 
 
 def _over_spans(rows: Array, spans: Index) -> Array:

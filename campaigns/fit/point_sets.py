@@ -12,13 +12,13 @@ TINY_MM = 1e-300
 
 
 def distances_mm(points_mm: Array, first: Index, second: Index) -> Array:
-    """(M,); of stacks of points (…, N, 3), (…, M)."""
+    """Return the distances of pairs, (M,); of stacks of points (…, N, 3), (…, M)."""
     between = points_mm[..., second, :] - points_mm[..., first, :]
     return np.asarray(np.linalg.norm(between, axis=-1))
 
 
 def directions(points_mm: Array, first: Index, second: Index) -> Array:
-    """Unit vectors from the first points to the second, (M, 3); zero where the two coincide.
+    """Return unit vectors from the first points to the second, (M, 3); zero if the two coincide.
 
     Of stacks of points (…, N, 3), (…, M, 3).
     """
@@ -28,28 +28,28 @@ def directions(points_mm: Array, first: Index, second: Index) -> Array:
 
 
 def away_from_mean(points_mm: Array) -> Array:
-    """From their mean to each, (N, 3)."""
+    """Return the vectors from the mean of the points to each of them, (N, 3)."""
     return np.asarray(points_mm - points_mm.mean(axis=0))
 
 
 def away_from_best_line(points_mm: Array) -> Array:
-    """From the straight line that fits best in space, square to it, to each point, (N, 3)."""
+    """Return the vectors from the best straight line in space, square to it, to points (N, 3)."""
     centred = away_from_mean(points_mm)
     direction = np.linalg.svd(centred)[2][0]
     return np.asarray(centred - np.outer(centred @ direction, direction))
 
 
 def farthest_apart(points_mm: Array) -> tuple[int, int]:
-    """The rows of the two points between which the distance is largest."""
+    """Return the rows of the two points between which the distance is largest."""
     distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
     first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
     return int(first), int(second)
 
 
 def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:
-    """The rigid transform that brings points best to others (eqs. 22-25).
+    """Return the rigid transform that brings points best to others (eqs. 22-25).
 
-    None for points that don't fix one well: fewer than four, or all on a line.
+    Return None for points that do not fix one well: fewer than four, or all on a line.
     """
     if len(from_mm) < SHOTS_FOR_A_FRAME:
         return None

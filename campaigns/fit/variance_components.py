@@ -13,8 +13,8 @@ with residuals v, weights W = (Σ φ_k V_k)⁻¹, derivatives A and posterior co
 prior on each size, of one tolerance, adds 1 to the squares and 2 size² / (1 + size²) to the
 redundancy: it keeps a size finite that no shot determines.
 
-Data may at most halve a tolerance. One bad arm among good ones hides in the directions in which the
-others tell nothing; without this floor it was wrong in 19 of 200 campaigns, with it in none.
+Data may at most halve a tolerance. One bad arm among good ones hides in the directions that the
+others do not determine; without this floor it was wrong in 19 of 200 campaigns, with it in none.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Components:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearModel:
-    """Linearised model of the kept shots: what the fixed point needs to know."""
+    """Model linearised at the kept shots, from which the fixed point is computed."""
 
     residual: Array
     """(N, 3)"""

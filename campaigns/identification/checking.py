@@ -141,17 +141,17 @@ def check(
     log_mean = float(special.logsumexp(values) - np.log(len(values)))
     chi2, dof, p = goodness(posterior, former)
     parts = as_likely(factors)
-    is_changed = log_mean > -np.log(ALARM)
-    decision: Decision = "fail" if is_changed or p < MISFIT_LEVEL else "pass"
-    words = {
-        "pass": "the robot is as it was identified, within what these shots show",
-        "fail": f"the robot has changed: most likely {' or '.join(parts)}",
-    }
-    if decision == "fail" and not is_changed:
-        words["fail"] = "the shots contradict the last result, and no single part explains them"
+    decision: Decision = "fail"
+    if log_mean > -np.log(ALARM):
+        says = f"the robot has changed: most likely {' or '.join(parts)}"
+    elif p < MISFIT_LEVEL:
+        says = "the shots contradict the last result, and no single part explains them"
+    else:
+        decision = "pass"
+        says = "the robot is as it was identified, within what these shots show"
     return CheckResult(
         decision=decision,
-        says=f"{words[decision]} (χ² {chi2:.1f} of {dof}, p = {p:.2g})",
+        says=f"{says} (χ² {chi2:.1f} of {dof}, p = {p:.2g})",
         shots=len(shots),
         chi2=chi2,
         dof=dof,

@@ -86,9 +86,9 @@ def _check(
     nominal: Kinematics, shots: Shots, at_nominal: KinematicSolution, *, sessions: bool
 ) -> None:
     """Refuse shots that cannot be this robot's, each session by itself where each has a frame."""
-    own = shots.session if sessions else np.zeros(len(shots))
-    for each in np.unique(own).tolist():
-        rows = np.flatnonzero(own == each)
+    session = shots.session if sessions else np.zeros(len(shots))
+    for number in np.unique(session).tolist():
+        rows = np.flatnonzero(session == number)
         modelled = KinematicSolution(at_nominal.values[rows], at_nominal.found[rows])
         check_shots(nominal, shots.rows(rows), "the shots", modelled=modelled)
 

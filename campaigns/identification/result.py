@@ -74,11 +74,6 @@ class Excluded:
         words = {"shot": self.shot, "of pair" if self.shot is not None else "pair": self.pair}
         return " ".join(f"{word} {number}" for word, number in words.items() if number is not None)
 
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it could have been fitted, but the others contradict it."""
-        return self.size_mm is not None
-
 
 @dataclass(frozen=True, slots=True)
 class Scatter:

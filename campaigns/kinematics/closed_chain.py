@@ -32,7 +32,7 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.kinematics import transmission
 from campaigns.kinematics.axes import MM_PER_RAD, Axis
-from campaigns.kinematics.limbs import Limb, dot, vectors
+from campaigns.kinematics.limbs import STEP, Limb, dot, vectors
 from campaigns.kinematics.parameters import ParameterTable, Role
 from campaigns.kinematics.platforms import (
     SAG,
@@ -43,8 +43,6 @@ from campaigns.kinematics.platforms import (
     sag_slopes,
 )
 
-STEP = 1e-200
-"""Complex step: without cancellation, so as small as numbers go."""
 HALF_WIDTH_MM = 45.0
 """Half width of the parallelograms, which weights differences of rods: a drawing's value is near
 enough (30 and 70 mm give the same poses within 0.2 µm)."""
@@ -418,7 +416,9 @@ class ClosedChain:
             y[active] += step / shorter[:, None]
             size_mm = way + turn.lever_mm * angles + 50.0 * np.abs(step[:, size:]).sum(axis=1)
             misfit = np.abs(residual[:, : ends.shape[2]]).max(axis=1)
-            settled[active] = (size_mm < CONVERGED_MM) & (misfit < 1.0)  # mm: minima are none
+            settled[active] = (size_mm < CONVERGED_MM) & (
+                misfit < 1.0
+            )  # 1 mm: a minimum farther off is no assembly
             active = active[(size_mm >= CONVERGED_MM) & np.isfinite(size_mm)]
             if not len(active):
                 break
@@ -505,7 +505,7 @@ class ClosedChain:
 
     # --- margins ------------------------------------------------------------------------------
 
-    def margins(self, p: Array, joints: Array, poses: Array) -> "Margins":
+    def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
         """Return how far poses (N, t) at encoder readings (N, n) are from what a robot cannot do.
 
         Of a level plate: tilts of milliradians change no margin that counts.
@@ -561,7 +561,7 @@ def rotation_less_identity(rotation: Array, vectors: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Return vector products of vectors (…, 3, N, n)."""
-    (ax, ay, az), (bx, by, bz) = (np.moveaxis(each, -3, 0) for each in (a, b))
+    (ax, ay, az), (bx, by, bz) = (np.moveaxis(factor, -3, 0) for factor in (a, b))
     return vectors(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 

@@ -23,6 +23,8 @@ from campaigns.kinematics.parameters import (
 )
 
 Fields = Mapping[str, Array]
+STEP = 1e-200
+"""Complex step of derivatives: without cancellation, so as small as numbers go."""
 EXTENSION, TRANSMISSION = Role.EXTENSION, Role.TRANSMISSION
 
 FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
@@ -100,7 +102,7 @@ class Limb(ABC):
     @np.errstate(invalid="ignore")
     def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
         """Return the share (N, n) of each forearm along which its joint moves it."""
-        way = self.upper_ends(fields, np.asarray(joints + 1e-200j)).imag / 1e-200
+        way = self.upper_ends(fields, np.asarray(joints + 1j * STEP)).imag / STEP
         size = np.sqrt(dot(way, way)) * fields["forearm"]
         return np.asarray(np.abs(dot(forearms, way) / size))
 
