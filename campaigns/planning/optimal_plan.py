@@ -7,7 +7,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.design import pose_sampling
 from campaigns.design.pose_sampling import FeasibleRegion
-from campaigns.design.tours import balance_approaches, neighbouring_pairs
+from campaigns.design.tours import neighbouring_pairs
 from campaigns.errors import PlanInvalid
 from campaigns.fit.design import ShotDesign
 from campaigns.fit.error_model import ErrorModel
@@ -116,7 +116,6 @@ def _ordered(
     pairs = np.arange(len(poses)).reshape(-1, 2)
     near = neighbouring_pairs(turns[:fitted], poses[:fitted, :3], turned)
     pairs = np.vstack([near, pairs[fitted // 2 :]])
-    counted = np.arange(len(poses)) < fitted
-    tour = balance_approaches(turns, pairs, turned, counted, plans.EVENLY)
+    tour = plans.tour_of(pairs, turns, turned, fitted)
     drift = (region.centre, start)
     return plans.numbered_shots(tour, poses, joints, fitted, drift, wanted.drift_shots)

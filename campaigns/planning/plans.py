@@ -78,16 +78,6 @@ class PlanRequest:
     centre: Pose
     space: RestrictedSpace = UNRESTRICTED
 
-    def ordered(self, joints: Array, pairs: Index, start: Array, fitted: int) -> Index:
-        """Return a tour of the pairs (M, 2), of which the first rows are fitted.
-
-        Their joints come evenly from both sides, which determines backlash.
-        """
-        if not fitted:
-            return shortest_tour(joints, pairs, start)
-        counted = np.arange(len(joints)) < fitted
-        return balance_approaches(joints, pairs, start, counted, EVENLY)
-
 
 def with_reserve(robot: RobotFile) -> Limits:
     """Limits of a robot drawn in, for planning."""
@@ -146,7 +136,7 @@ def make_plan(
     centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
     pairs = np.vstack([random_pairs(fitted, rng), random_pairs(unseen, rng) + len(fitted)])
     turns, start = (kinematics.comparable(each) for each in (joints, centre_joints))
-    tour = request.ordered(turns, pairs, start, len(fitted))
+    tour = tour_of(pairs, turns, start, len(fitted))
     drift = (region.centre, centre_joints)
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 
@@ -214,6 +204,17 @@ def _inner(region: FeasibleRegion) -> FeasibleRegion:
     further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
     scale = region.kinematics.mechanism.joints[0].scale
     return replace(region, limits=region.limits.drawn_in(joint=further * scale))
+
+
+def tour_of(pairs: Index, joints: Array, start: Array, fitted: int) -> Index:
+    """Return a tour of the pairs (M, 2), of which the first rows are fitted.
+
+    Their joints (N, n) come evenly from both sides, which determines backlash.
+    """
+    if not fitted:
+        return shortest_tour(joints, pairs, start)
+    counted = np.arange(len(joints)) < fitted
+    return balance_approaches(joints, pairs, start, counted, EVENLY)
 
 
 def numbered_shots(

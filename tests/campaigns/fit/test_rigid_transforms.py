@@ -17,22 +17,11 @@ PLACE_MM = st.floats(-5000.0, 5000.0)
 SEED = st.integers(0, 2**32 - 1)
 
 
-def about_z(angle):
-    return np.array(
-        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]]
-    )
-
-
-def about_y(angle):
-    return np.array(
-        [[np.cos(angle), 0, np.sin(angle)], [0, 1.0, 0], [-np.sin(angle), 0, np.cos(angle)]]
-    )
-
-
-def about_x(angle):
-    return np.array(
-        [[1.0, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
-    )
+def about(axis, angle):
+    turn, (first, second) = np.eye(3), np.arange(axis + 1, axis + 3) % 3
+    turn[first, first] = turn[second, second] = np.cos(angle)
+    turn[second, first], turn[first, second] = np.sin(angle), -np.sin(angle)
+    return turn
 
 
 def cloud(seed, count=20):
@@ -50,7 +39,7 @@ def test_a_fitted_transform_is_the_one_that_moved_the_points(angles, place_mm, s
 
 
 def test_three_points_in_a_plane_or_mirrored_are_met_by_a_rotation_and_two_fix_none():
-    moved = Transform(about_z(0.3), np.array([1.0, 2.0, 3.0]))
+    moved = Transform(about(2, 0.3), np.array([1.0, 2.0, 3.0]))
     points = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0]])
     fitted = fit_transform(points, moved.apply(points))
     assert np.abs(fitted.rotation - moved.rotation).max() < 1e-14
@@ -58,7 +47,7 @@ def test_three_points_in_a_plane_or_mirrored_are_met_by_a_rotation_and_two_fix_n
     fitted = fit_transform(points, points * [1.0, 1.0, -1.0])
     assert np.linalg.det(fitted.rotation) == pytest.approx(1.0, abs=1e-12)
     points = cloud(4) * [1.0, 1.0, 0.0]
-    moved = Transform(about_x(2.5) @ about_z(1.0), np.zeros(3))
+    moved = Transform(about(0, 2.5) @ about(2, 1.0), np.zeros(3))
     fitted = fit_transform(points, moved.apply(points))
     assert np.abs(fitted.rotation - moved.rotation).max() < 1e-12
     with pytest.raises(ValueError, match="2 points"):
@@ -90,10 +79,10 @@ def test_points_on_a_line_fix_no_frame(points):
 @given(ANGLE, st.floats(-1.57, 1.57), ANGLE)
 def test_the_paper_s_angles_come_back(phi, gamma, psi):
     """Eq. 23: R(z, φ) R(y, γ) R(x, ψ)."""
-    rotation = about_z(phi) @ about_y(gamma) @ about_x(psi)
+    rotation = about(2, phi) @ about(1, gamma) @ about(0, psi)
     made = from_paper_angles(np.array([phi, gamma, psi]), np.zeros(3)).rotation
     assert np.abs(made - rotation).max() < 1e-15
     angles = paper_angles_rad(Transform(rotation, np.zeros(3)))
-    again = about_z(angles[0]) @ about_y(angles[1]) @ about_x(angles[2])
+    again = about(2, angles[0]) @ about(1, angles[1]) @ about(0, angles[2])
     assert np.abs(again - rotation).max() < 1e-12
     assert abs(angles[1] - gamma) < 1e-9

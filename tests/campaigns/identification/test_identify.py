@@ -197,20 +197,17 @@ def test_options_hold_parameters_and_change_tolerances(clean):
 
 
 def test_a_known_length_measures_the_scale_unless_that_is_held(clean):
-    campaign, _ = clean
-    shots, bar = campaign.shots, KnownLengthConfig(name="bar", length_mm=500.0, std_mm=0.01)
-    rows = shots.whole_pairs(ShotSet.VALIDATION).rows[0].tolist()
-    purposes = [
-        ShotSet.KNOWN_LENGTH if row in rows else own for row, own in enumerate(shots.purposes)
-    ]
-    points = shots.points_in_tracker_mm.copy()
-    points[rows[1]] = points[rows[0]] + [0.0, 0.0, 500.0 * (1.0 + 1e-4)]
+    shots, bar = clean[0].shots, KnownLengthConfig(name="bar", length_mm=500.0, std_mm=0.01)
+    first, second = shots.whole_pairs(ShotSet.VALIDATION).rows[0].tolist()
+    purposes, points = list(shots.purposes), shots.points_in_tracker_mm.copy()
+    purposes[first] = purposes[second] = ShotSet.KNOWN_LENGTH
+    points[second] = points[first] + [0.0, 0.0, 500.0 * (1.0 + 1e-4)]
     shots = replace(shots, purposes=tuple(purposes), points_in_tracker_mm=points)
-    result = identified(replace(campaign, shots=shots), known_lengths=(bar,))
-    scale_ppm, std_ppm = result.tracker["scale"]
+    campaign = replace(clean[0], shots=shots)
+    scale_ppm, std_ppm = identified(campaign, known_lengths=(bar,)).tracker["scale"]
     assert std_ppm < 45.0
     assert scale_ppm == pytest.approx(100.0, abs=3.0 * std_ppm)
-    held = identified(replace(campaign, shots=shots), known_lengths=(bar,), fix=("scale",))
+    held = identified(campaign, known_lengths=(bar,), fix=("scale",))
     assert "scale" not in held.tracker
     assert held.verdict == "pass", held.reasons
 

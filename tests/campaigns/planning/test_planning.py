@@ -60,10 +60,10 @@ def test_joints_come_evenly_from_both_sides_which_tells_backlash() -> None:
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, bottom = np.arange(40).reshape(-1, 2), np.full(4, -0.1)
     low, high = tours.EVEN_SHARE
-    tour = REQUEST.ordered(stairs, pairs, bottom, 40)
+    tour = plans.tour_of(pairs, stairs, bottom, 40)
     shares = tours.positive_approach_shares(stairs[tour.ravel()], bottom, np.ones(40, bool))
     assert ((shares >= low) & (shares <= high)).all()
-    nothing_fitted = REQUEST.ordered(stairs, pairs, bottom, 0)
+    nothing_fitted = plans.tour_of(pairs, stairs, bottom, 0)
     assert np.array_equal(nothing_fitted, tours.shortest_tour(stairs, pairs, bottom))
 
 
