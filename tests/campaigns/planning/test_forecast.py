@@ -55,16 +55,10 @@ def measured(shots, x) -> Observations:
     own = [shot.purpose is ShotSet.IDENTIFICATION for shot in shots]
     joints, poses = plans.joints_of(shots)[own], plans.poses_of(shots)[own]
     approach = approach_along(plans.joints_of(shots))[own]
-    noise = point_covariance_mm2(poses[:, :3] - TRACKER_MM, INSTRUMENT)
-    rows = Observations(
-        joints=joints,
-        approach=approach,
-        near=poses,
-        points=poses[:, :3] - TRACKER_MM,
-        noise={"stated": noise},
-        frame=np.zeros(len(joints), dtype=np.intp),
-        warmth=np.zeros(len(joints)),
-    )
+    points = poses[:, :3] - TRACKER_MM
+    noise = point_covariance_mm2(points, INSTRUMENT)
+    rows = Observations.unmeasured(joints, poses, approach)
+    rows = replace(rows, points=points, noise={"stated": noise})
     at = MODEL.linearise(rows, x, (Transform(np.eye(3), -TRACKER_MM),), poses)
     rng = np.random.default_rng(4)
     scatter = np.array([rng.multivariate_normal(np.zeros(3), each) for each in noise])
