@@ -64,9 +64,7 @@ class Kinematics:
     @property
     def whole_p(self) -> Array:
         """Copy of all parameters, (P,), 0 beyond those that `p` has."""
-        p = np.zeros(len(self.mechanism.parameters.of_robot))
-        p[: len(self.p)] = self.p
-        return p
+        return self.mechanism.parameters.whole(self.p)
 
     @property
     def controlled(self) -> "Kinematics":

@@ -232,6 +232,12 @@ class ParameterTable:
         """Factors (M,) from the units of files to those of vectors."""
         return np.array([INNER[parameter.unit] for parameter in self.every])
 
+    def whole(self, p: Array) -> Array:
+        """Return a copy (P,) of a vector or of its geometry (G,), 0 for all that it leaves out."""
+        whole = np.zeros(len(self.of_robot))
+        whole[: len(p)] = p
+        return whole
+
     @cached_property
     def columns(self) -> Mapping[str, Index]:
         """Places in a vector by stem of the field: of all arms, (n,), or of the platform, (1,)."""
@@ -293,8 +299,7 @@ class Parameters(Mapping[str, float]):
     @classmethod
     def of_vector(cls, table: ParameterTable, p: Array, rate: float = 0.0) -> Self:
         """Take the values from a vector (P,), or from its geometry (G,) alone."""
-        whole = np.zeros(len(table.of_robot))
-        whole[: len(p)] = p
+        whole = table.whole(p)
         return cls(table, tuple((whole / table.file_unit[: len(whole)]).tolist()), rate=rate)
 
     @cached_property
