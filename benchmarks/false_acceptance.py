@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
+from campaigns.arrays import Array
 from campaigns.errors import CampaignError
+from campaigns.fit.rigid_transforms import fit_transform
 from pkmcal import Shots, find_robot, identify, plan, sample_workspace
 from sim.geometry import KINDS as MECHANISMS
 from sim.geometry import Kind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
 from sim.robot.transmission import Load, Transmission
 
-Array = NDArray[np.float64]
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in MECHANISMS}
 KINDS: dict[str, dict[str, float]] = {
     "clean": {},
@@ -167,9 +167,8 @@ def position_error_mm(mechanism: str, truth: Truth, values: dict[str, float], se
     inverse = robot.kinematics.inverse(sample)
     poses, joints = sample[inverse.found], inverse.values[inverse.found]
     true = points_of(truth, truth.now, mechanism, joints, np.zeros(joints.shape), poses)
-    wanted, true = poses[:, :3] - poses[:, :3].mean(axis=0), true - true.mean(axis=0)
-    u, _, vt = np.linalg.svd(wanted.T @ true)
-    return float(np.sqrt(np.mean(np.sum((wanted @ u @ vt - true) ** 2, axis=1))))
+    left = fit_transform(poses[:, :3], true).apply(poses[:, :3]) - true
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 
 def judge(mechanism: str, kind: str, shots: int, seed: int) -> tuple[str, float, float]:
