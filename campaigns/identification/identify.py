@@ -134,16 +134,12 @@ class _Case:
     datum: NullDirections | None = None
     """Directions that stay at nominal; None: those that these shots do not determine."""
 
-    @property
-    def identified(self) -> Kinematics:
-        """Identified robot."""
-        return self.posterior.model.kinematics(self.posterior.x)
-
     def result(
         self, excluded: tuple[Excluded, ...], lengths: KnownLengths | None
     ) -> IdentificationResult:
         """Return the result with its findings and verdict."""
-        posterior, options, identified = self.posterior, self.options, self.identified
+        posterior, options = self.posterior, self.options
+        identified = posterior.model.kinematics(posterior.x)
         null = self.datum or null_directions(posterior)
         solution = identified.forward(self.shots.joints, self._near(), approach=self.shots.approach)
         unseen = unseen_pairs(posterior, self.shots, self.at_nominal, solution, options)

@@ -182,8 +182,7 @@ class ClosedChain:
 
     def geometry(self, p: Array) -> Geometry:
         """Sort a vector (P,) by fields; parameters beyond its end are 0."""
-        table = self.parameters
-        whole = table.whole(p)
+        table, whole = self.parameters, self.parameters.whole(p)
         named = {stem: whole[places][None] for stem, places in self._columns.items()}
         length = named.get(self._own_length, np.zeros((1, 1)))
         gears = [field.stem for field in table.fields(Role.TRANSMISSION)]
