@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit.error_model import ErrorModel, Observations
@@ -202,10 +202,10 @@ def _likeliest(posterior: Posterior) -> Change | None:
     candidates = scan(posterior)
     lasting = np.concatenate([own.log_factors for own in candidates if own.part != SHOT])
     steps_alarm = (
-        special.logsumexp(lasting) > np.log(len(lasting) / ALARM) if len(lasting) else False
+        scipy.special.logsumexp(lasting) > np.log(len(lasting) / ALARM) if len(lasting) else False
     )
     misfit = np.where(posterior.kept, misfits(posterior), 0.0)
-    shot_alarms = misfit.max() > special.chdtri(3, ALARM / len(misfit))
+    shot_alarms = misfit.max() > scipy.special.chdtri(3, ALARM / len(misfit))
     allowed = [own for own in candidates if (shot_alarms if own.part == SHOT else steps_alarm)]
     if not allowed:
         return None
@@ -215,7 +215,7 @@ def _likeliest(posterior: Posterior) -> Change | None:
         return Change(SHOT, worst, worst + 1, (SHOT,), 0.0, 0.0)
     since, until = best.spans[best.log_factors.argmax()].tolist()
     evidence = {
-        own.part: float(special.logsumexp(own.log_factors))
+        own.part: float(scipy.special.logsumexp(own.log_factors))
         for own in candidates
         if own.part != SHOT
     }

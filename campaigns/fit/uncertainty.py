@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from campaigns.arrays import Array
 from campaigns.fit.error_model import frame_columns

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from pydantic import JsonValue
-from scipy import special
 
 from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
@@ -138,7 +138,7 @@ def check(
     posterior = fit_with_former(nominal, shots, former, options)
     factors = since_before(posterior)
     values = np.array(list(factors.values()))
-    log_mean = float(special.logsumexp(values) - np.log(len(values)))
+    log_mean = float(scipy.special.logsumexp(values) - np.log(len(values)))
     chi2, dof, p = goodness(posterior, former)
     parts = as_likely(factors)
     decision: Decision = "fail"
@@ -169,7 +169,7 @@ def goodness(posterior: Posterior, former: StoredPosterior) -> tuple[float, int,
     size = len(deviation)
     chi2 += float(deviation @ posterior.prior[:size, :size] @ deviation)
     dof = 3 * len(residual) - 6
-    return chi2, dof, float(special.chdtrc(dof, chi2))
+    return chi2, dof, float(scipy.special.chdtrc(dof, chi2))
 
 
 def _mean(former: StoredPosterior, model: ErrorModel) -> Array:

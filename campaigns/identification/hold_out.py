@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.fit.point_sets import directions, distances_mm
@@ -39,7 +39,7 @@ class UnseenPairs:
         count, mean = len(more), float(more.mean())
         if count < 3:
             return mean > 0.0
-        limit = float(special.stdtrit(count - 1, WORSE_LEVEL))
+        limit = float(scipy.special.stdtrit(count - 1, WORSE_LEVEL))
         return bool(mean > limit * float(more.std(ddof=1)) / count**0.5)
 
 
@@ -110,6 +110,6 @@ def _tested(
     covariance = by_unknowns @ posterior.covariance_without_changes @ by_unknowns.T
     covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
     chi2 = float(errors @ np.linalg.solve(covariance, errors))
-    p = float(special.chdtrc(len(rows), chi2))
+    p = float(scipy.special.chdtrc(len(rows), chi2))
     ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
     return HoldOut(len(rows), chi2, p, ratio)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from campaigns.errors import ShotsInvalid
 from campaigns.fit.tracker_noise import TrackerUncertainty, distance_variance_mm2
@@ -52,7 +52,7 @@ def known_lengths(
     share = variance * float(weights @ residuals)
     left = residuals - share * lengths
     chi2 = float(left @ np.linalg.solve(covariance, left))
-    p = float(special.chdtrc(len(left) - 1, chi2)) if len(left) > 1 else 1.0
+    p = float(scipy.special.chdtrc(len(left) - 1, chi2)) if len(left) > 1 else 1.0
     findings = []
     if p < SCATTER_LEVEL:
         worst = int(np.abs(residuals / np.sqrt(np.diag(covariance))).argmax())

@@ -15,6 +15,7 @@ from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text
 from drivers.values import Pose, Weather
 
 MEASURED = "2026-05-04T10:00:00.000Z"
+AIR = Weather(21.5, 1013.25, 50.0)
 COVARIANCE = ((4e-4, 1e-5, 0.0), (1e-5, 3e-4, 0.0), (0.0, 0.0, 2e-4))
 
 
@@ -25,17 +26,8 @@ def series(stage="run"):
 
 def shot(number, pair, purpose="identification", **changes):
     intent = Intent(number, 1, purpose, Pose(1.0, 2.0, -3.0, 0.25), (0.1,) * 4, "joints", pair)
-    outcome = Outcome(
-        number,
-        1,
-        (0.1, 0.2, 0.3, 0.4),
-        (2000.0 + number, 10.0, -300.0),
-        COVARIANCE,
-        Weather(21.5, 1013.25, 50.0),
-        "",
-        "",
-        None,
-    )
+    joints, point_mm = (0.1, 0.2, 0.3, 0.4), (2000.0 + number, 10.0, -300.0)
+    outcome = Outcome(number, 1, joints, point_mm, COVARIANCE, AIR, "", "", None)
     return AcceptedShot(intent, replace(outcome, **changes), MEASURED)
 
 
