@@ -106,7 +106,7 @@ def _to_answer(evidence: Evidence, found: RecordedIdentification) -> Answer:
     if check is None:
         return ""
     space = evidence.campaign.robot.mechanism.parameters
-    is_of_latest = check.of == Parameters.of(space, found.flat()).digest()
+    is_of_latest = check.of == found.in_table(space).digest()
     if not is_of_latest or check.decision == "not decided":
         return "again"
     return "update" if check.parts else "anew"
@@ -135,7 +135,7 @@ def _calibrated(
     """State after an identification that passed: file, controller, validation."""
     evidence = evaluation.evidence
     campaign = evidence.campaign
-    identified = Parameters.of(campaign.robot.mechanism.parameters, found.flat())
+    identified = found.in_table(campaign.robot.mechanism.parameters)
     digest = identified.digest()
     held = held or evidence.controller
     holds = held is not None and held.origin == digest and not campaign.is_offline

@@ -47,7 +47,6 @@ from campaigns.journal.records import (
 from campaigns.journal.views import Entry, Series
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.kinematics.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
@@ -595,7 +594,7 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
 def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Iterator[Check]:
     """Digests that the identification stated, and of what it found, beside those of what is now."""
     nominal, journal = evidence.campaign.robot, evidence.journal
-    parameters = Parameters.of(nominal.mechanism.parameters, found.flat()).digest()
+    parameters = found.in_table(nominal.mechanism.parameters).digest()
     statement = "the nominal robot is the one that was identified from"
     yield same_digest(statement, nominal.digest(), found.robot_digest)
     statement = "the journal is unchanged up to the identification"

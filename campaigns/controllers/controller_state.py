@@ -77,7 +77,7 @@ class KnownSets:
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
                 if each.kind == "identification":
                     found = read_identification(each.body)
-                    own = Parameters.of(space, found.flat())
+                    own = found.in_table(space)
                     sets[own.digest()] = own
                     identified.pop(own.digest(), None)
                     identified[own.digest()] = found

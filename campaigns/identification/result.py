@@ -22,6 +22,7 @@ from campaigns.files.table import Column, html_table
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
+from campaigns.kinematics.parameters import Parameters, ParameterTable
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -372,6 +373,10 @@ class IdentificationResult:
     def flat(self) -> dict[str, float]:
         """Return the identified parameters by name."""
         return {name: own.value for name, own in self.parameters.items()}
+
+    def in_table(self, table: ParameterTable) -> Parameters:
+        """Return the identified parameter set; its digest says which set a file or check is of."""
+        return Parameters.of(table, self.flat())
 
     def std(self) -> dict[str, float]:
         """Return 1 σ by name, where it is known."""

@@ -42,7 +42,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
     ]
     robot = Kinematics.of(campaign.robot.mechanism, found.flat())
     how = identification_options(campaign, IdentificationOptions())
-    digest = robot.parameters.digest()
+    digest = _digest(campaign, found)
     return engine_work(campaign, "check", joint_steps(planned), robot, digest, how)
 
 
@@ -52,8 +52,8 @@ def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedC
     shots = _shots(campaign, journal, series)
     how = identification_options(campaign, IdentificationOptions())
     judged = check(campaign.robot.kinematics, shots, posterior, how)
-    digest = Kinematics.of(campaign.robot.mechanism, found.flat()).parameters.digest()
-    recorded = RecordedCheck(**asdict(judged), series=series, of=digest, at_utc=now_utc())
+    of = _digest(campaign, found)
+    recorded = RecordedCheck(**asdict(judged), series=series, of=of, at_utc=now_utc())
     journal.append(Finding("check", asdict(recorded)), series=series)
     return recorded
 
@@ -65,7 +65,7 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
     """
     with campaign.journal() as journal:
         found, posterior = _stored(campaign, journal)
-        digest = Kinematics.of(campaign.robot.mechanism, found.flat()).parameters.digest()
+        digest = _digest(campaign, found)
         bodies = [e.record.body for e in journal.records_of(Finding) if e.record.kind == "check"]
         checked = read_check(bodies[-1]) if bodies else None
         if checked is None or checked.of != digest:
@@ -113,6 +113,10 @@ def _stored(
             f"--model {found.model} keeps nothing to check by", remedy="identify again without it"
         )
     return found, found.posterior
+
+
+def _digest(campaign: Campaign, found: RecordedIdentification) -> str:
+    return found.in_table(campaign.robot.mechanism.parameters).digest()
 
 
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:

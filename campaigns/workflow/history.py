@@ -13,7 +13,6 @@ from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import Series
-from campaigns.kinematics.parameters import Parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +96,7 @@ def _epoch_of(
         for stage in (evaluation.before, evaluation.after)
     )
     held = evaluation.evidence.held("after")
-    is_held = held is not None and held.origin == Parameters.of(space, found.flat()).digest()
+    is_held = held is not None and held.origin == found.in_table(space).digest()
     return Epoch(
         folder=str(campaign.folder),
         kind="campaign",

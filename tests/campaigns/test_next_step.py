@@ -21,9 +21,12 @@ from campaigns.identification.findings import Finding
 from campaigns.identification.result import IdentifiedParameter
 from campaigns.kinematics.parameters import Parameters
 from campaigns.next_step import Answer, CampaignState, NextStep, next_step, remedy_for
+from campaigns.options import CheckOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
+from campaigns.workflow.checking import check_work
 from campaigns.workflow.status import doubtful
+from campaigns.workflow.work import known_sets
 
 FAILING = (
     findings.BEYOND_TOLERANCE,
@@ -286,7 +289,7 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
         for name, value in terms.items()
     }
     found = replace(found, parameters=found.parameters | added)
-    identified = Parameters.of(space, found.flat())
+    identified = found.in_table(space)
     lacking = tuple(
         replace(each, started=replace(each.started, lacks=tuple(terms))) for each in journal.series
     )
@@ -334,11 +337,17 @@ def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
     assert replace(evidence, journal=later, checked=check).unanswered is None
 
 
+def test_a_check_is_of_the_set_that_files_and_other_findings_name(whole: PaperCampaign) -> None:
+    campaign = open_campaign(whole.folder)
+    work = check_work(campaign, CheckOptions())
+    assert known_sets(campaign).state(work.robot_file_digest).kind == "identified"
+
+
 def bad_check(evidence: Evidence, decision: Decision, parts: tuple[str, ...]) -> RecordedCheck:
     """A check of the latest set that is not good."""
     assert evidence.identification is not None
-    mechanism = evidence.campaign.robot.mechanism
-    digest = Parameters.of(mechanism.parameters, evidence.identification.flat()).digest()
+    table = evidence.campaign.robot.mechanism.parameters
+    digest = evidence.identification.in_table(table).digest()
     return RecordedCheck(
         decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=0.0, parts=parts,
         log_factors={}, series=50, of=digest, at_utc="",

@@ -19,6 +19,7 @@ def test_a_calibration_is_checked_and_updated_after_an_encoder_has_slipped(pkmca
     bad = pkmcal("check", exported, "--yes", "--json")
     assert (bad.code, bad.document["decision"]) == (1, "fail"), bad.err
     assert "encoder 2" in bad.document["parts"]
+    assert bad.document["next"].endswith(" --update")
     assert pkmcal("status", exported, "--json").document["next"] == bad.document["next"]
     assert bad.document["says"] in pkmcal("status", exported).out
     assert pkmcal("check-journal", exported).code == 0
