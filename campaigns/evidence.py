@@ -3,7 +3,7 @@
 Only reads. The report and the live page show it; neither judges anything itself.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
@@ -35,16 +35,8 @@ from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
-from campaigns.journal.records import (
-    Event,
-    Finding,
-    FindingKind,
-    PairVoided,
-    Record,
-    Rejected,
-    Stage,
-)
-from campaigns.journal.views import Entry, Series
+from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, Rejected, Stage
+from campaigns.journal.views import Series
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest
@@ -350,10 +342,10 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
     """Evidence of the files with what the journal says."""
     campaign, unreadable = files.campaign, [*files.unreadable]
     entries, all_series = journal.records(), journal.series()
-    identification = _latest(entries, "identification", read_identification, unreadable)
-    loaded = _latest(entries, "load", read_load, unreadable)
-    if loaded is not None and (ended := _latest_finding(entries, "load")) is not None:
-        loaded = replace(loaded, at_utc=ended.at_utc)
+    identification = _latest(journal, "identification", read_identification, unreadable)
+    loaded = _latest(journal, "load", read_load, unreadable)
+    if loaded is not None:
+        loaded = replace(loaded, at_utc=journal.findings("load")[-1].at_utc)
     incidents = tuple(
         Incident(entry.at_utc, entry.series, entry.record)
         for entry in entries
@@ -382,7 +374,7 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
         after=_measured(campaign, _chosen(all_series, STAGES["after"])),
         identification=identification,
         loaded=loaded,
-        checked=_latest(entries, "check", read_check, unreadable),
+        checked=_latest(journal, "check", read_check, unreadable),
         sets=KnownSets.of(campaign.robot, findings),
         written=written,
         forms=tuple(_forms_there(campaign, every_written)),
@@ -414,29 +406,19 @@ def _read_if_there(
         return None
 
 
-def _latest_finding(entries: Sequence[Entry[Record]], kind: FindingKind) -> Entry[Finding] | None:
-    """Record of the last finding of a kind."""
-    for entry in reversed(entries):
-        if isinstance(entry.record, Finding) and entry.record.kind == kind:
-            return Entry(entry.number, entry.at_utc, entry.series, entry.record)
-    return None
-
-
 def _latest(
-    entries: Sequence[Entry[Record]],
+    journal: JournalReader,
     kind: FindingKind,
     read: Callable[[Mapping[str, JsonValue]], FoundT],
     unreadable: list[str],
 ) -> FoundT | None:
-    """The last finding of a kind."""
-    found = _latest_finding(entries, kind)
-    if found is None:
-        return None
-    try:
-        return read(found.record.body)
-    except FindingUnreadable as error:
-        unreadable.append(f"record {found.number}: {error.problem}")
-        return None
+    """Read the last finding of a kind; None without one, or where it cannot be read."""
+    for entry in journal.findings(kind)[-1:]:
+        try:
+            return read(entry.record.body)
+        except FindingUnreadable as error:
+            unreadable.append(f"record {entry.number}: {error.problem}")
+    return None
 
 
 def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:

@@ -10,7 +10,7 @@ from pydantic import JsonValue, ValidationError
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
-from campaigns.journal.records import Finding, adapter_of
+from campaigns.journal.records import adapter_of
 from campaigns.kinematics.parameters import Parameters, Role
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, compensated
@@ -58,18 +58,17 @@ class WrittenSet:
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
     """Sets that were written, latest first; passes over those of another form."""
-    for entry in reversed(journal.records_of(Finding)):
-        if entry.record.kind == "export":
-            with suppress(ValidationError):
-                yield adapter_of(WrittenSet).validate_python(entry.record.body)
+    for entry in reversed(journal.findings("export")):
+        with suppress(ValidationError):
+            yield adapter_of(WrittenSet).validate_python(entry.record.body)
 
 
 def latest_identification(journal: JournalReader) -> RecordedIdentification:
     """Last identification of a campaign; raises `ShotsMissing` when there is none."""
-    found = [e.record for e in journal.records_of(Finding) if e.record.kind == "identification"]
-    if not found:
+    entries = journal.findings("identification")
+    if not entries:
         raise ShotsMissing("nothing has been identified yet", remedy="run `pkmcal identify` first")
-    return read_identification(found[-1].body)
+    return read_identification(entries[-1].record.body)
 
 
 def compensated_robot(

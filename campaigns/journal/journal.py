@@ -97,6 +97,10 @@ class JournalReader:
             if isinstance(entry.record, kind)
         )
 
+    def findings(self, kind: kinds.FindingKind) -> tuple[Entry[kinds.Finding], ...]:
+        """Return the findings of one kind, in their order."""
+        return tuple(each for each in self.records_of(kinds.Finding) if each.record.kind == kind)
+
     def series(self, stage: kinds.Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
         every = views.all_series(self.records())

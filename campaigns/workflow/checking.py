@@ -66,8 +66,8 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
     with campaign.journal() as journal:
         found, posterior = _stored(campaign, journal)
         digest = _digest(campaign, found)
-        bodies = [e.record.body for e in journal.records_of(Finding) if e.record.kind == "check"]
-        checked = read_check(bodies[-1]) if bodies else None
+        checks = journal.findings("check")
+        checked = read_check(checks[-1].record.body) if checks else None
         if checked is None or checked.of != digest:
             raise ShotsMissing(
                 "--update: the latest parameters were not checked yet",

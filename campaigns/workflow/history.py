@@ -9,9 +9,8 @@ from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, evaluate
-from campaigns.identification.checking import RecordedCheck, read_check
+from campaigns.identification.checking import read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.journal.records import Finding
 from campaigns.journal.views import Series
 
 
@@ -58,15 +57,11 @@ def history(campaigns: Sequence[Campaign]) -> tuple[Epoch, ...]:
 
 def _epochs(campaign: Campaign) -> Iterator[Epoch]:
     """Read a campaign's latest identification of each series, and its checks."""
-    identifications, checks = dict[int, RecordedIdentification](), list[RecordedCheck]()
     with campaign.journal_reader() as journal:
         series = {each.number: each for each in journal.series()}
-        for entry in journal.records_of(Finding):
-            if entry.record.kind == "identification":
-                found = read_identification(entry.record.body)
-                identifications[found.series] = found
-            elif entry.record.kind == "check":
-                checks.append(read_check(entry.record.body))
+        results = [read_identification(e.record.body) for e in journal.findings("identification")]
+        checks = [read_check(entry.record.body) for entry in journal.findings("check")]
+    identifications = {result.series: result for result in results}
     if not identifications:
         raise ShotsMissing(
             f"{campaign.folder}: nothing has been identified yet",
