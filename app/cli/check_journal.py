@@ -15,7 +15,7 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
 from campaigns.journal.digest_chain import Problem
-from campaigns.journal.journal import read_journal
+from campaigns.journal.journal import JournalReader
 from campaigns.journal.verification import Inspection, inspect_journal, require_whole
 
 HEAD = 2000
@@ -48,27 +48,26 @@ def command(
     campaign = open_campaign(folder)
     campaign.require_journal()
     tell_who_works(terminal, campaign)
-    path = campaign.journal_path
     with terminal.telling("reading every record"):
-        found = inspect_journal(path)
+        found = inspect_journal(campaign.journal_path)
     terminal.say(_contents(found), GOOD if found.whole else BAD)
     for problem in found.problems:
         terminal.say(f"! {problem.problem}", BAD)
     try:
-        require_whole(path, found.problems)
-        with read_journal(path) as journal:
-            campaign.require_own(journal.series())
+        require_whole(campaign.journal_path, found.problems)
+        with campaign.journal_reader() as journal:
+            if page is not None:
+                require_page_of(journal, page)
     except JournalFailed as error:
         problems = found.problems or (Problem(error.problem),)
         error.details = to_jsonable_python(_document(campaign, found, problems))
         raise
     if page is not None:
-        require_page_of(campaign, page)
         terminal.say(f"{page} was made from this journal", GOOD)
     terminal.document(_document(campaign, found, ()))
 
 
-def require_page_of(campaign: Campaign, page: Path) -> None:
+def require_page_of(journal: JournalReader, page: Path) -> None:
     """Raise `VerdictBad` for a report of another journal, `OptionsInvalid` for no report."""
     head = read_text(page, OptionsInvalid, if_missing="name a report")[:HEAD]
     found = PAGE_JOURNAL.search(head)
@@ -77,10 +76,7 @@ def require_page_of(campaign: Campaign, page: Path) -> None:
             f"{page}: does not say which journal it was made from",
             remedy="name a report of this version, or write it again with `pkmcal report`",
         )
-    records, digest = int(found["records"]), found["digest"]
-    with campaign.journal_reader() as journal:
-        same = records <= journal.last_number() and journal.digest(through=records) == digest
-    if not same:
+    if not journal.holds(int(found["records"]), found["digest"]):
         raise VerdictBad(
             f"{page} was not made from this journal, or one of them was changed since",
             remedy="compare the digests under Identities, and write the report again",
