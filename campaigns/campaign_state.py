@@ -96,12 +96,12 @@ def state_of(
         return state
     if found.verdict != "pass":
         return replace(state, verdict=found.verdict, remedy=remedy_for(found))
-    passed = replace(state, verdict="pass", check=_to_answer(evidence, found))
+    passed = replace(state, verdict="pass", check=_answer_to_check(evidence, found))
     return _calibrated(evaluation, found, passed, held)
 
 
-def _to_answer(evidence: Evidence, found: RecordedIdentification) -> Answer:
-    """What answers a check that is not good."""
+def _answer_to_check(evidence: Evidence, found: RecordedIdentification) -> Answer:
+    """Return what answers a check that is not good; "" without such a check."""
     check = evidence.unanswered
     if check is None:
         return ""

@@ -47,7 +47,7 @@ class HeldParameters:
         replace_text(self.folder / FILE_NAME, held.document.text)
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
-        """Nothing: poses are converted by all of them."""
+        """Return no name: poses are converted by all parameters."""
         return ()
 
 

@@ -165,7 +165,7 @@ class Outcome:
     approach: tuple[int, ...] | None = None
     """Sides from which joints came, +1, -1 or 0, where a file says so; else by `came_from`."""
     part_temperature_degC: float | None = None
-    """Of the robot's parts; None: nobody told."""
+    """Temperature of the robot's parts; None: not measured."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,11 +207,12 @@ def compensated(
     tree = nominal.document.editable_tree()
     _set_values(tree["geometry"], own)
     tree["name"] = name
-    stated = {name.removesuffix(EXPANSION): ppm for name, ppm in (expansions or {}).items()}
-    for key, told in ((EXPANSIONS, stated), (REFERENCE, reference_degC if stated else None)):
+    for key in (EXPANSIONS, REFERENCE):
         tree.pop(key, None)  # the nominal's are of other lengths
-        if told not in ({}, None):
-            tree[key] = told
+    if expansions:
+        tree[EXPANSIONS] = {key.removesuffix(EXPANSION): ppm for key, ppm in expansions.items()}
+        if reference_degC is not None:
+            tree[REFERENCE] = reference_degC
     if (rate := own.table.rate.name) in own and own.rate != nominal.robot.mechanism.rate:
         tree[rate] = own.rate
     tree["uncertainty"] = known or {}

@@ -54,7 +54,7 @@ class ShotRow:
     approach: tuple[int, ...] = ()
     """+1 where a joint last moved towards larger values, -1 smaller, 0 unknown; (): of none."""
     part_temperature_degC: float | None = None
-    """Of the robot's parts."""
+    """Temperature of the robot's parts; None: not measured."""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:

@@ -9,7 +9,6 @@ from campaigns.controllers.export import latest_identification, require_usable
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.identification.checking import RecordedCheck, check, read_check
 from campaigns.identification.identify import update
-from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import Pedigree, RecordedIdentification, StoredPosterior
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
@@ -41,7 +40,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
         for number, place in enumerate(places)
     ]
     robot = Kinematics.of(campaign.robot.mechanism, found.flat())
-    how = identification_options(campaign, IdentificationOptions())
+    how = identification_options(campaign)
     digest = _digest(campaign, found)
     return engine_work(campaign, "check", joint_steps(planned), robot, digest, how)
 
@@ -50,7 +49,7 @@ def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedC
     """Judge a check that was measured, and write the finding into the journal."""
     found, posterior = _stored(campaign, journal)
     shots = _shots(campaign, journal, series)
-    how = identification_options(campaign, IdentificationOptions())
+    how = identification_options(campaign)
     judged = check(campaign.robot.kinematics, shots, posterior, how)
     of = _digest(campaign, found)
     recorded = RecordedCheck(**asdict(judged), series=series, of=of, at_utc=now_utc())
@@ -74,7 +73,7 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
                 remedy=f"run `pkmcal check {campaign.folder}` first",
             )
         shots = _shots(campaign, journal, checked.series)
-        how = identification_options(campaign, IdentificationOptions())
+        how = identification_options(campaign)
         result = update(campaign.robot.kinematics, shots, posterior, how, checked.parts)
         positions = found.position_std_mm
         recorded = RecordedIdentification.of(

@@ -55,11 +55,11 @@ def identify(
 
 
 def identification_options(
-    campaign: Campaign, options: IdentificationOptions
+    campaign: Campaign, options: IdentificationOptions | None = None
 ) -> IdentificationOptions:
-    """Return the options with what a campaign says of its robot, tracker and limits."""
+    """Return options, by default the usual ones, with a campaign's robot, tracker and limits."""
     return replace(
-        options,
+        options or IdentificationOptions(),
         instrument=campaign.instrument,
         tolerances=campaign.robot.tolerances,
         limits_mm=campaign.config.acceptance.distances_mm,

@@ -50,7 +50,7 @@ def plan(
     `tell` is given words on the progress. Raise `OptionsInvalid`, `PlanInvalid` or `WriteFailed`.
     """
     options = options or PlanOptions()
-    planned = _made(campaign, options, tell)
+    planned = _make_and_check(campaign, options, tell)
     with campaign.held():
         shots = planned.checked.shots
         write_beside_older(campaign.plan_path, shots, campaign.robot.mechanism)
@@ -63,7 +63,9 @@ def planned_model(campaign: Campaign, fix: tuple[str, ...] = ()) -> ErrorModel:
     return error_model(campaign.robot.kinematics, None, how)
 
 
-def _made(campaign: Campaign, options: PlanOptions, tell: Callable[[str], None]) -> PlannedCampaign:
+def _make_and_check(
+    campaign: Campaign, options: PlanOptions, tell: Callable[[str], None]
+) -> PlannedCampaign:
     """Make and check a plan; nothing is written."""
     config, robot, model = campaign.config, campaign.robot, planned_model(campaign, options.fix)
     until_mm = None if options.until is None else read_goal(options.until)

@@ -7,7 +7,6 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OptionsInvalid
-from campaigns.identification.options import IdentificationOptions
 from campaigns.measuring import resume
 from campaigns.measuring.run_state import SILENT, PositionUncertainty, RunObserver
 from campaigns.measuring.session import RunResult, measure_series, run_result
@@ -28,7 +27,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     options = options or RunOptions()
     goal_mm = None if options.until is None else read_goal(options.until)
     robot = campaign.robot
-    how = identification_options(campaign, IdentificationOptions())
+    how = identification_options(campaign)
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), how)
     skip = known_shots((shot.shot for shot in checked.shots), options.skip)

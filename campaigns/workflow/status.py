@@ -136,6 +136,6 @@ def doubtful(evaluation: Evaluation) -> Iterator[str]:
         return
     if check is not None and check.decision != "fail":  # which is among the checks
         yield f"check, series {check.series}: {check.says}"
-    yield from (own.says for own in found.findings if own.affects_verdict)
+    yield from (finding.says for finding in found.findings if finding.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)
     yield from (f"not confirmed: {each.statement} ({each.detail})" for each in broken)

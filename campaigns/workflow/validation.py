@@ -16,7 +16,6 @@ from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR, CampaignVerdict
 from campaigns.evidence import Evaluation, evaluate, gather
-from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver
@@ -359,6 +358,6 @@ def _work(
         np.random.default_rng(campaign.config.plan.seed),
         campaign.region,
     )
-    how = identification_options(campaign, IdentificationOptions())
+    how = identification_options(campaign)
     work = engine_work(campaign, stage, steps, reachable.kinematics, robot.digest(), how)
     return work, notes
