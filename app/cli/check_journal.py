@@ -17,6 +17,7 @@ from campaigns.files.text_file import read_text
 from campaigns.journal.digest_chain import Problem
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.verification import Inspection, inspect_journal, require_whole
+from drivers.bounded_files import CSV_BYTES
 
 HEAD = 2000
 """So many characters of a report hold what it says of itself."""
@@ -69,8 +70,8 @@ def command(
 
 def require_page_of(journal: JournalReader, page: Path) -> None:
     """Raise `VerdictBad` for a report of another journal, `OptionsInvalid` for no report."""
-    head = read_text(page, OptionsInvalid, if_missing="name a report")[:HEAD]
-    found = PAGE_JOURNAL.search(head)
+    text = read_text(page, OptionsInvalid, if_missing="name a report", most_bytes=CSV_BYTES)
+    found = PAGE_JOURNAL.search(text[:HEAD])
     if found is None:
         raise OptionsInvalid(
             f"{page}: does not say which journal it was made from",

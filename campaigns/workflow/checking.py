@@ -49,8 +49,7 @@ def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedC
     """Judge a check that was measured, and write the finding into the journal."""
     found, posterior = _stored(campaign, journal)
     shots = _shots(campaign, journal, series)
-    how = identification_options(campaign)
-    judged = check(campaign.robot.kinematics, shots, posterior, how)
+    judged = check(campaign.robot.kinematics, shots, posterior, identification_options(campaign))
     of = _digest(campaign, found)
     recorded = RecordedCheck(**asdict(judged), series=series, of=of, at_utc=now_utc())
     journal.append(Finding("check", asdict(recorded)), series=series)

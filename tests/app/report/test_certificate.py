@@ -105,7 +105,7 @@ def test_a_page_and_its_journal_are_told_from_others(pkmcal, certified, tmp_path
     text = made.read_text(encoding="utf-8")
     digest = text.partition('name="journal-end" content="')[2].partition(":")[2][:64]
     other = tmp_path / "other.html"
-    other.write_text(text.replace(digest, digest[::-1]), "utf-8")
+    other.write_text(f"{text.replace(digest, digest[::-1])}{' ' * 1_000_000}", "utf-8")
     foreign = pkmcal("check-journal", paper.folder, "--page", other)
     assert (foreign.code, "not made from this journal" in foreign.err) == (1, True)
     other.write_text("<html></html>")
