@@ -47,11 +47,13 @@ while errors.poll():
 if not is_on():
     step("released e-stop", lambda: not status.estop, 1.0, "state", linuxcnc.STATE_ESTOP_RESET)
     step("machine on", is_on, 1.0, "state", linuxcnc.STATE_ON)
-    time.sleep(0.5)  # with a faulty drive it is on for a moment
-    status.poll()
-    if not is_on():
-        fail("machine that stays on")
+time.sleep(0.5)  # with a faulty drive it is on for a moment
+status.poll()
+if not is_on():
+    fail("machine that stays on")
 if not is_homed():
     step("manual mode", lambda: True, 1.0, "mode", linuxcnc.MODE_MANUAL)
     step("joint mode", lambda: True, 1.0, "teleop_enable", 0)
     step("homing", is_homed, 120.0, "home", -1)
+# Homed joints may still settle, and an order that comes meanwhile is refused.
+step("rest", lambda: status.inpos, 10.0, "wait_complete", 10.0)
