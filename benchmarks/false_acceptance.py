@@ -23,7 +23,7 @@ from pkmcal import Shots, find_robot, identify, plan, sample_workspace
 from sim.geometry import KINDS as MECHANISMS
 from sim.geometry import Kind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
-from sim.robot.transmission import Load, Transmission
+from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in MECHANISMS}
 KINDS: dict[str, dict[str, float]] = {
@@ -125,12 +125,19 @@ def points_of(
     on_plate, reflector_mm = np.array(plate_file.joints_mm), np.array(plate_file.reflector_mm)
     rods = RodMechanism(geometry, Build(on_plate, ROD_SPACING_MM, *truth.build))
     load = Load(0.0, truth.sag_mm, 1.0 if parts.on_rails else CRANK_MM**2)
+    moved = truth.transmission.joints(joints) - 0.5 * truth.backlash * sides
+    return settled_points(rods, moved, near, reflector_mm, load)
+
+
+def settled_points(
+    rods: RodMechanism, joints: Array, near: Array, reflector_mm: Array, load: Load = WEIGHTLESS
+) -> Array:
+    """Return where rods put a reflector (N, 3) at joints, near poses (N, t), less its offset."""
     points = []
-    for row, side, pose in zip(joints, sides, near, strict=True):
-        moved = truth.transmission.joints(row) - 0.5 * truth.backlash * side
-        plate = rods.settle(moved, Plate.level(parts, pose[:3], float(pose[3:].sum())))[0]
-        if truth.sag_mm:
-            plate = rods.settle(moved + load.yielding(rods, moved, plate), plate)[0]
+    for row, pose in zip(joints, near, strict=True):
+        plate = rods.settle(row, Plate.level(rods.kind, pose[:3], float(pose[3:].sum())))[0]
+        if load.at_plate_n:
+            plate = rods.settle(row + load.yielding(rods, row, plate), plate)[0]
         points.append(rods.reflector_mm(plate, reflector_mm) - reflector_mm)
     return np.array(points)
 

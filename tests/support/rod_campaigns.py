@@ -4,18 +4,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.false_acceptance import ROD_SPACING_MM, settled_points
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.fit.rigid_transforms import fit_transform, from_paper_angles
 from campaigns.kinematics.transmission import approach_along
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shots import Shots
 from sim.geometry import KINDS, geometry_of
-from sim.robot.rods import Build, Plate, RodMechanism
+from sim.robot.rods import Build, RodMechanism
+from sim.robot.transmission import Transmission
 
 TRACKER_FROM_BASE = from_paper_angles(
     np.array([0.02, -0.03, 2.1]), np.array([2500.0, 400.0, 300.0])
 )
-SPACING_MM = 80.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class RodRobot:
     def __init__(self, robot, errors, seed):
         rng = np.random.default_rng([seed, 1])
         kind, arms = KINDS[robot.mechanism.name], robot.mechanism.parameters.arms
-        self.kind, self.plate = kind, robot.mechanism.plate
+        self.plate = robot.mechanism.plate
         flat = {name: robot.parameters[name] for name in kind.names}
         sizes = {
             "x_mm": errors.places_mm, "y_mm": errors.places_mm, "z_mm": errors.places_mm,
@@ -60,18 +61,18 @@ class RodRobot:
         }  # fmt: skip
         for name in flat:
             flat[name] += sizes.get(name.rpartition(".")[2], 0.0) * rng.standard_normal()
-        self.flat = flat
         build = Build(
             plate_joints_mm=np.array(self.plate.joints_mm),
-            rod_spacing_mm=SPACING_MM,
+            rod_spacing_mm=ROD_SPACING_MM,
             rod_errors_mm=errors.rods_mm * rng.standard_normal((arms, 2)),
             axis_tilts_rad=1e-3 * errors.tilts_mrad * rng.standard_normal(arms),
         )
         self.rods = RodMechanism(geometry_of(flat, kind), build)
         revolute = not kind.on_rails
-        self.eccentricity = np.radians(errors.eccentricity_deg) * rng.standard_normal((2, arms))
-        self.eccentricity *= revolute
-        self.ratio = 1e-6 * errors.ratio_ppm * rng.standard_normal(arms)
+        sine, cosine = np.radians(errors.eccentricity_deg) * rng.standard_normal((2, arms))
+        ratio, none = 1e-6 * errors.ratio_ppm * rng.standard_normal(arms), np.zeros(arms)
+        size, phase_rad = revolute * np.hypot(sine, cosine), np.arctan2(-cosine, sine)
+        self.gears = Transmission(size, phase_rad, ratio, none, none)
         unit = np.radians(1.0 / 60.0) if revolute else 0.01
         self.backlash = unit * errors.backlash * np.abs(rng.standard_normal(arms))
         self.encoder_shift = np.zeros(arms)
@@ -79,17 +80,8 @@ class RodRobot:
 
     def positions(self, joints, near, approach=0.0):
         """Positions (N, 3) of the reflector, less its place on a level plate at θ = 0."""
-        sine, cosine = self.eccentricity
-        joints = joints - self.encoder_shift
-        true = joints * (1.0 + self.ratio) - 0.5 * self.backlash * approach
-        if not self.kind.on_rails:
-            true = true + sine * np.sin(joints) + cosine * np.cos(joints)
-        reflector_mm, points = np.array(self.plate.reflector_mm), []
-        for q, pose in zip(true, near, strict=True):
-            guess = Plate.level(self.kind, pose[:3], float(pose[3:].sum()))
-            plate = self.rods.settle(q, guess)[0]
-            points.append(self.rods.reflector_mm(plate, reflector_mm) - reflector_mm)
-        points = np.array(points)
+        true = self.gears.joints(joints - self.encoder_shift) - 0.5 * self.backlash * approach
+        points = settled_points(self.rods, true, near, np.array(self.plate.reflector_mm))
         points[:, 2] += self.sag_mm * (points[:, 0] ** 2 + points[:, 1] ** 2) / 400.0**2
         return points
 
