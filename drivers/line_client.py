@@ -7,11 +7,13 @@ from typing import TypeVar
 from drivers import errors
 from drivers.link import Link, LinkClient
 from drivers.transport import Transport
+from drivers.values import Identity
 from drivers.wire.framing import ascii_bytes
 from drivers.wire.lines import (
     EMPTY_LINE,
     UNREAD_VERB,
     Answer,
+    Greeting,
     LineGrammar,
     Nothing,
     Question,
@@ -133,6 +135,17 @@ def _is_answer(answer: Answer, question: Question, kind: type[object]) -> bool:
         answer.number == question.number
         and answer.verb in {question.verb, UNREAD_VERB}
         and isinstance(answer.body, (kind, Refused))
+    )
+
+
+def identity_of(greeting: Greeting, protocol: str) -> Identity:
+    """Return who has greeted in a protocol such as `pointline`."""
+    return Identity(
+        vendor=greeting.vendor,
+        model=greeting.model,
+        serial=greeting.serial,
+        firmware=greeting.firmware,
+        protocol=f"{protocol} {greeting.version}",
     )
 
 

@@ -9,11 +9,11 @@ from typing_extensions import override
 
 from drivers import errors, values
 from drivers.declaration import Surroundings
-from drivers.line_client import Dialect, LineClient, recorded_answer
+from drivers.line_client import Dialect, LineClient, identity_of, recorded_answer
 from drivers.plausible import RESTART, require, require_point, require_weather
 from drivers.session import Preparation, PreparedTracker
 from drivers.wire import pointline as wire
-from drivers.wire.lines import Hello, Nothing, numbers_from
+from drivers.wire.lines import Greeting, Hello, Nothing, numbers_from
 
 NOT_THERE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
@@ -160,14 +160,8 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
     def _ask_identity(self, client: LineClient) -> values.Identity:
         hello = Hello(wire.VERSION)
         within_s = self._deadlines.greeting_s
-        greeting = client.ask("HELLO", wire.InstrumentGreeting, hello, within_s=within_s)
-        identity = values.Identity(
-            vendor=greeting.vendor,
-            model=greeting.model,
-            serial=greeting.serial,
-            firmware=greeting.firmware,
-            protocol=f"pointline {greeting.version}",
-        )
+        greeting = client.ask("HELLO", Greeting, hello, within_s=within_s)
+        identity = identity_of(greeting, "pointline")
         if greeting.version != wire.VERSION:
             raise errors.WrongDevice(
                 f"{identity} answers; pointline {wire.VERSION} is needed",

@@ -16,7 +16,7 @@ from drivers.errors import (
     WireError,
     WrongDevice,
 )
-from drivers.line_client import Dialect, LineClient, recorded_answer
+from drivers.line_client import Dialect, LineClient, identity_of, recorded_answer
 from drivers.plausible import require_joints
 from drivers.ports import RobotController
 from drivers.session import DeviceSession
@@ -207,13 +207,7 @@ class LineRobot(RobotController):
 
     def _greet(self, client: LineClient) -> Identity:
         greeting = client.ask("HELLO", wire.ControllerGreeting, Hello(wire.VERSION))
-        identity = Identity(
-            vendor=greeting.vendor,
-            model=greeting.model,
-            serial=greeting.serial,
-            firmware=greeting.firmware,
-            protocol=f"robotline {greeting.version}",
-        )
+        identity = identity_of(greeting, "robotline")
         axes = len(self._layout.joints)
         if (greeting.version, greeting.axes) != (wire.VERSION, axes):
             raise WrongDevice(

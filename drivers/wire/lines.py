@@ -55,6 +55,17 @@ class Hello:
 
 
 @dataclass(frozen=True, slots=True)
+class Greeting:
+    """Identity of a device, with the version of the protocol that it speaks."""
+
+    version: int
+    vendor: str
+    model: str
+    serial: str
+    firmware: str
+
+
+@dataclass(frozen=True, slots=True)
 class Refused:
     """Refusal; `code` is a word of the specification, `text` is for people."""
 

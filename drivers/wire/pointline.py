@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.values import Vector3
-from drivers.wire.lines import Hello, LineGrammar, Nothing
+from drivers.wire.lines import Greeting, Hello, LineGrammar, Nothing
 
 VERSION = 1
 LINE_BYTES = 511
@@ -42,17 +42,6 @@ class Find:
     """Search around the present direction at about that distance."""
 
     distance_mm: float
-
-
-@dataclass(frozen=True, slots=True)
-class InstrumentGreeting:
-    """Identity of the instrument."""
-
-    version: int
-    vendor: str
-    model: str
-    serial: str
-    firmware: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +94,7 @@ class BeamDirection:
 
 
 VERBS: Mapping[str, tuple[type, type]] = {
-    "HELLO": (Hello, InstrumentGreeting),
+    "HELLO": (Hello, Greeting),
     "STATE": (Nothing, InstrumentStatus),
     "AIR": (Nothing, Air),
     "REFLECTOR": (ReadReflector, ReflectorDefinition),

@@ -11,7 +11,7 @@ from typing import Self
 
 from drivers.errors import WireError
 from drivers.values import Coordinate
-from drivers.wire.lines import Hello, LineGrammar, Nothing, Title
+from drivers.wire.lines import Greeting, Hello, LineGrammar, Nothing, Title
 
 VERSION = 1
 LINE_BYTES = 255
@@ -149,14 +149,9 @@ class ReadPart:
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerGreeting:
-    """Identity of the controller."""
+class ControllerGreeting(Greeting):
+    """Identity of the controller, and how many joints it moves."""
 
-    version: int
-    vendor: str
-    model: str
-    serial: str
-    firmware: str
     axes: int
 
 

@@ -7,7 +7,7 @@ from typing_extensions import override
 
 from drivers.values import vector
 from drivers.wire import pointline as wire
-from drivers.wire.lines import Answer, BadQuestion, Hello, Nothing, Question, Refused
+from drivers.wire.lines import Answer, BadQuestion, Greeting, Hello, Nothing, Question, Refused
 from sim.servers.conversation import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
@@ -84,7 +84,7 @@ class PointlineSession(ServedSession):
             case Hello(version):
                 if version != wire.VERSION:
                     return Refused("VERSION", f"version {wire.VERSION} is spoken here")
-                return wire.InstrumentGreeting(
+                return Greeting(
                     wire.VERSION, tracker.vendor, MODEL, tracker.serial, tracker.firmware
                 )
             case wire.ReadReflector(index):

@@ -34,7 +34,7 @@ QUESTIONS = {
     "999999999 GOTO": pointline.GoTo((1e-07, -0.0, 1e16)),
 }
 ANSWERS = {
-    "201 HELLO": pointline.InstrumentGreeting(1, "Example Metrology", "T-1000", "4711", "2.1 beta"),
+    "201 HELLO": lines.Greeting(1, "Example Metrology", "T-1000", "4711", "2.1 beta"),
     "202 STATE OK 0 1 1": pointline.InstrumentStatus(False, True, True, True, "CCR-1.5in"),
     "202 STATE OK 0 1 0": pointline.InstrumentStatus(False, True, False, False, ""),
     "203 AIR OK": pointline.Air(20.5, 1013.25, 45.0),

@@ -82,7 +82,7 @@ ROBOTLINE_QUESTIONS = tuple(
 POINTLINE_ANSWERS = tuple(
     pointline.GRAMMAR.encode_answer(Answer(7, verb, body))
     for verb, body in (
-        ("HELLO", pointline.InstrumentGreeting(1, "Example Metrology", "T", "4711", "2.1")),
+        ("HELLO", lines.Greeting(1, "Example Metrology", "T", "4711", "2.1")),
         ("STATE", pointline.InstrumentStatus(False, True, True, True, "CCR 1.5")),
         ("REFLECTOR", pointline.ReflectorDefinition(2, "CCR 1.5", 19.05)),
         ("MEASURE", pointline.PointMeasured(9, "CCR", (2e3, -1.5, 1e-300), (1e-4,) * 6)),
