@@ -1,7 +1,7 @@
 """Names that earlier versions knew and this one refuses, each with what to use instead.
 
-CHANGELOG lists them under Removed. These tables are the only place of the software that mentions
-them.
+CHANGELOG lists them under Removed. Only these tables mention them, and for the keys of cell files
+that of sim/scenarios/scenario.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -72,12 +72,9 @@ INSTEAD: Mapping[str, str] = {
 """Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
 `--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
 
-_TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
 KEYS: Mapping[str, tuple[object, str]] = {
     "controller.linuxcnc": (None, _BRIDGE),
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
-    "tracker.faces": (2, _TWO_FACES),
-    "tracker.two_face_arcsec": ([0.0, 0.0], _TWO_FACES),
     "certificate.number": ("", "delete it: number the certificate on the laboratory's own form"),
     "certificate.measured_by": ("", "write who measured as people.operator"),
     "certificate.authorised_by": ("", "delete it: sign on the laboratory's own form"),

@@ -23,6 +23,13 @@ VALUE_SHOWN = 40
 SUFFIX = ".yaml"
 FOLDED_AT = 80
 SCENARIOS_KEPT = 16
+_TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
+REMOVED = {
+    "controller.joints_from": "leave it out: beside a real controller a cell follows its joints",
+    "tracker.faces": _TWO_FACES,
+    "tracker.two_face_arcsec": _TWO_FACES,
+}
+"""Keys that earlier versions knew, each with what to do instead."""
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -92,7 +99,8 @@ def _explained(error: ValidationError, name: str) -> ScenarioInvalid:
 def _reason(detail: ErrorDetails) -> tuple[str, str]:
     if detail["type"] == "extra_forbidden":
         *parents, unknown = detail["loc"]
-        return "is not a known key", nearest(str(unknown), _keys_at(parents))
+        instead = REMOVED.get(".".join(map(str, detail["loc"])))
+        return "is not a known key", instead or nearest(str(unknown), _keys_at(parents))
     if detail["type"] == "missing":
         return "is missing", "add it"
     if detail["type"] == "value_error":
