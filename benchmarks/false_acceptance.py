@@ -9,6 +9,7 @@ wrong if a parameter is off by more than 4 σ, or positions by more than twice w
 
 import argparse
 import math
+from collections import defaultdict
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -85,34 +86,27 @@ class Truth:
 def draw(mechanism: str, kind: str, rng: np.random.Generator) -> Truth:
     """Draw a robot with errors of manufacture and those of a kind."""
     parts, nominal = MECHANISMS[mechanism], find_robot(ROBOTS[mechanism]).parameters
-    arms, effects = np.arange(parts.arms), KINDS[kind]
-
-    def size(effect: str) -> float:
-        return effects.get(effect, 0.0)
-
-    turned = "elevation_deg" if parts.on_rails else "azimuth_deg"
+    arms, size = np.arange(parts.arms), defaultdict(float, KINDS[kind])
     before = {name: nominal[name] for name in parts.names}
     for name in before:
         spread = 0.1 if "offset_deg" in name else 0.5 if name.endswith("_mm") else 0.0
-        if name.endswith(turned):
-            spread = math.degrees(1e-3 * size("azimuths"))
+        if name.endswith("elevation_deg" if parts.on_rails else "azimuth_deg"):
+            spread = math.degrees(1e-3 * size["azimuths"])
         if name != "pinion_mm":  # which only scales the turn
             before[name] += spread * rng.standard_normal()
     now, arm = dict(before), rng.integers(parts.arms)
-    now[f"arm{arm}.joint_offset_{parts.unit}"] += size("encoder") * (6.0 if parts.on_rails else 1.0)
-    now[f"arm{arm}.y_mm"] += size("mount")
-    off = np.full(
-        parts.arms, math.radians(size("eccentricity")) * (57.3 if parts.on_rails else 1.0)
-    )
-    eccentricity, ripple = (0.0 * off, off) if parts.on_rails else (off, 0.0 * off)
+    now[f"arm{arm}.joint_offset_{parts.unit}"] += size["encoder"] * (6.0 if parts.on_rails else 1.0)
+    now[f"arm{arm}.y_mm"] += size["mount"]
+    off = np.full(parts.arms, math.radians(size["eccentricity"]))
+    eccentricity, ripple = (0.0 * off, 57.3 * off) if parts.on_rails else (off, 0.0 * off)
     phases_rad = rng.uniform(-math.pi, math.pi, parts.arms)
-    ratio = 1e-6 * size("ratio") * (arms == arm)
-    rods_mm = size("rods") * rng.standard_normal((parts.arms, 2))
-    tilts_rad = 1e-3 * size("tilts") * rng.standard_normal(parts.arms)
+    ratio = 1e-6 * size["ratio"] * (arms == arm)
+    rods_mm = size["rods"] * rng.standard_normal((parts.arms, 2))
+    tilts_rad = 1e-3 * size["tilts"] * rng.standard_normal(parts.arms)
     motor = 2.0 * math.pi / PITCH_MM if parts.on_rails else 1.0
     gears = Transmission(eccentricity, phases_rad, ratio, ripple, phases_rad, motor)
-    backlash = math.radians(size("backlash") / 60.0) * parts.scale
-    return Truth(before, now, (rods_mm, tilts_rad), gears, backlash, size("sag"))
+    backlash = math.radians(size["backlash"] / 60.0) * parts.scale
+    return Truth(before, now, (rods_mm, tilts_rad), gears, backlash, size["sag"])
 
 
 def points_of(
@@ -120,13 +114,12 @@ def points_of(
 ) -> Array:
     """Return points (N, 3) of the simulator's rods at encoder values, near poses (N, t)."""
     parts = MECHANISMS[robot]
-    geometry = geometry_of(flat, parts)
-    plate_file: Any = find_robot(ROBOTS[robot]).mechanism.plate
-    on_plate, reflector_mm = np.array(plate_file.joints_mm), np.array(plate_file.reflector_mm)
-    rods = RodMechanism(geometry, Build(on_plate, ROD_SPACING_MM, *truth.build))
+    plate: Any = find_robot(ROBOTS[robot]).mechanism.plate
+    build = Build(np.array(plate.joints_mm), ROD_SPACING_MM, *truth.build)
+    rods = RodMechanism(geometry_of(flat, parts), build)
     load = Load(0.0, truth.sag_mm, 1.0 if parts.on_rails else CRANK_MM**2)
     moved = truth.transmission.joints(joints) - 0.5 * truth.backlash * sides
-    return settled_points(rods, moved, near, reflector_mm, load)
+    return settled_points(rods, moved, near, np.array(plate.reflector_mm), load)
 
 
 def settled_points(
@@ -209,8 +202,8 @@ def parameter_errors(result: Any, robot: Any, known: dict[str, float]) -> float:
     null = np.array(posterior.undetermined).reshape(-1, len(true))
     true = (true - null.T @ (null @ true)) * tolerance / units
     rows = zip(names, true.tolist(), strict=False)
-    found = ((result.parameters[name], value) for name, value in rows)
-    return max((abs(own.delta - value) / own.std for own, value in found if own.std), default=0.0)
+    fitted = ((result.parameters[name], value) for name, value in rows)
+    return max((abs(p.delta - value) / p.std for p, value in fitted if p.std), default=0.0)
 
 
 def main() -> None:
