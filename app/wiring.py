@@ -127,9 +127,9 @@ class DeviceConnections:
             )
         )
         serial = self.campaign.config.controller.serial
-        own = errors.MotionFault, errors.LimitViolation
+        about_robot = errors.MotionFault, errors.LimitViolation
         try:
-            with _named("controller", self.controller.url, own) as greeted:
+            with _named("controller", self.controller.url, about_robot) as greeted:
                 robot.connect()
                 greeted(identity := robot.identity())
                 _check_serial("controller", identity, serial)
@@ -317,12 +317,12 @@ def _remembered(path: Path) -> dict[str, object] | None:
 
 @contextmanager
 def _named(
-    device: str, url: str, own: tuple[type[errors.DriverError], ...]
+    device: str, url: str, kinds: tuple[type[errors.DriverError], ...]
 ) -> Iterator[Callable[[Identity], None]]:
-    """Name a device in every error that is about it: which one, its address, its serial number.
+    """Name a device, by its serial number and address, in every error that is about it.
 
-    That is one that says its address, or one of its `own` kinds. The block is given what to tell
-    who answered.
+    Such an error states the address, or is of one of these `kinds`. The block calls what it is
+    given with the identity of the device, once known.
     """
     names = [device]
 
@@ -334,7 +334,7 @@ def _named(
     except errors.DriverError as error:
         if url and url in error.problem:
             error.problem = error.problem.replace(url, f"{names[0]} at {url}", 1)
-        elif isinstance(error, own):
+        elif isinstance(error, kinds):
             error.problem = f"{names[0]} at {url}: {error.problem}"
         raise
 

@@ -287,14 +287,14 @@ class Parameters:
             self._pins[f"arm{n}.backlash_{machine.unit}"] = f"ini.{n}.backlash"
         parts = {f"ARM {n}": [f"arm{n}.{field}" for field in ARM_FIELDS] for n in machine.joints}
         parts |= {"PLATE": ["plate_mm"], "PINION": ["pinion_mm"]}
-        own = {words: tuple(filter(self._pins.get, names)) for words, names in parts.items()}
+        lines = {words: tuple(filter(self._pins.get, names)) for words, names in parts.items()}
         is_drawn = any(map(machine.get, self._drawing))
         extensions = [n for n in sorted(self._pins) if is_drawn or not TILT.fullmatch(n)]
         self.layout = wire.RobotLayout(
             tuple(Coordinate(f"q{n}", is_angle=machine.unit == "deg") for n in machine.joints),
             tuple(Coordinate(letter, is_angle=letter == "c") for letter in machine.letters),
-            {words: names for words, names in own.items() if names},
-            tuple(name for name in extensions if name not in sum(own.values(), ())),
+            {words: names for words, names in lines.items() if names},
+            tuple(name for name in extensions if name not in sum(lines.values(), ())),
         )
         if not machine.has_power():
             backlashes = {n: pin for n, pin in self._pins.items() if "backlash" in n}

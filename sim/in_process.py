@@ -43,19 +43,18 @@ class InProcessCell:
     def step(self, end_s: float) -> None:
         """Let time pass until something is due, or until the end that is given."""
         now_s = self.now_s()
-        open_ones = [c for each in self._conversations.values() for c in each if not c.is_over]
-        dues_s = (due_s for each in open_ones if (due_s := each.next_due_s()) is not None)
+        open_ones = [c for of in self._conversations.values() for c in of if not c.is_over]
+        dues_s = (due_s for c in open_ones if (due_s := c.next_due_s()) is not None)
         due_s = max(min(dues_s, default=math.inf), now_s + SHORTEST_WAIT_S)
         self._time.sleep_s(min(due_s, end_s) - now_s)
-        for each in open_ones:
-            each.turn()
+        for conversation in open_ones:
+            conversation.turn()
 
     def connect(self, device: DeviceName, name: str) -> "MemoryPipe":
         """Open a pipe to a device, which errors call by that name."""
         before = [c for c in self._conversations.get(device, []) if not c.is_over]
         next_fault = partial(self.cell.faults.next, ANSWERS_OF[device])
-        is_tracker = device == "tracker"
-        sessions = self._tracker_sessions if is_tracker else controller_sessions(self.cell)
+        sessions = self._tracker_sessions if device == "tracker" else controller_sessions(self.cell)
         conversation = Conversation(sessions, len(before), next_fault, self.now_s)
         self._conversations[device] = [*before, conversation]
         return MemoryPipe(self, conversation, name)

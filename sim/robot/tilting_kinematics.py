@@ -1,8 +1,8 @@
 """Inverse kinematics of a controller that knows how its plate tilts, sags and yields: by its rods.
 
-Unequal rods, tilted axes and turned bars tilt the plate and move the reflector, a frame that bends
-and drives that yield lower it. Such a controller aims its plain
-kinematics a little beside the wanted pose, until the rods put the reflector where it is wanted.
+Unequal rods, tilted axes and turned bars tilt the plate and move the reflector; a frame that bends
+and drives that yield lower it. Such a controller aims its plain kinematics a little beside the
+wanted pose, until the rods put the reflector where it is wanted.
 """
 
 from collections.abc import Mapping
