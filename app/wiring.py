@@ -85,7 +85,8 @@ class DevicePlace:
     clock: Clock
     first_number: int
     """Number of a session's first question."""
-    simulated: bool = False
+    in_process: bool = False
+    """Whether it is simulated in this process."""
 
     @classmethod
     def real(cls, url: str) -> "DevicePlace":
@@ -150,7 +151,7 @@ class DeviceConnections:
                 first_number=place.first_number,
                 settings=_tracker_settings(self.campaign),
                 prompt=self.prompt,
-                instrument_clock=place.clock if place.simulated else None,
+                in_process=place.in_process,
             )
         )
         try:
@@ -203,7 +204,7 @@ def connections(
             def open_pipe(*, timeout_s: float = CONNECT_S) -> Transport:  # noqa: ARG001 - at once
                 return cell.connect(device, name)
 
-            return DevicePlace(name, open_pipe, cell, 1, simulated=True)
+            return DevicePlace(name, open_pipe, cell, 1, in_process=True)
 
         stands_in = cell.cell.controller
         yield made(

@@ -16,7 +16,7 @@ class Surroundings:
 
     open_transport: Opener
     clock: Clock
-    """Real time, also for a simulated cell that runs faster: the wire is real."""
+    """Time of the device: real, or that of a simulated cell of this process."""
     cancelled: Callable[[], bool] = never
     first_number: int = 1
     """Number of the first question, 1 to 999999999: another one in each session."""
@@ -24,8 +24,8 @@ class Surroundings:
     """What a campaign says to this driver alone, whose type only that driver knows."""
     prompt: Prompt | None = None
     """Asks the operator; None where nobody can be asked."""
-    instrument_clock: Clock | None = None
-    """Time as a simulated tracker lives it; None for a tracker that is not served here."""
+    in_process: bool = False
+    """Whether the device is simulated in this process."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -141,7 +141,6 @@ class EmsconClient(LinkClient[wire.FromServer]):
         )
         super().__init__(link)
         self._clock = given.clock
-        self._instrument_clock = given.instrument_clock or given.clock
         self._deadlines = deadlines
         self._changes = 0
         self._asked_s = 0.0
@@ -210,7 +209,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
     def await_end(self, within_s: float) -> tuple[Result | bodies.ErrorResponse, float]:
         """Return what ends a running measurement, its result or an error, and when it came.
 
-        In seconds of the instrument's clock, from before the question was sent.
+        That time is in seconds from before the question was sent.
         """
         message = self._link.await_event(
             _ends_measurement, within_s=within_s, what="the measurement"
@@ -275,7 +274,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         self.passed_over += _is_passed_over(event)
         ends = _ends_measurement(event)
         if ends and not self._has_ended:
-            self._has_ended, self._first_end_s = True, self._instrument_clock.now_s()
+            self._has_ended, self._first_end_s = True, self._clock.now_s()
         return ends or _is_reflector(event)
 
     def _exchange(
@@ -285,7 +284,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         request = wire.encode(wire.EmsconRequest(command, body))
 
         def ask_once() -> wire.Answer | bodies.ErrorResponse:
-            self._asked_s = self._instrument_clock.now_s()
+            self._asked_s = self._clock.now_s()
             reply = self._link.ask(
                 request,
                 answers=lambda message: _is_answer(message, command),

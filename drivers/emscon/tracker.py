@@ -172,7 +172,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
 
     def _knows_its_time(self) -> bool:
         """Tell whether the tracker's seconds are known: a simulated one's may be shorter."""
-        return self._given.instrument_clock is not None or self._session.identity.model != SIMULATED
+        return self._given.in_process or self._session.identity.model != SIMULATED
 
     def _move(self, command: Command, body: bodies.Body) -> None:
         client, _, agreed = self._prepared()

@@ -53,7 +53,7 @@ def in_memory(speaks, faults=(), **tracker):
     given = Surroundings(
         open_transport=lambda **_: clock.connect("tracker", "sim://cell/tracker"),
         clock=clock,
-        instrument_clock=clock,
+        in_process=True,
     )
     with at(cell, DRIVERS[speaks], given) as connected:
         yield connected
@@ -65,7 +65,7 @@ def served(speaks, wire, **tracker):
     server = CellServer(clock, cell.faults)
     serve = server.serve_pty if wire == "pty" else server.serve_tcp
     url = serve(tracker_sessions(cell, speaks), "tracker")
-    given = Surroundings(open_transport=opener_of(url), clock=SystemClock(), instrument_clock=clock)
+    given = Surroundings(open_transport=opener_of(url), clock=SystemClock())
     with server, at(cell, DRIVERS[speaks], given) as connected:
         yield connected
 

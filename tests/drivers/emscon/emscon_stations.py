@@ -58,11 +58,7 @@ class SimulatedStation:
         self.faults = FaultScript([Fault(Counted.RESULT, *fault) for fault in faults], {})
         self.pipes = []
         self.tracker = EmsconTracker(
-            Surroundings(
-                open_transport=self._open,
-                clock=self.clock,
-                instrument_clock=self.clock if knows_time else None,
-            )
+            Surroundings(open_transport=self._open, clock=self.clock, in_process=knows_time)
         )
         self.tracker.connect()
         self.tracker.prepare("CCR-1.5in", measuring_time_s)
