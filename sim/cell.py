@@ -150,10 +150,6 @@ class Cell:
         """(3,): where the reflector really is, in the base frame. A back door for tests."""
         return self._scene.robot_reflector(now_s).point_mm
 
-    def work(self, seconds: float) -> None:
-        """Let it have worked for so long: what slow effects follow when no controller is asked."""
-        self._worked.seconds += seconds
-
     def advance(self, now_s: float) -> None:
         """Let happen what is due by now."""
         self.controller.state(now_s)
