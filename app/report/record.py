@@ -6,7 +6,7 @@ from datetime import datetime
 from app.report import figures, model_tables
 from app.report.section import NO_JOURNAL, Section, moment
 from campaigns.evaluation.campaign_verdict import Check
-from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
+from campaigns.evaluation.time_series import TimeSeries, stated_uncertainty_mm, time_series
 from campaigns.evidence import Evaluation, Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import (
@@ -19,35 +19,31 @@ from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
 from campaigns.settings.sections import CertificateConfig
 from campaigns.shots.import_export import imported_files
-from campaigns.shots.shots import Shots
 from drivers.values import Weather
 
-Measured = tuple[str, Shots]
-
-
+Measured = tuple[TimeSeries, float | str, float | None]
+"""Series, and the tracker's σ of a point as stated in it: median and largest."""
+UNKNOWN = (None, None)
 TRACKER: tuple[Column[Measured], ...] = (
-    words("series", lambda row: row[0]),
-    Column("u of a point, median", lambda row: _stated(row, 0) or "not stated", "mm", 4),
-    Column("largest", lambda row: _stated(row, 1), "mm", 4),
-    Column("air from", lambda row: _air_range(row, 0), "°C", 2),
-    Column("to", lambda row: _air_range(row, 1), "°C", 2),
-    Column("drift pose moved", lambda row: time_series(*row).moved_mm, "mm"),
+    words("series", lambda row: row[0].name),
+    Column("u of a point, median", lambda row: row[1], "mm", 4),
+    Column("largest", lambda row: row[2], "mm", 4),
+    Column("air from", lambda row: (row[0].air_range or UNKNOWN)[0], "°C", 2),
+    Column("to", lambda row: (row[0].air_range or UNKNOWN)[1], "°C", 2),
+    Column("drift pose moved", lambda row: row[0].moved_mm, "mm"),
 )
 
 
-def _stated(row: Measured, place: int) -> float | None:
-    stated = stated_uncertainty_mm(row[1])
-    return None if stated is None else stated[place]
-
-
-def _air_range(row: Measured, place: int) -> float | None:
-    air = time_series(*row).air_range
-    return None if air is None else air[place]
+def measured_rows(evidence: Evidence) -> Iterator[Measured]:
+    """Yield a row for each series."""
+    for name, measured in evidence.by_stage():
+        stated_mm = stated_uncertainty_mm(measured.shots) or ("not stated", None)
+        yield time_series(name, measured.shots), *stated_mm
 
 
 def beam_losses(evidence: Evidence) -> int:
-    """Number of shots lost with the beam."""
-    records = [each.record for each in evidence.journal.incidents] if evidence.journal else []
+    """Return the number of shots lost with the beam."""
+    records = [row.record for row in evidence.journal.incidents] if evidence.journal else []
     return sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
 
 
@@ -191,7 +187,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     tracker = next(
         (each.started.tracker for each in reversed(series) if each.started.tracker), None
     )
-    found = evidence.identification
+    identified, times = evidence.identification, _times_utc(evidence)
     yield from (
         ("customer", certificate.customer),
         ("laboratory", certificate.laboratory),
@@ -204,9 +200,9 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         ("tool", certificate.tool),
         ("payload", "" if certificate.payload_kg is None else f"{certificate.payload_kg:g} kg"),
         ("speed", f"{config.controller.speed_percent:g} % of full speed"),
-        ("measured", " to ".join(_times(evidence))),
+        ("measured", f"{moment(times[0])} to {moment(times[-1])}" if times else ""),
         ("conditions", certificate.conditions),
-        ("method", NOTHING if found is None else _method(found)),
+        ("method", NOTHING if identified is None else _method(identified)),
     )
 
 
@@ -221,8 +217,8 @@ def _method(found: RecordedIdentification) -> str:
 
 def expiry_warning(evidence: Evidence) -> str:
     """Return a sentence if the tracker's certificate expired before the last shot, else ""."""
-    certificate, times = evidence.campaign.config.certificate, [*_moments(evidence)]
-    if not times or not certificate.expired_on(times[-1].date()):
+    certificate, times = evidence.campaign.config.certificate, _times_utc(evidence)
+    if not times or not certificate.expired_on(datetime.fromisoformat(times[-1]).date()):
         return ""
     return (
         f"The tracker's certificate expired on {certificate.tracker.expires}, before the last shot "
@@ -237,15 +233,10 @@ def _tracker_certificate(certificate: CertificateConfig) -> str:
     return ", ".join(filter(None, (f"{own.number} {dated}".strip(), own.laboratory, until)))
 
 
-def _moments(evidence: Evidence) -> Iterator[datetime]:
+def _times_utc(evidence: Evidence) -> list[str]:
+    """Return the times of all shots in their order."""
     every = evidence.journal.series if evidence.journal else ()
-    times = [shot.measured_utc for series in every for shot in series.shots if shot.measured_utc]
-    yield from (datetime.fromisoformat(text) for text in sorted(times))
-
-
-def _times(evidence: Evidence) -> tuple[str, ...]:
-    times = [each.isoformat() for each in _moments(evidence)]
-    return (moment(times[0]), moment(times[-1])) if times else ()
+    return sorted(shot.measured_utc for series in every for shot in series.shots)
 
 
 def item_section(evaluation: Evaluation) -> Section:
@@ -261,11 +252,11 @@ def tracker_section(evaluation: Evaluation) -> Section:
     """Return the section on tracker, drift and temperature."""
     section = Section("tracker", "Tracker, drift, temperature")
     evidence, found = evaluation.evidence, evaluation.evidence.identification
-    if series := [(name, measured.shots) for name, measured in evidence.by_stage()]:
+    if rows := [*measured_rows(evidence)]:
         section.table(
             "Tracker, air and drift",
             TRACKER,
-            series,
+            rows,
             "u: the tracker's statement, 1 σ in the worst direction. Shots lost with the beam: "
             f"{beam_losses(evidence)}.",
         )
