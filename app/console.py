@@ -19,6 +19,7 @@ from rich.text import Text
 
 from app.exits import NotConfirmed
 from app.keyboard import KEYBOARD
+from app.progress import say
 from app.run_screen import RunLines, RunScreen
 from campaigns.files.table import Column, texts
 from drivers.errors import LinkDown
@@ -38,13 +39,13 @@ NO_NEXT: Mapping[str, None] = {"next": None, "before_next": None, "next_reason":
 
 
 def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
-    """The terminal as the global options want it."""
+    """Return the terminal that the global options ask for."""
     command = context.info_name or ""
     return Terminal(as_json=as_json, verbose=context.obj is True, command=command)
 
 
 def is_yes(typed: str) -> bool:
-    """Whether an answer means yes; nothing typed means no."""
+    """Return whether an answer means yes; nothing typed means no."""
     return typed.strip().lower() in {"y", "yes"}
 
 
@@ -72,37 +73,35 @@ class Terminal:
         return self._talk if self._as_json else Console(highlight=False, emoji=False)
 
     def say(self, text: str, style: str = "") -> None:
-        """A line of the answer."""
+        """Print a line of the answer."""
         self._line(text, style, is_talk=self._as_json)
 
     def note(self, text: str, style: str = TALK) -> None:
-        """A line of talk."""
+        """Print a line of talk."""
         self._line(text, style, is_talk=True)
 
     def _line(self, text: str, style: str, *, is_talk: bool) -> None:
-        """A line; on a terminal it is broken between words, elsewhere not at all."""
+        """Print a line, styled where there is a terminal or one is asked for."""
         stream = sys.stderr if is_talk else sys.stdout
         if stream is None:
             return
         if stream.isatty() or LIKE_A_TERMINAL & os.environ.keys():
-            console = self._talk if is_talk else self._answers
-            kept_whole = not console.is_terminal
-            console.print(printable(text), style=style, markup=False, soft_wrap=kept_whole)
+            say(self._talk if is_talk else self._answers, text, style)
         else:
             stream.write(f"{printable(text)}\n")
             stream.flush()
 
     def alarm(self, text: str) -> None:
-        """A line that the operator has to read at once."""
+        """Print a line that the operator has to read at once."""
         self.note(text, BAD)
 
     def detail(self, text: str) -> None:
-        """A line of talk for those who asked for more."""
+        """Print a line of talk for those who asked for more."""
         if self._verbose:
             self.note(text)
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """A table; all columns but the first are numbers or short words, set to the right.
+        """Print a table; all columns but the first are numbers or short words, set to the right.
 
         A last column without a name holds words, which are broken into lines before anything else.
         """
@@ -124,18 +123,18 @@ class Terminal:
         self._answers.print("", table, "", sep="\n")
 
     def rows(self, title: str, columns: Sequence[Column[T]], rows: Iterable[T]) -> None:
-        """The table of these rows."""
+        """Print the table of these rows."""
         self.table(title, [column.head for column in columns], texts(columns, rows))
 
     def listing(self, title: str, lines: Mapping[str, str]) -> None:
-        """Names with texts that may be long."""
+        """Print names with texts that may be long."""
         self.say(title, "bold")
         width = max(map(len, lines), default=0)
         for name, text in lines.items():
             self.say(f"  {name:<{width}}  {text}")
 
     def document(self, document: Mapping[str, object]) -> None:
-        """The answer for programs, values and paths in it as they are; only with `as_json`."""
+        """Print the answer for programs, values and paths as they are; only with `as_json`."""
         if self._as_json and sys.stdout is not None:
             beginning = {"schema": f"pkmcal/{self._command}/1", **NO_NEXT}
             plain = to_jsonable_python({**beginning, **document})
