@@ -20,12 +20,12 @@ DeviceIdentities: TypeAlias = tuple[Identity, Identity]
 
 
 def serials(devices: DeviceIdentities) -> str:
-    """Serial numbers of both devices, in words."""
-    return "controller {}, tracker {}".format(*(each.serial for each in devices))
+    """Return the serial numbers of both devices, in words."""
+    return "controller {}, tracker {}".format(*(device.serial for device in devices))
 
 
 def briefing(campaign: Campaign, work: Work, preview: RunPreview, devices: DeviceIdentities) -> str:
-    """What a run says before anything moves: `138 shots, about 6 min, 30 % speed, controller …`."""
+    """Return the sentence before anything moves: `138 shots, about 6 min, 30 % speed, …`."""
     speed = campaign.config.controller.speed_percent
     return f"{preview_line(preview, work)}, {speed:g} % speed, {serials(devices)}"
 
@@ -50,7 +50,7 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
 
 
 def run_document(ran: RunResult) -> dict[str, object]:
-    """What `--json` prints."""
+    """Return what `--json` prints."""
     goal = ran.goal_mm and {
         "std_mm": ran.goal_mm,
         "met": ran.good,
@@ -68,7 +68,7 @@ def run_document(ran: RunResult) -> dict[str, object]:
 
 
 def preview_line(preview: RunPreview, work: Work) -> str:
-    """What a run is about to do: `138 shots, about 6 min`, or what is there of a series."""
+    """Return what a run is about to do: `138 shots, about 6 min`, or what a series lacks."""
     shots = f"{len(preview.left)} shots"
     if preview.series is not None:
         shots = (
@@ -83,7 +83,7 @@ def preview_line(preview: RunPreview, work: Work) -> str:
 
 
 def preview_document(preview: RunPreview) -> dict[str, object]:
-    """The same as part of a document."""
+    """Return what a run is about to do, as part of a document."""
     return {**asdict(preview), "seconds_left_estimated": preview.seconds}
 
 

@@ -23,7 +23,7 @@ RANGE_LIMIT_MM = 300.0
 FIRST_SHOTS = 2
 SHOTS_FOR_A_PLACE = 4
 NOMINAL_STD_MM = 3.0
-"""Least scatter of a nominal robot's positions, by which the found place is uncertain."""
+"""Least scatter of a nominal robot's positions, by which the fitted place is uncertain."""
 PLACE_LIMIT_MM = 100.0
 """A place that is given within some cm is right."""
 SIGMAS = 3.0
@@ -65,7 +65,7 @@ class Station:
     centre_mm: Vector3
 
     def seen_from(self, place_mm: Vector3) -> View:
-        """View of the reflector from another place."""
+        """Return the view of the reflector from another place."""
         away = np.subtract(place_mm, self.centre_mm)
         return View(place_mm, self.facing or vector(away), self.acceptance_rad)
 
@@ -92,10 +92,10 @@ class StationMonitor:
             self._range_named = bool(text)
             if text:
                 yield Event("tracker place", text)
-        found = found_place(self._kinematics, accepted)
-        if found is None:
+        fitted = fit_place(self._kinematics, accepted)
+        if fitted is None:
             return
-        place_mm, std_mm = found
+        place_mm, std_mm = fitted
         off_mm = dist(place_mm, station.place_mm)
         limit_mm = max(PLACE_LIMIT_MM, SIGMAS * std_mm)
         if off_mm > limit_mm or limit_mm == PLACE_LIMIT_MM:
@@ -141,12 +141,10 @@ class StationMonitor:
             )
 
 
-def found_place(
-    kinematics: Kinematics, accepted: Sequence[Outcome]
-) -> tuple[Vector3, float] | None:
-    """Tracker's place in the base frame and its standard deviation, mm, by the best fit.
+def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vector3, float] | None:
+    """Fit the tracker's place in the base frame; return it and its standard deviation, mm.
 
-    None while the shots fix no frame.
+    None while the shots determine no frame.
     """
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
     positions_mm = modelled.values[modelled.found, :3]

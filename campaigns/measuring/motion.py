@@ -71,7 +71,7 @@ class Mover:
         return self._take(way, here, lambda: self._start_joints(joints), entering)
 
     def pause(self, seconds: float) -> None:
-        """Wait, looking at the wish to stop all the time; raises `Interrupted`."""
+        """Wait, looking at the wish to stop all the time; raise `Interrupted`."""
         until_s = self._clock.now_s() + seconds
         while (left_s := until_s - self._clock.now_s()) > 0.0:
             self.check_stop()
@@ -116,7 +116,7 @@ class Mover:
             raise Interrupted("stopped by the operator", remedy="the same command resumes it")
 
     def _state(self) -> RobotState:
-        """The robot's state; raises `EmergencyStop` or `MotionFault`."""
+        """Return the robot's state; raise `EmergencyStop` or `MotionFault`."""
         state = self._robot.state()
         if state.emergency_stop:
             raise EmergencyStop(
@@ -131,7 +131,7 @@ class Mover:
         return state
 
     def _at_rest(self) -> RobotState:
-        """The robot's state before a motion: somebody else may still be moving it."""
+        """Return the robot's state before a motion, once nobody else is moving it."""
         deadline_s = self._deadline_s()
         while True:
             self.check_stop()
@@ -152,7 +152,7 @@ class Mover:
         return last if last is not None and self._in_place(state, last) else state.joints
 
     def _way(self, here: Joints, step: Step) -> list[Joints]:
-        """Joint targets of a safe way, the last one being the step's."""
+        """Return the joint targets of a safe way, the last one being the step's."""
         way: list[Joints] = []
         for target in (*step.approach, step.planned.joints):
             if target != here or target is step.planned.joints:  # else it stands there
@@ -175,7 +175,7 @@ class Mover:
         return legs
 
     def _deadline_s(self) -> float:
-        """Time by which a move that begins now must have ended and settled."""
+        """Return the time by which a move that begins now must have ended and settled."""
         return self._clock.now_s() + self._settle.timeout_s
 
     def _start(self, step: Step) -> None:
@@ -242,8 +242,8 @@ class Mover:
 
     def _apart(self, state: RobotState, others: Joints) -> list[float]:
         """Return the distance of each joint from another value, in radians of a crank or alike."""
-        each = zip(self._axes, state.joints, others, strict=True)
-        return [abs(here - other) / axis.scale for axis, here, other in each]
+        joints = zip(self._axes, state.joints, others, strict=True)
+        return [abs(here - other) / axis.scale for axis, here, other in joints]
 
     def _why_not_there(self, state: RobotState, target: Joints) -> str:
         joint, away = _worst(self._apart(state, target))
@@ -263,7 +263,7 @@ class Mover:
         )
 
     def _text(self, joint: int, size: float, form: str) -> str:
-        """Size in comparable radians, in the unit of the joint."""
+        """Return a size in comparable radians as text in the unit of the joint."""
         axis = self._axes[joint]
         return axis.text(size * axis.scale, form)
 
@@ -274,7 +274,7 @@ def _within(sizes: Sequence[float], limit: float) -> bool:
 
 
 def _worst(sizes: Sequence[float]) -> tuple[int, float]:
-    """The joint of the largest size, and that size."""
+    """Return the joint of the largest size, and that size."""
     return max(enumerate(sizes), key=lambda entry: entry[1])
 
 

@@ -21,8 +21,8 @@ class NestPointer:
     def __init__(self, session: Session, kept: Iterable[AcceptedShot]) -> None:
         self._session, self._tracker = session, session.cell.tracker
         self._nests = {nest.name: nest for nest in session.work.nests}
-        taken = sorted((each for each in kept if each.intent.nest), key=lambda each: each.number)
-        points = [(each.intent.nest, each.outcome.point_in_tracker_mm) for each in taken]
+        taken = sorted((shot for shot in kept if shot.intent.nest), key=lambda shot: shot.number)
+        points = [(shot.intent.nest, shot.outcome.point_in_tracker_mm) for shot in taken]
         self._first_mm, self._latest_mm = dict(reversed(points)), dict(points)
         self._reflector = session.work.reflector
         self._robot_at: Vector3 | None = None
@@ -31,7 +31,7 @@ class NestPointer:
     def leave(self) -> None:
         """Point at the robot's reflector again, if the beam has left it, before the robot moves.
 
-        Raises `GateRefused` where nobody puts it back.
+        Raise `GateRefused` where nobody puts it back.
         """
         if not self._is_away:
             return
@@ -46,7 +46,10 @@ class NestPointer:
                 self._tracker.go_to(robot_mm)
 
     def moved_mm(self, nest: str, outcome: Outcome) -> float:
-        """Way of a nest since it was measured first; raises `GateRefused` at another reflector."""
+        """Return how far a nest has moved since it was measured first.
+
+        Raise `GateRefused` if the point is another reflector's.
+        """
         point_mm = outcome.point_in_tracker_mm
         expected_mm = self._session.gate.expected_point_mm(outcome.joints)
         others = self._latest_mm | ({"the robot": expected_mm} if expected_mm else {})
@@ -61,9 +64,9 @@ class NestPointer:
         return dist(point_mm, self._first_mm.setdefault(nest, point_mm))
 
     def point_at(self, name: str) -> None:
-        """Point at a nest's reflector; raises `BeamBroken` where none is found.
+        """Point at a nest's reflector.
 
-        `GateRefused` where nobody puts one there.
+        Raise `BeamBroken` where there is none, and `GateRefused` where nobody puts one there.
         """
         nest, work = self._nests[name], self._session.work
         place_mm = self._latest_mm.get(name, nest.place_mm)

@@ -57,13 +57,13 @@ class ReferenceNoise:
 
 
 def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
-    """Three or four accepted poses far from each other and not on a line; one where there are few.
+    """Choose three or four accepted poses far from each other and not on a line.
 
-    The first drift shot is the first of them, or else the first shot.
+    Where there are none such, one. The first drift shot comes first, or else the first shot.
     """
     was = {outcome.shot: outcome for outcome in kept}
     taken = [(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
-    taken.sort(key=lambda each: each[0].planned.purpose is not ShotSet.DRIFT)
+    taken.sort(key=lambda pose: pose[0].planned.purpose is not ShotSet.DRIFT)
     if len(taken) < FEWEST:
         return tuple(taken[:1])
     points = np.array([then.point_in_tracker_mm for _, then in taken])
@@ -85,15 +85,15 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
 def pose_settling(
     nominal: Kinematics, kept: Sequence[Outcome], visits: Sequence[Outcome], noise: ReferenceNoise
 ) -> tuple[tuple[int, ...], str]:
-    """Settling by accepted visits of one pose, their joints as read taken into account.
+    """Test since which accepted visit of one pose it stays; correct for their joints as read.
 
     `kept` are all accepted shots, as in `rigid_body_test`.
     """
-    axes, joints = _tracker_from_base(nominal, kept), np.array([each.joints for each in visits])
-    points = np.array([each.point_in_tracker_mm for each in visits])
+    axes, joints = _tracker_from_base(nominal, kept), np.array([visit.joints for visit in visits])
+    points = np.array([visit.point_in_tracker_mm for visit in visits])
     points, by_joints = points - _positions(nominal, joints) @ axes.T, _by_joints(nominal, joints)
     covariance = noise.covariance_mm2(visits, axes @ by_joints)
-    return settling([each.shot for each in visits], points, covariance)
+    return settling([visit.shot for visit in visits], points, covariance)
 
 
 def rigid_body_test(
@@ -111,9 +111,9 @@ def rigid_body_test(
     motion explains it, an encoder's when one joint's offset does, and else the robot's.
     """
     axes = _tracker_from_base(nominal, kept)
-    q_then, q_now = (np.array([each.joints for each in outcomes]) for outcomes in (then, now))
+    q_then, q_now = (np.array([shot.joints for shot in outcomes]) for outcomes in (then, now))
     points, moved = (
-        np.array([each.point_in_tracker_mm for each in outcomes]) for outcomes in (then, now)
+        np.array([shot.point_in_tracker_mm for shot in outcomes]) for outcomes in (then, now)
     )
     commanded = (_positions(nominal, q_now) - _positions(nominal, q_then)) @ axes.T
     moved = moved - points - commanded
@@ -168,7 +168,7 @@ def _explain(
             f"the robot has changed: the points moved by {size_mm:.3f} mm, and neither a motion of "
             "the tracker nor one encoder explains it"
         )
-    able.sort(key=lambda each: each[0])
+    able.sort(key=lambda cause: cause[0])
     return "; or ".join(words for score, words in able if score <= able[0][0] + LIKELY)
 
 
@@ -183,21 +183,21 @@ def _may_be_chance(left: float, rest: int, freedom: float) -> bool:
 
 
 def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Array:
-    """Rotation (3, 3) by the best fit of nominal positions to points, of as many as it takes."""
+    """Return the rotation (3, 3) by the best fit of nominal positions to the points of some."""
     outcomes = outcomes[:: 1 + len(outcomes) // SHOTS_FOR_AXES]
-    modelled = nominal.forward(np.array([each.joints for each in outcomes]))
-    points = np.array([each.point_in_tracker_mm for each in outcomes])
-    found = modelled.found
-    return fit_transform(modelled.values[found, :3], points[found]).rotation
+    modelled = nominal.forward(np.array([shot.joints for shot in outcomes]))
+    points = np.array([shot.point_in_tracker_mm for shot in outcomes])
+    solved = modelled.found
+    return fit_transform(modelled.values[solved, :3], points[solved]).rotation
 
 
 def _positions(nominal: Kinematics, joints: Array) -> Array:
-    """(N, 3), in the base frame; raises `NoSolution`."""
+    """Return the positions (N, 3) in the base frame; raise `NoSolution`."""
     return np.asarray(nominal.forward(joints).values_or_raise()[:, :3])
 
 
 def _by_joints(nominal: Kinematics, joints: Array) -> Array:
-    """∂position/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
+    """Return ∂position/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
     poses = nominal.forward(joints).values_or_raise()
     offsets = nominal.mechanism.parameters.offsets
     return np.asarray(nominal.jacobian(joints, poses)[:, :3][:, :, offsets])

@@ -51,17 +51,17 @@ def resume_state(steps: Sequence[Step], accepted: Sequence[AcceptedShot]) -> Res
 
 
 def missing_shots(series: Series, work: Work) -> tuple[int, ...]:
-    """Shots of the plan that are not among the accepted ones of its series, in their order."""
+    """Return the plan's shots that are not accepted in its series, in the plan's order."""
     taken = {shot.intent.shot for shot in series.shots}
     numbers = (step.planned.shot for step in work.steps)
     return tuple(number for number in numbers if number not in taken)
 
 
 def complete_series(journal: JournalReader, work: Work) -> Series | None:
-    """The latest series of this stage if it is finished and measured this very plan.
+    """Return the latest series of this stage if it is finished and measured this very plan.
 
-    To one that ended early something is left, unless it meets the goal of this work, or all that is
-    left shall be skipped.
+    One that ended early counts only if it meets the goal of this work, or if all the shots that it
+    lacks shall be skipped.
     """
     latest = journal.latest_series(work.stage)
     if latest is None or not latest.finished or _other_plan(latest, work):
@@ -75,9 +75,9 @@ def complete_series(journal: JournalReader, work: Work) -> Series | None:
 
 
 def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
-    """The series to go on with: an unfinished one, or one that lacks shots of this plan.
+    """Return the series to go on with: an unfinished one, or one that lacks shots of this plan.
 
-    Raises `ResumeRefused` when plan or parameters are not those it began with.
+    Raise `ResumeRefused` when plan or parameters are not those it began with.
     """
     latest = journal.latest_series(work.stage)
     if latest is None or latest.started.imported:
@@ -108,16 +108,16 @@ def check_same_devices(
 
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
-    """Say how the last session of a series ended."""
+    """Return how the last session of a series ended, in words."""
     records = [entry.record for entry in journal.records(series)]
-    sessions = [each for each in records if isinstance(each, SessionStarted | SessionStopped)]
+    sessions = [row for row in records if isinstance(row, SessionStarted | SessionStopped)]
     if sessions and isinstance(sessions[-1], SessionStopped):
         return f"'{sessions[-1].reason}'"
     return "a crash: the last session wrote no end"
 
 
 def _other_plan(series: Series, work: Work) -> str:
-    """Say how the plan differs from that of a series; empty if it does not.
+    """Return how the plan differs from that of a series, in words; empty if it does not.
 
     Only plan.csv, which a run measures, is edited by people: rows may go and come. Other stages
     make their plans themselves, and one of them is the same to the last digit or another one.

@@ -40,12 +40,12 @@ class RunResult:
 
 
 def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
-    """Result of a series by what the journal holds of it.
+    """Return the result of a series by what the journal holds of it.
 
-    Of each group that was skipped and is still missing, the latest word counts.
+    Of a group that was skipped more than once and is still missing, the latest reason is given.
     """
-    found = next(each for each in journal.series() if each.number == series)
-    missing = resume.missing_shots(found, work)
+    measured = next(row for row in journal.series() if row.number == series)
+    missing = resume.missing_shots(measured, work)
     events = [entry.record for entry in journal.records_of(records.Event, series)]
     latest = {event.shots: event for event in events if event.kind == "shot skipped"}
     skipped = {
@@ -54,9 +54,9 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
         if set(shots) <= set(missing)
     }
     left_out = len(missing) - sum(map(len, skipped))
-    known = work.known_from(found.shots)
-    settling = next((each for each in reversed(events) if each.kind == "settling"), None)
-    return RunResult(series, len(found.shots), left_out, work.goal_mm, known, skipped, settling)
+    known = work.known_from(measured.shots)
+    settling = next((event for event in reversed(events) if event.kind == "settling"), None)
+    return RunResult(series, len(measured.shots), left_out, work.goal_mm, known, skipped, settling)
 
 
 def measure_series(
@@ -69,12 +69,12 @@ def measure_series(
     anew: bool = False,
     wishes: Wishes | None = None,
 ) -> int:
-    """Measure what the latest series of this stage still lacks, or a new one; gives its number.
+    """Measure what the latest series of this stage still lacks, or a new one; return its number.
 
     `wishes`: what the operator asks for meanwhile.
-    `anew` leaves an unfinished series as it is and begins another. Raises `ResumeRefused` when plan
-    or devices are not those it began with, `Interrupted`, or whatever stopped the engine. What the
-    journal says afterwards is on the disk, opened anew and verified.
+    `anew` leaves an unfinished series as it is and begins another. Raise `ResumeRefused` when plan
+    or devices are not those it began with, `Interrupted`, or whatever stopped the engine. At the
+    end the journal is read back from the disk and verified.
     """
     robot, tracker = cell.robot.identity(), cell.tracker.identity()
     today = records.SeriesStarted(
@@ -88,32 +88,32 @@ def measure_series(
         cell.tracker.weather(),
         lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.optional)),
     )
-    found = None if anew else resume.series_to_take_up(journal, work)
-    if found is not None:
-        resume.check_same_devices(found, robot.serial, tracker.serial)
-    series = found.number if found else journal.start_series(today)
+    begun = None if anew else resume.series_to_take_up(journal, work)
+    if begun is not None:
+        resume.check_same_devices(begun, robot.serial, tracker.serial)
+    series = begun.number if begun else journal.start_series(today)
     log = SeriesLog(journal, series, observer)
-    resumed = resume.how_it_stopped(journal, series) if found else ""
+    resumed = resume.how_it_stopped(journal, series) if begun else ""
     beam = _beam_start(cell)
     log.write(records.SessionStarted(VERSION, robot, tracker, today.weather, beam))
     starts = [entry.record.beam for entry in journal.records_of(records.SessionStarted, series)]
     with closing(log):
         if resumed:
             log.write(records.Event("resumed", f"{work.stage} goes on after {resumed}"))
-        left = resume.resume_state(work.steps, journal.shots(series))
-        for half in left.halves:
+        state = resume.resume_state(work.steps, journal.shots(series))
+        for half in state.halves:
             log.write(half)
-        done, total = len(left.kept), len(work.steps)
+        done, total = len(state.kept), len(work.steps)
         run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
         mover = Mover(
             cell.robot, cell.clock, work.speed_fraction, work.settle, work.robot, stop_requested
         )
         session = Session(
-            cell, work, log, run_state, work.gate_after(left.kept), mover, wishes or Wishes()
+            cell, work, log, run_state, work.gate_after(state.kept), mover, wishes or Wishes()
         )
-        began = found.started if found else today
-        _measure(session, left, began.weather, distinct_starts(starts))
-        if not (found and found.finished):  # one that ended early is finished already
+        first_weather = (begun.started if begun else today).weather
+        _measure(session, state, first_weather, distinct_starts(starts))
+        if not (begun and begun.finished):  # one that ended early is finished already
             log.write(records.SeriesFinished())
     journal.prove()
     return series
@@ -121,20 +121,20 @@ def measure_series(
 
 def _measure(
     session: Session,
-    found: resume.ResumeState,
+    state: resume.ResumeState,
     first_weather: Weather | None,
     starts: Sequence[records.BeamStart],
 ) -> None:
     """Look whether anything has shifted since the last session, then measure what is left."""
-    engine = Engine(session, starts, found, first_weather)
-    wanted = engine.leave_out_superfluous(_without_skipped(session, found.left))
-    if wanted and found.kept:
+    engine = Engine(session, starts, state, first_weather)
+    wanted = engine.leave_out_superfluous(_without_skipped(session, state.left))
+    if wanted and state.kept:
         engine.check_unmoved()
     engine.run(wanted)
 
 
 def _without_skipped(session: Session, left: Sequence[Group]) -> tuple[Group, ...]:
-    """Groups that shall be measured; the journal names the others."""
+    """Return the groups that shall be measured; note the others in the journal."""
     skipped = session.work.skipped_groups
     for group in left:
         if group in skipped:

@@ -84,7 +84,7 @@ class Shots:
         """Write an outcome: the shot counts, and helps to predict the next one."""
         self._log.write(outcome)
         self._session.gate.accept(outcome)
-        self._end(f"shot {outcome.shot} was measured already; r voids it, and measures it again")
+        self._end_accepted(outcome)
 
     def accept_nest(self, nest: str, outcome: Outcome) -> None:
         """Write a nest's outcome, which counts; raise `GateRefused` for another reflector."""
@@ -95,7 +95,7 @@ class Shots:
             self._log.write(Rejected(outcome.shot, outcome.attempt, error.problem, outcome))
             raise
         self._log.write(outcome)
-        self._end(f"shot {outcome.shot} was measured already; r voids it, and measures it again")
+        self._end_accepted(outcome)
         text = f"nest {nest} is {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"
         event = Event("drift check", f"shot {outcome.shot}: {text}")
         (self._log.announce if moved_mm > limit_mm else self._log.write)(event)
@@ -188,6 +188,9 @@ class Shots:
         if not was_begun:
             self._note_too_late("no shot was being taken")
         return was_begun
+
+    def _end_accepted(self, outcome: Outcome) -> None:
+        self._end(f"shot {outcome.shot} was measured already; r voids it, and measures it again")
 
     def _end(self, too_late: str) -> None:
         """End a shot that is done; a wish to skip it came too late for that."""

@@ -13,7 +13,7 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused, Interrupted
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
 from campaigns.measuring.beam import distinct_starts
-from campaigns.measuring.monitors import Station, StationMonitor, found_place
+from campaigns.measuring.monitors import Station, StationMonitor, fit_place
 from campaigns.planning.plan_file import PlannedShot
 from drivers.values import Vector3
 
@@ -195,5 +195,5 @@ def test_few_shots_or_shots_in_one_place_find_no_tracker() -> None:
     outcomes = [
         Outcome(s.shot, 1, s.joints, (0.0, 0.0, 0.0), None, None, "", "", None) for s in FOUR_PAIRS
     ]
-    assert found_place(NOMINAL, outcomes[:3]) is None
-    assert found_place(NOMINAL, [outcomes[0]] * 5) is None
+    assert fit_place(NOMINAL, outcomes[:3]) is None
+    assert fit_place(NOMINAL, [outcomes[0]] * 5) is None
