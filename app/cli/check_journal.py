@@ -14,9 +14,8 @@ from app.options import Folder, Json
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
-from campaigns.journal.digest_chain import Problem
 from campaigns.journal.journal import JournalReader
-from campaigns.journal.verification import Inspection, inspect_journal, require_whole
+from campaigns.journal.verification import Inspection, Problem, inspect_journal, require_whole
 from drivers.bounded_files import CSV_BYTES
 
 HEAD = 2000

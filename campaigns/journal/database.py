@@ -5,10 +5,10 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.digest_chain import FROM_BACKUP, StoredRecord
-from campaigns.journal.journal_files import close_untouched, log_of
+from campaigns.journal.journal_files import FROM_BACKUP, close_untouched, log_of
 
 APPLICATION_ID = 0x706B6D63  # "pkmc"
 VERSION = 2
@@ -32,14 +32,32 @@ _REMEDIES: Mapping[int, str] = {
 }
 
 
+class StoredRecord(NamedTuple):
+    """Record as a row of the table; `digest` is None in a record of version 1."""
+
+    number: int
+    at_utc: str
+    kind: str
+    series: int | None
+    shot: int | None
+    attempt: int | None
+    body: str
+    digest: str | None
+
+
 @contextmanager
 def sqlite_errors_explained(path: Path, what: str) -> Iterator[None]:
-    """Turn any SQLite error inside into `JournalFailed`; `what` says what did not work."""
+    """Turn any error of SQLite or the system inside into `JournalFailed`.
+
+    `what` says what did not work.
+    """
     try:
         yield
     except sqlite3.Error as error:
         remedy = _REMEDIES.get(_primary_code(error), _AGAIN)
         raise JournalFailed(f"{path}: {what}: {error}", remedy=remedy) from error
+    except OSError as error:
+        raise JournalFailed(f"{path}: {what}: {error.strerror or error}", remedy=_RIGHTS) from error
 
 
 def _primary_code(error: sqlite3.Error) -> int:
@@ -148,7 +166,7 @@ def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
     It is made under another name first: a kill leaves a whole one at the path, or none.
     """
     unfinished = path.with_name(f"{path.name}.new")
-    with sqlite_errors_explained(path, "the journal cannot be made"), _os_errors_explained(path):
+    with sqlite_errors_explained(path, "the journal cannot be made"):
         unfinished.unlink(missing_ok=True)
         with closing(sqlite3.connect(unfinished, isolation_level=None)) as connection:
             connection.execute("PRAGMA synchronous = FULL")
@@ -156,18 +174,9 @@ def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
         unfinished.replace(path)
 
 
-@contextmanager
-def _os_errors_explained(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        problem = f"{path}: the journal cannot be made: {error.strerror or error}"
-        raise JournalFailed(problem, remedy=_RIGHTS) from error
-
-
 def _create_tables(connection: sqlite3.Connection, records: Sequence[StoredRecord]) -> None:
     """Write tables and records at once, and the rules last: version 1 had no digests."""
-    with in_one_commit(connection):
+    with transaction(connection, "WRITE"):
         connection.execute(_RECORD_TABLE)
         connection.execute(_DIGESTS)
         connection.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?)", records)
@@ -262,7 +271,7 @@ def prepare_to_write(connection: sqlite3.Connection, path: Path, *, waits_for_di
         connection.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'NORMAL'}")
         connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache
         if version_of(connection) < CHAINED:
-            with in_one_commit(connection):
+            with transaction(connection, "WRITE"):
                 for statement in (*_BY_VERSION_2, f"PRAGMA user_version = {VERSION}"):
                     connection.execute(statement)
 
@@ -278,23 +287,11 @@ def _pragma(connection: sqlite3.Connection, name: str) -> int:
 
 
 @contextmanager
-def in_one_commit(connection: sqlite3.Connection) -> Iterator[None]:
-    """Commit what is written inside at its end; on any error nothing of it."""
-    connection.execute("BEGIN IMMEDIATE")
+def transaction(connection: sqlite3.Connection, kind: Literal["READ", "WRITE"]) -> Iterator[None]:
+    """Read all inside from one moment, or commit what is written inside; on any error nothing."""
+    connection.execute("BEGIN IMMEDIATE" if kind == "WRITE" else "BEGIN")
     with connection:  # commits, or rolls back
         yield
-
-
-@contextmanager
-def snapshot(connection: sqlite3.Connection, path: Path) -> Iterator[None]:
-    """Let all that is read inside be of one moment; raises `JournalFailed`."""
-    with sqlite_errors_explained(path, "the journal cannot be read"):
-        connection.execute("BEGIN")
-        try:
-            yield
-        finally:
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
 
 
 def damaged_pages(connection: sqlite3.Connection) -> str:
@@ -308,14 +305,6 @@ def stated_end(connection: sqlite3.Connection) -> tuple[int, str]:
     if version_of(connection) < CHAINED:
         return 0, ""
     return connection.execute("SELECT record, digest FROM chain_end").fetchone() or (0, "")
-
-
-def chained_records(connection: sqlite3.Connection) -> int:
-    """Count the records that have a digest."""
-    if version_of(connection) < CHAINED:
-        return 0
-    count: int = connection.execute("SELECT count(digest) FROM record").fetchone()[0]
-    return count
 
 
 def is_corrupt(error: sqlite3.DatabaseError) -> bool:

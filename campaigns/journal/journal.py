@@ -10,21 +10,23 @@ from typing import Self, TypeVar
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal import records as kinds
-from campaigns.journal.digest_chain import (
-    FROM_BACKUP,
-    JournalDamaged,
-    StoredRecord,
-    digest_after,
-    last_digest,
-)
+from campaigns.journal.database import StoredRecord
 from campaigns.journal.journal_files import (
+    FROM_BACKUP,
     close_untouched,
     file_states,
     next_rescued_copy,
     require_same,
     take_rescued,
 )
-from campaigns.journal.verification import is_whole, require_whole, verify
+from campaigns.journal.verification import (
+    JournalDamaged,
+    digest_after,
+    is_whole,
+    last_digest,
+    require_whole,
+    verify,
+)
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
 RecordT = TypeVar("RecordT", bound=kinds.Record)
@@ -222,7 +224,7 @@ class Journal(JournalReader):
         before, self._in_commit = len(self._stored), True
         explained = database.sqlite_errors_explained(self._path, "the records cannot be written")
         try:
-            with explained, database.in_one_commit(self._connection):
+            with explained, database.transaction(self._connection, "WRITE"):
                 yield
         except BaseException as error:
             del self._stored[before:], self._entries[before:]

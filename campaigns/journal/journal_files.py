@@ -7,8 +7,8 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.digest_chain import FROM_BACKUP
 
+FROM_BACKUP = "move campaign.db and campaign.db-wal away, and bring campaign.db back from a backup"
 FileStates = dict[Path, os.stat_result | None]
 
 

@@ -1,7 +1,7 @@
 """Records of the journal: one frozen value per kind. Units: mm, mm², rad, s, °C."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, TypeVar
@@ -238,28 +238,22 @@ TYPE_OF_KIND: Mapping[str, type[Record]] = {
     "event": Event,
     "finding": Finding,
 }
-FoundT = TypeVar("FoundT")
-_JSON = json.JSONEncoder(allow_nan=False, ensure_ascii=False)
-"""Made once: `json.dumps` makes one for each record."""
+BodyT = TypeVar("BodyT")
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
 
-def adapter_of(kind: type[FoundT]) -> TypeAdapter[FoundT]:
-    """Reader and writer of a class's values, made once: that takes as long as half a fit."""
-    return _made(kind)  # type: ignore[arg-type]  # mypy thinks no class hashable
+_made: Callable[[type], TypeAdapter[Any]] = cache(TypeAdapter[Any])
 
 
-_made = cache(TypeAdapter[Any])
-
-
-def _adapter(kind: str) -> TypeAdapter[Any]:
-    return adapter_of(TYPE_OF_KIND[kind])
+def adapter_of(kind: type[BodyT]) -> TypeAdapter[BodyT]:
+    """Return reader and writer of a class's values, made once: that takes as long as half a fit."""
+    return _made(kind)
 
 
 def read_body(
-    body: Mapping[str, JsonValue], kind: type[FoundT], name: FindingKind, remedy: str
-) -> FoundT:
-    """What a finding's body holds; raises `FindingUnreadable` for a body in another form."""
+    body: Mapping[str, JsonValue], kind: type[BodyT], name: FindingKind, remedy: str
+) -> BodyT:
+    """Return what a finding's body holds; raises `FindingUnreadable` for a body in another form."""
     try:
         return adapter_of(kind).validate_python(body)
     except ValidationError as error:
@@ -271,7 +265,7 @@ def read_body(
 
 
 def as_stored(record: Record) -> str:
-    """Text of a record as JSON, which can be read back.
+    """Return a record as JSON text, which can be read back.
 
     Raises `ValueError`, `TypeError` or `AttributeError` when a value is not finite, not plain data,
     not Unicode or of another type.
@@ -281,18 +275,18 @@ def as_stored(record: Record) -> str:
         values = {"kind": record.kind, "body": record.body}
     else:
         # without its warnings: what does not fit is refused by name, in reading it back
-        values = _adapter(kind).dump_python(record, by_alias=True, warnings="none")
-    text = _JSON.encode(values)
+        values = _made(type(record)).dump_python(record, by_alias=True, warnings="none")
+    text = json.dumps(values, allow_nan=False, ensure_ascii=False)
     from_text(kind, text)
     return text
 
 
 def from_text(kind: str, text: str) -> Record:
-    """Record that was stored; raises `ValueError` when it is none of that kind."""
+    """Return the record that was stored; raises `ValueError` for a text of another kind."""
     if kind not in TYPE_OF_KIND:
         raise ValueError(f"unknown kind of record {kind!r}")
     try:
-        record: Record = _adapter(kind).validate_json(text, strict=True)
+        record: Record = _made(TYPE_OF_KIND[kind]).validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "text"

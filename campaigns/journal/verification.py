@@ -1,24 +1,113 @@
-"""Verification of a journal: SQLite's pages and indexes, and the chain of its records."""
+"""Verification of a journal: SQLite's pages and indexes, and the chain of its records.
 
+The digest of a record is the SHA-256 of the record and of the digest before it, so that the last
+one stands for all records: a changed, renumbered or missing record shows. Version 1 stored no
+digests: the first digest that follows covers those records, too.
+"""
+
+import hashlib
+import json
 import sqlite3
-from collections.abc import Sequence
-from contextlib import closing, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import database
-from campaigns.journal.digest_chain import (
-    JournalDamaged,
-    Problem,
-    StoredRecord,
-    Verification,
-    last_digest,
-    verify_chain,
-)
-from campaigns.journal.journal_files import close_untouched
+from campaigns.journal.database import StoredRecord
+from campaigns.journal.journal_files import FROM_BACKUP, close_untouched
 from campaigns.journal.records import Record
 from campaigns.journal.views import Entry, all_series, entry_of
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Damage of a journal, and the first record concerned if it is known."""
+
+    problem: str
+    record: int | None = None
+
+
+class JournalDamaged(JournalFailed):
+    """A journal that is not what was written; `verified` are the records before the damage."""
+
+    def __init__(self, problem: str, verified: Sequence[StoredRecord] = ()) -> None:
+        kept = f"`pkmcal run` keeps the {len(verified)} records that verify in a copy; or "
+        super().__init__(problem, remedy=f"{kept if verified else ''}{FROM_BACKUP}")
+        self.verified = verified
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """Records that verify, from the first on, each with its digest; and what is damaged."""
+
+    records: list[StoredRecord]
+    problems: tuple[Problem, ...] = ()
+    chained: int = 0
+    """Stored records that have a digest; version 1 had none."""
+
+
+def digest_after(before: str, record: StoredRecord) -> str:
+    """Return the SHA-256 (hex) of a record and of the digest of the one before it.
+
+    Raises `TypeError` for what is neither text nor number, `ValueError` for what is not Unicode.
+    """
+    text = json.dumps([before, *record[:-1]], ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def verify_chain(
+    stored: Iterable[StoredRecord], stated_number: int, stated_digest: str
+) -> Verification:
+    """Verify records in their order.
+
+    Number and digest of the last record that has one are those that the file states beside them;
+    0 and "" for a file without digests.
+    """
+    records: list[StoredRecord] = []
+    sealed = 0  # number of the last record with a digest: it covers all before it
+    for record in stored:
+        linked = _link(record, records, sealed)
+        if isinstance(linked, Problem):
+            return Verification(records[: (linked.record or 1) - 1], (linked,))
+        records.append(linked)
+        sealed = record.number if record.digest is not None else sealed
+    end, digest = len(records), records[sealed - 1].digest if sealed else ""
+    if sealed < stated_number:
+        text = f"the records from {end + 1} to {stated_number} are missing"
+        return Verification(records, (Problem(text, end + 1),))
+    if (sealed, digest) != (stated_number, stated_digest):
+        text = f"record {end} is not the last one that was written"
+        return Verification(records, (Problem(text, end),))
+    return Verification(records)
+
+
+def _link(
+    record: StoredRecord, before: Sequence[StoredRecord], sealed: int
+) -> StoredRecord | Problem:
+    """Return the record with its digest, or what is wrong from which record on."""
+    number, due = record.number, len(before) + 1
+    if number != due:
+        return Problem(f"record {due} is missing or was renumbered: {number} comes next", due)
+    try:
+        digest = digest_after(last_digest(before), record)
+    except UnicodeEncodeError:
+        return Problem(f"record {number} holds text that is no UTF-8", number)
+    except TypeError as error:
+        return Problem(f"record {number} holds what none may hold: {error}", number)
+    if record.digest is None and sealed:
+        return Problem(f"record {number} has no digest, though those before it have one", number)
+    if record.digest not in (None, digest):
+        first = sealed + 1
+        which = f"record {number}" if first == number else f"one of the records {first} to {number}"
+        return Problem(f"{which} was changed after it was written", first)
+    return record if record.digest else record._replace(digest=digest)
+
+
+def last_digest(records: Sequence[StoredRecord]) -> str:
+    """Return the digest of the last of verified records, which stands for all; "" of none."""
+    return (records[-1].digest or "") if records else ""
 
 
 def verify(connection: sqlite3.Connection, path: Path) -> Verification:
@@ -27,7 +116,8 @@ def verify(connection: sqlite3.Connection, path: Path) -> Verification:
     Behind a broken page nothing is read: what comes before may still verify.
     """
     damage, stored, stated = set[str](), list[StoredRecord](), (0, "")
-    with database.snapshot(connection, path):
+    explained = database.sqlite_errors_explained(path, "the journal cannot be read")
+    with explained, database.transaction(connection, "READ"):
         damage.add(database.damaged_pages(connection))
         try:
             stored.extend(database.records_after(connection, 0))
@@ -38,7 +128,8 @@ def verify(connection: sqlite3.Connection, path: Path) -> Verification:
             damage.add(str(error))
     chain = verify_chain(stored, *stated)
     broken = [Problem(f"the file is damaged: {text}") for text in sorted(damage) if text]
-    return Verification(chain.records, (*chain.problems, *broken))
+    chained = sum(record.digest is not None for record in stored)
+    return Verification(chain.records, (*chain.problems, *broken), chained)
 
 
 def is_whole(path: Path, number: int, digest: str) -> bool:
@@ -91,12 +182,10 @@ def inspect_journal(path: Path) -> Inspection:
     Raises `JournalFailed` for a file that is missing, not ours, newer than this program, or that
     SQLite does not take for one of its own.
     """
-    connection, chained = database.connect_to_read(path), 0
+    connection = database.connect_to_read(path)
     try:
         found = verify(connection, path)
         version = database.version_of(connection)
-        with suppress(sqlite3.DatabaseError):  # which is among the problems
-            chained = database.chained_records(connection)
     finally:
         close_untouched(connection, path)
     entries, problems = list[Entry[Record]](), list(found.problems)
@@ -109,7 +198,7 @@ def inspect_journal(path: Path) -> Inspection:
     return Inspection(
         version=version,
         records=len(found.records),
-        chained=chained,
+        chained=found.chained,
         digest=last_digest(found.records),
         series=len(every),
         sessions=sum(series.sessions for series in every),

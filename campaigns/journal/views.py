@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from campaigns.journal import records
-from campaigns.journal.digest_chain import StoredRecord
+from campaigns.journal.database import StoredRecord
 
 FIXED = {"known-length", "nest"}
 """Sets of shots without the robot: at calibrated lengths, at fixed places."""

@@ -12,9 +12,9 @@ from journal_story import ticking
 from tampering import change_text, tamper
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.digest_chain import JournalDamaged
 from campaigns.journal.journal import open_journal, read_journal
 from campaigns.journal.records import Event
+from campaigns.journal.verification import JournalDamaged
 
 DATA = Path(__file__).parents[2] / "data"
 OLD, TODAY = DATA / "journal-v1.db", DATA / "journal-v2.db"
