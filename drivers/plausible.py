@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import degrees, hypot
 
 from drivers import values
-from drivers.errors import ImplausibleAnswer
+from drivers.errors import ImplausibleAnswer, NotAMeasurement
 
 RESTART = "restart the device; if it comes back, have it serviced"
 
@@ -36,7 +36,14 @@ def require_joints(where: str, axes: Sequence[values.Coordinate], joints: Sequen
 
 
 def require_point(where: str, point_mm: values.Vector3) -> None:
-    """Raise `ImplausibleAnswer` for a point farther than a tracker sees, or none."""
+    """Raise `ImplausibleAnswer` for a point farther than a tracker sees, or not finite.
+
+    Raise `NotAMeasurement` for one in the tracker itself: the fields of an empty result are zeros.
+    """
+    if not any(point_mm):
+        raise NotAMeasurement(
+            f"{where}: the result is empty: its point is 0, 0, 0", remedy="measure the point again"
+        )
     require(
         where, values.DISTANCE, hypot(*point_mm), which=f"a point {point_mm} mm at a distance of"
     )

@@ -23,6 +23,7 @@ from drivers.wire.emscon_constants import (
     SystemChange,
     TrackerLight,
     status_text,
+    status_words,
 )
 from drivers.wire.framing import Packet
 
@@ -101,7 +102,7 @@ def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) ->
     `beam_lost` is what the tracker's traffic light says after the failure. It decides for the
     numbers that are in no public table, which a tracker's controller passes on.
     """
-    if status not in BEAM_LOST and not (beam_lost and status not in set(ResultStatus)):
+    if status not in BEAM_LOST and not (beam_lost and not status_words(status)):
         return refused(where, doing, status)
     problem = f"{where}: the beam is lost: {doing} failed: {status_text(status)}"
     return BeamBroken(problem, remedy=BEAM_REMEDY, code=str(status))

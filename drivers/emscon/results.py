@@ -108,7 +108,7 @@ def _covariance(where: str, result: Result) -> values.Matrix3:
     candidates = [_matrix(result.std, observed), _matrix(result.apriori_std, apriori)]
     possible = [matrix for matrix in candidates if matrix]
     if not possible:
-        raise errors.DeviceRefused(
+        raise errors.NotAMeasurement(
             f"{where}: a result without uncertainty: observed {result.std} mm, "
             f"a priori {result.apriori_std} mm",
             remedy="measure again; if it comes back, look at the tracker's own status",

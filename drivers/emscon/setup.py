@@ -10,10 +10,10 @@ from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import Command, LaserStatus
 
 UNITS = bodies.Units(
-    constants.LengthUnit.MILLIMETRE,
-    constants.AngleUnit.DEGREE,
-    constants.TemperatureUnit.CELSIUS,
-    constants.PressureUnit.MILLIBAR,
+    constants.MILLIMETRE,
+    constants.DEGREE,
+    constants.CELSIUS,
+    constants.MILLIBAR,
     constants.RELATIVE_PERCENT,
 )
 CARTESIAN = bodies.Code(constants.RIGHT_HANDED_RECTANGULAR)

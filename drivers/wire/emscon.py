@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from drivers.errors import WireError
 from drivers.wire import emscon_messages as bodies
-from drivers.wire.emscon_constants import OTHER_TAILS_BYTES, Command, DataType, ResultStatus
+from drivers.wire.emscon_constants import LONGEST_ANSWER_BYTES, Command, DataType, ResultStatus
 from drivers.wire.framing import Packet, PacketFramer, encode_packet, messages
 
 NOTHING = bodies.Nothing()
@@ -16,10 +16,7 @@ ANSWER_HEADER = struct.Struct("<ii")
 
 REQUESTS: Mapping[Command, type[bodies.Body]] = {
     Command.SET_UNITS: bodies.Units,
-    Command.SET_STATION_ORIENTATION_PARAMS: bodies.StationOrientation,
-    Command.SET_TRANSFORMATION_PARAMS: bodies.Transformation,
     Command.SET_ENVIRONMENT_PARAMS: bodies.Environment,
-    Command.SET_REFRACTION_PARAMS: bodies.Refraction,
     Command.SET_MEASUREMENT_MODE: bodies.Code,
     Command.SET_COORDINATE_SYSTEM_TYPE: bodies.Code,
     Command.SET_STATIONARY_MODE_PARAMS: bodies.StationaryMode,
@@ -29,22 +26,17 @@ REQUESTS: Mapping[Command, type[bodies.Body]] = {
     Command.GO_POSITION: bodies.BeamTarget,
     Command.FIND_REFLECTOR: bodies.ApproximateDistance,
     Command.SET_STATISTIC_MODE: bodies.StatisticMode,
-    Command.GO_AND_MEASURE: bodies.ReflectorPlace,
 }
 """Contents after the command code, of a command that has any."""
 ANSWERS: Mapping[Command, type[bodies.Body]] = {
     Command.GET_SYSTEM_STATUS: bodies.SystemStatus,
     Command.GET_TRACKER_STATUS: bodies.Code,
     Command.GET_UNITS: bodies.Units,
-    Command.GET_STATION_ORIENTATION_PARAMS: bodies.StationOrientation,
-    Command.GET_TRANSFORMATION_PARAMS: bodies.Transformation,
     Command.GET_ENVIRONMENT_PARAMS: bodies.Environment,
-    Command.GET_REFRACTION_PARAMS: bodies.Refraction,
     Command.GET_MEASUREMENT_MODE: bodies.Code,
     Command.GET_COORDINATE_SYSTEM_TYPE: bodies.Code,
     Command.GET_STATIONARY_MODE_PARAMS: bodies.StationaryMode,
     Command.GET_REFLECTOR: bodies.Code,
-    Command.GET_FACE: bodies.Code,
     Command.GET_REFLECTORS: bodies.ReflectorEntry,
     Command.GET_SEARCH_PARAMS: bodies.SearchParams,
     Command.GET_SYSTEM_SETTINGS: bodies.SystemSettings,
@@ -52,7 +44,6 @@ ANSWERS: Mapping[Command, type[bodies.Body]] = {
     Command.GET_STATISTIC_MODE: bodies.StatisticMode,
     Command.GET_MEASUREMENT_STATUS_INFO: bodies.MeasurementStatusInfo,
     Command.GET_TRACKER_INFO: bodies.TrackerInfo,
-    Command.GET_SYSTEM_SOFTWARE_VERSION: bodies.SoftwareVersion,
 }
 """Contents after the status of an answer, where it has any."""
 
@@ -130,11 +121,9 @@ def refusal(command: int, status: int) -> bytes:
     With zeros in place of the answer's fields: some clients read them whatever the status says.
     """
     known = _known(command)
-    tail_bytes = (
-        OTHER_TAILS_BYTES.get(command, 0)
-        if known is None
-        else bodies.layout_of(ANSWERS.get(known, bodies.Nothing)).size
-    )
+    tail_bytes = LONGEST_ANSWER_BYTES
+    if known is not None:
+        tail_bytes = bodies.layout_of(ANSWERS.get(known, bodies.Nothing)).size
     body = ANSWER_HEADER.pack(command, status) + bytes(tail_bytes)
     return encode_packet(Packet(DataType.COMMAND, body))
 

@@ -28,14 +28,8 @@ class Command(IntEnum):
     SET_UNITS = 5
     GET_UNITS = 6
     INITIALIZE = 7
-    SET_STATION_ORIENTATION_PARAMS = 12
-    GET_STATION_ORIENTATION_PARAMS = 13
-    SET_TRANSFORMATION_PARAMS = 14
-    GET_TRANSFORMATION_PARAMS = 15
     SET_ENVIRONMENT_PARAMS = 20
     GET_ENVIRONMENT_PARAMS = 21
-    SET_REFRACTION_PARAMS = 22
-    GET_REFRACTION_PARAMS = 23
     SET_MEASUREMENT_MODE = 24
     GET_MEASUREMENT_MODE = 25
     SET_COORDINATE_SYSTEM_TYPE = 26
@@ -56,11 +50,8 @@ class Command(IntEnum):
     GET_DIRECTION = 66
     SET_STATISTIC_MODE = 80
     GET_STATISTIC_MODE = 81
-    GET_FACE = 98
     GET_MEASUREMENT_STATUS_INFO = 122
     GET_TRACKER_INFO = 132
-    GO_AND_MEASURE = 135
-    GET_SYSTEM_SOFTWARE_VERSION = 142
 
     @property
     def title(self) -> str:
@@ -68,46 +59,19 @@ class Command(IntEnum):
         return "".join(word.capitalize() for word in self.name.split("_"))
 
 
-OTHER_TAILS_BYTES: dict[int, int] = {
-    31: 16,
-    33: 20,
-    46: 16,
-    65: 16,
-    67: 16,
-    84: 12,
-    85: 4,
-    86: 396,
-    87: 48,
-    90: 40,
-    91: 12,
-    93: 8,
-    121: 8,
-    123: 656,
-    124: 24,
-    126: 12,
-    127: 8,
-    129: 104,
-    131: 108,
-    133: 104,
-    138: 124,
-    139: 76,
-    140: 168,
-}
-"""Sizes of what follows the status in answers to commands that this grammar does not read."""
+LONGEST_ANSWER_BYTES = 656
+"""Size of the longest of the public answers, behind its status."""
 
 
 class SystemChange(IntEnum):
     """Codes of unsolicited status changes that mean something to us."""
 
     LASER_WARMED_UP = 1
-    REFRACTION_PARAMS = 3
     SEARCH_PARAMS = 4
     UNITS = 6
     REFLECTOR = 7
     SYSTEM_SETTINGS = 8
     COORDINATE_SYSTEM_TYPE = 12
-    STATION_ORIENTATION_PARAMS = 15
-    TRANSFORMATION_PARAMS = 16
     MEASUREMENT_MODE = 17
     STATIONARY_MODE_PARAMS = 18
     STATISTIC_MODE = 24
@@ -117,52 +81,10 @@ class SystemChange(IntEnum):
     INITIALIZATION = 151
 
 
-class LengthUnit(IntEnum):
-    """Units of length."""
-
-    METRE = 0
-    MILLIMETRE = 1
-    MICRON = 2
-    FOOT = 3
-    YARD = 4
-    INCH = 5
-
-
-class AngleUnit(IntEnum):
-    """Units of angle."""
-
-    RADIAN = 0
-    DEGREE = 1
-    GON = 2
-
-
-class TemperatureUnit(IntEnum):
-    """Units of temperature."""
-
-    CELSIUS = 0
-    FAHRENHEIT = 1
-
-
-class PressureUnit(IntEnum):
-    """Units of air pressure."""
-
-    MILLIBAR = 0
-    HECTOPASCAL = 1
-    KILOPASCAL = 2
-    MM_MERCURY = 3
-    PSI = 4
-    INCH_WATER = 5
-    INCH_MERCURY = 6
-
-
-RELATIVE_PERCENT = 0
-"""The one unit of air humidity."""
-
-
+MILLIMETRE, DEGREE, CELSIUS, MILLIBAR, RELATIVE_PERCENT = 1, 1, 0, 0, 0
+"""Units of length, angle, temperature, air pressure and humidity that we use."""
 RIGHT_HANDED_RECTANGULAR = 0
 """Coordinate system, of eight the one that we use."""
-
-
 STATIONARY = 0
 """Measurement mode, of several the one that we use."""
 
@@ -196,8 +118,6 @@ class LaserStatus(IntEnum):
 
 ADM_READY = 2
 """State of the absolute distance meter."""
-
-
 READ_AND_REFRACT = 2
 """Use that the instrument makes of its weather station."""
 
@@ -249,31 +169,11 @@ class ResultStatus(IntEnum):
     SERVER_BUSY = 1
     NOT_IMPLEMENTED = 2
     WRONG_PARAMETER = 3
-    WRONG_PARAMETER_1 = 4
-    WRONG_PARAMETER_2 = 5
-    WRONG_PARAMETER_3 = 6
-    WRONG_PARAMETER_4 = 7
-    WRONG_PARAMETER_5 = 8
-    WRONG_PARAMETER_6 = 9
-    WRONG_PARAMETER_7 = 10
-    PARAMETER_1_OUT_OF_RANGE_OK = 11
-    PARAMETER_1_OUT_OF_RANGE_NOK = 12
-    PARAMETER_2_OUT_OF_RANGE_OK = 13
-    PARAMETER_2_OUT_OF_RANGE_NOK = 14
-    PARAMETER_3_OUT_OF_RANGE_OK = 15
-    PARAMETER_3_OUT_OF_RANGE_NOK = 16
-    PARAMETER_4_OUT_OF_RANGE_OK = 17
-    PARAMETER_4_OUT_OF_RANGE_NOK = 18
-    PARAMETER_5_OUT_OF_RANGE_OK = 19
-    PARAMETER_5_OUT_OF_RANGE_NOK = 20
-    PARAMETER_6_OUT_OF_RANGE_OK = 21
-    PARAMETER_6_OUT_OF_RANGE_NOK = 22
     WRONG_CURRENT_REFLECTOR = 23
     NO_TRACKER_PROCESSOR_FOUND = 26
     NO_WEATHER_MONITOR_FOUND = 27
     NO_LAST_MEASURED_POINT = 28
     NO_ADM = 30
-    NO_NIVEL = 31
     USAGE_CONFLICT = 35
     UNKNOWN = 36
     NO_DISTANCE_SET = 37
@@ -282,7 +182,6 @@ class ResultStatus(IntEnum):
     MODULE_NOT_STARTED = 40
     MODULE_TIMED_OUT = 41
     EXTERNAL_CONTROL = 46
-    NO_SUCH_COMPENSATION = 56
     METEO_DATA_OUT_OF_RANGE = 57
     IN_COMPENSATION_MODE = 58
     INTERNAL_PROCESS_ACTIVE = 59
@@ -295,7 +194,6 @@ class ResultStatus(IntEnum):
     MEASUREMENT_STATUS_NOT_READY = 10004
     ADM_START_UP_BUSY = 10005
     NO_ATR = 10007
-    NO_OVERVIEW_CAMERA = 10008
     NO_STATIONARY_RESULT = 10009
     SENSOR_NOT_LEVELED = 10010
     MULTI_CONNECTIONS_NOT_ALLOWED = 10011
@@ -304,21 +202,29 @@ class ResultStatus(IntEnum):
     SYSTEM_NOT_READY_FOR_MEASUREMENT = 10014
     COMMUNICATION_WITH_SENSOR_FAILED = 10015
     NO_SENSOR_BATTERY = 10016
-    COMPENSATOR_NOT_ALLOWED = 10017
     WARMED_UP_STATE_REACHED = 10018
     NOT_LEVELED_FOR_INITIALIZATION = 10019
     ADM_HARDWARE_PROBLEM = 10020
     ATR_HARDWARE_PROBLEM = 10021
-    MAX_ENTRIES_EXCEEDED = 10022
-    INVALID_MEASUREMENT_PROFILE = 10023
-    SIX_D_MODE_SETTING_FAILED = 10024
-    ITEM_SELECTION_FAILED = 10025
+
+
+WRONG_PARAMETERS = range(4, 11)
+"""Statuses of a wrong parameter, from the first one on."""
+OUT_OF_RANGE = range(11, 23)
+"""Statuses of a parameter out of its range, two for each of six: taken, and not taken."""
+
+
+def status_words(status: int) -> str:
+    """Return the meaning of a status; empty for a number that is not in the public table."""
+    if status in WRONG_PARAMETERS:
+        return f"wrong parameter {WRONG_PARAMETERS.index(status) + 1}"
+    if status in OUT_OF_RANGE:
+        return f"parameter {OUT_OF_RANGE.index(status) // 2 + 1} out of range"
+    names = {each.value: each.name for each in ResultStatus}
+    return names.get(status, "").replace("_", " ").lower()
 
 
 def status_text(status: int) -> str:
-    """`emScon error 39 (tracker not initialized)`; a bare number when it is not in the table."""
-    try:
-        words = ResultStatus(status).name.replace("_", " ").lower()
-    except ValueError:
-        return f"emScon error {status}"
-    return f"emScon error {status} ({words})"
+    """Return `emScon error 39 (tracker not initialized)`; a bare number where it has no words."""
+    words = status_words(status)
+    return f"emScon error {status} ({words})" if words else f"emScon error {status}"

@@ -126,31 +126,6 @@ class Environment(Body):
 
 
 @dataclass(frozen=True, slots=True)
-class StationOrientation(Body):
-    """Pose of the instrument, which it applies to points where its switches say so."""
-
-    place: Triple
-    rotation: Triple
-
-
-@dataclass(frozen=True, slots=True)
-class Transformation(Body):
-    """Similarity that it applies to points where its switches say so."""
-
-    place: Triple
-    rotation: Triple
-    scale: float
-
-
-@dataclass(frozen=True, slots=True)
-class Refraction(Body):
-    """Refractive indices for the interferometer and for the distance meter."""
-
-    interferometer: float
-    distance_meter: float
-
-
-@dataclass(frozen=True, slots=True)
 class StationaryMode(Body):
     """Duration of one stationary measurement."""
 
@@ -221,20 +196,6 @@ class StatisticMode(Body):
 
     stationary: int
     continuous: int
-
-
-@dataclass(frozen=True, slots=True)
-class ReflectorPlace(Body):
-    """Point at which a reflector is measured."""
-
-    point: Triple
-
-
-@dataclass(frozen=True, slots=True)
-class SoftwareVersion(Body):
-    """The controller's software, in its own words."""
-
-    version: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from drivers.wire.emscon_constants import (
     READ_AND_REFRACT,
     RIGHT_HANDED_RECTANGULAR,
     STATIONARY,
+    WRONG_PARAMETERS,
     Command,
     LaserStatus,
     ProcessorStatus,
@@ -21,19 +22,11 @@ from drivers.wire.emscon_constants import (
     StatusBit,
     SystemChange,
 )
-from sim.servers.emscon_units import POWER_ON_UNITS, first_unknown
+from sim.servers.emscon_units import POWER_ON_UNITS, are_known
 from sim.tracker.instrument import SimulatedTracker
 
 POWER_ON_SETTINGS = said.SystemSettings(READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
-POWER_ON_REFRACTION = said.Refraction(1.000271, 1.000275)
-"""About those of 20 °C, 1013 hPa and 50 % at the wavelengths of the two distance meters."""
-LEAST_INDEX, MOST_INDEX = 1.000150, 1.000331
-"""Bounds within which instruments take a refractive index."""
 MS_PER_S = 1000.0
-WRONG_PARAMETER = ResultStatus.WRONG_PARAMETER
-"""Its number, from 1, is added."""
-OUT_OF_RANGE = ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK
-"""Of the second parameter it is two more."""
 LONGEST_NAME = 31
 MOST_DIGITS = 9
 ZERO: Vector3 = (0.0, 0.0, 0.0)
@@ -76,23 +69,17 @@ class EmsconInstrument:
             Command.GET_STATISTIC_MODE: said.StatisticMode(
                 Statistics.STANDARD, Statistics.STANDARD
             ),
-            Command.GET_REFRACTION_PARAMS: POWER_ON_REFRACTION,
-            Command.GET_STATION_ORIENTATION_PARAMS: said.StationOrientation(ZERO, ZERO),
-            Command.GET_TRANSFORMATION_PARAMS: said.Transformation(ZERO, ZERO, 1.0),
         }
-        """Settings; orientation and transformation are kept, and not applied."""
         self._readers: dict[Command, Callable[[float], said.Body]] = {
             Command.GET_SYSTEM_STATUS: self._system_status,
             Command.GET_ENVIRONMENT_PARAMS: lambda now_s: said.Environment(*tracker.weather(now_s)),
             Command.GET_REFLECTOR: lambda _: said.Code(tracker.selected),
-            Command.GET_FACE: lambda _: said.Code(1),
             Command.GET_SEARCH_PARAMS: lambda _: said.SearchParams(
                 tracker.search_radius_mm, round(tracker.search_timeout_s * MS_PER_S)
             ),
             Command.GET_DIRECTION: lambda now_s: said.Direction(*tracker.direction(now_s)),
             Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
             Command.GET_TRACKER_INFO: self._tracker_info,
-            Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: said.SoftwareVersion(tracker.firmware),
         }
 
     @property
@@ -235,18 +222,11 @@ def _flaw(wanted: said.Body) -> int:
     """Status that refuses a setting whatever the state of the instrument, 0 when none does."""
     match wanted:
         case said.Units():
-            return WRONG_PARAMETER + number if (number := first_unknown(wanted)) else 0
-        case said.StationOrientation(place, rotation):
-            return _wrong(*map(isfinite, (*place, *rotation)))
-        case said.Transformation(place, rotation, scale):
-            return _wrong(*map(isfinite, (*place, *rotation)), isfinite(scale) and scale > 0.0)
+            return _wrong(*are_known(wanted))
         case said.StationaryMode(time_ms):
             return _wrong(time_ms > 0)
         case said.StatisticMode(stationary, continuous):
             return _wrong(stationary in set(Statistics), continuous in set(Statistics))
-        case said.Refraction(first, second):
-            fit = [LEAST_INDEX <= index <= MOST_INDEX for index in (first, second)]
-            return 0 if all(fit) else OUT_OF_RANGE + 2 * fit.index(False)
         case said.SystemSettings():
             applied = wanted.apply_transformation or wanted.apply_station_orientation
             return NOT_IMPLEMENTED.status if applied else 0
@@ -254,5 +234,5 @@ def _flaw(wanted: said.Body) -> int:
 
 
 def _wrong(*are_right: bool) -> int:
-    """Status that names the first parameter that is not right, from 1; 0 when all are."""
-    return 0 if all(are_right) else WRONG_PARAMETER + 1 + are_right.index(False)
+    """Return the status that names the first parameter that is not right; 0 when all are."""
+    return 0 if all(are_right) else WRONG_PARAMETERS[are_right.index(False)]

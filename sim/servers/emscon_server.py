@@ -9,7 +9,13 @@ from typing_extensions import override
 from drivers.values import DISTANCE
 from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
+from drivers.wire.emscon_constants import (
+    WRONG_PARAMETERS,
+    Command,
+    ResultStatus,
+    SystemChange,
+    TrackerLight,
+)
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.conversation import ServedSession
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome
@@ -143,12 +149,7 @@ class EmsconSession(ServedSession):
             case Command.START_MEASUREMENT:
                 begun = EmsconOutcome(self._begin_measurement(now_s))
                 self._answer(request.command, begun)
-            case (
-                Command.INITIALIZE
-                | Command.GO_POSITION
-                | Command.FIND_REFLECTOR
-                | Command.GO_AND_MEASURE
-            ):
+            case Command.INITIALIZE | Command.GO_POSITION | Command.FIND_REFLECTOR:
                 self._move(request, now_s)
             case Command.GET_TRACKER_STATUS:
                 light = said.Code(self._light(now_s))
@@ -183,21 +184,21 @@ class EmsconSession(ServedSession):
         obstacle = ResultStatus.ALL_OK
         if not initialises and not self._tracker.initialised(now_s):
             obstacle = ResultStatus.TRACKER_NOT_INITIALIZED
-        elif initialises or command == Command.GO_AND_MEASURE:
+        elif initialises:
             obstacle = self._unwarmed(now_s)
         if obstacle != ResultStatus.ALL_OK:
             self._answer(command, EmsconOutcome(obstacle))
             return
         move_s = self._tracker.initialise(now_s) if initialises else self._motion_s(request, now_s)
         if move_s is None:
-            self._answer(command, EmsconOutcome(ResultStatus.WRONG_PARAMETER_1))
+            self._answer(command, EmsconOutcome(WRONG_PARAMETERS[0]))
         else:
             self._pending = command, now_s + move_s
 
     def _motion_s(self, request: emscon.EmsconRequest, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
         body = request.body
-        if isinstance(body, said.BeamTarget | said.ReflectorPlace) and _is_in_sight(*body.point):
+        if isinstance(body, said.BeamTarget) and _is_in_sight(*body.point):
             return self._tracker.go_to(body.point, now_s)
         if isinstance(body, said.ApproximateDistance) and _is_in_sight(body.distance):
             return self._tracker.find(body.distance, now_s)
@@ -211,11 +212,6 @@ class EmsconSession(ServedSession):
             self._answer(command, EmsconOutcome())
         else:
             self._answer(command, EmsconOutcome(NOT_FOUND_STATUS))
-            return
-        if command == Command.GO_AND_MEASURE:
-            status = self._begin_measurement(now_s)
-            if status != ResultStatus.ALL_OK:
-                self._send(emscon.encode(said.ErrorResponse(command, status)))
 
     def _deliver(self, now_s: float) -> None:
         shot = self._tracker.finish_measurement(now_s)

@@ -5,44 +5,21 @@ from dataclasses import fields, replace
 from math import pi, radians
 from typing import Any, TypeVar, cast
 
-from drivers.wire import emscon_constants
 from drivers.wire import emscon_messages as said
+from drivers.wire.emscon_constants import CELSIUS, MILLIBAR, RELATIVE_PERCENT
 
-MM_PER_UNIT: dict[int, float] = {
-    emscon_constants.LengthUnit.METRE: 1000.0,
-    emscon_constants.LengthUnit.MILLIMETRE: 1.0,
-    emscon_constants.LengthUnit.MICRON: 0.001,
-    emscon_constants.LengthUnit.FOOT: 304.8,
-    emscon_constants.LengthUnit.YARD: 914.4,
-    emscon_constants.LengthUnit.INCH: 25.4,
-}
-RAD_PER_UNIT: dict[int, float] = {
-    emscon_constants.AngleUnit.RADIAN: 1.0,
-    emscon_constants.AngleUnit.DEGREE: radians(1.0),
-    emscon_constants.AngleUnit.GON: pi / 200.0,
-}
-HPA_PER_UNIT: dict[int, float] = {
-    emscon_constants.PressureUnit.MILLIBAR: 1.0,
-    emscon_constants.PressureUnit.HECTOPASCAL: 1.0,
-    emscon_constants.PressureUnit.KILOPASCAL: 10.0,
-    emscon_constants.PressureUnit.MM_MERCURY: 1.33322,
-    emscon_constants.PressureUnit.PSI: 68.94757,
-    emscon_constants.PressureUnit.INCH_WATER: 2.49082,
-    emscon_constants.PressureUnit.INCH_MERCURY: 33.86379,
-}
-POWER_ON_UNITS = said.Units(
-    emscon_constants.LengthUnit.METRE,
-    emscon_constants.AngleUnit.RADIAN,
-    emscon_constants.TemperatureUnit.CELSIUS,
-    emscon_constants.PressureUnit.MILLIBAR,
-    emscon_constants.RELATIVE_PERCENT,
-)
+MM_PER_UNIT = (1000.0, 1.0, 0.001, 304.8, 914.4, 25.4)
+"""By the number of the unit: metre, millimetre, micron, foot, yard, inch."""
+RAD_PER_UNIT = (1.0, radians(1.0), pi / 200.0)
+"""By the number of the unit: radian, degree, gon."""
+FAHRENHEIT = 1
+HPA_PER_UNIT = (1.0, 1.0, 10.0, 1.33322, 68.94757, 2.49082, 33.86379)
+"""By the number of the unit: mbar, hPa, kPa, mm of mercury, psi, inch of water, of mercury."""
+METRE, RADIAN = 0, 0
+POWER_ON_UNITS = said.Units(METRE, RADIAN, CELSIUS, MILLIBAR, RELATIVE_PERCENT)
 QUANTITIES: dict[type[said.Body], str] = {
-    said.StationOrientation: "la",
-    said.Transformation: "la-",
     said.SearchParams: "l-",
     said.BeamTarget: "l-",
-    said.ReflectorPlace: "l",
     said.ApproximateDistance: "l",
     said.Direction: "aa",
     said.Environment: "tp-",
@@ -56,22 +33,21 @@ QUANTITIES: dict[type[said.Body], str] = {
 Message = TypeVar("Message", bound=said.Body)
 
 
-def first_unknown(units: said.Units) -> int | None:
-    """Return the number, from 1, of the first parameter that names no unit."""
-    known = (
-        units.length in MM_PER_UNIT,
-        units.angle in RAD_PER_UNIT,
-        units.temperature in set(emscon_constants.TemperatureUnit),
-        units.pressure in HPA_PER_UNIT,
-        units.humidity == emscon_constants.RELATIVE_PERCENT,
+def are_known(units: said.Units) -> tuple[bool, ...]:
+    """Return of each parameter in its order whether it is the number of a unit."""
+    return (
+        units.length in range(len(MM_PER_UNIT)),
+        units.angle in range(len(RAD_PER_UNIT)),
+        units.temperature in {CELSIUS, FAHRENHEIT},
+        units.pressure in range(len(HPA_PER_UNIT)),
+        units.humidity == RELATIVE_PERCENT,
     )
-    return None if all(known) else 1 + known.index(False)
 
 
 def told(message: Message, units: said.Units) -> Message:
     """Convert a message for the wire, in the units that its client has chosen."""
     mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
-    is_celsius = units.temperature == emscon_constants.TemperatureUnit.CELSIUS
+    is_celsius = units.temperature == CELSIUS
     return _converted(
         message,
         {

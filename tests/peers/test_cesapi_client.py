@@ -143,15 +143,14 @@ def assert_finding_nothing_is_an_error(client):
 
 SET_AND_TOLD = {
     *("CoordinateSystemType", "EnvironmentParams", "MeasurementMode", "Reflector", "StatisticMode"),
-    *("RefractionParams", "SearchParams", "StationOrientationParams", "StationaryModeParams"),
-    *("SystemSettings", "TransformationParams", "Units"),
+    *("SearchParams", "StationaryModeParams", "SystemSettings", "Units"),
 }
 TOLD = {
-    *("Direction", "Face", "MeasurementStatusInfo", "Reflectors", "SystemSoftwareVersion"),
-    *("SystemStatus", "TrackerInfo", "TrackerStatus"),
+    *("Direction", "MeasurementStatusInfo", "Reflectors", "SystemStatus", "TrackerInfo"),
+    "TrackerStatus",
 }
 MEASURING = {
-    *("FindReflector", "GoAndMeasure", "GoPosition", "Initialize", "StartMeasurement"),
+    *("FindReflector", "GoPosition", "Initialize", "StartMeasurement"),
     *(f"Set{name}" for name in SET_AND_TOLD),
     *(f"Get{name}" for name in SET_AND_TOLD | TOLD),
 }
@@ -174,23 +173,16 @@ def measuring_cell():
 def sensible(cell):
     """Parameters that a client would give, by command; for the others, CESAPI's own zeros."""
     place_mm = cell.cell.station.to_tracker_mm(cell.cell.true_reflector_mm(0.0))
-    refraction = cesapi.RefractionDataT()
-    refraction.dIfmRefractionIndex = refraction.dAdmRefractionIndex = 1.00027
-    transformation = cesapi.TransformationDataT()
-    transformation.dScale = 1.0
     search = cesapi.SearchParamsDataT()
     search.dSearchRadius, search.lTimeOut = 0.05, 5000
     stationary = cesapi.StationaryModeDataT()
     stationary.lMeasTime, stationary.bUseADM = 500, 1
     return {
         "FindReflector": {"dAproxDistance": 3.0},
-        "GoAndMeasure": dict(zip(("dVal1", "dVal2", "dVal3"), place_mm / 1e3, strict=True)),
         "GoPosition": dict(zip(("dVal1", "dVal2", "dVal3"), place_mm / 1e3, strict=True)),
         "SetReflector": {"iInternalReflectorId": 1},
-        "SetRefractionParams": {"refractionData": refraction},
         "SetSearchParams": {"searchParams": search},
         "SetStationaryModeParams": {"stationaryModeData": stationary},
-        "SetTransformationParams": {"transformationData": transformation},
     }
 
 
@@ -231,11 +223,6 @@ def is_refused(command, arguments):
 
 def assert_reader_lives(connected, name):
     """Read what else may come, then ask for something of which the answer is known."""
-    give_up_s = time.monotonic() + SOON_S
-    if name == "GoAndMeasure":
-        while not isinstance(connected.stream.read(), cesapi.SingleMeasResultT):
-            assert time.monotonic() < give_up_s
-            assert connected.stream.is_alive()
     while connected.stream.unreadCount():
         connected.stream.read()
     connected.command.GetUnits()

@@ -9,6 +9,7 @@ from drivers.wire import emscon_constants as ours
 from drivers.wire import emscon_messages
 from drivers.wire.emscon import REQUESTS, EmsconRequest, encode
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus
+from sim.servers import emscon_units
 
 pytestmark = pytest.mark.peer
 
@@ -22,7 +23,6 @@ THEIR_STATUSES = {
     "NO_TEMPERATURE_FROM_WEATHER_MONITOR": "NoTemperatureFromWM",
     "NO_PRESSURE_FROM_WEATHER_MONITOR": "NoPressureFromWM",
     "NO_HUMIDITY_FROM_WEATHER_MONITOR": "NoHumidityFromWM",
-    "NO_OVERVIEW_CAMERA": "NoOVC",
     "NO_SENSOR_BATTERY": "No_Sensor_Battery",
 }
 NOT_THEIRS = {
@@ -30,17 +30,16 @@ NOT_THEIRS = {
     ResultStatus.IN_COMPENSATION_MODE,
     ResultStatus.INTERNAL_PROCESS_ACTIVE,
     ResultStatus.SENSOR_NOT_WARMED_UP,
-    ResultStatus.MAX_ENTRIES_EXCEEDED,
-    ResultStatus.INVALID_MEASUREMENT_PROFILE,
-    ResultStatus.SIX_D_MODE_SETTING_FAILED,
-    ResultStatus.ITEM_SELECTION_FAILED,
 }
 """Statuses that CESAPI has no name for."""
 THEIR_UNITS = {
-    "ES_LU_": (ours.LengthUnit, ["Meter", "Millimeter", "Micron", "Foot", "Yard", "Inch"]),
-    "ES_AU_": (ours.AngleUnit, ["Radian", "Degree", "Gon"]),
-    "ES_TU_": (ours.TemperatureUnit, ["Celsius", "Fahrenheit"]),
-    "ES_PU_": (ours.PressureUnit, ["Mbar", "HPascal", "KPascal", "MmHg", "Psi", "InH2O", "InHg"]),
+    "ES_LU_": (["Meter", "Millimeter", "Micron", "Foot", "Yard", "Inch"], emscon_units.MM_PER_UNIT),
+    "ES_AU_": (["Radian", "Degree", "Gon"], emscon_units.RAD_PER_UNIT),
+    "ES_TU_": (["Celsius", "Fahrenheit"], (ours.CELSIUS, emscon_units.FAHRENHEIT)),
+    "ES_PU_": (
+        ["Mbar", "HPascal", "KPascal", "MmHg", "Psi", "InH2O", "InHg"],
+        emscon_units.HPA_PER_UNIT,
+    ),
 }
 
 
@@ -143,8 +142,9 @@ def test_change_number_is_theirs(change):
 
 @pytest.mark.parametrize("prefix", THEIR_UNITS)
 def test_unit_numbers_are_theirs(prefix):
-    units, names = THEIR_UNITS[prefix]
-    assert [getattr(cesapi, prefix + name) for name in names] == list(units)
+    names, ours_by_number = THEIR_UNITS[prefix]
+    numbers = list(range(len(ours_by_number)))
+    assert [getattr(cesapi, prefix + name) for name in names] == numbers
 
 
 def test_packet_types_and_states_are_theirs():

@@ -46,9 +46,12 @@ class Client:
         return self.taken()
 
     def taken(self):
-        data = b"".join(self._bytes)
+        return self._read(b"".join(self.taken_bytes()))
+
+    def taken_bytes(self):
+        packets = [*self._bytes]
         self._bytes.clear()
-        return self._read(data)
+        return packets
 
     def ask(self, command, *body):
         (answer,) = [m for m in self.send(command, *body) if isinstance(m, Answer)]

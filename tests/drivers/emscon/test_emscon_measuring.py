@@ -2,7 +2,7 @@
 
 import math
 import tracemalloc
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pytest
 from hypothesis import given
@@ -14,7 +14,7 @@ from drivers.emscon.client import EmsconDeadlines
 from drivers.values import Weather
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, encode
-from drivers.wire.emscon_constants import Command, ResultStatus
+from drivers.wire.emscon_constants import WRONG_PARAMETERS, Command, ResultStatus
 from drivers.wire.framing import Packet
 
 START = Command.START_MEASUREMENT
@@ -183,7 +183,7 @@ class TestMotion:
 
     def test_wrong_parameter_is_not_blamed_on_the_beam(self, station):
         station.instrument.lose_the_beam()
-        station.instrument.refuses[Command.GO_POSITION] = ResultStatus.WRONG_PARAMETER_1
+        station.instrument.refuses[Command.GO_POSITION] = WRONG_PARAMETERS[0]
         with pytest.raises(errors.DeviceRefused) as caught:
             station.tracker.go_to((1.0, 2.0, 3.0))
         assert not isinstance(caught.value, errors.BeamBroken)
@@ -213,9 +213,17 @@ class TestUncertainty:
     def test_deviations_that_are_none_give_way_to_the_a_priori_ones(self, std):
         assert self.measured(std=std)[0][0] == pytest.approx(25e-6)
 
-    def test_result_without_any_uncertainty_is_refused(self):
-        with pytest.raises(errors.DeviceRefused, match="without uncertainty"):
-            self.measured(std=(0.0,) * 3, apriori_std=(0.0,) * 3)
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"std": (0.0,) * 3, "apriori_std": (0.0,) * 3},
+            {"point": (0.0,) * 3},
+            {each.name: (0.0,) * 3 if each.type == bodies.Triple else 0 for each in fields(RESULT)},
+        ],
+    )
+    def test_result_that_is_ok_but_empty_ends_the_attempt(self, changes):
+        with pytest.raises(errors.NotAMeasurement, match=r"is empty|without uncertainty"):
+            self.measured(**changes)
 
     @pytest.mark.parametrize(
         ("changes", "said"),

@@ -79,6 +79,12 @@ def test_point_that_cannot_be_is_refused(instrument, told, said):
         instrument.tracker.measure()
 
 
+def test_answer_that_is_ok_but_empty_ends_the_attempt(instrument):
+    instrument.answers["MEASURE"] = f"OK 0 - {' '.join(['0.0'] * 9)}"
+    with pytest.raises(errors.NotAMeasurement, match="is empty"):
+        instrument.tracker.measure()
+
+
 @pytest.mark.parametrize(
     ("code", "error"),
     [

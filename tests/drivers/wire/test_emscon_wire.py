@@ -227,4 +227,6 @@ def test_results_have_the_published_sizes_without_their_header(kind, size):
 def test_status_is_told_in_words_and_its_bits_are_where_the_interface_has_them():
     assert status_text(39) == "emScon error 39 (tracker not initialized)"
     assert status_text(24010) == "emScon error 24010"
+    assert status_text(6) == "emScon error 6 (wrong parameter 3)"
+    assert status_text(14) == "emScon error 14 (parameter 2 out of range)"
     assert StatusBit.REFLECTOR_FOUND | StatusBit.INITIALIZED == 2048 + 65536

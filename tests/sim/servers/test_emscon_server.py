@@ -1,5 +1,7 @@
 """The simulated emScon server: what it answers, when, and in which units."""
 
+import struct
+
 import pytest
 from emscon_client_stub import BUSY, MILLIMETRES, NOT_READY, READY, STREAMING, Client, ok, refused
 from fake_tracker import FakeTracker
@@ -13,7 +15,6 @@ from drivers.wire.emscon_messages import (
     ApproximateDistance,
     BeamTarget,
     ErrorResponse,
-    ReflectorPlace,
     ReflectorPosition,
     SingleResult,
     StationaryMode,
@@ -29,8 +30,10 @@ def client():
 
 
 def test_unknown_command_is_not_implemented(client):
-    client.session.received(bytes.fromhex("0c0000000000000038000000"), 0.0)
-    assert bytes.fromhex("10000000000000003800000002000000") in client._bytes
+    for command in (0, 56):  # ExitApplication too: it does not end the server
+        client.session.received(encode(UnknownRequest(command)), 0.0)
+        (refusal,) = client.taken_bytes()
+        assert refusal[8:16] == struct.pack("<ii", command, ResultStatus.NOT_IMPLEMENTED)
 
 
 def test_system_status_climbs_the_ladder_with_initialise():
@@ -48,7 +51,6 @@ def test_system_status_climbs_the_ladder_with_initialise():
 
 
 NOT_UP, COLD, UNSEEN = {"initialised": False}, {"warm": False}, {"locked": False}
-THERE = ReflectorPlace((1.0, 2.0, 3.0))
 
 
 @pytest.mark.parametrize(
@@ -57,10 +59,8 @@ THERE = ReflectorPlace((1.0, 2.0, 3.0))
         (NOT_UP, "START_MEASUREMENT", (), "TRACKER_NOT_INITIALIZED"),
         (NOT_UP, "GO_POSITION", (BeamTarget((1.0, 0.0, 0.0), 1),), "TRACKER_NOT_INITIALIZED"),
         (NOT_UP, "FIND_REFLECTOR", (ApproximateDistance(1.0),), "TRACKER_NOT_INITIALIZED"),
-        (NOT_UP, "GO_AND_MEASURE", (THERE,), "TRACKER_NOT_INITIALIZED"),
         (COLD, "START_MEASUREMENT", (), "SENSOR_NOT_WARMED_UP"),
         (COLD, "INITIALIZE", (), "SENSOR_NOT_WARMED_UP"),
-        (COLD, "GO_AND_MEASURE", (THERE,), "SENSOR_NOT_WARMED_UP"),
         (UNSEEN, "START_MEASUREMENT", (), "MEASUREMENT_STATUS_NOT_READY"),
     ],
 )
@@ -203,25 +203,6 @@ def test_search_that_finds_nothing_is_answered_with_an_error(client):
     assert client.later(1.0) == [refused(Command.FIND_REFLECTOR, ResultStatus.UNKNOWN), NOT_READY]
 
 
-def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follows(client):
-    client.send(Command.SET_UNITS, MILLIMETRES)
-    assert client.send(Command.GO_AND_MEASURE, ReflectorPlace((1000.0, 2000.0, -300.0))) == [BUSY]
-    assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
-    assert client.later(1.0) == [ok(Command.GO_AND_MEASURE)]
-    result, light = client.later(0.5)
-    assert isinstance(result, SingleResult)
-    assert light == READY
-
-
-def test_go_and_measure_that_finds_nothing_measures_nothing(client):
-    client.tracker.finds = False
-    client.send(Command.GO_AND_MEASURE, ReflectorPlace((1.0, 2.0, 3.0)))
-    refusal_and_light = [refused(Command.GO_AND_MEASURE, ResultStatus.UNKNOWN), NOT_READY]
-    assert client.later(1.0) == refusal_and_light
-    assert client.later(5.0) == []
-    assert client.tracker.measured_s is None
-
-
 def test_live_positions_stream_while_wanted_and_locked(client):
     assert ReflectorPosition(0, (1.0, -2.0, 0.254)) not in client.later(1.0)
     client.send(Command.SET_SYSTEM_SETTINGS, STREAMING)
@@ -241,10 +222,6 @@ def test_second_client_is_refused_every_command_and_disturbs_nothing():
     assert client.later(1.0) == []
     assert client.session.next_due_s() is None
     assert client.tracker.events() == ["warmed_up"]
-
-
-def test_nothing_is_due_while_nothing_is_under_way():
-    assert Client().session.next_due_s() is None
 
 
 def test_size_out_of_bounds_hangs_up():
@@ -279,8 +256,3 @@ def test_a_known_command_with_garbage_behind_it_is_answered_or_hung_up(command, 
         client.session.received(head + body, 0.0)
     except WireError:
         return
-
-
-def test_exit_application_does_not_end_the_server(client):
-    client.session.received(encode(UnknownRequest(0)), 0.0)
-    assert client._bytes == [bytes.fromhex("10000000000000000000000002000000")]
