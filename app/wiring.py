@@ -36,7 +36,7 @@ from sim.clock import EventClock, ScaledClock
 from sim.errors import SimError
 from sim.faults import DeviceName
 from sim.in_process import InProcessCell
-from sim.robot.follower import FollowingController
+from sim.robot.controller import SimulatedController
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
@@ -108,7 +108,7 @@ class DeviceConnections:
     """Asks the operator, for devices that he works by hand; None: nobody can be asked."""
     controller: DevicePlace
     tracker_place: DevicePlace
-    followed: FollowingController | None = None
+    followed: SimulatedController | None = None
     """Told where a real robot stands, for the simulated one that a simulated tracker looks at."""
 
     @contextmanager
@@ -206,11 +206,10 @@ def connections(
 
             return DevicePlace(name, open_pipe, cell, 1, in_process=True)
 
-        stands_in = cell.cell.controller
         yield made(
             place("controller", urls[0]),
             place("tracker", urls[1]),
-            stands_in if isinstance(stands_in, FollowingController) else None,
+            None if urls[0].startswith(SIMULATED) else cell.cell.controller,
         )
 
 
@@ -249,20 +248,20 @@ def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
 class _FollowedRobot:
     """A real robot, whose every rest is told to a simulated one; all else is its own."""
 
-    def __init__(self, robot: RobotController, followed: FollowingController) -> None:
+    def __init__(self, robot: RobotController, followed: SimulatedController) -> None:
         self._robot, self._followed = robot, followed
 
     def state(self) -> RobotState:
         state = self._robot.state()
         if state.joints and not state.moving:
-            self._followed.tell(state.joints)
+            self._followed.follow(state.joints)
         return state
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._robot, name)
 
 
-def _followed(robot: RobotController, followed: FollowingController) -> RobotController:
+def _followed(robot: RobotController, followed: SimulatedController) -> RobotController:
     return cast("RobotController", _FollowedRobot(robot, followed))
 
 
@@ -273,8 +272,7 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
     require_same_mechanism(campaign, scenario)
     memory = _remembered(path)
     before = _records(campaign) if memory is None else 0
-    follows = not campaign.config.controller.url.startswith(SIMULATED)
-    cell = Cell(scenario, memory=memory, follows=follows, attempts_before=before)
+    cell = Cell(scenario, memory=memory, attempts_before=before)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
     # beside a real device the cell lives by the wall clock, else as fast as it is computed

@@ -17,7 +17,6 @@ from sim.random_streams import Attempts, WorkedTime
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, Standing
-from sim.robot.follower import FollowingController
 from sim.robot.rods import Growth, Plate, RodMechanism
 from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
@@ -108,10 +107,8 @@ class Cell:
         *,
         seed: int | None = None,
         memory: Mapping[str, object] | None = None,
-        follows: bool = False,
         attempts_before: int = 0,
     ) -> None:
-        """Cell; where it `follows`, its robot is where a real controller's joints are."""
         self.scenario = scenario
         section, kind = scenario.robot, scenario.robot.kind
         self.kind = kind
@@ -142,7 +139,16 @@ class Cell:
             worked=self._worked,
             arrivals=Attempts(state.arrivals, state.attempts_before),
         )
-        self.controller = self._controller(state.geometry, follows=follows)
+        self.controller = SimulatedController(
+            scenario.controller,
+            self.robot,
+            geometry=state.geometry,
+            faults=self.faults,
+            worked=self._worked,
+            kind=kind,
+            plate=factory.known_plate(scenario, self.true_geometry),
+            ripple_rate=factory.known_ripple_rate(scenario),
+        )
         self._scene = Scene(self.controller, self.robot)
         self.tracker = self._tracker(state)
 
@@ -176,30 +182,6 @@ class Cell:
             "taken": tuple(self.tracker.taken),
         }
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
-
-    def _controller(
-        self, geometry: Mapping[str, float], *, follows: bool
-    ) -> SimulatedController | FollowingController:
-        section = self.scenario.controller
-        if follows:
-            return FollowingController(
-                self.robot,
-                geometry=geometry,
-                speed_per_s=section.speed_per_s(self.kind),
-                worked=self._worked,
-                kind=self.kind,
-            )
-        return SimulatedController(
-            section,
-            self.robot,
-            geometry=geometry,
-            joints=self.robot.standing.encoders,
-            faults=self.faults,
-            worked=self._worked,
-            kind=self.kind,
-            plate=factory.known_plate(self.scenario, self.true_geometry),
-            ripple_rate=factory.known_ripple_rate(self.scenario),
-        )
 
     def _tracker(self, state: CellMemory) -> SimulatedTracker:
         section = self.scenario.tracker

@@ -2,7 +2,6 @@
 
 from sim.cell import Cell
 from sim.errors import SimError
-from sim.robot.controller import SimulatedController
 from sim.servers.conversation import SessionFactory
 from sim.servers.emscon_instrument import EmsconInstrument
 from sim.servers.emscon_server import EmsconSession
@@ -14,7 +13,7 @@ PROTOCOLS = ("emscon", "pointline")
 
 
 def tracker_sessions(cell: Cell, protocol: str) -> SessionFactory:
-    """Sessions of its tracker in a protocol; raises `SimError` for another."""
+    """Return the factory of sessions of the tracker in a protocol; raises `SimError`."""
     tracker = cell.tracker
     match protocol:
         case "emscon":
@@ -30,7 +29,5 @@ def tracker_sessions(cell: Cell, protocol: str) -> SessionFactory:
 
 
 def controller_sessions(cell: Cell) -> SessionFactory:
-    """Sessions of its controller, which is not one that only follows a real one."""
-    controller = cell.controller
-    assert isinstance(controller, SimulatedController), "no other is asked"
-    return lambda send, _: RobotlineSession(controller, send)
+    """Return the factory of sessions of the controller."""
+    return lambda send, _: RobotlineSession(cell.controller, send)

@@ -9,13 +9,8 @@ from drivers.wire import emscon_constants as constants
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import Command, LaserStatus
 
-UNITS = bodies.Units(
-    constants.MILLIMETRE,
-    constants.DEGREE,
-    constants.CELSIUS,
-    constants.MILLIBAR,
-    constants.RELATIVE_PERCENT,
-)
+UNITS = bodies.Units(length=1, angle=1, temperature=0, pressure=0, humidity=0)
+"""Millimetre, degree, °C, mbar, % relative humidity."""
 CARTESIAN = bodies.Code(constants.RIGHT_HANDED_RECTANGULAR)
 STATIONARY = bodies.Code(constants.STATIONARY)
 ADM_ON = 1

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from drivers.errors import WireError
 from drivers.wire import emscon_messages as bodies
-from drivers.wire.emscon_constants import LONGEST_ANSWER_BYTES, Command, DataType, ResultStatus
+from drivers.wire.emscon_constants import Command, DataType, ResultStatus
 from drivers.wire.framing import Packet, PacketFramer, encode_packet, messages
 
 NOTHING = bodies.Nothing()
@@ -121,7 +121,7 @@ def refusal(command: int, status: int) -> bytes:
     With zeros in place of the answer's fields: some clients read them whatever the status says.
     """
     known = _known(command)
-    tail_bytes = LONGEST_ANSWER_BYTES
+    tail_bytes = 656  # of the longest of the public answers
     if known is not None:
         tail_bytes = bodies.layout_of(ANSWERS.get(known, bodies.Nothing)).size
     body = ANSWER_HEADER.pack(command, status) + bytes(tail_bytes)

@@ -59,10 +59,6 @@ class Command(IntEnum):
         return "".join(word.capitalize() for word in self.name.split("_"))
 
 
-LONGEST_ANSWER_BYTES = 656
-"""Size of the longest of the public answers, behind its status."""
-
-
 class SystemChange(IntEnum):
     """Codes of unsolicited status changes that mean something to us."""
 
@@ -81,8 +77,6 @@ class SystemChange(IntEnum):
     INITIALIZATION = 151
 
 
-MILLIMETRE, DEGREE, CELSIUS, MILLIBAR, RELATIVE_PERCENT = 1, 1, 0, 0, 0
-"""Units of length, angle, temperature, air pressure and humidity that we use."""
 RIGHT_HANDED_RECTANGULAR = 0
 """Coordinate system, of eight the one that we use."""
 STATIONARY = 0

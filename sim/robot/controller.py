@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.values import RobotState
+from sim.errors import AssemblyLost
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
@@ -116,7 +117,6 @@ class SimulatedController:
         robot: DrivenRobot,
         *,
         geometry: Mapping[str, float],
-        joints: Array,
         faults: FaultScript,
         worked: WorkedTime,
         kind: Kind = PAR4,
@@ -132,8 +132,9 @@ class SimulatedController:
         self._speed_per_s = section.speed_per_s(kind)
         self._encoder_step = section.encoder_step(kind)
         self._robot = robot
+        self._first = robot.standing
         self._geometry = dict(geometry)
-        self._joints = joints
+        self._joints = robot.standing.encoders
         self._faults = faults
         self._worked = worked
         self._motion: AxisMotion | None = None
@@ -193,6 +194,28 @@ class SimulatedController:
         except OutOfReach as reason:
             raise Refusal("REACH", str(reason)) from reason
         return self.move_joints(joints.tolist(), speed_fraction, now_s)
+
+    def follow(self, joints: Sequence[float]) -> None:
+        """Put the robot at the joints, rad or mm, at which a real controller's robot stands.
+
+        It comes by the straight joint path. A real controller that was restarted states other
+        joints at once, to which no way may lead: the robot then comes from where it stood first.
+        Raise `AssemblyLost` if the robot cannot be there.
+        """
+        target = np.array(joints)
+        if np.array_equal(target, self._joints):
+            return
+        if self._robot.passable_part(target) < 1.0:
+            self._robot.standing = self._first
+            if self._robot.passable_part(target) < 1.0:
+                listed = ", ".join(f"{self.kind.outer(joint):.2f}" for joint in target)
+                raise AssemblyLost(
+                    f"the simulated robot cannot be at joints {listed} {self.kind.unit}",
+                    remedy="keep the real controller's joints inside its workspace",
+                )
+        self._robot.arrive(target, target_key(target.tolist()))
+        self._worked.seconds += float(np.abs(target - self._joints).max()) / self._speed_per_s
+        self._joints = target
 
     @property
     def extensions(self) -> tuple[str, ...]:

@@ -6,17 +6,17 @@ from math import pi, radians
 from typing import Any, TypeVar, cast
 
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon_constants import CELSIUS, MILLIBAR, RELATIVE_PERCENT
 
 MM_PER_UNIT = (1000.0, 1.0, 0.001, 304.8, 914.4, 25.4)
 """By the number of the unit: metre, millimetre, micron, foot, yard, inch."""
 RAD_PER_UNIT = (1.0, radians(1.0), pi / 200.0)
 """By the number of the unit: radian, degree, gon."""
 FAHRENHEIT = 1
+"""Unit of temperature; 0 is °C."""
 HPA_PER_UNIT = (1.0, 1.0, 10.0, 1.33322, 68.94757, 2.49082, 33.86379)
 """By the number of the unit: mbar, hPa, kPa, mm of mercury, psi, inch of water, of mercury."""
-METRE, RADIAN = 0, 0
-POWER_ON_UNITS = said.Units(METRE, RADIAN, CELSIUS, MILLIBAR, RELATIVE_PERCENT)
+POWER_ON_UNITS = said.Units(length=0, angle=0, temperature=0, pressure=0, humidity=0)
+"""Metre, radian, °C, mbar, % relative humidity."""
 QUANTITIES: dict[type[said.Body], str] = {
     said.SearchParams: "l-",
     said.BeamTarget: "l-",
@@ -38,16 +38,16 @@ def are_known(units: said.Units) -> tuple[bool, ...]:
     return (
         units.length in range(len(MM_PER_UNIT)),
         units.angle in range(len(RAD_PER_UNIT)),
-        units.temperature in {CELSIUS, FAHRENHEIT},
+        units.temperature in {0, FAHRENHEIT},
         units.pressure in range(len(HPA_PER_UNIT)),
-        units.humidity == RELATIVE_PERCENT,
+        units.humidity == 0,
     )
 
 
 def told(message: Message, units: said.Units) -> Message:
     """Convert a message for the wire, in the units that its client has chosen."""
     mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
-    is_celsius = units.temperature == CELSIUS
+    is_celsius = units.temperature != FAHRENHEIT
     return _converted(
         message,
         {

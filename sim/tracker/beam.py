@@ -11,16 +11,13 @@ from sim.geometry import Array
 from sim.random_streams import target_key
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, SeenReflector
-from sim.robot.follower import FollowingController
 from sim.tracker.optics import TrackerPose, angle_between_rad
 
 
 class Scene:
     """The robot as the tracker sees it."""
 
-    def __init__(
-        self, controller: SimulatedController | FollowingController, robot: DrivenRobot
-    ) -> None:
+    def __init__(self, controller: SimulatedController, robot: DrivenRobot) -> None:
         self._controller = controller
         self._robot = robot
 

@@ -5,6 +5,7 @@ from dataclasses import astuple
 import CESAPI.packet as cesapi
 import pytest
 
+from drivers.emscon import setup
 from drivers.wire import emscon_constants as ours
 from drivers.wire import emscon_messages
 from drivers.wire.emscon import REQUESTS, EmsconRequest, encode
@@ -35,7 +36,7 @@ NOT_THEIRS = {
 THEIR_UNITS = {
     "ES_LU_": (["Meter", "Millimeter", "Micron", "Foot", "Yard", "Inch"], emscon_units.MM_PER_UNIT),
     "ES_AU_": (["Radian", "Degree", "Gon"], emscon_units.RAD_PER_UNIT),
-    "ES_TU_": (["Celsius", "Fahrenheit"], (ours.CELSIUS, emscon_units.FAHRENHEIT)),
+    "ES_TU_": (["Celsius", "Fahrenheit"], (0, emscon_units.FAHRENHEIT)),
     "ES_PU_": (
         ["Mbar", "HPascal", "KPascal", "MmHg", "Psi", "InH2O", "InHg"],
         emscon_units.HPA_PER_UNIT,
@@ -152,7 +153,7 @@ def test_packet_types_and_states_are_theirs():
     assert cesapi.ES_TPS_Initialized == ours.ProcessorStatus.INITIALIZED
     assert cesapi.ES_LPS_LaserReady == ours.LaserStatus.READY
     assert cesapi.ES_TS_Ready == ours.TrackerLight.READY
-    assert cesapi.ES_HU_RH == ours.RELATIVE_PERCENT
+    assert setup.UNITS.humidity == cesapi.ES_HU_RH
     assert cesapi.ES_CS_RHR == ours.RIGHT_HANDED_RECTANGULAR
     assert cesapi.ES_SM_Extended == ours.Statistics.EXTENDED
     assert cesapi.ES_MSI_ReflectorFound == ours.StatusBit.REFLECTOR_FOUND

@@ -1,6 +1,7 @@
 """The controller: moves in time, refuses with a reason, stops at once, faults by script."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ THERE = tuple(np.radians([40.0, 35.0, 10.0, 20.0]))
 class Axes:
     """Follows everything, or only a part of any way; remembers where it came to rest."""
 
+    standing = SimpleNamespace(encoders=HOME)
+
     def __init__(self, part=1.0):
         self.part = part
         self.rests = []
@@ -35,7 +38,6 @@ def controller(*, faults=(), axes=None, worked=None, **settings):
         ControllerSection(serial="SIM-C-7", **settings),
         axes or Axes(),
         geometry=NOMINAL_ROBOTS["par4-prototype"],
-        joints=HOME,
         faults=FaultScript(faults, {}),
         worked=worked or WorkedTime(0.0),
     )
@@ -222,7 +224,6 @@ def test_ripples_come_as_often_as_the_loaded_set_says():
             ControllerSection(),
             Axes(),
             geometry=NOMINAL_ROBOTS["par4-prototype"] | {"arm1.ripple_sin_deg": 0.1} | told,
-            joints=HOME,
             faults=FaultScript((), {}),
             worked=WorkedTime(0.0),
             ripple_rate=30.0,
