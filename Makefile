@@ -32,7 +32,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 demo: $(VENV)/installed
 	@mkdir -p demo
 	$(BIN)/pkmcal dry-run $(DEMO)
-	@echo "Report: $(DEMO)/report.html (the other files: README.md, \"Files of a campaign\")"
+	@echo "Open file://$(CURDIR)/$(DEMO)/report.html"
 
 test: $(VENV)/installed-dev
 	$(PYTEST) -m "not peer and not long"
