@@ -59,7 +59,7 @@ def is_there(path: Path) -> bool:
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """Contents of a file; raises `FileRefused`, before reading when it is no file or too large."""
+    """Read a file; raises `FileRefused`, before reading when it is no file or too large."""
     with open_file(path) as file:
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:
@@ -72,7 +72,7 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 
 @contextmanager
 def open_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to be read; raises `FileRefused`, before reading when it is no file."""
+    """Open a file to be read; raises `FileRefused`, before reading when it is no file."""
     try:
         _check_kind(path)
         with path.open("rb") as file:
@@ -88,7 +88,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def _check_kind(path: Path) -> None:
-    """Before it is opened: opening a pipe waits for its writer, a device may do anything."""
+    """Refuse what is no file before it is opened: opening a pipe waits for its writer."""
     mode = path.stat().st_mode
     if stat.S_ISREG(mode):
         return
@@ -109,7 +109,7 @@ def decoded(data: bytes, name: str) -> str:
 
 
 def loaded_yaml(yaml: YAML, text: str, name: str) -> object:
-    """Tree of a YAML text by a loader from `bounded`; raises `FileRefused` with the line."""
+    """Parse a YAML text by a loader from `bounded`; raises `FileRefused` with the line."""
     if len(text) > YAML_BYTES or text.count("\n") > YAML_LINES:
         raise FileRefused(
             f"{name}: has more than {YAML_LINES} lines or {YAML_BYTES / MEGABYTE:g} MB",
@@ -133,7 +133,7 @@ def loaded_yaml(yaml: YAML, text: str, name: str) -> object:
 
 
 def bounded(yaml: YAML) -> YAML:
-    """The same loader, which refuses aliases, deep nesting, and too many entries."""
+    """Make a loader refuse aliases, deep nesting and too many entries, and return it."""
     yaml.max_depth = YAML_DEPTH
     yaml.Composer = _PlainComposer
     return yaml

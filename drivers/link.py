@@ -17,7 +17,7 @@ reading, and the stop has to be on its wire within 0.1 s."""
 
 
 def never() -> bool:
-    """Wish to stop, of nobody: always False."""
+    """Return False: nobody wishes to stop."""
     return False
 
 

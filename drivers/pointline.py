@@ -177,7 +177,7 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
 
 
 def _covariance_mm2(where: str, result: wire.PointMeasured) -> values.Matrix3 | None:
-    """Covariance of a point, None where the instrument states none; raises `ImplausibleAnswer`."""
+    """Return a point's covariance if one is stated, else None; raises `ImplausibleAnswer`."""
     require_point(where, result.point_mm)
     if not any(result.covariance_mm2):
         return None

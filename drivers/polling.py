@@ -21,7 +21,7 @@ class WakefulClock:
         self._cancelled = cancelled
 
     def now_s(self) -> float:
-        """Seconds of the clock inside."""
+        """Return the seconds of the clock inside."""
         return self._clock.now_s()
 
     def sleep_s(self, seconds: float) -> None:

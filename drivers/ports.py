@@ -14,7 +14,7 @@ class Clock(Protocol):
     """Time as the cell feels it: the wall clock, or a simulated cell's faster one."""
 
     def now_s(self) -> float:
-        """Seconds since an arbitrary start; never goes back."""
+        """Return the seconds since an arbitrary start; they never go back."""
 
     def sleep_s(self, seconds: float) -> None:
         """Return after that much of this clock's time."""
@@ -30,10 +30,10 @@ class RobotController(Protocol):
         """
 
     def identity(self) -> values.Identity:
-        """Identity of the device that answers, with serial number and firmware."""
+        """Return the identity of the device that answers, with serial number and firmware."""
 
     def state(self) -> values.RobotState:
-        """Encoder angles as read now, and whether anything is wrong."""
+        """Read the encoders, and whether anything is wrong."""
 
     def prepare(self) -> None:
         """Bring the robot into the state that moving needs; repeatable after any fault.
@@ -54,13 +54,13 @@ class RobotController(Protocol):
         """Stop at once. Returns only when the controller has confirmed it."""
 
     def read_geometry(self) -> Mapping[str, float]:
-        """The active parameters by flat name (`arm0.x_mm`, …, `plate_mm`), mm and deg.
+        """Return the active parameters by flat name (`arm0.x_mm`, …, `plate_mm`), mm and deg.
 
         Those of imperfect parts (axis tilts, skews) are left out where they are 0.
         """
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        """Those of the named parameters of imperfect parts that its kinematics does not have."""
+        """Return which of the named parameters of imperfect parts its kinematics lacks."""
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters at once, or none; the robot stands still meanwhile."""
@@ -86,10 +86,10 @@ class LaserTracker(Protocol):
         """
 
     def identity(self) -> values.Identity:
-        """Identity of the device that answers, with serial number and firmware."""
+        """Return the identity of the device that answers, with serial number and firmware."""
 
     def state(self) -> values.TrackerState:
-        """Traffic light, warm-up, beam, reflector in use."""
+        """Return the traffic light, warm-up, beam and reflector in use."""
         return values.TrackerState(
             readiness=values.Readiness.READY,
             initialised=True,
@@ -99,11 +99,11 @@ class LaserTracker(Protocol):
         )
 
     def weather(self) -> values.Weather | None:
-        """Air temperature, pressure and humidity as the instrument uses them; None: not known."""
+        """Return air temperature, pressure and humidity as the instrument uses them, if known."""
         return None
 
     def reflectors(self) -> tuple[values.Reflector, ...]:
-        """The reflectors that the instrument has definitions for."""
+        """Return the reflectors that the instrument has definitions for."""
         return ()
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
@@ -113,13 +113,13 @@ class LaserTracker(Protocol):
         """
 
     def measure(self) -> values.Measurement:
-        """Stationary measurement of the reflector; raises `BeamBroken` when it is lost.
+        """Measure the reflector, which stands still; raises `BeamBroken` when it is lost.
 
         `NoReflector`, which is one of these, when there was none to begin with.
         """
 
     def direction(self) -> values.Vector3 | None:
-        """Where the beam points, a unit vector in the tracker's frame; None: it doesn't tell."""
+        """Return the beam's direction, a unit vector in the tracker's frame; None: unknown."""
         return None
 
     def go_to(self, point_in_tracker_mm: values.Vector3) -> None:  # noqa: ARG002 - as said above
@@ -142,7 +142,7 @@ class SystemClock:
     """Real time."""
 
     def now_s(self) -> float:
-        """Seconds of the monotonic clock."""
+        """Return the seconds of the monotonic clock."""
         return time.monotonic()
 
     def sleep_s(self, seconds: float) -> None:

@@ -145,7 +145,7 @@ class LineRobot(RobotController):
         return geometry
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        """Parameters among the named ones that it does not have."""
+        """Return which of the named parameters the controller does not have."""
         asked = {*names} & {*self._layout.extensions}
         with self._stopping.undisturbed():
             known = {*self._layout.parameters, *(self._known_extensions() if asked else ())}
@@ -183,7 +183,7 @@ class LineRobot(RobotController):
         return geometry
 
     def _known_extensions(self) -> tuple[str, ...]:
-        """Parameters of imperfect parts that its kinematics has; asked once a connection.
+        """Return the parameters of imperfect parts that it has; asked once a connection.
 
         It has those of a kind of all arms or of none, so that the first of a kind tells.
         """

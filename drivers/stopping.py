@@ -63,13 +63,13 @@ class StopProcedure:
         return self._give_up_s is not None
 
     def at_most_s(self, seconds: float) -> float:
-        """So many seconds, or what a stop that is under way has left."""
+        """Return the seconds, or less where a stop that is under way has less left."""
         if self._give_up_s is None:
             return seconds
         return min(seconds, max(self._give_up_s - self._clock.now_s(), self._pause_s))
 
     def patience_s(self, seconds: float) -> float:
-        """So many seconds to connect in, or what a stop's try waits: the alarm comes after it."""
+        """Return the seconds to connect in, or what a stop's try waits before the alarm."""
         return self.at_most_s(min(seconds, self._try_s) if self.is_under_way else seconds)
 
     def is_cancelled(self) -> bool:
@@ -78,7 +78,7 @@ class StopProcedure:
 
     @contextmanager
     def undisturbed(self) -> Iterator[None]:
-        """Nothing is abandoned for the operator's wish: the robot stands, or is being stopped."""
+        """Abandon nothing for the operator's wish: the robot stands, or is being stopped."""
         self._undisturbed += 1
         try:
             yield
@@ -144,5 +144,5 @@ class StopProcedure:
 
 
 def state_unknown(problem: str) -> RobotStateUnknown:
-    """Error that says as loudly as can be said that the robot's state is not known."""
+    """Return the error that says, as loudly as it can, that the robot's state is unknown."""
     return RobotStateUnknown(f"robot state unknown: {problem}", remedy="use the hardware stop")

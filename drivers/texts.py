@@ -12,7 +12,7 @@ _AS_BLANKS = str.maketrans(dict.fromkeys(_GAPS, " "))
 
 
 def printable(text: str) -> str:
-    """Text on one line without control, bidirectional or other hidden characters.
+    """Return a text on one line without control, bidirectional or other hidden characters.
 
     Line breaks and tabs become blanks, the others `?`: a serial number cannot clear a terminal,
     forge a line, or turn the reading direction of what stands behind it. What scripts join their
@@ -24,7 +24,7 @@ def printable(text: str) -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Text of at most so many characters: of a longer one its beginning and its end."""
+    """Return a text of at most so many characters: the beginning and end of a longer one."""
     if len(text) <= most:
         return text
     half = (most - 1) // 2

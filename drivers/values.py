@@ -39,7 +39,7 @@ class Bounds:
         return self.least <= value <= self.most
 
     def text(self) -> str:
-        """In words, for messages."""
+        """Return the bounds in words, for messages."""
         return f"{self.least:g} to {self.most:g}{self.unit}"
 
 
@@ -56,7 +56,7 @@ HUMIDITY = Bounds("air humidity", 0.0, 110.0, " %")
 
 
 def vector(values: Iterable[float]) -> Vector3:
-    """Three plain floats."""
+    """Return three plain floats."""
     x, y, z = map(float, values)
     return x, y, z
 
@@ -70,13 +70,13 @@ class Coordinate:
 
 
 def outer_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:
-    """Values in deg and mm, of those in rad and mm."""
+    """Convert values in rad and mm to deg and mm."""
     each = zip(coordinates, values, strict=True)
     return tuple(math.degrees(value) if axis.is_angle else value for axis, value in each)
 
 
 def inner_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:
-    """Values in rad and mm, of those in deg and mm."""
+    """Convert values in deg and mm to rad and mm."""
     each = zip(coordinates, values, strict=True)
     return tuple(math.radians(value) if axis.is_angle else value for axis, value in each)
 

@@ -153,7 +153,7 @@ class Cell:
         self.tracker = self._tracker(state)
 
     def true_reflector_mm(self, now_s: float) -> Array:
-        """(3,): where the reflector really is, in the base frame. A back door for tests."""
+        """Return (3,): where the reflector really is, in the base frame. A back door for tests."""
         return self._scene.robot_reflector(now_s).point_mm
 
     def advance(self, now_s: float) -> None:
@@ -162,7 +162,7 @@ class Cell:
         self.tracker.advance(now_s)
 
     def memory(self) -> dict[str, object]:
-        """State for the next cell of this scenario, as plain values for JSON."""
+        """Return the state for the next cell of this scenario, as plain values for JSON."""
         standing = self.robot.standing
         now = {
             "worked_s": self._worked.seconds,
@@ -214,7 +214,7 @@ class Cell:
 def _first_state(
     scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry, gears: Transmission
 ) -> CellMemory:
-    """State of a new cell: the true robot at the start pose as its controller understands it."""
+    """Return a new cell's state: the true robot where its controller takes the start pose to be."""
     start, tracker, kind = scenario.controller.start, scenario.tracker, scenario.robot.kind
     position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
     theta_rad = math.radians(start.theta_deg)
@@ -253,7 +253,7 @@ def _first_state(
 
 
 def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
-    """The seed asked for, the one remembered, or the scenario's."""
+    """Return the seed asked for, the one remembered, or the scenario's."""
     if past is None:
         return scenario.seed if seed is None else seed
     if seed is not None and seed != past.seed:
@@ -262,7 +262,7 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
 
 
 def _standing(state: CellMemory, rods: RodMechanism, growth: Growth) -> Standing:
-    """Standing as it was to the last bit, so that everything goes on unchanged."""
+    """Restore the standing to the last bit, so that everything goes on unchanged."""
     joints, plate = np.array(state.joints), Plate(np.array(state.plate))
     try:
         found = restore(rods, joints, plate, growth)

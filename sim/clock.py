@@ -19,7 +19,7 @@ class EventClock:
         self._owed_s = 0.0
 
     def now_s(self) -> float:
-        """Seconds that were waited for since this clock was made."""
+        """Return the seconds that were waited for since this clock was made."""
         return self._now_s
 
     def sleep_s(self, seconds: float) -> None:
@@ -39,7 +39,7 @@ class ScaledClock:
         self._start_s = time.monotonic()
 
     def now_s(self) -> float:
-        """Virtual seconds since this clock was made."""
+        """Return the virtual seconds since this clock was made."""
         return (time.monotonic() - self._start_s) * self._speed_up
 
     def sleep_s(self, seconds: float) -> None:
@@ -47,5 +47,5 @@ class ScaledClock:
         time.sleep(self.real_s(max(seconds, 0.0)))
 
     def real_s(self, virtual_s: float) -> float:
-        """Real seconds for that much virtual time."""
+        """Return the real seconds for that much virtual time."""
         return virtual_s / self._speed_up

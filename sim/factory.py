@@ -28,7 +28,7 @@ GRAVITY_N_PER_KG = 9.81
 
 
 def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
-    """The robot as it was really made, by flat names, mm and deg."""
+    """Draw the robot as it was really made, by flat names, mm and deg."""
     draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(robot.kind.names))
     flat = robot.true_flat()
     return {
@@ -38,7 +38,7 @@ def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
 
 
 def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
-    """A parameter's standard deviation of manufacture, in its unit."""
+    """Return a parameter's standard deviation of manufacture, in its unit."""
     arm, (stem, unit) = parameter
     if stem in {"x", "y", "z"} or (stem == "joint_offset" and unit == "mm"):
         return 0.0 if arm == 0 else tolerances.position_mm
@@ -51,7 +51,7 @@ def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
 
 
 def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
-    """Plate, rods and axes as they were really made."""
+    """Draw plate, rods and axes as they were really made."""
     kind = robot.kind
     rods = generator(seed, Purpose.RODS).standard_normal((kind.arms, 2))
     tilts = generator(seed, Purpose.TILTS).standard_normal((1 + kind.on_rails, kind.arms))
@@ -67,7 +67,7 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
 
 
 def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
-    """(n, 3): as told, or on either side of two parts, or around a single one."""
+    """Return (n, 3): as told, or on either side of two parts, or around a single one."""
     if robot.plate_joints_mm is not None:
         return np.array(robot.plate_joints_mm)
     if geometry.kind.turn is None:
@@ -76,7 +76,7 @@ def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
 
 
 def known_plate(scenario: Scenario, true_flat: dict[str, float]) -> KnownPlate | None:
-    """What its controller knows of the plate, if it computes how the plate tilts."""
+    """Return the plate's sizes for a controller that computes how the plate tilts."""
     if not scenario.controller.computes_plate_tilt:
         return None
     robot = scenario.robot
@@ -96,12 +96,12 @@ def known_ripple_rate(scenario: Scenario) -> float | None:
 
 
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:
-    """(n,): as told, or 0 for every arm."""
+    """Return (n,): as told, or 0 for every arm."""
     return np.array(values) if values else np.zeros(kind.arms)
 
 
 def behaviour(robot: RobotSection, seed: int) -> Behaviour:
-    """Effects between encoders and mechanism, as they were really made."""
+    """Return the effects between encoders and mechanism."""
     kind, repeatability = robot.kind, robot.repeatability
     backlash = _of_arms(robot.backlash_arcmin, kind) * RAD_PER_ARCMIN
     noise = repeatability.joint_arcsec * RAD_PER_ARCSEC
@@ -118,7 +118,7 @@ def behaviour(robot: RobotSection, seed: int) -> Behaviour:
 
 
 def transmission(robot: RobotSection, seed: int) -> Transmission:
-    """Encoders, gears and screws as they were really made."""
+    """Draw encoders, gears and screws as they were really made."""
     kind, told = robot.kind, robot.transmission
     draw = generator(seed, Purpose.TRANSMISSION)
     phases = draw.uniform(-math.pi, math.pi, (2, kind.arms))
@@ -135,7 +135,7 @@ def transmission(robot: RobotSection, seed: int) -> Transmission:
 
 
 def _load(robot: RobotSection) -> Load:
-    """Weights where they act: that of a forearm half at its elbow, half at the plate."""
+    """Return the weights where they act: half a forearm's at its elbow, half at the plate."""
     weight, kind = robot.weight, robot.kind
     arm_kg = weight.arm_kg if kind.on_rails else 0.5 * weight.arm_kg
     elbow_kg = arm_kg + 0.5 * weight.forearm_kg
@@ -149,7 +149,7 @@ def _load(robot: RobotSection) -> Load:
 
 
 def mount(robot: RobotSection, station: TrackerPose) -> SeenReflector:
-    """The reflector, facing the tracker from the workspace's centre unless told otherwise."""
+    """Return the reflector; by default it faces the tracker from the workspace's centre."""
     told = robot.reflector.facing
     centre_mm = np.array(robot.workspace_centre_mm)
     facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)

@@ -57,5 +57,5 @@ class FaultScript:
         return self._faults.get((counted, number))
 
     def memory(self) -> dict[str, int]:
-        """The counts so far."""
+        """Return the counts so far."""
         return dict(self._counts)

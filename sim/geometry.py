@@ -139,15 +139,15 @@ class Kind:
         return CRANK_MM if self.on_rails else 1.0
 
     def inner(self, joint: float) -> float:
-        """Joint in rad or mm of one in the unit outside."""
+        """Convert a joint from the unit outside to rad or mm."""
         return joint if self.on_rails else math.radians(joint)
 
     def outer(self, joint: float) -> float:
-        """Joint in deg or mm."""
+        """Convert a joint from rad or mm to deg or mm."""
         return joint if self.on_rails else math.degrees(joint)
 
     def text(self, joint: float, form: str) -> str:
-        """Joint for people: `12.345°` or `12.345 mm`."""
+        """Format a joint for people: `12.345°` or `12.345 mm`."""
         return f"{self.outer(joint):{form}}{' mm' if self.on_rails else '°'}"
 
 
@@ -205,7 +205,7 @@ class Geometry:
         return np.column_stack([level * east, np.sin(self.elevations_rad)])
 
     def plate_joints_apart(self, turn_rad: float) -> tuple[Array, Array]:
-        """Where the turn takes each plate joint on a level platform, and its rate, (n, 3) each."""
+        """Return each plate joint's way by the turn on a level platform, and its rate, (n, 3)."""
         sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
         if self.kind.turn is HINGE:
             apart, rate = np.array([-sine, cosine, 0.0]), np.array([-cosine, -sine, 0.0])
@@ -216,7 +216,7 @@ class Geometry:
 
 
 def _prototype() -> dict[str, float]:
-    """Table I read as a robot that works: radial arms and forearms of 700 mm."""
+    """Return Table I as a robot that works: radial arms and forearms of 700 mm."""
     corners = ((-1.0, -1.0, 225.0), (1.0, -1.0, 315.0), (1.0, 1.0, 45.0), (-1.0, 1.0, 135.0))
     flat = {}
     for arm, (x, y, azimuth_deg) in enumerate(corners):
@@ -233,7 +233,7 @@ NOMINAL_ROBOTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 def problem_with(
     flat: Mapping[str, float], kind: Kind = PAR4, *, extensions: Collection[str] = ()
 ) -> str:
-    """Reason why these flat parameters are no robot: the first thing wrong, or nothing.
+    """Return the reason why these flat parameters are no robot: the first thing wrong, or nothing.
 
     Some may be there beside the kind's own.
     """
@@ -251,7 +251,7 @@ def problem_with(
 
 
 def geometry_of(flat: Mapping[str, float], kind: Kind = PAR4) -> Geometry:
-    """Arrays from flat parameters that `problem_with` finds nothing wrong with."""
+    """Return the arrays from flat parameters that `problem_with` finds nothing wrong with."""
 
     def column(field: str) -> Array:
         return np.array([flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)])

@@ -24,14 +24,14 @@ class InProcessCell:
     def __init__(
         self, cell: Cell, time: EventClock | ScaledClock, *, tracker_speaks: str = "emscon"
     ) -> None:
-        """Cell on an `EventClock`, or on the wall clock beside a device that is real."""
+        """Put a cell on an `EventClock`, or on the wall clock beside a device that is real."""
         self.cell = cell
         self._time = time
         self._tracker_sessions = tracker_sessions(cell, tracker_speaks)
         self._conversations: dict[DeviceName, list[Conversation]] = {}
 
     def now_s(self) -> float:
-        """Seconds of the cell's time."""
+        """Return the seconds of the cell's time."""
         return self._time.now_s()
 
     def sleep_s(self, seconds: float) -> None:
@@ -60,7 +60,7 @@ class InProcessCell:
         return MemoryPipe(self, conversation, name)
 
     def memory(self) -> dict[str, object]:
-        """State for the next cell, as plain values for JSON."""
+        """Return the state for the next cell, as plain values for JSON."""
         self.cell.advance(self.now_s())
         return self.cell.memory()
 
@@ -74,7 +74,7 @@ class MemoryPipe:
         self._conversation = conversation
 
     def send(self, data: bytes, timeout_s: float) -> None:  # noqa: ARG002 - it is taken at once
-        """Hand all of it to the device."""
+        """Pass all of it to the device."""
         self._require_open()
         self._conversation.hear(data)
         self._conversation.turn()

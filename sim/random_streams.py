@@ -21,13 +21,13 @@ class Purpose(IntEnum):
 
 
 def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:
-    """A generator of its own for this seed, purpose and keys (any whole numbers)."""
+    """Return the generator of a seed, purpose and keys (any whole numbers)."""
     words = [key % WORD for key in (seed, purpose, *keys)]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
 def target_key(joints: Sequence[float]) -> tuple[int, ...]:
-    """A joint target as whole microdegrees, which names it for ever."""
+    """Return a joint target as whole microdegrees, which names it for ever."""
     return tuple(round(float(np.degrees(joint)) * 1e6) for joint in joints)
 
 
@@ -39,13 +39,13 @@ class Attempts:
         self._before = before
 
     def next(self, key: tuple[int, ...]) -> int:
-        """The number of this attempt at that target: at the first one `before` + 1."""
+        """Count one more attempt at a target and return its number, the first `before` + 1."""
         name = ",".join(map(str, key))
         self._counts[name] = self._counts.get(name, self._before) + 1
         return self._counts[name]
 
     def memory(self) -> dict[str, int]:
-        """The counts so far."""
+        """Return the counts so far."""
         return dict(self._counts)
 
 

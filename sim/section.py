@@ -13,7 +13,7 @@ Point = tuple[float, float, float]
 
 
 def nearest(unknown: str, known: Iterable[str]) -> str:
-    """A remedy for a word that is not known: the nearest one that is, or all of them."""
+    """Return a remedy for an unknown word: the nearest known one, or all of them."""
     words = list(known)
     close = difflib.get_close_matches(unknown, words, n=1)
     return f"did you mean {close[0]}?" if close else f"known here: {', '.join(words)}"

@@ -172,10 +172,10 @@ def _known(code: int) -> Command | None:
 
 
 def from_server() -> Callable[[bytes], list[FromServer]]:
-    """Messages of an instrument from its bytes, in any pieces; raises only `WireError`."""
+    """Return a reader of an instrument's bytes, in any pieces; it raises only `WireError`."""
     return messages(PacketFramer().feed, parse_from_server)
 
 
 def from_client() -> Callable[[bytes], list[FromClient]]:
-    """Messages of a client from its bytes, in any pieces; raises only `WireError`."""
+    """Return a reader of a client's bytes, in any pieces; it raises only `WireError`."""
     return messages(PacketFramer().feed, parse_from_client)

@@ -17,7 +17,7 @@ Message = TypeVar("Message")
 def messages(
     cut: Callable[[bytes], Iterable[Unit]], read: Callable[[Unit], Message]
 ) -> Callable[[bytes], list[Message]]:
-    """Messages completed by the bytes of a stream: its framer's packets or lines, each read.
+    """Return a reader of a stream's bytes: its framer's packets or lines, each read.
 
     Empty lines are passed over.
     """
@@ -62,7 +62,7 @@ class LineFramer:
 
 
 def ascii_bytes(text: str) -> bytes:
-    """Bytes of a line as records keep it; raises `WireError`."""
+    """Encode a line as records keep it; raises `WireError`."""
     try:
         return text.encode("ascii")
     except UnicodeEncodeError as error:

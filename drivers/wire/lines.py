@@ -106,7 +106,7 @@ def numbers_from(first: int) -> Iterator[int]:
 
 
 def checksum(text: bytes) -> int:
-    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected or inverted."""
+    """Return the CRC-16/CCITT-FALSE: 0x1021, start 0xFFFF, nothing reflected or inverted."""
     return crc_hqx(text, 0xFFFF)
 
 

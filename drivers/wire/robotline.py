@@ -44,7 +44,7 @@ class RobotLayout:
         parameters: Iterable[tuple[str, int | None, str]],
         extensions: Iterable[str] = (),
     ) -> Self:
-        """Layout of parameters by name, arm and stem: one of no arm has a line `STEM`."""
+        """Lay out parameters by name, arm and stem: one of no arm has a line `STEM`."""
         parts: dict[str, tuple[str, ...]] = {}
         for name, arm, stem in parameters:
             words = stem.upper() if arm is None else f"ARM {arm}"
@@ -66,7 +66,7 @@ class RobotLayout:
         return tuple(by_kind.values())
 
     def parts_of(self, parameters: Mapping[str, float]) -> "Iterator[Part]":
-        """Lines that hold a whole parameter set; raises `KeyError` for one that is missing."""
+        """Yield the lines of a whole parameter set; raises `KeyError` for one that is missing."""
         for words, names in self.parts.items():
             yield Part(Title(words), tuple(parameters[name] for name in names))
         for name in self.extensions:
@@ -74,11 +74,11 @@ class RobotLayout:
                 yield Part(Title(name), (parameters[name],))
 
     def names_of(self, words: str) -> tuple[str, ...]:
-        """Parameters of a line by the words that begin it; raises `KeyError`."""
+        """Return the parameters of a line by the words that begin it; raises `KeyError`."""
         return (words,) if words in self.extensions else self.parts[words]
 
     def flat(self, part: "Part") -> dict[str, float]:
-        """Parameters of a line by their names."""
+        """Return the parameters of a line by their names."""
         return dict(zip(self.names_of(part.name), part.values, strict=True))
 
     def check(self, body: object) -> None:

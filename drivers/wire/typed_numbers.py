@@ -14,7 +14,7 @@ AGAIN = "type them with decimal points and blanks between: 2510.012 -35.487 -75.
 
 
 def typed_numbers(text: str, count: int) -> tuple[float, ...]:
-    """So many finite numbers of a line; raises `WireError` where it can be read in two ways.
+    """Read so many finite numbers; raises `WireError` where there are two ways to read.
 
     Blanks, tabs, semicolons or commas stand between them, and perhaps axes' names and a unit.
     """

@@ -19,19 +19,19 @@ class OutOfReach(Exception):
 
 
 def plate_joints_mm(geometry: Geometry, position_mm: Array, theta_rad: float) -> Array:
-    """(n, 3): B'_i in the base frame (paper, eq. 9)."""
+    """Return (n, 3): B'_i in the base frame (paper, eq. 9)."""
     return np.asarray(position_mm + geometry.plate_joints_apart(theta_rad)[0])
 
 
 def joints_for(geometry: Geometry, position_mm: Array, theta_rad: float) -> Array:
-    """(n,) encoder values, rad or mm, elbows outward, carriages above; raises `OutOfReach`."""
+    """Return (n,) encoder values, elbows outward, carriages above; raises `OutOfReach`."""
     to_plate_mm = plate_joints_mm(geometry, position_mm, theta_rad) - geometry.motors_mm
     one = _carriage if geometry.kind.on_rails else _crank
     return np.array([one(geometry, arm, each) for arm, each in enumerate(to_plate_mm)])
 
 
 def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
-    """The carriage stands above the foot of the plate joint on its rail.
+    """Return the joint of a carriage above the foot of the plate joint on its rail.
 
     By how much follows from the right triangle of carriage, foot and plate joint.
     """
@@ -45,7 +45,7 @@ def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
 
 
 def _crank(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
-    """The arm's angle is the angle down to the plate joint less the triangle's angle at the motor.
+    """Return the angle down to the plate joint less the triangle's angle at the motor.
 
     The triangle is motor, elbow, plate joint in the arm's plane; the forearm counts there with
     what its swing out of the plane leaves of it.
@@ -89,7 +89,7 @@ class Assembly:
 def assemble(
     rods: RodMechanism, truth: Geometry, position_mm: Array, theta_rad: float, growth: Growth = COLD
 ) -> Assembly:
-    """Assembly of the robot at a pose by its contracted geometry, |θ| < 90°.
+    """Assemble the robot at a pose by its contracted geometry, |θ| < 90°.
 
     Raises `sim.robot.assembly.OutOfReach` or `AssemblyLost`.
     """
@@ -99,7 +99,7 @@ def assemble(
 
 
 def restore(rods: RodMechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
-    """The assembly at known joints and an almost exactly known plate; raises `AssemblyLost`."""
+    """Solve the assembly at joints near a plate's guess; raises `AssemblyLost`."""
     plate, misfits_mm, jacobian = rods.settle(joints, guess, growth)
     if not _is_whole(rods.kind, plate, misfits_mm):
         raise _lost(rods.kind, joints, 0.0)
@@ -134,7 +134,7 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = 
 def _step(
     rods: RodMechanism, here: Assembly, joints: Array, growth: Growth, settled_mm: float
 ) -> Assembly | None:
-    """Assembly after one step of the joints, or nothing when the step may have left it."""
+    """Return the assembly after one step of the joints; None when the step may have left it."""
     try:
         plate, misfits_mm, jacobian = rods.settle(joints, here.plate, growth, settled_mm)
     except AssemblyLost:
@@ -153,7 +153,7 @@ def _is_whole(kind: Kind, plate: Plate, misfits_mm: Array) -> bool:
 
 
 def _side(jacobian: Array) -> float:
-    """The sign of the forearms' determinant by x, y, z and θ: changes only in a singularity."""
+    """Return the sign of the forearms' determinant by x, y, z, θ: it changes in singularities."""
     rods, unknowns = jacobian.shape
     by_pose = [0, 1, 2, *range(6, unknowns)]
     forearms = jacobian.reshape(rods // 2, 2, unknowns).sum(axis=1)[:, by_pose]

@@ -13,9 +13,9 @@ from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.driven_robot import DrivenRobot
-from sim.robot.known_transmission import readings_for
 from sim.robot.section import ControllerSection
 from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
+from sim.robot.transmission import readings_for
 
 PEAK_OF_SMOOTH = 1.875
 """Highest speed of the smooth profile, as a multiple of its mean."""
@@ -32,13 +32,13 @@ Profile = Callable[[float], float]
 
 
 def smooth(part_of_time: float) -> float:
-    """Travelled part at a part of the time: starts and ends without speed or acceleration."""
+    """Return the travelled part; starts and ends without speed or acceleration."""
     t = part_of_time
     return t * t * t * (10.0 - t * (15.0 - 6.0 * t))
 
 
 def braking(part_of_time: float) -> float:
-    """Travelled part at a part of the time: from full speed to rest at constant deceleration."""
+    """Return the travelled part; from full speed to rest at constant deceleration."""
     return part_of_time * (2.0 - part_of_time)
 
 
@@ -59,21 +59,21 @@ class AxisMotion:
         return self.start_s + self.duration_s
 
     def joints(self, now_s: float) -> Array:
-        """(n,): where the joints are."""
+        """Return (n,): where the joints are."""
         part = (now_s - self.start_s) / self.duration_s
         travelled = self.profile(min(max(part, 0.0), 1.0))
         return self.start + travelled * (self.target - self.start)
 
 
 def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> AxisMotion:
-    """A motion whose fastest joint just reaches that speed."""
+    """Plan a motion whose fastest joint just reaches a speed."""
     longest = float(abs(target - start).max())
     duration_s = max(PEAK_OF_SMOOTH * longest / speed_per_s, SHORTEST_S)
     return AxisMotion(start, target, now_s, duration_s, smooth)
 
 
 def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
-    """Motion stopped at once on its own path; unchanged when it is as good as over."""
+    """Brake a motion at once on its own path; one as good as over stays unchanged."""
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
@@ -144,7 +144,7 @@ class SimulatedController:
             self._trouble = _Trouble("emergency_stop", "emergency stop pressed", math.inf)
 
     def state(self, now_s: float) -> RobotState:
-        """Readings of the encoders now."""
+        """Read the encoders now."""
         moving, trouble = self.is_moving(now_s), self._trouble
         return RobotState(
             joints=tuple(map(float, self.encoders(now_s))),
@@ -159,7 +159,7 @@ class SimulatedController:
         return self._motion is not None or self._trouble.kind == "stall"
 
     def encoders(self, now_s: float) -> Array:
-        """(n,): the encoders now, rad or mm, whole steps of the encoders' resolution."""
+        """Return (n,): the encoders now, rad or mm, whole steps of the encoders' resolution."""
         self._advance(now_s)
         if self._motion is None:
             return self._joints
@@ -234,7 +234,7 @@ class SimulatedController:
             self._ends_in = NO_TROUBLE
 
     def geometry(self) -> dict[str, float]:
-        """The active parameters by their flat names, mm and deg."""
+        """Return the active parameters by their flat names, mm and deg."""
         return dict(self._geometry)
 
     def replace_geometry(self, geometry: Mapping[str, float], now_s: float) -> None:
@@ -246,7 +246,7 @@ class SimulatedController:
         self._geometry = {name: float(value) for name, value in geometry.items()}
 
     def _joints_for(self, position_mm: Array, turn_rad: float) -> Array:
-        """Joints (n,) of a pose as encoders read them; raises `OutOfReach`."""
+        """Return the joints (n,) of a pose as encoders read them; raises `OutOfReach`."""
         flat, kind = self._geometry, self.kind
         if self._plate is None or is_level(flat, kind):
             joints = joints_for(geometry_of(flat, kind), position_mm, turn_rad)
@@ -315,7 +315,7 @@ class SimulatedController:
 
 
 def _trouble_after(fault: Fault | None, part: float, end_s: float) -> _Trouble:
-    """Trouble at a motion's end: a scripted fault, or axes held by the mechanism."""
+    """Return the trouble at a motion's end: a scripted fault, or axes held by the mechanism."""
     if fault is not None:
         texts = {"emergency_stop": "emergency stop pressed", "drive_fault": "drive fault axis 2"}
         until_s = math.inf if fault.seconds is None else end_s + fault.seconds

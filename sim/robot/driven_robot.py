@@ -92,7 +92,7 @@ class DrivenRobot:
         """Reflector as it was seen the last time, after the state that it was seen in."""
 
     def passable_part(self, encoders: Array) -> float:
-        """Part of the straight joint path to there, 0 to 1, that the mechanism follows freely."""
+        """Return the part of the straight joint path, 0 to 1, that the mechanism follows freely."""
         try:
             self._ahead = self._followed(self.standing.assembly, encoders)
         except AssemblyLost as lost:
@@ -120,7 +120,7 @@ class DrivenRobot:
         self._ahead = assembly
 
     def reflector(self, encoders: Array) -> SeenReflector:
-        """Reflector at rest, or at these encoders on the way to somewhere.
+        """Return the reflector at rest, or at these encoders on the way to somewhere.
 
         A tracker looks many times at a robot that stands: the last view is kept.
         """
@@ -147,7 +147,7 @@ class DrivenRobot:
         return self._moved(start, joints + self._play(encoders))
 
     def _moved(self, start: Assembly, joints: Array) -> Assembly:
-        """Assembly with these joints beyond the gears, which then yield under the weight."""
+        """Return the assembly with these joints beyond the gears, which yield under the weight."""
         there, load = follow(self._rods, start, joints, self._growth()), self._behaviour.load
         if math.isinf(load.stiffness):
             return there
@@ -155,7 +155,7 @@ class DrivenRobot:
         return restore(self._rods, given, there.plate, self._growth())
 
     def _play(self, encoders: Array) -> Array:
-        """The gears' lost motion: the arm stays behind until the tooth touches the other flank."""
+        """Return the lost motion: the arm stays behind until the tooth touches the other flank."""
         standing, half = self.standing, 0.5 * self._behaviour.backlash
         left_behind = standing.play - (encoders - standing.encoders)
         return np.clip(left_behind, -half, half)

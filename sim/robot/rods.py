@@ -14,7 +14,7 @@ from sim.geometry import UP, Array, Geometry, Kind
 
 
 def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
-    """The rotation about one axis and its derivative."""
+    """Return the rotation about one axis and its derivative."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     both = np.zeros((2, 3, 3))
@@ -28,12 +28,12 @@ def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
 
 
 def rotation(about_x: float, about_y: float, about_z: float) -> Array:
-    """(3, 3): turned about x, then y, then z of the fixed frame, rad."""
+    """Return (3, 3): turned about x, then y, then z of the fixed frame, rad."""
     return np.asarray(_about(2, about_z)[0] @ _about(1, about_y)[0] @ _about(0, about_x)[0])
 
 
 def rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[Array, Array]:
-    """Rotation (3, 3), and its derivatives (3, 3, 3) by the three angles."""
+    """Return the rotation (3, 3) and its derivatives (3, 3, 3) by the three angles."""
     (x, dx), (y, dy), (z, dz) = _about(0, about_x), _about(1, about_y), _about(2, about_z)
     zy, rates = z @ y, np.empty((3, 3, 3))
     for rate, one, other in zip(rates, (zy, z @ dy, dz @ y), (dx, x, x), strict=True):
@@ -91,7 +91,7 @@ class Plate:
 
     @classmethod
     def level(cls, kind: Kind, position_mm: Array, theta_rad: float) -> Self:
-        """Platform that is not tilted."""
+        """Return a platform that is not tilted."""
         return cls(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad])[: kind.unknowns])
 
     @property
@@ -132,7 +132,7 @@ class RodMechanism:
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
 
     def elbows_mm(self, joints: Array, growth: Growth = COLD) -> Array:
-        """(2n, 3): the rods' upper ends in the base frame."""
+        """Return (2n, 3): the rods' upper ends in the base frame."""
         places = (joints + self._truth.joint_offsets)[:, None]
         motors_mm = (1.0 + growth.frame) * self._motors_mm
         if self.kind.on_rails:
@@ -145,7 +145,7 @@ class RodMechanism:
     def misfit(
         self, elbows_mm: Array, unknowns: Array, growth: Growth = COLD
     ) -> tuple[Array, Array]:
-        """Excess of the gaps over the rods' lengths, (2n,) mm, and its derivative (2n, u)."""
+        """Return the gaps less the rods' lengths, (2n,) mm, and the derivative (2n, u)."""
         turn, rates = rotation_and_rates(*unknowns[3:6])
         apart_mm, apart_rate_mm = self._truth.plate_joints_apart(float(unknowns[6:].sum()))
         on_plate_mm = self._anchors_mm + np.repeat(apart_mm, 2, axis=0)
@@ -161,7 +161,7 @@ class RodMechanism:
         return lengths_mm - (1.0 + growth.forearms) * self._rods_mm, jacobian
 
     def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
-        """(3,): a reflector at an offset from the controlled point, on the part that is there.
+        """Return the place (3,) of a reflector at an offset from the controlled point, on its part.
 
         A part that turns takes the offset with it: only along its axis does an offset stay.
         """
@@ -175,7 +175,7 @@ class RodMechanism:
     def settle(
         self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
     ) -> tuple[Plate, Array, Array]:
-        """The plate near a guess, with the rods' misfits (2n,) mm and their derivative (2n, u).
+        """Solve the plate near a guess; also return the rods' misfits (2n,) mm, derivative (2n, u).
 
         Gauss–Newton until the last step was below `settled_mm`; raises `AssemblyLost` when that
         never comes.
@@ -200,13 +200,13 @@ class RodMechanism:
 
 
 def turned(vectors: Array, axes: Array, angles_rad: Array) -> Array:
-    """Vectors (n, 3), each turned about its unit axis by its angle (Rodrigues)."""
+    """Turn vectors (n, 3), each about its unit axis by its angle (Rodrigues)."""
     cosine, sine = np.cos(angles_rad)[:, None], np.sin(angles_rad)[:, None]
     along = np.einsum("ij,ij->i", axes, vectors)[:, None] * axes
     return np.asarray(along + cosine * (vectors - along) + sine * np.cross(axes, vectors))
 
 
 def _pairs(centres_mm: Array, half_bars_mm: Array) -> Array:
-    """(2n, 3): both ends of each bar, arm by arm."""
+    """Return (2n, 3): both ends of each bar, arm by arm."""
     ends = np.stack([centres_mm - half_bars_mm, centres_mm + half_bars_mm], axis=1)
     return np.reshape(ends, (-1, 3))

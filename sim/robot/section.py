@@ -31,7 +31,7 @@ FlatDeltas = dict[str, float]
 
 
 def changed(flat: Mapping[str, float], deltas: Mapping[str, float]) -> dict[str, float]:
-    """The parameters with these differences; raises `ValueError` for one of no parameter."""
+    """Add differences to parameters; raises `ValueError` for one of no parameter."""
     for name in deltas:
         if name not in flat:
             raise ValueError(f"{name} is no parameter; {nearest(name, flat)}")
@@ -46,7 +46,7 @@ class GeometrySection(Section):
     pinion_mm: Positive | None = None
 
     def flat(self, kind: Kind) -> dict[str, float]:
-        """Values by their flat names, mm and deg; raises `ValueError` for what is no such robot."""
+        """Return the values by flat name, mm and deg; raises `ValueError` for no such robot."""
         arms = enumerate(self.arms)
         flat = {f"arm{arm}.{field}": value for arm, row in arms for field, value in row.items()}
         whole = {"plate_mm": self.plate_mm, "pinion_mm": self.pinion_mm}
@@ -86,7 +86,7 @@ class Warmth(Section):
     time_constant_s: Positive = 1800.0
 
     def warmer_by(self, worked_s: float) -> float:
-        """Temperature above that of the start, °C."""
+        """Return the temperature above that of the start, °C."""
         return self.rise_degC * -math.expm1(-worked_s / self.time_constant_s)
 
 
@@ -110,7 +110,7 @@ class Thermal(Section):
         return {"arms": arms, "forearms": self.forearms, "frame": self.frame}
 
     def growth(self, worked_s: float) -> Growth:
-        """Relative growth by now."""
+        """Return the relative growth by now."""
         parts = self.parts.items()
         return Growth(
             **{name: PPM * part.ppm_per_degC * part.warmer_by(worked_s) for name, part in parts}
@@ -232,13 +232,13 @@ class RobotSection(Section):
         return KINDS[self.mechanism]
 
     def nominal_flat(self) -> dict[str, float]:
-        """The robot as it was meant to be."""
+        """Return the robot as it was meant to be."""
         if self.geometry is not None:
             return self.geometry.flat(self.kind)
         return dict(NOMINAL_ROBOTS[str(self.nominal)])
 
     def true_flat(self) -> dict[str, float]:
-        """The robot with its errors, before tolerances are drawn."""
+        """Return the robot with its errors, before tolerances are drawn."""
         return changed(self.nominal_flat(), self.errors)
 
 
@@ -271,16 +271,16 @@ class ControllerSection(Section):
     start: StartSection = StartSection()
 
     def limits(self, kind: Kind) -> tuple[float, float]:
-        """Least and largest value of every joint, rad or mm."""
+        """Return the least and largest value of every joint, rad or mm."""
         lowest, highest = getattr(self, f"joint_limits_{kind.unit}")
         return kind.inner(lowest), kind.inner(highest)
 
     def speed_per_s(self, kind: Kind) -> float:
-        """Speed of a joint, rad/s or mm/s."""
+        """Return the speed of a joint, rad/s or mm/s."""
         return kind.inner(getattr(self, f"joint_speed_{kind.unit}_per_s"))
 
     def encoder_step(self, kind: Kind) -> float:
-        """Resolution of an encoder, rad or mm."""
+        """Return the resolution of an encoder, rad or mm."""
         return kind.inner(getattr(self, f"encoder_step_{kind.unit}"))
 
     @model_validator(mode="after")

@@ -40,7 +40,7 @@ def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
 def tilted_joints_for(
     flat: Mapping[str, float], kind: Kind, sizes: KnownPlate, position_mm: Array, turn_rad: float
 ) -> Array:
-    """Encoder values (n,), rad or mm, that put the reflector where a level plate would have it.
+    """Find encoder values (n,), rad or mm, that put the reflector where a level plate has it.
 
     Raises `OutOfReach`.
     """
@@ -69,7 +69,7 @@ def tilted_joints_for(
 
 
 def _rise_mm(flat: Mapping[str, float], position_mm: Array) -> float:
-    """By how much a bending frame lifts the plate: over 400 mm sideways and 200 mm of height."""
+    """Return the plate's rise by a bending frame, over 400 mm sideways and 200 mm of height."""
     x, y, z = position_mm[0] / 400.0, position_mm[1] / 400.0, position_mm[2] / 200.0
     parts = zip(SAG, (x, y, x * x + y * y, z), strict=True)
     return float(sum(flat.get(name, 0.0) * by for name, by in parts))
@@ -109,7 +109,7 @@ def _mechanism(
 
 
 def _on_tilted_rails(geometry: Geometry, tilts_rad: Array) -> Geometry:
-    """The same rails, out of the vertical plane of their azimuth."""
+    """Turn rails out of the vertical plane of their azimuth."""
     azimuths = geometry.azimuths_rad
     aside = np.column_stack([-np.sin(azimuths), np.cos(azimuths), np.zeros_like(azimuths)])
     tilted = np.cos(tilts_rad)[:, None] * geometry.rails + np.sin(tilts_rad)[:, None] * aside
@@ -117,7 +117,7 @@ def _on_tilted_rails(geometry: Geometry, tilts_rad: Array) -> Geometry:
 
 
 def _along(geometry: Geometry, rails: Array) -> Geometry:
-    """Geometry with rails of these directions, (n, 3)."""
+    """Return the geometry with rails of these directions, (n, 3)."""
     level = np.hypot(rails[:, 0], rails[:, 1])
     return replace(
         geometry,

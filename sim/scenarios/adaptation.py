@@ -42,7 +42,7 @@ class OtherRobot:
 
 
 def adapted(text: str, robot: OtherRobot) -> str:
-    """Cell file for that robot; unchanged where it is of the same one. Raises `ScenarioInvalid`."""
+    """Adapt a cell file to a robot, unless it is of that robot; raises `ScenarioInvalid`."""
     if robot.mechanism not in KINDS:
         raise ScenarioInvalid(
             f"no simulated cell has a robot of the kind {robot.mechanism}",
@@ -63,7 +63,7 @@ def adapted(text: str, robot: OtherRobot) -> str:
 
 
 def computing_all(text: str) -> str:
-    """Cell file whose controller computes plate tilt and transmission; raises `ScenarioInvalid`."""
+    """Let a cell file's controller compute plate tilt and gears; raises `ScenarioInvalid`."""
 
     def tell(tree: CommentedMap) -> None:
         controller = tree.setdefault("controller", CommentedMap())
@@ -78,7 +78,7 @@ def _checked(text: str, name: str) -> str:
 
 
 def _fit_robot(section: CommentedMap, robot: OtherRobot, before: Kind) -> None:
-    """Another geometry, and errors as large as those of the one before."""
+    """Set another geometry, and errors as large as those of the one before."""
     section.pop("nominal", None)
     if before is not robot.kind:
         _spread_errors(section, before)
@@ -114,7 +114,7 @@ def _row(values: list[float]) -> CommentedSeq:
 
 
 def _spread_errors(section: CommentedMap, kind: Kind) -> None:
-    """Tolerances of the size (rms) of the errors that are named."""
+    """Return the tolerances of the size (rms) of the errors that are named."""
     errors = section.pop("errors", None)
     if not errors:
         return
@@ -133,7 +133,7 @@ def _tolerance_of(field: Field) -> str:
 
 
 def _fit_arms(section: CommentedMap, kind: Kind) -> None:
-    """What is told of each joint, for as many joints and in their unit."""
+    """Convert the entries of each joint to as many joints, in their unit."""
     told = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
     if backlash := told["backlash_arcmin"]:
         size = sum(backlash) / len(backlash)
@@ -148,7 +148,7 @@ def _fit_arms(section: CommentedMap, kind: Kind) -> None:
 
 
 def _fit_drives(section: CommentedMap) -> None:
-    """Screws and drives of carriages in the place of motors and gears; rings of encoders go."""
+    """Replace motors and gears by screws and drives of carriages; rings of encoders go."""
     told, weight = section.get("transmission", {}), section.get("weight", {})
     for key in ("eccentricity_um", "ring_mm"):
         told.pop(key, None)
@@ -161,7 +161,7 @@ def _fit_drives(section: CommentedMap) -> None:
 
 
 def _fit_controller(tree: CommentedMap, robot: OtherRobot) -> None:
-    """Limits and start of the robot."""
+    """Set limits and start of the robot."""
     controller = tree.setdefault("controller", CommentedMap())
     controller.pop("geometry_errors", None)
     controller[f"joint_limits_{robot.kind.unit}"] = _row(list(robot.joint_limits))

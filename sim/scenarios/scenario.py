@@ -33,25 +33,25 @@ REMOVED = {
 
 
 def shipped_scenarios() -> tuple[str, ...]:
-    """The names of the scenarios that come with pkmcal."""
+    """Return the names of the scenarios that come with pkmcal."""
     names = (file.name for file in files(__package__).iterdir())
     return tuple(sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)))
 
 
 def shipped_text(name: str) -> str:
-    """The cell file of a shipped scenario."""
+    """Return the cell file of a shipped scenario."""
     return (files(__package__) / f"{name}{SUFFIX}").read_text(encoding="utf-8")
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """A shipped scenario by its name, or one in a file; raises `ScenarioInvalid`."""
+    """Load a shipped scenario by its name, or one in a file; raises `ScenarioInvalid`."""
     shipped = name_or_path in shipped_scenarios()
     name = f"{name_or_path}{SUFFIX}" if shipped else str(Path(name_or_path))
     return parse_scenario(_source(name_or_path), name)
 
 
 def parse_scenario(text: str, name: str) -> Scenario:
-    """A scenario from its YAML; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
+    """Parse a scenario; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
     try:
         return _scenario_of(text)
     except ScenarioInvalid:
@@ -87,7 +87,7 @@ def _parsed(text: str, name: str) -> Scenario:
 
 
 def _explained(error: ValidationError, name: str) -> ScenarioInvalid:
-    """The first thing wrong, with its place."""
+    """Word the first thing wrong, with its place."""
     details = error.errors()
     first = details[0]
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
@@ -110,7 +110,7 @@ def _reason(detail: ErrorDetails) -> tuple[str, str]:
 
 
 def _keys_at(path: list[int | str]) -> list[str]:
-    """The keys that the schema knows at a place in the file."""
+    """Return the keys that the schema knows at a place in the file."""
     model: type[BaseModel] = Scenario
     for step in path:
         if isinstance(step, str):
@@ -119,7 +119,7 @@ def _keys_at(path: list[int | str]) -> list[str]:
 
 
 def _section(annotation: object) -> type[BaseModel] | None:
-    """The section inside an annotation such as `Section | None` or `tuple[Section, ...]`."""
+    """Return the section in an annotation such as `Section | None` or `tuple[Section, ...]`."""
     for part in (annotation, *get_args(annotation)):
         if isinstance(part, type) and get_origin(part) is None and issubclass(part, BaseModel):
             return part
@@ -127,7 +127,7 @@ def _section(annotation: object) -> type[BaseModel] | None:
 
 
 def scenario_text(name_or_path: str, seed: int | None = None) -> str:
-    """The YAML of a scenario, comments and all, with another seed if one is given.
+    """Return a scenario's YAML, comments and all, with another seed if one is given.
 
     Raises `ScenarioInvalid`.
     """
@@ -139,7 +139,7 @@ def scenario_text(name_or_path: str, seed: int | None = None) -> str:
 
 
 def edited(text: str, edit: Callable[[CommentedMap], None], width: int = 1000) -> str:
-    """A cell file with something changed, its comments kept; long lines are folded at a width."""
+    """Edit a cell file, its comments kept; long lines are folded at a width."""
     yaml = YAML()
     yaml.width = width
     tree = yaml.load(text)

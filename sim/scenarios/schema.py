@@ -37,7 +37,7 @@ class FaultSection(Section):
         return next(key for key in self.KINDS if getattr(self, key) is not None)
 
     def fault(self) -> script.Fault:
-        """The same with the occurrence that it counts."""
+        """Return the fault with the occurrence that it counts."""
         counts = {"at_measurement": script.Counted.MEASUREMENT, "at_move": script.Counted.MOVE}
         counts |= {"at_result": script.Counted.RESULT}
         key = self.counter
@@ -82,7 +82,7 @@ class Scenario(Section):
     acceptance: AcceptanceSection = AcceptanceSection()
 
     def controller_flat(self) -> dict[str, float]:
-        """The geometry that the controller is delivered with."""
+        """Return the geometry that the controller is delivered with."""
         return changed(self.robot.nominal_flat(), self.controller.geometry_errors)
 
     @model_validator(mode="after")

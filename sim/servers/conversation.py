@@ -17,18 +17,18 @@ class ServedSession(ABC):
 
     @abstractmethod
     def received(self, data: bytes, now_s: float) -> None:
-        """Bytes from the client; may raise `WireError` to hang up."""
+        """Take bytes from the client; raises `WireError` to hang up."""
 
     def advance(self, now_s: float) -> None:  # noqa: B027 - not every protocol says things unasked
         """Say what is due by now."""
 
     def next_due_s(self) -> float | None:
-        """Time of the next call of `advance`; None when nothing is pending."""
+        """Return the time of the next call of `advance`; None when nothing is pending."""
         return None
 
     @abstractmethod
     def closed(self, now_s: float) -> None:
-        """The client has gone."""
+        """End what the client had begun: it has gone."""
 
 
 SessionFactory = Callable[[Callable[[bytes], None], int], ServedSession]
@@ -100,7 +100,7 @@ class Conversation:
         self._going.clear()
 
     def next_due_s(self) -> float | None:
-        """Time of the next call of `turn`; None when only the client can change anything."""
+        """Return the time of the next call of `turn`; None when all depends on the client."""
         session_s = self._session.next_due_s()
         if not self._items:
             return session_s
@@ -126,7 +126,7 @@ class Conversation:
 
 
 def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
-    """Rest of a message that a fault has hit."""
+    """Return what is left of a message that a fault has hit."""
     if fault.kind == "late":
         return [(now_s + (LATE_S if fault.seconds is None else fault.seconds), message)]
     if fault.kind == "garbage":  # its last byte stays, so that a line still ends

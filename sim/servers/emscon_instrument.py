@@ -110,7 +110,7 @@ class EmsconInstrument:
         return self._set(request.command, request.body)
 
     def result_of(self, shot: Measurement) -> said.SingleResult | said.SingleResult2:
-        """Result of a shot, with covariances if they are wanted; the beam points at the centre.
+        """Return a shot's result, with covariances if they are wanted; the beam is centred.
 
         The covariance that it was drawn by stands for the observed and for the a-priori one.
         """
@@ -141,7 +141,7 @@ class EmsconInstrument:
         return EmsconOutcome(change=SystemChange[name])
 
     def _obstacle(self, command: Command, wanted: said.Body) -> int:
-        """Status that refuses a setting, 0 when none does; the head takes what is its own."""
+        """Return the status that refuses a setting, or 0; the head takes what is its own."""
         match wanted:
             case said.Code(identifier) if command == Command.SET_REFLECTOR:
                 return _wrong(self._tracker.select_reflector(identifier))
@@ -180,7 +180,7 @@ class EmsconInstrument:
         return said.MeasurementStatusInfo(ResultStatus.ALL_OK, bits)
 
     def _tracker_info(self, _now_s: float) -> said.TrackerInfo:
-        """Name and serial number; a sensor type and ranges it has none."""
+        """Return name and serial number; it has no sensor type and no ranges."""
         return said.TrackerInfo(
             sensor_type=0,
             name=self._tracker.name[:LONGEST_NAME],
@@ -219,7 +219,7 @@ class EmsconInstrument:
 
 
 def _flaw(wanted: said.Body) -> int:
-    """Status that refuses a setting whatever the state of the instrument, 0 when none does."""
+    """Return the status that refuses a setting in any state of the instrument, or 0."""
     match wanted:
         case said.Units():
             return _wrong(*are_known(wanted))

@@ -91,7 +91,7 @@ class EmsconSession(ServedSession):
 
     @override
     def next_due_s(self) -> float | None:
-        """Time of the next thing that happens by itself."""
+        """Return the time of the next thing that happens by itself."""
         if self._is_second:
             return None
         times = [
@@ -127,7 +127,7 @@ class EmsconSession(ServedSession):
             self._act(replace(request, body=body), now_s)
 
     def _obstacle(self, request: emscon.FromClient, now_s: float) -> ResultStatus:
-        """Status that says why a command cannot even be looked at."""
+        """Return the status that says why a command cannot even be looked at."""
         if self._is_second:
             return ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
         if isinstance(request, emscon.UnknownRequest):

@@ -67,7 +67,7 @@ class PointlineSession(ServedSession):
 
     @override
     def next_due_s(self) -> float | None:
-        """Time of the next thing that happens by itself."""
+        """Return the time of the next thing that happens by itself."""
         due_s = None if self._under_way is None else self._under_way[1][0]
         times = (self._tracker.next_event_s(), due_s)
         return min((time_s for time_s in times if time_s is not None), default=None)

@@ -14,7 +14,7 @@ from sim.servers.conversation import ServedSession
 
 
 def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
-    """Joints, coordinates and parameters of a mechanism, as the wire has them."""
+    """Return the joints, coordinates and parameters of a mechanism, as the wire has them."""
     joints = [Coordinate(f"q{arm}", not kind.on_rails) for arm in range(kind.arms)]
     task = [Coordinate(name, is_angle=False) for name in "xyz"]
     if kind.turn is not None:

@@ -38,7 +38,7 @@ class SerialEnd:
         self.send = partial(os.write, device_end)
 
     def fileno(self) -> int:
-        """File descriptor for the selector."""
+        """Return the file descriptor for the selector."""
         return self._ends[0]
 
     def close(self) -> None:
@@ -68,13 +68,13 @@ class Peer:
         self._flush()
 
     def interest(self) -> int:
-        """Events that the selector should watch for."""
+        """Return the events that the selector should watch for."""
         if self._is_paused():
             return selectors.EVENT_WRITE
         return selectors.EVENT_READ | (selectors.EVENT_WRITE if self.conversation.going() else 0)
 
     def hang_up(self) -> None:
-        """Part with the client; what has been said so far still goes out if it can."""
+        """Close the connection; what has been said so far still goes out if it can."""
         if not self.conversation.is_over:
             self.conversation.hang_up()
             self._flush()
@@ -210,7 +210,7 @@ class CellServer:
             self._watch(peer)
 
     def _patience_s(self) -> float | None:
-        """Real seconds until something is due; None when only a client can change anything."""
+        """Return the real seconds until something is due; None when all depends on clients."""
         dues_s = [t for p in self._peers if (t := p.conversation.next_due_s()) is not None]
         if not dues_s:
             return None
@@ -240,7 +240,7 @@ class CellServer:
         self._selector.register(channel, selectors.EVENT_READ, (False, peer.ready))
 
     def _open_count(self, device_name: DeviceName) -> int:
-        """Number of clients that a device has and that have not just left."""
+        """Return the number of clients that a device has and that have not just left."""
         return sum(
             n == device_name and not peer.conversation.is_over for peer, n in self._peers.items()
         )

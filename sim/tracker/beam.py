@@ -22,7 +22,7 @@ class Scene:
         self._robot = robot
 
     def robot_reflector(self, now_s: float) -> SeenReflector:
-        """The reflector on the plate, in the base frame."""
+        """Return the reflector on the plate, in the base frame."""
         return self._robot.reflector(self._controller.encoders(now_s))
 
     def robot_is_still(self, now_s: float) -> bool:
@@ -30,7 +30,7 @@ class Scene:
         return not self._controller.is_moving(now_s)
 
     def robot_target(self) -> tuple[int, ...]:
-        """Key of the place where the robot rests."""
+        """Return the key of the place where the robot rests."""
         return target_key(self._robot.standing.encoders.tolist())
 
 
@@ -50,7 +50,7 @@ class Aim:
     any_distance: bool
 
     def miss_mm(self, candidate_in_tracker_mm: Array) -> float:
-        """Distance of a candidate from the middle of the search."""
+        """Return the distance of a candidate from the middle of the search."""
         point_mm = np.array(self.point_in_tracker_mm)
         if not self.any_distance:
             return float(np.linalg.norm(candidate_in_tracker_mm - point_mm))
@@ -90,7 +90,7 @@ class Beam:
         self._cut_is_new = True
 
     def next_cut_s(self) -> float | None:
-        """Time of the beam's next cut, if that is still to come."""
+        """Return the time of the beam's next cut, if that is still to come."""
         return self._cut_from_s if self._cut_is_new else None
 
     def confuse(self) -> None:
@@ -115,13 +115,13 @@ class Beam:
         return True
 
     def point_in_tracker_mm(self, now_s: float) -> Array:
-        """(3,): the centre of the reflector it is on, or where it points."""
+        """Return (3,): the centre of the reflector it is on, or where it points."""
         if self.locked_on is not None:
             self._pointing_mm = self._place_mm(self.locked_on, now_s)
         return self._pointing_mm
 
     def candidate(self, aim: Aim, now_s: float) -> str | None:
-        """The reflector that a search finds: the nearest that can be seen."""
+        """Return the reflector that a search finds: the nearest that can be seen."""
         if self._is_cut(now_s):
             return None
         misses = {
@@ -140,7 +140,7 @@ class Beam:
         return self.locked_on is not None
 
     def _place_mm(self, target: str, now_s: float) -> Array:
-        """(3,): a reflector's centre in the tracker's frame."""
+        """Return (3,): a reflector's centre in the tracker's frame."""
         standing_mm = self._standing_in_base_mm.get(target)
         if standing_mm is not None:
             return self._station().to_tracker_mm(standing_mm)
@@ -150,7 +150,7 @@ class Beam:
         return self._cut_from_s <= now_s < self._cut_until_s
 
     def _is_visible(self, target: str, now_s: float) -> bool:
-        """What stands faces the tracker; the robot's reflector must not be turned too far away.
+        """Return whether a target faces the tracker, as all but the robot's reflector do.
 
         While the robot moves, the beam is taken to follow.
         """

@@ -103,24 +103,24 @@ class SimulatedTracker:
         return self._action is not None
 
     def weather(self, now_s: float) -> tuple[float, float, float]:  # noqa: ARG002 - all calls tell it
-        """Temperature °C, pressure hPa, humidity %, as its own station reads them."""
+        """Return the temperature °C, pressure hPa, humidity %, as its own station reads them."""
         air = self._section.air
         warmer = air.drift_degC_per_h * self._worked.seconds / S_PER_H
         return air.temperature_degC + warmer, air.pressure_hPa, air.humidity_percent
 
     def direction(self, now_s: float) -> tuple[float, float]:
-        """Direction of the head: horizontal angle and zenith angle, rad."""
+        """Return the direction of the head: horizontal angle and zenith angle, rad."""
         self.advance(now_s)
         return direction_of(self.beam.point_in_tracker_mm(now_s))
 
     def live_point(self, now_s: float) -> Vector3 | None:
-        """The followed reflector's centre in the tracker's frame, mm; nothing without a lock."""
+        """Return the followed reflector's centre in the tracker's frame, mm; None if not locked."""
         if not self.beam_locked(now_s):
             return None
         return vector(self.beam.point_in_tracker_mm(now_s))
 
     def events(self) -> list[str]:
-        """Events since this was last asked, up to the last call.
+        """Return the events since this was last asked, up to the last call.
 
         "initialised", "warmed_up", "beam_lost", "beam_found".
         """
@@ -129,7 +129,7 @@ class SimulatedTracker:
         return taken
 
     def next_event_s(self) -> float | None:
-        """Time of the next event that comes by itself, if any; `advance` then makes it happen."""
+        """Return the time of the next event, if one comes by itself; `advance` makes it happen."""
         warm_s = None if self.is_warm else self._section.warm_up_s
         end_s = None if self._action is None else self._action[0]
         times = [t for t in (warm_s, end_s, self.beam.next_cut_s()) if t is not None]
@@ -184,7 +184,7 @@ class SimulatedTracker:
         return now_s + measuring_time_s
 
     def finish_measurement(self, now_s: float) -> Measurement | None:
-        """The shot, or nothing when the beam was lost meanwhile."""
+        """Return the shot, or nothing when the beam was lost meanwhile."""
         locked, measured_s = self.beam_locked(now_s), self._measuring_s
         self._measuring_s = None
         if not locked or measured_s is None:

@@ -25,7 +25,7 @@ class TrackerPose:
     """(3, 3) rotation."""
 
     def to_tracker_mm(self, point_in_base_mm: Array) -> Array:
-        """(3,): the same point in the tracker's frame."""
+        """Return (3,): the same point in the tracker's frame."""
         return self.base_from_tracker.T @ (point_in_base_mm - self.origin_in_base_mm)
 
 
@@ -36,7 +36,7 @@ class Limit(Section):
     per_metre_um: NotNegative
 
     def sigma_mm(self, distance_mm: float) -> float:
-        """The standard uncertainty at that distance."""
+        """Return the standard uncertainty at that distance."""
         limit_um = self.constant_um + self.per_metre_um * distance_mm / MM_PER_M
         return limit_um / UM_PER_MM / MPE_PER_SIGMA
 
@@ -61,7 +61,7 @@ class Noise(Section):
         return self
 
     def spread_mm(self, point_in_tracker_mm: Array) -> Array:
-        """(3, 3): a square root S of a shot's covariance, S Sᵀ, in the tracker's frame, mm."""
+        """Return a square root S (3, 3) of a shot's covariance S Sᵀ in the tracker's frame, mm."""
         if self.along is None or self.azimuth is None or self.elevation is None:
             return (self.coordinate_mm or 0.0) * np.eye(3)
         distance_mm = float(np.linalg.norm(point_in_tracker_mm))
@@ -89,7 +89,7 @@ class Noise(Section):
 
 
 def misread_mm(points_in_tracker_mm: Array, constant_mm: float, transit_rad: float) -> Array:
-    """Points (N, 3) as a tracker reads them whose reflector constant and transit axis are off.
+    """Return points (N, 3) as read with a reflector constant and transit axis that are off.
 
     Ranges are too long by the constant; the transit axis leans from the horizontal, so that a beam
     at an elevation ε passes over its azimuth by the leaning times tan ε.
@@ -106,7 +106,7 @@ def misread_mm(points_in_tracker_mm: Array, constant_mm: float, transit_rad: flo
 
 
 def _beam_axes(point_in_tracker_mm: Array) -> Array:
-    """(3, 3), columns: along the beam, across it horizontally, across it upward."""
+    """Return (3, 3), columns: along the beam, across it horizontally, across it upward."""
     along = point_in_tracker_mm / np.linalg.norm(point_in_tracker_mm)
     level = np.cross(UP, along)
     horizontal = float(np.linalg.norm(level))
@@ -115,13 +115,13 @@ def _beam_axes(point_in_tracker_mm: Array) -> Array:
 
 
 def angle_between_rad(first: Array, second: Array) -> float:
-    """The angle between two directions, exact for small ones too."""
+    """Return the angle between two directions, exact for small ones too."""
     (ux, uy, uz), (vx, vy, vz) = first.tolist(), second.tolist()
     across = math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
     return math.atan2(across, ux * vx + uy * vy + uz * vz)
 
 
 def direction_of(point_in_tracker_mm: Array) -> tuple[float, float]:
-    """Horizontal angle and zenith angle, rad (zenith 0 is straight up)."""
+    """Return the horizontal angle and zenith angle, rad (zenith 0 is straight up)."""
     x, y, z = map(float, point_in_tracker_mm)
     return math.atan2(y, x), math.atan2(math.hypot(x, y), z)

@@ -26,7 +26,7 @@ class StationSection(Section):
     yaw_deg_per_h: float = 0.0
 
     def pose(self, worked_s: float = 0.0) -> TrackerPose:
-        """The same as a point and a rotation, after so much work."""
+        """Return the pose as a point and a rotation, after so much work."""
         hours = worked_s / S_PER_H
         yaw_deg = self.yaw_deg + hours * self.yaw_deg_per_h
         turns_rad = np.radians([self.roll_deg, self.pitch_deg, yaw_deg])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim.geometry import KINDS, PAR4
-from sim.robot.known_transmission import readings_for
-from sim.robot.transmission import Transmission
+from sim.robot.transmission import Transmission, readings_for
 
 JOINTS = np.radians([10.0, -20.0, 35.0, 60.0])
 BACKLASH_DEG = 0.1
