@@ -3,8 +3,7 @@
 from app.console import Terminal
 from app.measuring import ValidationJob, measure, run_plan
 from app.plan_text import plan_line
-from app.report.identification_text import show
-from app.report.validation_text import show_gain
+from app.report.terminal_text import show_gain, show_identification
 from app.wiring import connected_robot, scenario_of
 from campaigns.campaign import Campaign
 from campaigns.campaign_state import state_of
@@ -40,7 +39,7 @@ def rehearse(
     heading(terminal, 4, "identify")
     found = identify(campaign, options)
     document["identification"] = found.document()
-    show(terminal, found, campaign.robot.mechanism.parameters)
+    show_identification(terminal, found, campaign.robot.mechanism.parameters)
     if found.verdict != "pass":
         return document, found.reasons
     heading(terminal, 5, "export")

@@ -476,20 +476,14 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     found, nominal = evidence.identification, evidence.campaign.robot.kinematics
     shots = evidence.run.shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     if found is None:
-        solution, model, after = nominal.forward(shots.joints), nominal, None
+        solution, after = nominal.forward(shots.joints), None
         rows = np.flatnonzero(solution.found)
         shots, before = shots.rows(rows), solution.values[rows]
     else:
         model = Kinematics.of(nominal.mechanism, found.flat())
         shots, before, after = _as_identified(shots, found) or _by_parameters(shots, found, model)
-    assembly = model.mechanism.assemble(model.p, shots.joints, before if after is None else after)
-    tilt_rad = assembly.unknowns[:, assembly.poses.shape[1] :]
     return model_errors.ModelledShots(
-        shots=shots,
-        before=before,
-        after=after,
-        plate_tilt_rad=tilt_rad if tilt_rad.size else np.zeros((len(shots), 3)),
-        sessions=found is not None and bool(found.sessions),
+        shots=shots, before=before, after=after, sessions=found is not None and bool(found.sessions)
     )
 
 

@@ -20,6 +20,7 @@ INSTEAD: Mapping[str, str] = {
     "plan --inaccurate": "leave it out; `run` skips poses that the robot cannot take",
     "plan --after-identify": "leave it out: plans are made by the nominal robot",
     "plan --scatter": "leave it out: the scatter of the shots measured is estimated",
+    "identify --plot": "the report draws the errors that the fit leaves",
     "history --plot": "draw the table that `history --csv FILE` writes",
     "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",

@@ -7,8 +7,8 @@ import typer
 from app.console import terminal_of
 from app.exits import Exit
 from app.next import tell_next
-from app.options import Folder, Json, Plot
-from app.report.identification_text import show
+from app.options import Folder, Json
+from app.report.terminal_text import show_identification
 from campaigns.campaign import open_campaign
 from campaigns.identification.options import IdentificationOptions
 from campaigns.workflow.checking import update_by_check
@@ -24,7 +24,6 @@ def command(
         bool,
         typer.Option("--update", help="Update the last result by the shots of the latest check."),
     ] = False,
-    plot: Plot = None,
     json: Json = False,
 ) -> None:
     """Find the parameters that explain the measured shots.
@@ -40,12 +39,7 @@ def command(
     with terminal.telling("identifying"):
         found = update_by_check(campaign) if update else identify(campaign, options)
     terminal.detail(f"model {found.model}, {found.seconds:.2f} s")
-    show(terminal, found, campaign.robot.mechanism.parameters)
-    if plot is not None:
-        from app.report.plots import plot_residuals  # with matplotlib
-
-        plot_residuals(plot, found)
-        terminal.say(f"drawn: {plot}")
+    show_identification(terminal, found, campaign.robot.mechanism.parameters)
     told = tell_next(terminal, campaign)
     if json:
         terminal.document(found.document() | told)

@@ -11,7 +11,7 @@ from app.console import Terminal, terminal_of
 from app.exits import Exit
 from app.next import tell_next
 from app.options import Folder, Json, folder_and_file
-from app.report.validation_text import show_validation
+from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.controller_frame import check_frame, parse_displayed

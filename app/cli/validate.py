@@ -6,7 +6,7 @@ from app.console import WARNING, terminal_of
 from app.measuring import ValidationJob, measure
 from app.next import tell_next
 from app.options import Anew, Dry, Folder, Json, Plain, Yes
-from app.report.validation_text import show_validation
+from app.report.terminal_text import show_validation
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.evaluation.validation import BY_DEFAULT

@@ -9,12 +9,10 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from campaigns.arrays import Array
 from campaigns.errors import WriteFailed
 
 INK, QUIET, GRID = "#22303c", "#66727d", "#d9dee2"
@@ -25,8 +23,6 @@ PANEL_MM = (88.0, 68.0)
 """Size of a panel: two stand side by side on A4, and one fills the width of a phone."""
 PANEL_AXES = (0.15, 0.15, 0.82, 0.65)
 INCH_MM = 25.4
-AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0
-"""Direction from which a space is seen: x to the right, y away, z up."""
 
 rcParams.update(
     {
@@ -73,59 +69,25 @@ def new_figure(height_mm: float) -> Figure:
 
 def new_panel(title: str, x: str = "", y: str = "") -> Axes:
     """Return the axes of a new panel, with room for a title and a legend above them."""
-    axes = _titled_figure(title).add_axes(PANEL_AXES, xlabel=x, ylabel=y)
-    axes.locator_params(nbins=6)
-    return axes
-
-
-def new_space(title: str, low: Array, high: Array) -> Any:
-    """Return 3-D axes of a new panel that show low to high (3,), mm. Any: mplot3d has no types."""
-    axes = _titled_figure(title).add_axes((0.0, 0.0, 1.0, 0.9), projection="3d")
-    axes.set_facecolor("none")
-    show_space(axes, low, high)
-    return axes
-
-
-def _titled_figure(title: str) -> Figure:
     figure = Figure(figsize=(PANEL_MM[0] / INCH_MM, PANEL_MM[1] / INCH_MM))
     figure.text(0.015, 0.945, title, weight="bold", size=8.0)
-    return figure
+    axes = figure.add_axes(PANEL_AXES, xlabel=x, ylabel=y)
+    axes.locator_params(nbins=6)
+    return axes
 
 
 def legend_above(axes: Axes, columns: int) -> None:
     """Name each label once, in the room above the axes."""
     handles, labels = axes.get_legend_handles_labels()
     by_name = dict(zip(labels, handles, strict=True))
-    axes.legend(
-        by_name.values(),
-        by_name.keys(),
-        loc="lower left",
-        bbox_to_anchor=(-0.1, 1.0),
-        ncols=columns,
-    )
+    place: Any = {"loc": "lower left", "bbox_to_anchor": (-0.1, 1.0), "ncols": columns}
+    axes.legend(by_name.values(), by_name.keys(), **place)
 
 
 def show_nothing(axes: Axes, words: str) -> None:
     """Say in the middle of empty axes why they are empty."""
     axes.set(xticks=[], yticks=[])
     axes.text(0.5, 0.5, words, color=QUIET, ha="center", transform=axes.transAxes)
-
-
-def show_space(axes: Any, low: Array, high: Array) -> None:
-    """Turn 3-D axes to the house's view, from low to high (3,) in mm to one scale."""
-    size = np.maximum(np.subtract(high, low), 1.0)
-    axes.set_proj_type("ortho")
-    axes.view_init(elev=ELEVATION_DEG, azim=AZIMUTH_DEG)
-    limits = np.stack([low, low + size], axis=1)
-    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
-    axes.set_box_aspect(size, zoom=1.05)
-    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis), ("z", axes.zaxis)):
-        axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
-        axis.line.set_color(GRID)
-        axis.set_label_text(name, style="italic", color=QUIET)
-        axis.labelpad = -6.0
-        axis.set_tick_params(labelsize=6.0, pad=-2)
-        axis.get_major_locator().set_params(nbins=4)
 
 
 def svg_text(figure: Figure, name: str, title: str) -> str:

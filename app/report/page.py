@@ -1,5 +1,6 @@
 """Page of the report: sections of plain data, written as one HTML file that needs no network."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -7,11 +8,10 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from app.report import model, record, results
-from app.report.result_tables import key_figure_rows
+from app.report import record, results, tables
 from app.report.section import Section, moment
 from campaigns.campaign_state import state_of
-from campaigns.evaluation.campaign_verdict import RULE
+from campaigns.evaluation.campaign_verdict import RULE, CampaignVerdict
 from campaigns.evidence import Evaluation
 from campaigns.files.table import Row
 from campaigns.next_step import next_step
@@ -19,10 +19,6 @@ from campaigns.version import VERSION
 from drivers.texts import printable
 
 PACKAGE = "app.report"
-LONG_TABLE = 34
-"""A table of more rows may be cut by the end of a printed page."""
-SHORT_CELL = 24
-"""Letters of a cell that is kept on one line: a word, a time, a name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,29 +34,22 @@ class ReportContext:
     """Digest of all records; empty without a journal."""
     records: int
     alarms: tuple[str, ...]
-    answer: str
-    headline: str
-    reasons: tuple[str, ...]
-    key_figures: tuple[Row, ...]
+    """What must not be overlooked."""
+    verdict: CampaignVerdict
+    key_figures: list[Row]
     """Name, before, after, and what the change shows."""
     next_step: str
     rule: str
     generator: str
+    missing: tuple[str, ...]
+    """What is not there, and what would bring it."""
     sections: tuple[Section, ...]
-
-    @property
-    def missing(self) -> dict[str, str]:
-        """What is not there and what would bring it, each with the first section that lacks it."""
-        missing: dict[str, str] = {}
-        for section in self.sections:
-            for text in section.lacks:
-                missing.setdefault(text, section.name)
-        return missing
 
     @property
     def figures(self) -> list[str]:
         """Names of the figures."""
-        return [name for section in self.sections for name in section.figures]
+        blocks = (block for section in self.sections for block in section.blocks)
+        return [block.name for block in blocks if block.form == "figure"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,13 +66,12 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     context = report_context(evaluation, made_utc)
     template = _environment().get_template("page.html.jinja")
     style = Markup(resources.files(PACKAGE).joinpath("page.css").read_text("utf-8"))  # noqa: S704
-    html = template.render(page=context, style=style, LONG=LONG_TABLE, SHORT=SHORT_CELL)
-    return Page(evaluation, context, html)
+    return Page(evaluation, context, template.render(page=context, style=style))
 
 
 def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
     """Return all that stands on the page."""
-    evidence, verdict = evaluation.evidence, evaluation.verdict
+    evidence = evaluation.evidence
     config, journal = evidence.campaign.config, evidence.journal
     step = next_step(state_of(evaluation, reported=True))
     command = f"`{step.text}`" if step else ""
@@ -101,6 +89,18 @@ def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
         ("report made", moment(made_utc)),
         ("software", generator),
     )
+    sections = (
+        results.limits_section(evaluation),
+        results.gain_section(evaluation),
+        results.workspace_section(evaluation),
+        results.motion_tests_section(evaluation),
+        results.parameters_section(evaluation),
+        results.budget_section(evaluation),
+        record.item_section(evaluation),
+        record.tracker_section(evaluation),
+        record.incidents_section(evaluation),
+        record.provenance_section(evaluation),
+    )
     return ReportContext(
         robot=robot,
         campaign=config.name,
@@ -108,45 +108,47 @@ def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
         facts=tuple(fact for fact in facts if fact[1]),
         journal=journal.digest if journal else "",
         records=journal.records if journal else 0,
-        alarms=_alarms(evaluation),
-        answer=verdict.answer,
-        headline=verdict.headline,
-        reasons=tuple(verdict.reasons),
-        key_figures=key_figure_rows(evaluation),
-        next_step=f"{step.first}, then `{step.text}`" if step and step.first else command,
+        alarms=tuple(_alarms(evaluation)),
+        verdict=evaluation.verdict,
+        key_figures=tables.key_figure_rows(evaluation),
+        next_step=f"{step.first}, then {command}" if step and step.first else command,
         rule=RULE,
         generator=generator,
-        sections=_sections(evaluation),
+        missing=tuple(_missing(evaluation)),
+        sections=tuple(section for section in sections if section.blocks),
     )
 
 
-def _alarms(evaluation: Evaluation) -> tuple[str, ...]:
-    """Return what must not be overlooked: a load without its end, a check that found a change."""
+def _alarms(evaluation: Evaluation) -> Iterator[str]:
+    """Yield what must not be overlooked: a load without its end, a check that found a change."""
     evidence = evaluation.evidence
-    unended = evidence.journal.unended_load if evidence.journal else ""
-    check = evidence.unanswered
-    return (
-        *((f"{unended[0].upper()}{unended[1:]}.",) if unended else ()),
-        *((f"Check, series {check.series}: {check.says}.",) if check else ()),
-    )
+    if evidence.journal and (unended := evidence.journal.unended_load):
+        yield f"{unended[0].upper()}{unended[1:]}."
+    if check := evidence.unanswered:
+        yield f"Check, series {check.series}: {check.says}."
 
 
-def _sections(evaluation: Evaluation) -> tuple[Section, ...]:
-    budget = model.budget_section(evaluation)
-    return (
-        results.limits_section(evaluation),
-        model.findings_section(evaluation),
-        results.gain_section(evaluation),
-        results.workspace_section(evaluation),
-        results.tests_section(evaluation),
-        results.iso_section(evaluation),
-        model.parameters_section(evaluation),
-        record.item_section(evaluation),
-        *([budget] if budget else []),
-        record.tracker_section(evaluation),
-        record.incidents_section(evaluation),
-        record.provenance_section(evaluation),
-    )
+def _missing(evaluation: Evaluation) -> Iterator[str]:
+    """Yield what the page would show and the campaign does not have, and what would bring it."""
+    evidence = evaluation.evidence
+    journal, run, found = evidence.journal, evidence.run, evidence.identification
+    if journal is None:
+        yield "There is no journal: nothing was ever measured in this campaign."
+    if run is None:
+        yield "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
+    elif evaluation.errors is None or evaluation.errors.positions is None:
+        yield "Too few shots of pairs to fit a frame: errors of position cannot be shown."
+    if found is None:
+        yield "Nothing has been identified yet: `pkmcal identify`."
+    elif found.covariance is None:
+        yield "The identification states no correlations."
+    command = "import" if run and run.series.started.imported else "validate"
+    for stage, result in (("before", evaluation.before), ("after", evaluation.after)):
+        if result is None:
+            yield f"There is no validation {stage} calibration: `pkmcal {command} --stage {stage}`."
+    if journal is not None and not evaluation.time_series:
+        yield "Neither temperature nor drift was recorded."
+    yield from record.faults(evidence)
 
 
 @cache

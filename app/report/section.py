@@ -9,20 +9,16 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from app.report.drawing import svg_text
-from campaigns.evidence import Evaluation
 from campaigns.files.table import Column, Row, texts
 
 T = TypeVar("T")
-NO_RUN = "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
-NO_IDENTIFICATION = "Nothing has been identified yet: `pkmcal identify`."
-NO_JOURNAL = "There is no journal: nothing was ever measured in this campaign."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
     """Part of a section: a table, a figure, a list of facts, or a paragraph."""
 
-    form: Literal["table", "figure", "facts", "text", "note", "missing"]
+    form: Literal["table", "figure", "facts", "text", "note"]
     text: str = ""
     """Paragraph, caption of a figure or note below a table; `backticks` are commands."""
     title: str = ""
@@ -38,7 +34,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Section of the page, filled in the order of reading."""
+    """Section of the page, filled in the order of reading; one without blocks is left out."""
 
     name: str
     title: str
@@ -47,9 +43,10 @@ class Section:
     def table(
         self, title: str, columns: Sequence[Column[T]], rows: Iterable[T], note: str = ""
     ) -> None:
-        """Add a table."""
-        cells = texts(columns, rows)
-        self.blocks.append(Block(form="table", title=title, columns=columns, rows=cells, text=note))
+        """Add a table, if it has rows."""
+        if cells := texts(columns, rows):
+            block = Block(form="table", title=title, columns=columns, rows=cells, text=note)
+            self.blocks.append(block)
 
     def figure(self, name: str, title: str, panels: Iterable[Figure], caption: str) -> None:
         """Draw a figure and add it."""
@@ -71,29 +68,6 @@ class Section:
     def note(self, text: str) -> None:
         """Add a paragraph in small print."""
         self.blocks.append(Block(form="note", text=text))
-
-    def lack(self, text: str) -> None:
-        """Add a paragraph on something that is not there, which the head of the page lists."""
-        self.blocks.append(Block(form="missing", text=text))
-
-    def lack_validation(self, evaluation: Evaluation, *stages: str) -> None:
-        """Add a paragraph for each stage of the validation that was not measured."""
-        run = evaluation.evidence.run
-        command = "import" if run and run.series.started.imported else "validate"
-        for stage in stages:
-            if (evaluation.before if stage == "before" else evaluation.after) is None:
-                how = f"`pkmcal {command} --stage {stage}`"
-                self.lack(f"There is no validation {stage} calibration: {how}.")
-
-    @property
-    def lacks(self) -> list[str]:
-        """What is not there."""
-        return [block.text for block in self.blocks if block.form == "missing"]
-
-    @property
-    def figures(self) -> list[str]:
-        """Names of the figures."""
-        return [block.name for block in self.blocks if block.form == "figure"]
 
 
 def moment(utc: str) -> str:

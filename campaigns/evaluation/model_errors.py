@@ -20,8 +20,6 @@ class ModelledShots:
     shots: Shots
     before: Array
     after: Array | None
-    plate_tilt_rad: Array
-    """Rotation vectors of the plate by the model after, (N, 3); 0 where it stays level."""
     sessions: bool = False
     """Whether each session has a frame of its own."""
 
@@ -64,8 +62,6 @@ class PositionErrors:
     after_mm: Array | None
     fitted: Mask
     """Shots that were identified from; the others were never fitted."""
-    plate_tilt_rad: Array
-    """Rotation vectors of the plate by the model after, (N, 3); 0 where it stays level."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +112,6 @@ def position_errors(modelled: ModelledShots) -> PositionErrors | None:
         before[rows],
         None if modelled.after is None else after[rows],
         np.isin(rows, shots.rows_of(ShotSet.IDENTIFICATION)),
-        modelled.plate_tilt_rad[rows],
     )
 
 

@@ -71,15 +71,6 @@ def summary(errors_mm: Array) -> ErrorSummary:
     )
 
 
-def binned_medians(values: Array, sizes: Array, bins: int) -> tuple[Array, Array]:
-    """Median value and median size of bins of equally many values each, (bins,)."""
-    parts = np.array_split(np.argsort(values), min(bins, len(values)))
-    return (
-        np.array([np.median(values[part]) for part in parts]),
-        np.array([np.median(sizes[part]) for part in parts]),
-    )
-
-
 def _sizes(errors_mm: Array) -> Array:
     if errors_mm.size == 0:
         raise ValueError("no errors to summarise")

@@ -9,8 +9,8 @@ from rich.cells import cell_len
 from typer import Exit
 
 from app.console import Terminal
-from app.report.result_tables import GAINS
-from app.report.validation_text import show_gain, show_validation
+from app.report.tables import GAINS
+from app.report.terminal_text import show_gain, show_validation
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts
 from campaigns.workflow.validation import Validated

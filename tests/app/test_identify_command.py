@@ -140,15 +140,6 @@ def test_an_accepted_large_change_is_said_to_be_accepted(pkmcal, clean):
     assert "(accepted)" in out
 
 
-@pytest.mark.slow
-def test_a_picture_is_drawn_of_what_was_fitted(pkmcal, clean, tmp_path):
-    path = tmp_path / "errors.svg"
-    code, out, _ = pkmcal("identify", clean.folder, "--plot", path)
-    assert code == 0
-    assert f"drawn: {path}" in out
-    assert "fitted" in path.read_text(encoding="utf-8")
-
-
 def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(pkmcal, tmp_path):
     campaign = made(tmp_path / "campaign")
     rows = measured(campaign)

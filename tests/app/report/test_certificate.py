@@ -8,9 +8,9 @@ from paper_campaign import PaperCampaign, new_campaign
 from test_page import page, rows_of, words_of, words_on
 
 from app.cli.report import report
-from app.report.model import budget_section
-from app.report.model_tables import budget_rows
 from app.report.record import facts
+from app.report.results import budget_section
+from app.report.tables import budget_rows
 from campaigns.campaign import open_campaign
 from campaigns.errors import ConfigInvalid
 from campaigns.evidence import evaluate, gather

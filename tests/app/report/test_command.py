@@ -25,7 +25,7 @@ def test_json_is_one_document_on_stdout(pkmcal, whole: PaperCampaign, tmp_path: 
     said = pkmcal("report", whole.folder, "--to", path, "--json")
     assert said.code == 0
     document = said.document
-    assert len(document.pop("figures")) == 11
+    assert len(document.pop("figures")) == 8
     assert document.pop("reasons")
     assert "under acceptance" in document.pop("before_next")
     assert document.pop("next") == f"pkmcal report {whole.folder}"

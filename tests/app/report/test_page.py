@@ -12,12 +12,16 @@ import pytest
 from paper_campaign import CONTROLLER, LOAD_BEGUN, NOMINAL, PaperCampaign, new_campaign
 
 from app.cli.report import report
-from app.report.model import findings_section, parameters_section
-from app.report.model_tables import parameters
 from app.report.page import Page, page_of
 from app.report.record import incidents_section, tracker_section
-from app.report.results import gain_section, iso_section, limits_section
+from app.report.results import (
+    gain_section,
+    limits_section,
+    motion_tests_section,
+    parameters_section,
+)
 from app.report.section import Section
+from app.report.tables import parameters
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evidence import Evaluation, MeasuredSeries, evaluate, gather
@@ -33,8 +37,8 @@ from campaigns.shots.shots_csv import ShotRow
 from drivers.values import Identity, Pose
 
 FIGURES = {
-    *("shot-errors", "pair-errors", "histogram", "arrows", "against-position", "straightness"),
-    *("plate-tilt", "rotation", "repeatability", "correlations", "over-time"),
+    *("pair-errors", "arrows", "against-position", "straightness"),
+    *("rotation", "repeatability", "correlations", "over-time"),
 }
 EVIL = "<script>alert('θ & \"more\"')</script>"
 MEGABYTE = 1_000_000
@@ -115,12 +119,12 @@ def whole_html(whole_page: Page) -> str:
 
 def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole_page: Page) -> None:
     assert figures(whole_page) == FIGURES
-    assert whole_page.context.missing == {}
+    assert whole_page.context.missing == ()
 
 
-def test_the_papers_model_has_no_figures_of_shots_and_of_tilt(by_distances: PaperCampaign) -> None:
+def test_the_papers_model_has_all_figures_and_no_budget(by_distances: PaperCampaign) -> None:
     found = page(by_distances)
-    assert figures(found) == FIGURES - {"shot-errors", "plate-tilt"}
+    assert figures(found) == FIGURES
     assert 'id="budget"' not in found.html
 
 
@@ -134,7 +138,7 @@ def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> 
         assert words in whole_html
     ids = Outline(whole_html).ids
     assert ids.index("verdict") < min(
-        ids.index(name) for name in ("limits", "gain", "iso9283", "parameters", "provenance")
+        ids.index(name) for name in ("limits", "gain", "tests", "parameters", "provenance")
     )
     text = words_of(whole_html)
     row = re.search(
@@ -215,7 +219,7 @@ def test_without_identification_errors_before_are_shown(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "run")
     paper.run()
     found = page(paper)
-    assert figures(found) == {"pair-errors", "histogram", "arrows", "over-time"}
+    assert figures(found) == {"pair-errors", "arrows", "over-time"}
     assert "pkmcal identify" in missing(found)
     assert "Nothing has been identified" in " ".join(found.evaluation.verdict.reasons)
 
@@ -289,8 +293,9 @@ def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> 
 
 
 def test_an_identification_without_correlations_says_so(whole: PaperCampaign) -> None:
-    section = parameters_section(identified(whole, covariance=None))
-    assert (section.figures, section.lacks) == ([], ["The identification states no correlations."])
+    found = page_of(identified(whole, covariance=None), MADE_UTC)
+    assert figures(found) == FIGURES - {"correlations"}
+    assert missing(found) == "The identification states no correlations."
 
 
 def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperCampaign) -> None:
@@ -405,13 +410,13 @@ def test_every_finding_stands_with_its_sentence_and_consequence(whole: PaperCamp
         Finding("wrong-shots", "left out: shots 7", None),
     )
     found = identified(whole, findings=findings)
-    assert rows_of(findings_section(found)) == [
+    assert rows_of(parameters_section(found))[:3] == [
         ["change", "arm 0 changed", "verdict: fail"],
         ["beyond-tolerance", "arm 2 is long", "accepted"],
         ["wrong-shots", "left out: shots 7", "reported only"],
     ]
     assert "Accepted all the same: arm 2 is long." in " ".join(found.verdict.reasons)
-    assert "has no findings" in words_in(findings_section(identified(whole, findings=())))
+    assert "has no findings" in words_in(parameters_section(identified(whole, findings=())))
 
 
 def test_the_hold_out_test_stands_in_words(whole: PaperCampaign) -> None:
@@ -452,7 +457,7 @@ def test_a_parameter_says_whether_it_was_fitted_determined_and_changed(
 
 
 def test_ap_and_rp_stand_pose_by_pose_and_worst_first(whole: PaperCampaign) -> None:
-    ap, rp, *rows = rows_of(iso_section(evaluate(whole.campaign)))
+    ap, rp, *rows = rows_of(motion_tests_section(evaluate(whole.campaign)))
     assert ap[0].startswith("pose accuracy AP")
     assert rp[0].startswith("pose repeatability RP")
     poses = [row for row in rows if row[1][:1] == "P"]

@@ -8,7 +8,7 @@ import pytest
 from paper_campaign import PaperCampaign, new_campaign
 from par4_space import with_values
 
-from app.report.result_tables import key_figure_rows
+from app.report.tables import key_figure_rows
 from campaigns.evaluation.gains import Gain, gained_in_words, gains
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evaluation.validation import MeasuredLength, ValidationResult

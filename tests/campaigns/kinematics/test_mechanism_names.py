@@ -86,7 +86,7 @@ ALLOWED = (
     ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
     ("app/cli/import_shots.py", "x,y,z,theta,q0,q1", EXAMPLE),
     ("app/report/figures.py", "while θ turns", LETTER),
-    ("app/report/figures.py", 'f"{stage}: {moved}", "θ, °"', LETTER),
+    ("app/report/figures.py", '{turn.moved.value_mm:.3f} mm" if turn else "", "θ, °"', LETTER),
     ("app/report/figures.py", 'COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")', LETTER),
     ("app/report/results.py", "while only θ should change", LETTER),
     ("campaigns/identification/paper.py", "Levenberg-Marquardt, 22 parameters", "the paper's own"),

@@ -1,0 +1,314 @@
+"""Tables and sentences on results, alike on the terminal and on the page. No matplotlib here."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from campaigns.arrays import Array
+from campaigns.evaluation.decision import COVERAGE, Requirement
+from campaigns.evaluation.gains import NO_CHANGE, Gain
+from campaigns.evaluation.iso_figures import IsoRow
+from campaigns.evaluation.summary import ErrorSummary, summary
+from campaigns.evaluation.validation import MeasuredLength, RepeatabilityTest
+from campaigns.evidence import Evaluation
+from campaigns.files.table import NOTHING, Column, Row, number, words
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
+from campaigns.identification.findings import Finding, HoldOut
+from campaigns.identification.result import (
+    Correlation,
+    IdentificationResult,
+    IdentifiedParameter,
+    RecordedIdentification,
+)
+from campaigns.kinematics.parameters import ParameterTable
+
+Stage = Literal["before", "after"]
+STAGES: tuple[Stage, Stage] = ("before", "after")
+DECIMALS = 4
+"""Decimals of parameters and of shares in a budget."""
+
+
+def limits(head: str) -> tuple[Column[Requirement], ...]:
+    """Return the columns of requirements: what, error, U, limit, margin, decision."""
+    return (
+        words(head, lambda r: r.name),
+        Column("e", lambda r: "not measured" if r.error is None else r.error, "mm"),
+        Column("U", lambda r: r.expanded_uncertainty, "mm"),
+        Column("limit", lambda r: "none set" if r.limit is None else r.limit, "mm"),
+        Column("margin", lambda r: r.margin, "mm", signed=True),
+        words("decision", lambda r: r.decision or NOTHING),
+    )
+
+
+ERRORS: tuple[Column[tuple[str, str, ErrorSummary]], ...] = (
+    words("errors", lambda row: row[0]),
+    words("", lambda row: row[1]),
+    Column("n", lambda row: row[2].n),
+    Column("mean", lambda row: row[2].mean, "mm"),
+    Column("σ", lambda row: row[2].sigma, "mm"),
+    Column("max", lambda row: row[2].max, "mm"),
+    Column("mean + 3σ", lambda row: row[2].mean_plus_3_sigma, "mm"),
+    Column("P95", lambda row: row[2].p95, "mm"),
+)
+GAINS: tuple[Column[Gain], ...] = (
+    words("", lambda gain: gain.name),
+    Column("before", lambda gain: _mm(gain.before), "mm"),
+    Column("after", lambda gain: _mm(gain.after), "mm"),
+    Column("U of the difference", lambda gain: gain.expanded_uncertainty_mm, "mm"),
+    Column("gain", lambda gain: _percent_gained(gain)),
+)
+IsoRows = tuple[IsoRow | None, IsoRow | None]
+"""Figure of ISO 9283 before and after; at least one of them was formed."""
+ISO: tuple[Column[IsoRows], ...] = (
+    words("figure", lambda both: _latest(both).name),
+    Column("n", lambda both: _latest(both).n),
+    Column("before", lambda both: _mm(_figure(both[0])), "mm"),
+    Column("U", lambda both: _expanded(_figure(both[0])), "mm"),
+    Column("after", lambda both: _mm(_figure(both[1])), "mm"),
+    Column("U", lambda both: _expanded(_figure(both[1])), "mm"),
+    words("tested here", lambda both: _latest(both).tested),
+    words("in the standard", lambda both: _latest(both).asked),
+)
+CUBE: tuple[Column[tuple[str, str, RepeatabilityTest]], ...] = (
+    words("", lambda row: row[0]),
+    words("pose", lambda row: row[1]),
+    Column("x", lambda row: float(row[2].commanded_mm[0]), "mm", decimals=0),
+    Column("y", lambda row: float(row[2].commanded_mm[1]), "mm", decimals=0),
+    Column("z", lambda row: float(row[2].commanded_mm[2]), "mm", decimals=0),
+    Column("n", lambda row: len(row[2].points_mm)),
+    Column("AP", lambda row: _mm(row[2].accuracy), "mm"),
+    Column("U", lambda row: _expanded(row[2].accuracy), "mm"),
+    Column("RP", lambda row: row[2].rp.value_mm, "mm"),
+    Column("U", lambda row: _expanded(row[2].rp), "mm"),
+)
+"""Figures of ISO 9283, pose by pose: stage, name, visits."""
+
+Named = tuple[str, IdentifiedParameter]
+VALUES: tuple[Column[Named], ...] = (
+    Column("nominal", lambda row: row[1].nominal, decimals=DECIMALS),
+    Column("identified", lambda row: row[1].value, decimals=DECIMALS),
+    Column("Δ", lambda row: row[1].delta, decimals=DECIMALS, signed=True),
+    Column("σ", lambda row: row[1].std, decimals=DECIMALS),
+    words("", lambda row: _remark(row[1])),
+)
+FINDINGS: tuple[Column[Finding], ...] = (
+    words("finding", lambda finding: finding.name),
+    words("", lambda finding: finding.says),
+    words("consequence", lambda finding: _consequence(finding)),
+)
+BUDGET: tuple[Column[tuple[str, str, float]], ...] = (
+    words("source", lambda row: row[0]),
+    Column("σ", lambda row: row[2], "mm", DECIMALS),
+    words("type", lambda row: row[1]),
+)
+TRACKER_ERRORS: tuple[Column[tuple[str, tuple[float, float]]], ...] = (
+    words("error of the tracker", lambda row: SOURCES[row[0]].words),
+    Column("estimate", lambda row: row[1][0], decimals=DECIMALS, signed=True),
+    Column("σ", lambda row: row[1][1], decimals=DECIMALS),
+    words("unit", lambda row: TRACKER_SOURCES[row[0]]),
+)
+CORRELATIONS: tuple[Column[Correlation], ...] = (
+    words("", lambda pair: pair.first),
+    words("", lambda pair: pair.second),
+    Column("ρ", lambda pair: pair.value, decimals=2, signed=True),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairGroup:
+    """Errors of a group of pairs by stage, mm; a stage that was not measured is None."""
+
+    name: str
+    marker: str
+    errors_mm: Mapping[Stage, Array | None]
+    numbers: tuple[int, ...] = ()
+    """Numbers of the pairs; empty if the stages have different ones."""
+
+    def __len__(self) -> int:
+        return max(len(errors) for errors in self.errors_mm.values() if errors is not None)
+
+
+def pair_groups(evaluation: Evaluation) -> list[PairGroup]:
+    """Return fitted and hold-out pairs by the models, and the pairs that were commanded."""
+    errors = evaluation.errors
+    modelled = (
+        ("fitted pairs", "o", errors.fitted if errors else None),
+        ("hold-out pairs", "D", errors.unseen if errors else None),
+    )
+    groups = [
+        PairGroup(name, marker, {"before": e.before_mm, "after": e.after_mm}, e.numbers)
+        for name, marker, e in modelled
+        if e is not None
+    ]
+    results = zip(STAGES, (evaluation.before, evaluation.after), strict=True)
+    tests = {stage: result.distances if result else None for stage, result in results}
+    numbers = {test.pairs for test in tests.values() if test}
+    if numbers:
+        commanded = {stage: test.errors_mm if test else None for stage, test in tests.items()}
+        numbers_of_both = numbers.pop() if len(numbers) == 1 else ()
+        groups.append(PairGroup("commanded pairs", "s", commanded, numbers_of_both))
+    return groups
+
+
+def error_rows(evaluation: Evaluation) -> Iterator[tuple[str, str, ErrorSummary]]:
+    """Yield the errors before and after: of what, stage, summary."""
+    shots = evaluation.errors.shots if evaluation.errors else None
+    results = evaluation.before, evaluation.after
+    compared = {
+        "fitted positions": (shots.before_mm, shots.after_mm) if shots else (),
+        **{group.name: tuple(group.errors_mm.values()) for group in pair_groups(evaluation)},
+        "commanded positions": tuple(r.absolute_mm if r else None for r in results),
+    }
+    for name, stages in compared.items():
+        for stage, errors_mm in zip(STAGES, stages, strict=False):
+            if errors_mm is not None:
+                yield name, stage, summary(errors_mm)
+
+
+def key_figure_rows(evaluation: Evaluation) -> list[Row]:
+    """Return the figures of the commanded robot for readers who read no further.
+
+    Mean and largest error of distance, rotation and the worst line: name, before, after, and
+    whether a change is shown.
+    """
+    names = ("distances, mean error", "distances, largest error", "rotation")
+    chosen = [gain for gain in evaluation.gains if gain.name in names]
+    lines = [gain for gain in evaluation.gains if gain.name.startswith("straightness")]
+    chosen += sorted(lines, key=_largest_mm)[-1:]
+    return [
+        (
+            gain.name,
+            number(_mm(gain.before)),
+            number(_mm(gain.after)),
+            NO_CHANGE if gain.shown is False else "",
+        )
+        for gain in chosen
+    ]
+
+
+def _largest_mm(gain: Gain) -> float:
+    return max(length.value_mm for length in (gain.before, gain.after) if length is not None)
+
+
+def _mm(length: MeasuredLength | None) -> float | None:
+    return None if length is None else length.value_mm
+
+
+def _expanded(length: MeasuredLength | None) -> float | None:
+    return None if length is None else length.expanded_uncertainty_mm
+
+
+def _figure(row: IsoRow | None) -> MeasuredLength | None:
+    return None if row is None else row.figure
+
+
+def _percent_gained(gain: Gain) -> str:
+    """Return by how much a figure has become smaller, unless the difference is within its U."""
+    if gain.before is None or gain.after is None:
+        return NOTHING
+    if not gain.shown:
+        return NO_CHANGE
+    before_mm, after_mm = gain.before.value_mm, gain.after.value_mm
+    return f"{number(100.0 * (1.0 - after_mm / before_mm), 0)} %" if before_mm else NOTHING
+
+
+def _latest(both: IsoRows) -> IsoRow:
+    """Return the stage whose n and test are stated: after, if it was measured there."""
+    before, after = both
+    if after and (after.figure or before is None):
+        return after
+    assert before is not None, "a row is of one stage at least"
+    return before
+
+
+def parameters(table: ParameterTable) -> tuple[Column[Named], ...]:
+    """Return the columns of parameters with their units."""
+    return (
+        words("parameter", lambda row: table[row[0]].label),
+        words("unit", lambda row: table[row[0]].sign.strip()),
+        *VALUES,
+    )
+
+
+def is_shown(parameter: IdentifiedParameter) -> bool:
+    """Return whether a parameter differs from nominal by more than U (k = 2)."""
+    std = parameter.std
+    return std is not None and abs(parameter.delta) > COVERAGE * std
+
+
+def _remark(parameter: IdentifiedParameter) -> str:
+    if not parameter.free:
+        return "held"
+    if parameter.std is None:
+        return "not determined"
+    return "" if is_shown(parameter) else "within U"
+
+
+def _consequence(finding: Finding) -> str:
+    if finding.accepted:
+        return "accepted"
+    return "reported only" if finding.decision is None else f"verdict: {finding.decision}"
+
+
+def budget_rows(found: IdentificationResult) -> list[tuple[str, str, float]]:
+    """Return source, type and 1 σ of positions, the largest first, and their combination."""
+    shares = sorted(found.budget, key=lambda share: -share.mm)
+    combined = math.sqrt(sum(share.mm**2 for share in shares))
+    rows = [(share.words, share.kind, share.mm) for share in shares]
+    return [*rows, ("combined", "", combined)]
+
+
+def positions_in_words(found: IdentificationResult) -> Iterator[str]:
+    """Yield the uncertainty of positions and the region that it is valid for."""
+    std = found.position_std_mm
+    if std is not None:
+        says = (
+            f"predicted σ of positions over the workspace: {std.mean:.4f} mm on average, "
+            f"{std.rms:.4f} mm rms, {std.max:.4f} mm at most"
+        )
+        if std.left_out:
+            says += f", without {std.left_out} of its poses, which this robot cannot take"
+        yield says
+    if found.region is not None:
+        yield found.region.says
+
+
+def hold_out_in_words(test: HoldOut) -> str:
+    """Return what the test of hold-out pairs showed."""
+    verdict = "agrees with" if test.believable else "contradicts"
+    return (
+        f"{test.pairs} hold-out pairs are {test.ratio:.2f} times as far off as their σ predict "
+        f"(χ² {test.chi2:.1f}, p = {test.p:.2g}): that {verdict} these σ"
+    )
+
+
+def undetermined_in_words(found: IdentificationResult) -> Iterator[str]:
+    """Yield which parameters no shot determines, and how many combinations of others."""
+    alone = [names[0] for names in found.undetermined if len(names) == 1]
+    if alone:
+        yield f"no shot determines {', '.join(alone)}: kept at nominal"
+    together = len(found.undetermined) - len(alone)
+    if together:
+        yield (
+            f"no shot determines {together} combinations of parameters, such as motions of the "
+            "base frame: kept at nominal (the report lists them)"
+        )
+
+
+def in_words(found: RecordedIdentification) -> Iterator[str]:
+    """Yield sentences on model, noise and origin, without capitals and full stops."""
+    settled = "settled" if found.converged else "did not settle"
+    yield f"model {found.model}: the fit {settled} after {found.iterations} rounds"
+    if found.scatter is not None:
+        yield found.scatter.says
+    if found.reference_degC is not None:
+        yield f"parameters are those at {found.reference_degC:g} °C"
+    if found.pedigree is not None:
+        before_mm = found.pedigree.position_std_before_mm
+        before = "" if before_mm is None else f"; σ of positions was {before_mm:.4f} mm on average"
+        series = ", ".join(map(str, found.pedigree.series))
+        yield (
+            f"made of the set {found.pedigree.updates[:12]} by {found.pedigree.shots} shots of a "
+            f"check (series {series}){before}"
+        )

@@ -1,0 +1,169 @@
+"""Results of an identification and of a validation on the terminal, and as a document."""
+
+from collections.abc import Iterator
+
+import typer
+
+from app.console import DECISIONS, GOOD, WARNING, Terminal
+from app.exits import Exit
+from app.next import tell_next
+from app.report import tables
+from campaigns.arrays import AXES
+from campaigns.campaign import Campaign
+from campaigns.evaluation.gains import NO_CHANGE, Gain
+from campaigns.evaluation.iso_figures import cube_frame, cube_poses
+from campaigns.evaluation.summary import BeforeAfter
+from campaigns.evaluation.validation import ValidationResult
+from campaigns.evidence import Evaluation
+from campaigns.files.table import NOTHING, Column, number, texts, words
+from campaigns.identification.result import RecordedIdentification
+from campaigns.kinematics.parameters import ParameterTable
+from campaigns.workflow.validation import Validated
+
+COLUMNS: tuple[Column[tables.Named], ...] = (words("", lambda row: row[0]), *tables.VALUES)
+ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
+    words("", lambda row: row[0]),
+    Column("mean before", lambda row: row[1].before.mean_abs),
+    Column("after", lambda row: row[1].after.mean_abs),
+    Column("max before", lambda row: row[1].before.max_abs),
+    Column("after", lambda row: row[1].after.max_abs),
+)
+GAIN: tuple[Column[Gain], ...] = (
+    *tables.GAINS[:3],
+    Column("U", lambda gain: gain.expanded_uncertainty_mm),
+    words("", lambda gain: _change(gain)),
+)
+
+
+def show_identification(
+    terminal: Terminal, found: RecordedIdentification, table: ParameterTable
+) -> None:
+    """Show parameters, errors, budget, findings, and the verdict last.
+
+    Of imperfect parts and drives only those that differ from nominal beyond U are listed.
+    """
+    free = [(name, found.parameters[name]) for name in found.free]
+    listed = [(name, p) for name, p in free if name in table.names or tables.is_shown(p)]
+    terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
+    if others := len(free) - len(listed):
+        terminal.say(f"{others} parameters of imperfect parts and drives are within U of nominal")
+    of_pairs = found.fitted is not None and found.fitted.of == "pairs"
+    fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
+    errors = {fitted: found.residuals_mm, "distances of hold-out pairs": found.unseen_mm}
+    rows = [(name, sizes) for name, sizes in errors.items() if sizes is not None]
+    terminal.rows("Errors (mm)", ERRORS, rows)
+    if found.budget:
+        title = "Uncertainty of positions, 1 σ, rms over the workspace"
+        terminal.rows(title, tables.BUDGET, tables.budget_rows(found))
+    if found.tracker:
+        terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, found.tracker.items())
+    for line in _sentences(found):
+        if line not in found.reasons:
+            terminal.say(line)
+    for excluded in found.excluded:
+        terminal.say(f"left out: {excluded.what}: {excluded.reason}", WARNING)
+    for finding in found.findings:
+        if not finding.affects_verdict:
+            terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
+    terminal.say(f"verdict: {found.verdict}", DECISIONS[found.verdict])
+    for reason in found.reasons:
+        terminal.say(f"  {reason}")
+
+
+def _sentences(found: RecordedIdentification) -> Iterator[str]:
+    yield from tables.in_words(found)
+    if found.hold_out is not None:
+        yield tables.hold_out_in_words(found.hold_out)
+    yield from tables.positions_in_words(found)
+    yield from tables.undetermined_in_words(found)
+
+
+def validation_document(found: Validated) -> dict[str, object]:
+    """Return what `validate --json` prints."""
+    verdict, whole = found.verdict, found.campaign_verdict
+    return {
+        **found.result.document(),
+        "series": dict(found.whole.series),
+        "decision": verdict.decision,
+        "reasons": list(verdict.reasons),
+        "held": found.evaluation.evidence.held(found.stage),
+        "campaign": whole
+        and {"decision": whole.decision, "answer": whole.answer, "reasons": whole.reasons},
+        "requirements": [
+            {
+                "name": requirement.name,
+                "error_mm": requirement.error,
+                "expanded_uncertainty_mm": requirement.expanded_uncertainty,
+                "limit_mm": requirement.limit,
+                "decision": requirement.decision,
+            }
+            for requirement in verdict.requirements
+        ],
+    }
+
+
+def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) -> None:
+    """Show the results, for people and programs, and what is next; raise `Exit` unless good."""
+    _show(terminal, found)
+    if found.stage == "after" and found.evaluation.before is not None:
+        show_gain(terminal, found.evaluation)
+    terminal.document(validation_document(found) | tell_next(terminal, campaign))
+    if found.verdict.decision not in {None, "pass"} or found.otherwise is not None:
+        raise typer.Exit(Exit.NOT_GOOD)
+
+
+def _show(terminal: Terminal, found: Validated) -> None:
+    """Show every figure with its uncertainty, and what was decided."""
+    stage, result, verdict = found.stage, found.whole, found.verdict
+    columns = tables.limits("")
+    rows = texts(columns, verdict.requirements)
+    further = result.further_figures_mm().items()
+    rows += tuple((name, number(value), *[NOTHING] * 4) for name, value in further)
+    terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
+    if result.cube:
+        shown = [c for c in tables.CUBE[1:] if c.head not in (*AXES, "n")]  # they fill 80 columns
+        terminal.rows("ISO 9283, pose by pose (mm)", shown, cube_poses(**{stage: result}))
+        terminal.say(f"AP: {cube_frame(result)}; U: k = 2")
+    _show_series(terminal, stage, result)
+    held = found.evaluation.evidence.held(stage)
+    if held is not None and (held.form or held.declared or held.kind == "other"):
+        terminal.say(f"the controller held {held.says}")
+    # limits are for the calibrated robot
+    says, style = "before calibration, only stated", ""
+    if stage == "after":
+        says, style = "not good", DECISIONS.get(verdict.decision or "", "")
+    for reason in verdict.reasons:
+        terminal.say(f"{says}: {reason}", style)
+    if verdict.decision == "pass" and found.otherwise is None:
+        terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
+    campaign = found.campaign_verdict
+    if campaign is not None and campaign.answer != verdict.decision:
+        terminal.say(f"the campaign as a whole: {campaign.says}", DECISIONS[campaign.decision])
+
+
+def show_gain(terminal: Terminal, found: Evaluation) -> None:
+    """Show before and after side by side; U (k = 2) is that of the difference."""
+    rows = texts(GAIN, found.gains)
+    if found.before is not None and found.after is not None:
+        old, new = found.before.further_figures_mm(), found.after.further_figures_mm()
+        further = ((name, number(old[name]), number(value)) for name, value in new.items())
+        rows += tuple((*both, NOTHING, "") for both in further)
+    terminal.table("Gain (mm)", [column.head for column in GAIN], rows)
+    for stage, result in (("before", found.before), ("after", found.after)):
+        _show_series(terminal, stage, result)
+
+
+def _show_series(terminal: Terminal, stage: str, result: ValidationResult | None) -> None:
+    if result is not None and result.series_in_words:
+        terminal.say(f"{stage}: {result.series_in_words}")
+
+
+def _change(gain: Gain) -> str:
+    """Return the factor of the change, unless the difference is within its uncertainty."""
+    if gain.shown is False:
+        return NO_CHANGE
+    if gain.before is None or gain.after is None:
+        return ""
+    least, most = sorted((gain.before.value_mm, gain.after.value_mm))
+    word = "less" if gain.after.value_mm < gain.before.value_mm else "more"
+    return f"{most / least:.1f} × {word}" if least > 0.0 else word
