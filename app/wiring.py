@@ -16,7 +16,7 @@ from campaigns.files.text_file import replace_text
 from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
 from campaigns.settings.sections import BY_HAND, SIMULATED
-from campaigns.shots import ascii_points
+from campaigns.shots import point_files
 from drivers import bounded_files, errors
 from drivers.by_hand import HandSettings
 from drivers.byte_log import logged
@@ -351,15 +351,20 @@ def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
     if not tracker.url.startswith(FILE):
         return tracker.serial or BY_HAND
     path, watch = campaign.folder / tracker.url.removeprefix(FILE), tracker.watch
-    columns = watch.columns.split(",") if watch.columns else None
+    form = point_files.PointFormat(
+        unit=watch.unit,
+        columns=watch.columns.split(",") if watch.columns else None,
+        coordinates=watch.coordinates,
+        decimal=watch.decimal,
+        option="tracker.watch.",
+    )
     return WatchSettings(
         serial=tracker.serial or path.name,
         path=path,
         wait_s=watch.wait_s,
-        rows_of=ascii_points.data_rows,
-        point_of=lambda row, text: ascii_points.point_of_row(
-            row, text, path.name, unit=watch.unit, columns=columns
-        ),
+        encoding=watch.encoding,
+        rows_of=point_files.data_rows,
+        point_of=lambda row, text: point_files.point_of_row(row, text, path.name, form),
     )
 
 

@@ -4,11 +4,12 @@ No file may cost more than its reader is worth: not a folder or pipe of that nam
 50 GB, not ten lines of YAML that stand for a billion.
 """
 
+import codecs
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer
@@ -17,6 +18,8 @@ from ruamel.yaml.events import AliasEvent
 
 from drivers.errors import ExplainedError
 from drivers.texts import printable, shortened
+
+Encoding = Literal["utf-8", "utf-16", "cp1252"]
 
 MEGABYTE = 1_000_000
 YAML_BYTES = MEGABYTE
@@ -96,16 +99,35 @@ def _check_kind(path: Path) -> None:
     raise FileRefused(f"{path}: is no file but {kind}", remedy="name a file, or take this away")
 
 
-def decoded(data: bytes, name: str) -> str:
-    """Decode UTF-8, byte-order mark or not; raises `FileRefused` naming the wrong byte's line."""
+def decoded(
+    data: bytes,
+    name: str,
+    encoding: Encoding | None = None,
+    remedy: str = "save the file as plain text in UTF-8",
+) -> str:
+    """Decode a text by its byte-order mark, else the encoding given, else UTF-8.
+
+    Raises `FileRefused` naming the line of the first byte that cannot be read.
+    """
+    codec = codec_of(data, encoding)
     try:
-        return data.decode("utf-8-sig")
+        return data.decode(codec)
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise FileRefused(
-            f"{name}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
-            remedy="save the file as plain text in UTF-8",
+            f"{name}:{line}: byte 0x{data[error.start]:02x} is not "
+            f"{codec.removesuffix('-sig').upper()} text",
+            remedy=remedy,
         ) from error
+
+
+def codec_of(data: bytes, encoding: Encoding | None = None) -> str:
+    """Return Python's name of the encoding of a text: UTF-16 needs its byte-order mark."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if data.startswith(codecs.BOM_UTF8) or encoding in {None, "utf-8"}:
+        return "utf-8-sig"
+    return "utf-16-le" if encoding == "utf-16" else "cp1252"
 
 
 def loaded_yaml(yaml: YAML, text: str, name: str) -> object:

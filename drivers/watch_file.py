@@ -29,6 +29,8 @@ class WatchSettings:
     path: Path
     wait_s: float
     """How long a row is waited for."""
+    encoding: bounded_files.Encoding | None
+    """Encoding of a file without a byte-order mark; None: UTF-8."""
     rows_of: Callable[[str], Sequence[str]]
     """Rows of a text that hold points: no header, comments or empty lines."""
     point_of: Callable[[str, str], values.Vector3]
@@ -140,7 +142,8 @@ class WatchedTracker(LaserTracker):
             if otherwise is not None:
                 return otherwise
             raise LinkDown(error.problem, remedy=error.remedy) from error
-        text = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+        codec = bounded_files.codec_of(data, self._settings.encoding)
+        text = data.decode(codec, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
         whole, _, partial = text.rpartition("\n")
         last = self._settings.rows_of(partial)
         return _Contents(text, tuple(self._settings.rows_of(whole)), last[-1] if last else "")

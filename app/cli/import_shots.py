@@ -1,7 +1,7 @@
 """pkmcal import: shots measured with other software."""
 
 import shlex
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,17 +13,28 @@ from app.next import tell_next
 from app.options import Folder, Json, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
+from campaigns.controllers.programs import joints_path
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.controller_frame import check_frame, parse_displayed
+from campaigns.evaluation.plausibility import check_unit
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import read_text
 from campaigns.options import ValidationStage
-from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
-from campaigns.shots.joined_shots import Join, read_joined_shots
+from campaigns.shots.joined_shots import Join, holds_joints, join_shots
+from campaigns.shots.point_files import (
+    MM_PER_UNIT,
+    Coordinates,
+    DecimalSign,
+    LengthUnit,
+    PointFormat,
+    read_points,
+)
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
+from drivers.bounded_files import Encoding, is_there
 
 Form = Literal["shots", "ascii"]
 
@@ -33,25 +44,44 @@ def command(
     folder: Folder,
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="FILE", help="A shots.csv, see above.", show_default=False),
+        typer.Argument(metavar="FILE", help="A shots.csv or points.", show_default=False),
     ] = None,
     *,
     form: Annotated[
-        Form, typer.Option("--format", help="shots: as above; ascii: points of other software.")
-    ] = "shots",
+        Form | None,
+        typer.Option(
+            "--format",
+            help="shots: as above; ascii: points of other software. Default: by the first line.",
+        ),
+    ] = None,
     unit: Annotated[
         LengthUnit | None,
-        typer.Option(help="Unit of lengths in the file; required for ascii files, otherwise mm."),
+        typer.Option(help="Unit of lengths in the file. Default: its header's; of a shots.csv mm."),
     ] = None,
     joints: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="For ascii: name,q0_deg…q3_deg,pair,set of each point."),
+        typer.Option(
+            metavar="FILE",
+            help="For points: name,q0_deg…q3_deg,pair,set of each. Default: what plan --program "
+            "wrote into DIR.",
+        ),
     ] = None,
     join: Annotated[
-        Join, typer.Option(help="For ascii: how points and joints belong together.")
+        Join, typer.Option(help="For points: how points and joints belong together.")
     ] = "name",
     columns: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="For ascii: such as name,x,y,z.")
+        str | None, typer.Option(metavar="NAMES", help="For points: such as name,x,y,z.")
+    ] = None,
+    coordinates: Annotated[
+        Coordinates | None,
+        typer.Option(help="For points: which of two sets of X Y Z in the header counts."),
+    ] = None,
+    decimal: Annotated[
+        DecimalSign | None,
+        typer.Option(help="For points: the decimal sign; thousands separators are read then."),
+    ] = None,
+    encoding: Annotated[
+        Encoding | None, typer.Option(help="For points without a byte-order mark. Default: utf-8.")
     ] = None,
     stage: Annotated[
         ValidationStage | None,
@@ -89,7 +119,8 @@ def command(
 
     pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm
 
-    and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time.
+    and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time,
+    and session: a number of the tracker's station.
     Pairs of the set "validation" are never used by the fit and validate it; the default is
     "identification". "known-length" are the ends of a bar of known_lengths in campaign.yaml,
     without joints.
@@ -98,8 +129,8 @@ def command(
     mirrored frame, joints in radians or with another sign or order, a point farther from where the
     nominal robot puts it than gate.distance_mm in campaign.yaml.
 
-    With --format ascii: a point export of SpatialAnalyzer or OpenIndy, its --unit, and a file with
-    the --joints of each point.
+    A point export of tracker software (SpatialAnalyzer, OpenIndy, Leica) is read with a file of
+    the --joints of each point. Its header tells columns, unit, uncertainties and times.
 
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
     "validation", then the default, and the sets rotation, straightness, repeatability and iso-cube.
@@ -123,19 +154,26 @@ def command(
             remedy="give --stage before or after, or leave --with out",
         )
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
-    if form == "shots" and (joints or columns):
+    of_points = PointFormat(
+        unit=unit,
+        columns=columns.split(",") if columns else None,
+        coordinates=coordinates,
+        decimal=decimal,
+        encoding=encoding,
+    )
+    is_points = form == "ascii" or (
+        form is None and not holds_joints(file, campaign.robot.mechanism)
+    )
+    if is_points:
+        joints = joints or _planned_joints(campaign, file, stage or "run")
+    elif joints or replace(of_points, unit=None) != PointFormat():
         raise OptionsInvalid(
-            "--joints and --columns are for point files of other software",
+            "--joints, --columns, --coordinates, --decimal and --encoding are for point files of "
+            "other software",
             remedy="add --format ascii, or leave them out",
         )
-    if form == "ascii" and joints is None:
-        raise OptionsInvalid(
-            "--format ascii without --joints: points alone do not say where the joints were",
-            remedy="give --joints FILE, a file with each point's joints",
-        )
-    words = columns.split(",") if columns else None
     with terminal.telling(f"reading {file}") as now_at:
-        rows, notes = _read(campaign, file, joints, join, unit, words, default)
+        rows, notes = _read(campaign, file, joints, join, of_points, default)
         for note in notes:
             terminal.note(note)
         files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
@@ -167,22 +205,39 @@ def command(
     terminal.document(taken | tell_next(terminal, campaign, evaluation=found))
 
 
+def _planned_joints(campaign: Campaign, file: Path, stage: str) -> Path:
+    """Return the joints file that `plan --program` wrote; raises `OptionsInvalid` without one."""
+    joints = joints_path(campaign.folder, stage)
+    if not is_there(joints):
+        raise OptionsInvalid(
+            f"{file}: points alone do not state where the joints were",
+            remedy="give --joints FILE, a file with each point's joints; if it is a shots.csv, "
+            "correct its first line",
+        )
+    return joints
+
+
 def _read(
     campaign: Campaign,
     file: Path,
     joints: Path | None,
     join: Join,
-    unit: LengthUnit | None,
-    columns: Sequence[str] | None,
+    form: PointFormat,
     default: ShotSet,
 ) -> tuple[tuple[ShotRow, ...], tuple[str, ...]]:
-    """Rows of a shots.csv, or of points with a file of their joints, and what is to be told."""
-    mechanism = campaign.robot.mechanism
+    """Read a shots.csv, or points with a file of their joints; return its rows and notes."""
+    robot, unit, notes = campaign.robot, form.unit or "mm", tuple[str, ...]()
     if joints is None:
-        return tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[unit or "mm"])), ()
-    return read_joined_shots(
-        file, joints, mechanism, join=join, unit=unit, columns=columns, default=default
-    )
+        read = read_shots(file, robot.mechanism, default)
+        rows = tuple(in_unit(read, MM_PER_UNIT[unit]))
+    else:
+        points = read_points(file, form)
+        rows, note = join_shots(points, joints, robot.mechanism, join=join, default=default)
+        unit, notes = points.unit, (*points.notes, note)
+    if joints is not None or form.unit is not None:
+        on_robot = [row for row in rows if row.joints]
+        check_unit(robot.kinematics, shots_of_rows(on_robot, robot.kinematics), str(file), unit)
+    return rows, notes
 
 
 def _check_frame(terminal: Terminal, campaign: Campaign, file: Path) -> None:

@@ -50,6 +50,11 @@ def program_path(folder: Path, stage: str) -> Path:
     return folder / f"program-{stage}.csv"
 
 
+def joints_path(folder: Path, stage: str) -> Path:
+    """Return the file of the joints of a stage's shots, for `import`."""
+    return folder / f"program-{stage}-joints.csv"
+
+
 def is_program_there(folder: Path, stage: str, digest: Callable[[], str]) -> bool:
     """Whether a stage's program names this digest in its heading."""
     path = program_path(folder, stage)
@@ -69,7 +74,7 @@ def is_plan_program_there(
 
 
 def joints_text(program: Program) -> str:
-    """File of the joints that each shot is commanded with, for `import --format ascii`."""
+    """File of the joints that each shot is commanded with, for `import`."""
     axes = program.mechanism.joints
     shots = [(stop.shot, stop.joints.tolist()) for stop in program.stops if stop.shot]
     rows = [

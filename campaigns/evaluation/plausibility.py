@@ -20,7 +20,7 @@ from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.kinematics.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
-from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
+from campaigns.shots.point_files import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 
@@ -109,6 +109,23 @@ def check_shots(
     _check_joints(nominal, shots, where)
     _check_reading(nominal, shots, where, place_mm, modelled)
     _check_values(shots, where)
+
+
+def check_unit(nominal: Kinematics, shots: Shots, where: str, unit: LengthUnit) -> None:
+    """Raise `ShotsInvalid`, naming the right unit, for points that were read in a wrong one."""
+    points = shots.points_in_tracker_mm
+    modelled = nominal.forward(shots.joints)
+    rows = np.flatnonzero(modelled.found & np.isfinite(points).all(axis=1))
+    if len(rows) < FEWEST or _on_a_line(points[rows]):
+        return
+    scale, misfit = similarity_fit(modelled.values[rows, :3], points[rows])
+    right_mm = MM_PER_UNIT[unit] / scale
+    right = min(MM_PER_UNIT, key=lambda word: abs(math.log(MM_PER_UNIT[word] / right_mm)))
+    if misfit <= NEAR and right != unit:
+        raise ShotsInvalid(
+            f"{where}: the points look like {UNITS.get(right, 'millimetres')}, not {unit}",
+            remedy=f"import with --unit {right}",
+        )
 
 
 def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: str) -> None:

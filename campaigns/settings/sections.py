@@ -165,6 +165,16 @@ class WatchConfig(FileModel):
         description="the columns from the left, name,x,y,z, with - for one that is passed over; "
         "empty: the first three numbers in a row",
     )
+    coordinates: Literal["actual", "nominal"] | None = Field(
+        default=None, description="which of two sets of x, y and z in the header counts"
+    )
+    decimal: Literal["point", "comma"] | None = Field(
+        default=None,
+        description="the decimal sign; with it thousands separators are read too; empty: point",
+    )
+    encoding: Literal["utf-8", "utf-16", "cp1252"] | None = Field(
+        default=None, description="the encoding of a file without a byte-order mark; empty: utf-8"
+    )
     wait_s: float = Field(
         default=600.0, gt=0.0, le=86_400.0, description="how long a row is waited for, s"
     )

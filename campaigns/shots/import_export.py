@@ -107,12 +107,18 @@ def append_import(
     command: records.Command = "joints" if stage == "import" else "pose"
     with journal.in_one_commit():
         series = journal.start_series(started)
-        journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
+        session = None
         numbers = (np.arange(len(rows)) if order is None else order).tolist()
         for done, number in enumerate(numbers):
             if done % TOLD_EVERY == 0:
                 advance(done)
             row, target = rows[number], pose_of(poses[number])
+            if row.session != session:
+                if session is not None:
+                    stopped = records.SessionStopped("finished", "imported")
+                    journal.append(stopped, series=series)
+                session = row.session
+                journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
             set_, pair, nest = row.purpose.value, row.pair, row.nest
             intent = records.Intent(number, 1, set_, target, row.joints, command, pair, nest=nest)
             journal.append(intent, series=series)
@@ -194,6 +200,9 @@ def exported_shots(
     whole = [shot for row, shot in enumerate(shots) if row not in halves]
     is_import = series.started.stage == "import"
     rows = tuple(_row(shot, is_import=is_import) for shot in whole)
+    if series.sessions > 1:
+        sessions = [shot.session for shot in whole]
+        rows = tuple(replace(row, session=n) for row, n in zip(rows, sessions, strict=True))
     if approach is not None and approach.any():
         sides = [tuple(map(int, each)) for each in np.delete(approach, halves, axis=0).tolist()]
         rows = tuple(replace(row, approach=own) for row, own in zip(rows, sides, strict=True))

@@ -7,6 +7,7 @@ the shots. Each gets its point by name or by its place in the file.
 import math
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -17,11 +18,18 @@ from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whol
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
 from campaigns.kinematics.closed_chain import ClosedChain
-from campaigns.shots.ascii_points import NAME_JOINT, LengthUnit, NamedPoint, read_points
-from campaigns.shots.columns import check_pairs, columns_of, joint_values, pair_number, shot_set
+from campaigns.shots.columns import (
+    axis_columns,
+    check_pairs,
+    columns_of,
+    joint_values,
+    pair_number,
+    shot_set,
+)
+from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
-from campaigns.shots.shots_csv import ShotRow
-from drivers.bounded_files import CSV_BYTES
+from campaigns.shots.shots_csv import SESSION, ShotRow
+from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
@@ -34,39 +42,55 @@ JointsRow = tuple[CsvRow, ShotRow]
 """Row of the joints file: the shot without its point. Its pair is None where the file has none."""
 
 
-def read_joined_shots(
-    points: Path,
+def join_shots(
+    points: PointFile,
     joints: Path,
     mechanism: ClosedChain,
     *,
     join: Join,
-    unit: LengthUnit | None,
-    columns: Sequence[str] | None = None,
     default: ShotSet = ShotSet.IDENTIFICATION,
-) -> tuple[tuple[ShotRow, ...], tuple[str, ...]]:
-    """Shots of both files in the order of the joints file, and how the files were understood.
+) -> tuple[tuple[ShotRow, ...], str]:
+    """Return the shots in the order of the joints file, and a note on their pairs.
 
-    Unit and columns of the points are as `campaigns.shots.ascii_points` has them. Raises
-    `ShotsInvalid`.
+    Raises `ShotsInvalid`.
     """
-    found, layout = read_points(points, unit=unit, columns=columns)
-    points_name = str(points)
     remedy = "check the name of the joints file"
     text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
     rows = _joints_rows(text, str(joints), mechanism, default)
     matching = _by_order if join == "order" else _by_name
-    matched = matching(found, points_name, rows)
+    matched = matching(points.points, points.name, rows)
     pairs, pair_note = _pairs(rows)
     shots = tuple(
-        replace(shot, pair=pair, point_in_tracker_mm=point.point_mm)
+        replace(
+            shot,
+            pair=pair,
+            point_in_tracker_mm=point.point_mm,
+            covariance_mm2=point.covariance_mm2,
+            time=point.time,
+        )
         for (_, shot), point, pair in zip(rows, matched, pairs, strict=True)
     )
-    return shots, (f"{points_name}: {layout}", pair_note)
+    return shots, pair_note
+
+
+def holds_joints(path: Path, mechanism: ClosedChain) -> bool:
+    """Whether the first line of a file names columns of shots.csv that no point file has."""
+    with suppress(FileRefused):
+        data = read_bounded(path, CSV_BYTES)
+        first = data.decode(codec_of(data), errors="replace").lstrip().partition("\n")[0]
+        return any(name in first for name in ("pair", *axis_columns(mechanism.joints)))
+    return True  # whose reader says what is wrong with it
 
 
 def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet) -> list[JointsRow]:
     form = CsvForm(
-        (*columns_of(mechanism.joints), CsvColumn("name"), whole_column("pair"), CsvColumn("set")),
+        (
+            *columns_of(mechanism.joints),
+            CsvColumn("name"),
+            whole_column("pair"),
+            CsvColumn("set"),
+            whole_column(SESSION),
+        ),
         ShotsInvalid,
     )
     rows = [(row, _joints_row(row, mechanism, default)) for row in parse_csv(text, name, form)]
@@ -78,7 +102,9 @@ def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet)
 def _joints_row(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
     purpose = shot_set(row, default)
     pair = pair_number(row, purpose) if "pair" in row.texts else None
-    return ShotRow(pair, joint_values(row, mechanism.joints, purpose), NOWHERE_MM, purpose)
+    joints = joint_values(row, mechanism.joints, purpose)
+    session = row.value(SESSION) if row.text(SESSION) else 0
+    return ShotRow(pair, joints, NOWHERE_MM, purpose, session=session)
 
 
 def _by_order(
@@ -146,6 +172,8 @@ def _unmatched(
     known: Sequence[str],
 ) -> ShotsInvalid:
     problems, remedy = [], "take them out, or add what belongs to them"
+    if missing and len(missing) == len(spare):
+        remedy = f"if both files have the same order, give --join order; else {remedy}"
     if missing:
         names = _listed([name for _, name in missing])
         problems.append(f"{len(missing)} joints without a point in {points_name} ({names})")

@@ -419,6 +419,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         nests=tuple(row.nest for row in rows),
         temperature_degC=_or_nan(row.temperature_degC for row in rows),
         part_temperature_degC=_or_nan(row.part_temperature_degC for row in rows),
+        session=np.array([row.session for row in rows], dtype=np.intp),
     )
 
 

@@ -28,6 +28,8 @@ from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
+SESSION = "session"
+"""Column of the tracker's station, a number."""
 TEMPERATURES = ("temperature_degC", "part_temperature_degC")
 
 
@@ -55,6 +57,8 @@ class ShotRow:
     """+1 where a joint last moved towards larger values, -1 smaller, 0 unknown; (): of none."""
     part_temperature_degC: float | None = None
     """Temperature of the robot's parts; None: not measured."""
+    session: int = 0
+    """Number of the tracker's station that it was measured from; 0 where all have one."""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
@@ -154,6 +158,7 @@ def _form(mechanism: ClosedChain) -> CsvForm:
             *map(number_column, (*COVARIANCE_COLUMNS, *TEMPERATURES)),
             CsvColumn("time"),
             CsvColumn(columns.NEST),
+            whole_column(SESSION),
         ),
         ShotsInvalid,
     )
@@ -178,6 +183,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
         time=row.text("time") or None,
         nest=columns.nest_name(row, purpose),
         approach=columns.approach_values(row, mechanism.joints),
+        session=row.value(SESSION) if row.text(SESSION) else 0,
         **{name: row.value(name) for name in TEMPERATURES if row.text(name)},
     )
 
@@ -210,6 +216,7 @@ def _values_of(shot: ShotRow, mechanism: ClosedChain) -> dict[str, object]:
         "set": shot.purpose.value,
         "time": shot.time,
         columns.NEST: shot.nest,
+        SESSION: shot.session or None,
         **{name: getattr(shot, name) for name in TEMPERATURES},
     }
     for names, own in (

@@ -45,6 +45,8 @@ def import_shots(
     `anyway` another import that this one takes the place of.
     """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
+    if not anyway and any(row.purpose.on_robot for row in rows):
+        _require_first(campaign, name)
     _check(campaign, rows, name, {"import"} if anyway else set())
     order = _order(rows, name, tell)
     with campaign.journal() as journal:
@@ -155,6 +157,26 @@ def import_validation(
         return validation.record_validation(campaign, journal, series, stage, held.by)
 
 
+def _require_first(campaign: Campaign, name: str) -> None:
+    """Raise `OptionsInvalid` for shots that would count in the place of others."""
+    earlier = [series for series in _measured(campaign) if series.to_identify]
+    if earlier:
+        raise OptionsInvalid(
+            f"{name}: series {earlier[-1].number} of {len(earlier[-1].shots)} shots "
+            f"({earlier[-1].started.stage}) is there already; from this import on the new shots "
+            "alone would count",
+            remedy="--anyway takes them in its place; to use both, import one file with all shots "
+            "and a column session, 1 or 2, for the tracker's stations",
+        )
+
+
+def _measured(campaign: Campaign) -> tuple[Series, ...]:
+    if not campaign.journal_path.exists():
+        return ()
+    with campaign.journal_reader() as journal:
+        return journal.series()
+
+
 def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> Index | None:
     """Order of time of the rows, (N,); None, and said why, where it is that of the file."""
     order, lacking = time_order([row.time or "" for row in rows])
@@ -163,6 +185,12 @@ def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> I
     elif (late := np.flatnonzero(np.diff(order) < 0)).size:
         first, second = order[late[0] : late[0] + 2].tolist()
         tell(f"{name}: sorted by time: shot {first} was measured before shot {second}")
+    sessions = np.array([row.session for row in rows])
+    if np.ptp(sessions):  # one after the other
+        order = np.arange(len(rows)) if order is None else order
+        order = order[np.argsort(sessions[order], kind="stable")]
+        stations = len(np.unique(sessions))
+        tell(f"{name}: {stations} stations of the tracker by column session: identify --sessions")
     return order
 
 
@@ -174,13 +202,9 @@ def _check(
     Copies too, of each other and of what the journal has, but for imports that broke off, and those
     of the stages whose place these take.
     """
-    measured: tuple[Series, ...] = ()
-    if campaign.journal_path.exists():
-        with campaign.journal_reader() as journal:
-            measured = journal.series()
     counting = (
         each
-        for each in measured
+        for each in _measured(campaign)
         if not each.started.imported or (each.finished and each.started.stage not in replacing)
     )
     refuse_copies(rows, counting, name)
@@ -189,5 +213,9 @@ def _check(
     shots = shots.rows(np.flatnonzero([bool(row.joints) and row.purpose.on_robot for row in rows]))
     place_mm = campaign.config.tracker.place_mm
     said = place_mm != TrackerConfig.model_fields["place_mm"].default
-    check_shots(nominal, shots, name, place_mm if said else None)
-    check_distances(nominal, shots, campaign.config.gate.distance_mm, name)
+    numbers = np.unique(shots.session).tolist()
+    for number in numbers:
+        station = shots.rows(np.flatnonzero(shots.session == number))
+        where = f"{name}, session {number}" if len(numbers) > 1 else name
+        check_shots(nominal, station, where, place_mm if said and len(numbers) == 1 else None)
+        check_distances(nominal, station, campaign.config.gate.distance_mm, where)

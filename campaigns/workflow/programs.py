@@ -11,6 +11,7 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.programs import (
     Program,
     ProgramStop,
+    joints_path,
     joints_text,
     program_path,
     program_text,
@@ -81,12 +82,12 @@ def _written(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
         dwell_s=config.settle.time_s + config.tracker.measuring_time_s,
     )
     path = program_path(campaign.folder, stage)
-    joints_path = campaign.path(f"program-{stage}-joints.csv")
+    of_joints = joints_path(campaign.folder, stage)
     with campaign.held():
         replace_text(path, program_text(program))
-        replace_text(joints_path, joints_text(program))
+        replace_text(of_joints, joints_text(program))
     seconds = _seconds(program, campaign.pace.joint_speed_rad_s)
-    return WrittenProgram(stage, path, joints_path, len(steps), seconds, notes)
+    return WrittenProgram(stage, path, of_joints, len(steps), seconds, notes)
 
 
 def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[ProgramStop]:

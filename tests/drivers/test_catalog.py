@@ -14,7 +14,12 @@ from drivers.ports import LaserTracker
 from drivers.watch_file import WatchSettings
 
 WATCHED = WatchSettings(
-    serial="SN-1", path=Path(), wait_s=1.0, rows_of=lambda _: (), point_of=lambda *_: (0, 0, 0)
+    serial="SN-1",
+    path=Path(),
+    wait_s=1.0,
+    encoding=None,
+    rows_of=lambda _: (),
+    point_of=lambda *_: (0, 0, 0),
 )
 
 

@@ -8,7 +8,8 @@ from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.kinematics.catalog import PAR4
-from campaigns.shots.joined_shots import read_joined_shots
+from campaigns.shots.joined_shots import join_shots
+from campaigns.shots.point_files import PointFormat, read_points
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
 
@@ -27,9 +28,10 @@ def join(tmp_path):
     def read(points=POINTS, joints=JOINTS, by="name", **told):
         (tmp_path / "points.txt").write_text(points)
         (tmp_path / "joints.csv").write_text(joints)
-        told.setdefault("unit", "mm")
-        files = (tmp_path / "points.txt", tmp_path / "joints.csv")
-        return read_joined_shots(*files, PAR4, join=by, **told)
+        form = PointFormat(**{"unit": "mm", **told})
+        points = read_points(tmp_path / "points.txt", form)
+        rows, note = join_shots(points, tmp_path / "joints.csv", PAR4, join=by)
+        return rows, (*points.notes, note)
 
     return read
 
@@ -150,10 +152,9 @@ class TestComplaints:
 
     def test_missing_joints_file_is_named(self, tmp_path):
         (tmp_path / "points.txt").write_text(POINTS)
+        points = read_points(tmp_path / "points.txt", PointFormat(unit="mm"))
         with pytest.raises(ShotsInvalid, match="check the name of the joints file"):
-            read_joined_shots(
-                tmp_path / "points.txt", tmp_path / "gone.csv", PAR4, join="name", unit="mm"
-            )
+            join_shots(points, tmp_path / "gone.csv", PAR4, join="name")
 
 
 def test_how_the_files_were_understood_is_told_of_what_is_a_shots_file(join):

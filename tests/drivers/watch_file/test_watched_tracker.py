@@ -6,7 +6,7 @@ import pytest
 from timed_pipe import HandClock
 
 from campaigns.errors import ShotsInvalid
-from campaigns.shots.ascii_points import data_rows, point_of_row
+from campaigns.shots.point_files import PointFormat, data_rows, point_of_row
 from drivers.declaration import Surroundings
 from drivers.errors import Cancelled, ImplausibleAnswer, LinkDown, NotAMeasurement
 from drivers.watch_file import WatchedTracker, WatchSettings, recorded_measurement
@@ -44,7 +44,8 @@ def nothing(_path):
     pass
 
 
-def watched(tmp_path, before, *doings, unit="mm", columns=None, cancelled=lambda: False):
+def watched(tmp_path, before, *doings, cancelled=lambda: False, encoding=None, **form):
+    form = PointFormat(**{"unit": "mm", "option": "tracker.watch.", **form})
     path = tmp_path / "points.txt"
     if before is not None:
         path.write_text(before)
@@ -53,7 +54,8 @@ def watched(tmp_path, before, *doings, unit="mm", columns=None, cancelled=lambda
         path=path,
         wait_s=30.0,
         rows_of=data_rows,
-        point_of=lambda row, text: point_of_row(row, text, path.name, unit=unit, columns=columns),
+        encoding=encoding,
+        point_of=lambda row, text: point_of_row(row, text, path.name, form),
     )
     clock = Software(path, *doings)
     tracker = WatchedTracker(
@@ -142,6 +144,23 @@ def test_header_tells_columns_and_unit(tmp_path):
     assert tracker.measure().point_in_tracker_mm == pytest.approx(POINT, abs=1e-9)
 
 
+def test_of_two_sets_of_columns_the_settings_choose(tmp_path):
+    head = "Name;X nom;Y nom;Z nom;X act;Y act;Z act\r\n"
+    row = appends("P1;0;0;0;2000.5;10.25;-300.125\r\n")
+    with pytest.raises(ShotsInvalid, match=r"choose with tracker\.watch\.coordinates actual"):
+        watched(tmp_path, head, row)[1].measure()
+    _, tracker = watched(tmp_path, head, row, coordinates="actual")
+    assert tracker.measure().point_in_tracker_mm == POINT
+
+
+@pytest.mark.parametrize(("codec", "encoding"), [("utf-16", None), ("cp1252", "cp1252")])
+def test_other_encodings_are_read(tmp_path, codec, encoding):
+    text = "name;x [µm];y [µm];z [µm]\n"
+    doing = lambda path: path.write_bytes(f"{text}p;2000500;10250;-300125\n".encode(codec))  # noqa: E731
+    _, tracker = watched(tmp_path, None, doing, encoding=encoding)
+    assert tracker.measure().point_in_tracker_mm == pytest.approx(POINT, abs=1e-9)
+
+
 def test_unit_and_columns_are_those_of_the_settings(tmp_path):
     told = {"unit": "m", "columns": ["-", "x", "y", "z"]}
     _, tracker = watched(tmp_path, "", appends("7.5,2.0005,0.01025,-0.300125,9\n"), **told)
@@ -151,7 +170,7 @@ def test_unit_and_columns_are_those_of_the_settings(tmp_path):
 @pytest.mark.parametrize(
     ("row", "error", "said"),
     [
-        ("Main p2 2000,5 10,25 -300,1", ShotsInvalid, "decimal comma"),
+        ("Main p2 2000,5 10,25 -300,1", ShotsInvalid, "give tracker.watch.decimal comma"),
         ("Main p2 2000.5 10.25", ShotsInvalid, "no three numbers"),
         ("Main p2 2e6 0.0 0.0", ImplausibleAnswer, "possible is 0 to 200000 mm"),
     ],

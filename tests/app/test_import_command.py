@@ -1,0 +1,109 @@
+"""`pkmcal import`: which files it takes by itself, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from app.new_campaign import create_for_devices
+from campaigns.campaign import open_campaign
+from campaigns.controllers.programs import joints_path
+from campaigns.journal.views import Series
+
+JOINTS = np.random.default_rng(5).uniform(5.0, 45.0, (12, 3))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    create_for_devices(tmp_path / "cell", "delta", "offline", "offline")
+    return tmp_path / "cell"
+
+
+def table(folder, *, shift_mm=0.0, unit_mm=1.0):
+    """Joints, deg, and points of the nominal robot."""
+    robot = open_campaign(folder).robot
+    points = robot.kinematics.forward(np.radians(JOINTS)).values_or_raise()[:, :3]
+    return np.hstack([JOINTS, (points + 2000.0 + shift_mm) / unit_mm])
+
+
+def write_points(folder, *, unit_mm=1.0, header="Name;X;Y;Z\n"):
+    rows = table(folder, unit_mm=unit_mm)[:, 3:].tolist()
+    lines = [f"shot{n};{x:.7f};{y:.7f};{z:.7f}\n" for n, (x, y, z) in enumerate(rows)]
+    path = folder.parent / "points.txt"
+    path.write_text(header + "".join(lines))
+    joints = [f"shot{n},{','.join(map(repr, row))}\n" for n, row in enumerate(JOINTS.tolist())]
+    joints_path(folder, "run").write_text("name,q0_deg,q1_deg,q2_deg\n" + "".join(joints))
+    return path
+
+
+def write_shots(path, rows, sessions=None):
+    head = "pair,q0_deg,q1_deg,q2_deg,x_mm,y_mm,z_mm" + (",session" if sessions else "")
+    lines = [f"{n // 2},{','.join(map(repr, row))}" for n, row in enumerate(rows.tolist())]
+    if sessions:
+        lines = [f"{line},{session}" for line, session in zip(lines, sessions, strict=True)]
+    path.write_text("\n".join([head, *lines]) + "\n")
+    return path
+
+
+def imported(folder) -> tuple[Series, ...]:
+    with open_campaign(folder).journal_reader() as journal:
+        return journal.series("import")
+
+
+def test_points_are_joined_with_the_joints_that_plan_wrote(pkmcal, folder):
+    points = write_points(folder)
+    ended = pkmcal("import", folder, points, "--unit", "mm")
+    assert ended.code == 0, ended.err
+    assert "1 header line skipped: 'Name;X;Y;Z'" in ended.err
+    assert len(imported(folder)[-1].shots) == len(JOINTS)
+
+
+@pytest.mark.parametrize("given", ["m", "um", "inch", "cm"])
+@pytest.mark.parametrize(("right", "mm"), [("mm", 1.0), ("inch", 25.4), ("m", 1000.0)])
+def test_wrong_unit_is_refused_with_the_right_one(pkmcal, folder, given, right, mm):
+    points = write_points(folder, unit_mm=mm)
+    if given == right:
+        assert pkmcal("import", folder, points, "--unit", given).code == 0
+        return
+    assert (
+        f"import with --unit {right}"
+        in pkmcal("import", folder, points, "--unit", given).error_line
+    )
+
+
+def test_unit_of_a_wrong_header_can_be_replaced(pkmcal, folder):
+    points = write_points(folder, unit_mm=25.4, header="Name;X [m];Y [m];Z [m]\n")
+    assert "import with --unit inch" in pkmcal("import", folder, points).error_line
+    assert pkmcal("import", folder, points, "--unit", "inch").code == 0
+
+
+def test_points_without_joints_are_refused(pkmcal, folder):
+    points = write_points(folder)
+    joints_path(folder, "run").unlink()
+    said = pkmcal("import", folder, points).error_line
+    assert "points.txt: points alone do not state where the joints were → give --joints" in said
+
+
+def test_second_import_says_that_it_alone_would_count(pkmcal, folder, tmp_path):
+    first = write_shots(tmp_path / "first.csv", table(folder))
+    rng = np.random.default_rng(6)
+    other = table(folder) + np.hstack([np.zeros((12, 3)), 0.01 * rng.normal(size=(12, 3))])
+    second = write_shots(tmp_path / "second.csv", other)
+    assert pkmcal("import", folder, first).code == 0
+    refused = pkmcal("import", folder, second)
+    assert refused.code == 2
+    assert "series 1 of 12 shots (import) is there already" in refused.error_line
+    assert "--anyway takes them in its place; to use both" in refused.error_line
+    assert len(imported(folder)) == 1
+    assert pkmcal("import", folder, second, "--anyway").code == 0
+    assert len(imported(folder)) == 2
+
+
+def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):
+    rows = table(folder)
+    rows[6:, 3:] += 500.0
+    shots = write_shots(tmp_path / "shots.csv", rows, sessions=[1] * 6 + [2] * 6)
+    ended = pkmcal("import", folder, shots)
+    assert ended.code == 0, ended.err
+    assert "2 stations of the tracker by column session: identify --sessions" in ended.err
+    assert [shot.session for shot in imported(folder)[-1].shots] == [1] * 6 + [2] * 6
+    one_station = write_shots(tmp_path / "one.csv", rows)
+    assert pkmcal("import", folder, one_station, "--anyway").code == 2

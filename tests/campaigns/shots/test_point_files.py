@@ -1,0 +1,329 @@
+"""Point files of SpatialAnalyzer and OpenIndy: what they mean, and what they cannot tell."""
+
+import math
+from functools import partial
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from refusals import refusal
+
+from campaigns.errors import ShotsInvalid
+from campaigns.shots.point_files import PointFormat, parse_points, read_points
+
+SPATIAL_ANALYZER = """\
+// SpatialAnalyzer, frame: Tracker 1
+// X, Y, Z in the working frame
+
+A Main p1 2000.500000 10.250000 -300.125000
+A Main p2 2100.000000 20.000000 -310.000000
+"""
+OPENINDY = """\
+# exported points
+p1 2.0005 0.01025 -0.300125 shots first
+p2 2.1 0.02 -0.31 shots second
+"""
+
+
+def read(text, unit="mm", **form):
+    return parse_points(text, "points.txt", PointFormat(unit=unit, **form))
+
+
+def found(text, **form):
+    return {point.name: point.point_mm for point in read(text, **form).points}
+
+
+def notes(text, **form):
+    return "\n".join(read(text, **form).notes)
+
+
+complaint = partial(refusal, ShotsInvalid, read, begins="points.txt:")
+
+
+class TestForms:
+    def test_names_stand_before_and_comments_behind(self):
+        assert found(SPATIAL_ANALYZER) == {
+            "A::Main::p1": (2000.5, 10.25, -300.125),
+            "A::Main::p2": (2100.0, 20.0, -310.0),
+        }
+        points = found(OPENINDY, unit="m")
+        assert points["p1"] == pytest.approx((2000.5, 10.25, -300.125))
+        assert list(points) == ["p1", "p2"]
+        points = read("1.0 2.0 3.0\n4.0 5.0 6.0\n").points
+        assert [point.name for point in points] == ["", ""]
+        assert points[1].point_mm == (4.0, 5.0, 6.0)
+
+    @pytest.mark.parametrize("joint", [",", ", ", ";", "\t", "   "])
+    def test_any_separator_is_understood(self, joint):
+        text = SPATIAL_ANALYZER.replace(" ", joint) if joint != "   " else SPATIAL_ANALYZER
+        text = "\n".join(line for line in text.splitlines() if not line.startswith("//"))
+        assert found(text) == found(SPATIAL_ANALYZER)
+
+    def test_blanks_quotes_and_scientific_numbers_are_read(self):
+        text = "Group one, point 1, 1.0, 2.0, 3.0\nGroup one, point 2, 4.0, 5.0, 6.0\n"
+        assert list(found(text)) == ["Group one::point 1", "Group one::point 2"]
+        assert list(found('"p1",1.0,2.0,3.0\n')) == ["p1"]
+        text = "p1 2.0005e+03 1.025E1 -3.00125e+002\n"
+        assert found(text)["p1"] == pytest.approx((2000.5, 10.25, -300.125))
+
+    @pytest.mark.parametrize("first", ["1 ", "A 1 ", "A Main 1 "])
+    def test_whole_number_before_three_numbers_is_a_name(self, first):
+        text = f"{first}2000.5 10.25 -300.0\n{first.replace('1', '2')}2000.5 10.25 -300.0\n"
+        names = list(found(text))
+        assert [name.rpartition("::")[2] for name in names] == ["1", "2"]
+
+    def test_windows_file_with_comments_anywhere_is_read(self, tmp_path):
+        path = tmp_path / "points.txt"
+        text = "\ufeff// head\r\np1 1.0 2.0 3.0\r\n; note\r\n\r\n# note\r\np2 4.0 5.0 6.0\r\n"
+        path.write_bytes(text.encode())
+        points = read_points(path, PointFormat(unit="mm")).points
+        assert [point.where.rpartition(":")[2] for point in points] == ["2", "6"]
+
+    def test_notes_say_how_a_file_was_read(self):
+        assert "name, name, name, x, y, z by blanks, in mm" in notes(SPATIAL_ANALYZER)
+        assert "name, x, y, z by semicolons, in inch" in notes("p1;1;2;3\n", unit="inch")
+
+
+class TestColumnsThatAreTold:
+    def test_numbers_behind_the_point_are_left_alone(self):
+        text = "p1 1.0 2.0 3.0 0.01 0.02 0.03\n"
+        assert "6 numbers in a row" in complaint(text)
+        assert found(text, columns=("name", "x", "y", "z")) == {"p1": (1.0, 2.0, 3.0)}
+
+    def test_columns_told_may_stand_in_another_order_and_name_numbers(self):
+        text = "3.0 p1 1.0 9.9 2.0\n"
+        assert found(text, columns=("z", "name", "x", "-", "y")) == {"p1": (1.0, 2.0, 3.0)}
+        text = "1.5 1.0 2.0 3.0\np2 1.0 2.0 3.0\n"
+        told = ("name", "x", "y", "z")
+        assert list(found(text, columns=told)) == ["1.5", "p2"]
+
+    @pytest.mark.parametrize(
+        ("columns", "said"),
+        [
+            (("name", "X", "y", "z"), "unknown column 'X' → did you mean x?"),
+            (("name", "x", "y"), "has 0 z"),
+            (("x", "x", "y", "z"), "has 2 x"),
+        ],
+    )
+    def test_columns_that_cannot_be_are_refused(self, columns, said):
+        assert said in complaint("p1 1.0 2.0 3.0\n", columns=columns)
+
+    def test_a_line_too_short_or_with_a_word_for_a_number_is_named(self):
+        text = "p1 1.0 2.0 3.0\np2 1.0 2.0\n"
+        assert "points.txt:2: 3 words for 4" in complaint(text, columns=("name", "x", "y", "z"))
+        said = complaint("p1 1.0 2.0 oops\n", columns=("name", "x", "y", "z"))
+        assert "points.txt:1: z is 'oops', must be a number" in said
+
+
+class TestUnits:
+    @pytest.mark.parametrize(("unit", "mm"), [("mm", 1.0), ("m", 1000.0), ("inch", 25.4)])
+    def test_point_is_in_mm(self, unit, mm):
+        assert found("p1 1.0 2.0 4.0\n", unit=unit)["p1"] == (mm, 2.0 * mm, 4.0 * mm)
+
+    def test_unit_that_nobody_tells_is_never_guessed(self):
+        said = complaint(SPATIAL_ANALYZER, unit=None)
+        assert said.endswith(
+            "does not state its unit of length → give it with --unit mm|m|inch|ft|cm|um"
+        )
+
+    def test_point_too_far_away_is_in_another_unit(self):
+        said = complaint("p1 200000.5 10.0 -300.0\n", unit="m")
+        assert "points.txt:1: x is 200000.5 m, farther than 1e+08 mm → check --unit" in said
+
+
+class TestComplaints:
+    @pytest.mark.parametrize("text", ["", "\n\n", "// only comments\n# here\n"])
+    def test_file_without_points_is_refused(self, text):
+        assert "holds no points" in complaint(text)
+
+    def test_lines_that_are_not_like_the_first_are_named(self):
+        said = complaint("p1 1.0 2.0 3.0\nend of file\n")
+        assert "points.txt:2: no X Y Z: 'end of file'" in said
+        said = complaint("p1 1.0 2.0 3.0\n\nA p2 1.0 2.0 3.0\n")
+        assert "points.txt:3: 'A p2 1.0 2.0 3.0' has other columns than line 1" in said
+        assert "commas if names hold blanks" in said
+
+    def test_what_could_be_read_in_two_ways_is_not_guessed(self):
+        said = complaint("2000.5 10.0 -300.0 0.02\n")
+        assert "4 numbers in a row, X Y Z are three → say what they are" in said
+        assert "4 words before X Y Z" in complaint("a b c d 1.0 2.0 3.0\n")
+
+    def test_name_that_stands_twice_is_named_with_both_lines(self):
+        said = complaint("p1 1.0 2.0 3.0\np2 1.0 2.0 3.0\np1 4.0 5.0 6.0\n")
+        assert "points.txt:3: point 'p1' stands already in line 1" in said
+
+    @pytest.mark.parametrize("word", ["nan", "inf", "1e999", "1,5", "0x10"])
+    def test_what_is_no_number_is_no_coordinate(self, word):
+        complaint(f"p1 1.0 2.0 3.0\np2 {word} 2.0 3.0\n")
+
+    def test_file_that_is_not_there_is_named(self, tmp_path):
+        with pytest.raises(ShotsInvalid, match=r"gone\.txt: there is no such file"):
+            read_points(tmp_path / "gone.txt", PointFormat(unit="mm"))
+
+
+class TestHeaders:
+    @pytest.mark.parametrize(
+        ("header", "row"),
+        [
+            ("sep=;\nName;X;Y;Z", "p1;1;2;3"),
+            ("No.\tName\tX\tY\tZ", "7\tp1\t1\t2\t3"),
+            ('"name","x [mm]","y [mm]","z [mm]"', '"p1","1","2","3"'),
+            ("Report of 3 points\n\nName X Y Z", "p1 1 2 3"),
+            ("Name  X [mm]  Y [mm]  Z [mm]", "p1 1 2 3"),
+            ("Point Name,Y,X,Z,Comment", "p1,2,1,3,4"),
+            ("Name;X;Y;Z\n;[mm];[mm];[mm]", "p1;1;2;3"),
+            ("X-Coordinate (mm);Y-Coordinate (mm);Z-Coordinate (mm);id", "1;2;3;p1"),
+            ("Name,dX,dY,dZ,X,Y,Z", "p1,0.1,0.2,0.3,1,2,3"),
+            ("exported by somebody", "p1 1 2 3"),
+        ],
+    )
+    def test_header_lines_determine_the_columns_and_are_noted(self, header, row):
+        assert found(f"{header}\n{row}\n") == {"p1": (1.0, 2.0, 3.0)}
+        count = len([*filter(None, header.splitlines())])
+        quoted = notes(f"{header}\n{row}\n")
+        assert f"{count} header line{'s' if count > 1 else ''} skipped: '" in quoted
+
+    @pytest.mark.parametrize(
+        ("unit", "mm"),
+        [
+            *(("[mm]", 1.0), ("(m)", 1e3), ("_inch", 25.4), (" in", 25.4), (" [µm]", 1e-3)),
+            *((" ( um )", 1e-3), ("[ft]", 304.8), ("/mm", 1.0), (" [Meters]", 1e3)),
+        ],
+    )
+    def test_header_states_the_unit(self, unit, mm):
+        text = f"Name;X{unit};Y{unit};Z{unit}\np1;1;2;4\n"
+        assert found(text, unit=None)["p1"] == pytest.approx((mm, 2.0 * mm, 4.0 * mm))
+
+    def test_unit_given_goes_before_the_headers_and_is_noted(self):
+        text = "Name;X [mm];Y [mm];Z [mm]\np1;1;2;4\n"
+        assert found(text, unit="m")["p1"] == (1000.0, 2000.0, 4000.0)
+        assert "the header states mm, --unit m is used" in notes(text, unit="m")
+
+    @pytest.mark.parametrize(
+        ("header", "said"),
+        [
+            ("Name;X [furlong];Y [furlong];Z [furlong]", "'furlong' beside X Y Z in the header"),
+            ("Name;X_yd;Y_yd;Z_yd", "'yd' beside X Y Z in the header"),
+            ("Name;X [mm];Y [mm];Z [m]", "the header has several units: mm, mm, m"),
+            ("Name;X;Y;Z;X;Y;Z", "the header has two columns 'X' → choose with --columns"),
+            ("Name;X nom;Y nom;Z nom", "names nominal coordinates only"),
+        ],
+    )
+    def test_header_that_cannot_be_read_is_refused(self, header, said):
+        assert said in complaint(f"{header}\np1;1;2;3;4;5;6\n", unit=None)
+
+    def test_of_two_sets_one_is_chosen(self):
+        text = "Name;X nom;Y nom;Z nom;X act;Y act;Z act\np1;1;2;3;4;5;6\n"
+        said = complaint(text)
+        assert "points.txt:1: the header has 2 sets of X Y Z, 'X nom' and 'X act'" in said
+        assert "→ choose with --coordinates actual or nominal" in said
+        assert found(text, coordinates="actual")["p1"] == (4.0, 5.0, 6.0)
+        assert found(text, coordinates="nominal")["p1"] == (1.0, 2.0, 3.0)
+        assert found(text, columns=("name", "-", "-", "-", "x", "y", "z"))["p1"] == (4.0, 5.0, 6.0)
+        half = text.replace(" act", "")
+        assert found(half, coordinates="actual")["p1"] == (4.0, 5.0, 6.0)
+
+    def test_more_values_than_columns_are_refused(self):
+        said = complaint("Name,X,Y,Z\np1,2,927.032,267.835,-425.832\n")
+        assert "points.txt:2: 5 values for 4 columns of the header" in said
+
+    def test_uncertainties_become_covariances_and_times_are_read(self):
+        head = "X [m],Y [m],Z [m],U(95) [mm],U(95) X [mm],U(95) Y [mm],U(95) Z [mm],Time Stamp\n"
+        text = f"{head}1,2,3,9,0.02,0.04,0.06,'11.10.2022 15:06:00.043\n"
+        (point,) = read(text, unit=None).points
+        assert point.point_mm == (1000.0, 2000.0, 3000.0)
+        assert [point.covariance_mm2[i][i] for i in range(3)] == pytest.approx([1e-4, 4e-4, 9e-4])
+        assert point.time == "2022-10-11T15:06:00.043000"
+        (point,) = read("x,y,z,sx,sy,sz,time\n1,2,3,.1,.1,.1,7.5\n").points
+        assert point.covariance_mm2[0][0] == pytest.approx(0.01)
+        assert point.time == "7.5"
+
+    def test_uncertainty_of_zero_and_time_that_cannot_be_read_are_noted(self):
+        text = "x,y,z,σx,σy,σz,time\n1,2,3,.1,.1,.1,7\n1,2,4,.1,0,.1,noon\n"
+        points, said = read(text).points, read(text).notes
+        assert [point.covariance_mm2 for point in points] == [None, None]
+        assert [point.time for point in points] == [None, None]
+        assert any("points.txt:3: an uncertainty is not above zero" in note for note in said)
+        assert any("points.txt:3: time 'noon' cannot be read" in note for note in said)
+
+
+class TestNotations:
+    @pytest.mark.parametrize(
+        "line",
+        [
+            *("p1 2000,5 10,25 -300,125", "p1;2000,5;10,25;-300,125", "p1\t2,0\t10,2\t-3,1"),
+            *('"p1","2,927.032","1.5","2.5"', '"p1";"2.927,032";"1,5";"2,5"'),
+        ],
+    )
+    def test_commas_in_numbers_are_refused_unless_the_decimal_sign_is_given(self, line):
+        said = complaint(f"// export\n{line}\n")
+        assert "points.txt:2: x is '" in said
+        assert "with a decimal comma or a thousands separator → give --decimal comma" in said
+
+    @pytest.mark.parametrize(
+        ("line", "decimal", "point"),
+        [
+            ("p1 2000,5 10,25 -300,125", "comma", (2000.5, 10.25, -300.125)),
+            ("p1;2.927,032;1.000.000;-1", "comma", (2927.032, 1e6, -1.0)),
+            ('"p1","2,927.032","267.835","-425.832"', "point", (2927.032, 267.835, -425.832)),
+            ("p1;2'927.032;1 000;-1.5", "point", (2927.032, 1000.0, -1.5)),
+        ],
+    )
+    def test_decimal_sign_given_is_used(self, line, decimal, point):
+        assert found(f"{line}\n", decimal=decimal)["p1"] == point
+
+    def test_number_of_the_other_notation_is_refused(self):
+        assert "x is '2000.5'" in complaint("p1;2000.5;1,5;2,5\n", decimal="comma")
+        assert "x is '2.927,032'" in complaint("p1;2.927,032;1.5;2.5\n", decimal="point")
+
+    def test_thousands_separator_is_no_part_of_a_name(self):
+        text = "p1,2,927.032,267.835,-425.832\np2,2,678.052,676.534,-371.112\n"
+        assert "'2,927.032' may be a number with a thousands separator" in complaint(text)
+
+
+class TestEncodings:
+    TEXT = "Name;X [µm];Y [µm];Z [µm]\r\nHöhe;1000;2000;3000\r\n"
+
+    @pytest.mark.parametrize(
+        ("codec", "encoding"),
+        [("utf-8", None), ("utf-8-sig", None), ("utf-16", None), ("cp1252", "cp1252")],
+    )
+    def test_byte_order_mark_or_option_decides(self, tmp_path, codec, encoding):
+        path = tmp_path / "points.txt"
+        path.write_bytes(self.TEXT.encode(codec))
+        (point,) = read_points(path, PointFormat(encoding=encoding)).points
+        assert (point.name, point.point_mm) == ("Höhe", (1.0, 2.0, 3.0))
+
+    def test_bytes_that_are_not_utf_8_are_named_with_the_option(self, tmp_path):
+        path = tmp_path / "points.txt"
+        path.write_bytes(self.TEXT.encode("cp1252"))
+        said = r"points\.txt:1: byte 0xb5 is not UTF-8 text → give --encoding utf-8\|utf-16\|cp1252"
+        with pytest.raises(ShotsInvalid, match=said):
+            read_points(path, PointFormat())
+
+
+coordinates = st.floats(-9e5, 9e5).map(lambda value: round(value, 6))
+names = st.text(st.characters(categories=["L"]), min_size=1, max_size=8)
+named = st.dictionaries(names, st.tuples(*[coordinates] * 3), min_size=1, max_size=10)
+
+
+@given(named, st.sampled_from([" ", ",", ";", "\t"]), st.sampled_from(["{:.6f}", "{:.15e}"]))
+def test_whatever_is_exported_is_read_again(points, joint, form):
+    text = "".join(
+        joint.join([name, *map(form.format, point)]) + "\n" for name, point in points.items()
+    )
+    assert list(found(text)) == list(points)
+    for name, point in found(text).items():
+        assert point == pytest.approx(points[name], rel=1e-14)
+
+
+@given(st.text(st.characters(codec="latin-1"), max_size=200))
+def test_any_text_is_read_or_refused_in_one_line(text):
+    said, points = "", ()
+    try:
+        points = read(text).points
+    except ShotsInvalid as error:
+        said = str(error)
+    assert bool(said) != bool(points)
+    assert len(said.splitlines()) <= 1
+    assert all(math.isfinite(value) for point in points for value in point.point_mm)
