@@ -29,7 +29,12 @@ from drivers.texts import printable
 T = TypeVar("T")
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
-DECISIONS: Mapping[str, str] = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
+DECISIONS: Mapping[str, str] = {
+    "pass": GOOD,
+    "fail": BAD,
+    "not decided": OPEN,
+    "no limit asked for": OPEN,
+}
 """How each decision looks."""
 TALK, WARNING = "dim", "yellow"
 LIKE_A_TERMINAL = {"FORCE_COLOR", "TTY_COMPATIBLE"}

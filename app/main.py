@@ -2,12 +2,15 @@
 
 import json
 import os
+import re
+import shlex
 import signal
 import sys
 import traceback
 from collections.abc import Mapping
 from importlib import import_module
 from itertools import takewhile
+from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import Annotated, Any
@@ -204,9 +207,17 @@ def _explained(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
     if isinstance(error, TyperException):
         return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):
-        return f"{error}{f' ({error.page})' if error.page else ''}", exit_code(error)
+        text = f"{error}{f' ({error.page})' if error.page else ''}"
+        return _with_folder(text, arguments), exit_code(error)
     problem = f"unforeseen {type(error).__name__}: {error}"
     return f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG
+
+
+def _with_folder(text: str, arguments: list[str]) -> str:
+    """Replace DIR in the commands of a text by the folder of the command that failed."""
+    words = (word for word in (*arguments, ".") if (Path(word) / "campaign.yaml").is_file())
+    folder = shlex.quote(next(words, "DIR"))
+    return re.sub("(`pkmcal [a-z-]+ )DIR", lambda match: match[1] + folder, text)
 
 
 def _tell_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 from app.console import NO_NEXT, TALK, WARNING, Terminal
 from campaigns.campaign import Campaign
-from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
-from campaigns.evidence import Evaluation
+from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import NextStep, next_step
+from campaigns.next_step import NextStep, next_step, state_of
 
 
 def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
@@ -23,29 +22,23 @@ def tell_next(
     terminal: Terminal,
     campaign: Campaign,
     *,
-    answered: bool = False,
-    reported: bool = False,
+    reported: bool | None = None,
     held: ControllerState | None = None,
     evaluation: Evaluation | None = None,
 ) -> dict[str, object]:
-    """Say which command is next; gives it as a part of what `--json` prints.
+    """Say which command is next; return it as a part of what `--json` prints.
 
-    `answered`: the devices answered. `held`: what was read from the controller. `evaluation`: the
-    campaign's, where it is there.
+    `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made.
     Where evidence cannot be read, nothing is said: the command's own result stands.
     """
-    known = {"answered": answered, "reported": reported}
     try:
-        if evaluation is None:
-            state = present_state(campaign, held=held, **known)
-        else:
-            state = state_of(evaluation, held=held, **known)
+        state = state_of(evaluation or evaluate(campaign), reported=reported, held=held)
         worker = lock_holder(campaign.folder)
         step = next_step(replace(state, worker=worker.says if worker else ""))
     except CampaignError:
         return next_document(None)
-    if step is not None:
-        terminal.note(f"next: {step.says}", TALK)
+    for line in step.lines if step else ():
+        terminal.note(line, TALK)
     return next_document(step)
 
 

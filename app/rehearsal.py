@@ -6,10 +6,10 @@ from app.plan_text import plan_line
 from app.report.terminal_text import show_gain, show_identification
 from app.wiring import connected_robot, scenario_of
 from campaigns.campaign import Campaign
-from campaigns.campaign_state import state_of
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
+from campaigns.next_step import state_of
 from campaigns.options import LoadOptions, ValidationOptions, ValidationStage
 from campaigns.workflow.exporting import export, export_plain
 from campaigns.workflow.identification import identify

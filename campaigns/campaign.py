@@ -310,7 +310,7 @@ class Campaign:
     def _nothing_measured(self) -> ShotsMissing:
         return ShotsMissing(
             f"{self.folder}: nothing has been measured yet",
-            remedy="measure with `pkmcal run`, or take shots in with `pkmcal import`",
+            remedy="measure with `pkmcal run DIR`, or `pkmcal import DIR FILE`",
         )
 
 

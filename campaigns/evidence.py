@@ -5,7 +5,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -296,7 +296,7 @@ class Evaluation:
             self.validated("after"),
             self.checks,
             validated=self.after is not None,
-            held=tuple(self._held_in_words()),
+            notes=(*self._held_in_words(), *_limits_set_later(self.evidence)),
             gained=gained_in_words(self.gains, found.unseen_mm if found else None),
         )
 
@@ -529,7 +529,7 @@ def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:
-    """Every link of the chain from plan to controller, and the limits."""
+    """Every link of the chain from plan to controller."""
     run, found, journal = evidence.run, evidence.identification, evidence.journal
     if run is None or run.series.started.stage != "import":
         yield same_digest("plan.csv is the plan that was measured", *_plan_digests(evidence))
@@ -542,7 +542,6 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
         detail = f"check, series {check.series}: {check.says}"
         yield Check("the robot is as it was identified", holds=False, detail=detail)
     yield _before_check(evidence)
-    yield _limits_check(evidence)
     if journal is not None and journal.unended_load:
         statement = "it is known what the controller holds"
         yield Check(statement, holds=False, detail="a load was begun and not ended")
@@ -620,13 +619,12 @@ def _before_check(evidence: Evidence) -> Check:
     return Check(statement, held.kind == "nominal", held.says, decides=False)
 
 
-def _limits_check(evidence: Evidence) -> Check:
-    """Limits may be set late, but a reader should know."""
-    statement = "the limits are those that stood when the robot was validated after"
+def _limits_set_later(evidence: Evidence) -> Iterator[str]:
+    """Say when the limits were set, if others or none stood when the robot was validated after."""
     after = evidence.after[-1].series.started if evidence.after else None
     recorded = after.configuration.get("acceptance") if after else None
-    if recorded is None:
-        return Check(statement, None, "nothing to compare", decides=False)
-    holds = recorded == evidence.campaign.config.acceptance.model_dump(mode="json")
-    detail = "as in the journal" if holds else "changed in campaign.yaml since"
-    return Check(statement, holds, detail, decides=False)
+    config = evidence.campaign.config.acceptance.model_dump(mode="json")
+    if recorded is not None and recorded != config and any(config.values()):
+        changed_s = evidence.campaign.path("campaign.yaml").stat().st_mtime
+        moment = datetime.fromtimestamp(changed_s, UTC).isoformat(" ", "minutes")
+        yield f"Limits set after that validation, in campaign.yaml of {moment}."

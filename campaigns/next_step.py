@@ -1,40 +1,61 @@
-"""Next step: the one command that follows from a campaign's state, by a table. Pure."""
+"""Next step: the state of a campaign by its evidence, and the one command that follows from it.
+
+`state_of` derives a flat state from the evidence; `next_step` finds the first row of a table that
+applies to it. The command of a row changes what made the row apply, so no advice leads back.
+"""
 
 import shlex
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from campaigns.controllers.export import FILE_NAME
-from campaigns.evaluation.decision import Decision
+from campaigns.controllers.controller_state import ControllerState
+from campaigns.controllers.export import FILE_NAME, PLAIN_FILE
+from campaigns.evaluation.decision import NO_LIMIT, Decision
+from campaigns.evidence import Evaluation, Evidence
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.identification import findings
 from campaigns.identification.result import RecordedIdentification
+from campaigns.journal.records import Event
+from campaigns.journal.views import Series
+from campaigns.kinematics.parameters import Parameters
+from campaigns.measuring.monitors import WRONG_PLACE
+from campaigns.planning.plan_match import plan_difference
 
-Answer = Literal["", "again", "update", "anew"]
-After = Literal["", "worse", "fail", "not decided", "no limits", "pass"]
+REPORT = "report.html"
+HEAD_BYTES = 4000
+"""Bytes at a report's beginning that name the last record of the journal."""
+LOOK = "look through campaign.yaml (tracker.place_mm!)"
+MEASURE = "run program-{} on the controller, and measure at each of its stops"
+CHANGED = "look for what changed since the shots, and measure again"
+OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
     """Command to type next, what has to be done by hand before it, and why it is next."""
 
-    command: tuple[str, ...]
+    text: str
+    """The command as it is typed."""
     first: str = ""
     why: str = ""
 
     @property
-    def text(self) -> str:
-        """The command as it is typed."""
-        return shlex.join(("pkmcal", *self.command))
+    def before(self) -> str:
+        """What to do first, or why the command is next; may be empty."""
+        return f"{self.first} ({self.why})" if self.first and self.why else self.first or self.why
 
     @property
     def says(self) -> str:
-        """What to do first and why, then the command, which ends the line to be copied."""
-        if not self.first:
-            return f"{self.why}, so: {self.text}" if self.why else self.text
-        why = f" ({self.why})" if self.why else ""
-        return f"{self.first}{why}, then: {self.text}"
+        """What to do first, or why, and then the command, as one sentence."""
+        return f"{self.before}, then: {self.text}" if self.before else self.text
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """Lines for a terminal; the command ends the last one, so that it can be copied."""
+        if self.before:
+            yield f"{'first' if self.first else 'because'}: {self.before}"
+        yield f"next: {self.text}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +65,7 @@ class CampaignState:
     folder: str = "DIR"
     worker: str = ""
     """Process that works on the campaign now; empty: none."""
-    answered: bool = True
-    """Whether the devices were asked who they are; a simulated cell need not be."""
+    simulated: bool = False
     offline: bool = False
     """Whether no device is connected: shots are imported."""
     program: bool = False
@@ -53,6 +73,8 @@ class CampaignState:
     program_after: bool = False
     """Whether it has one for what was exported last."""
     planned: bool = False
+    misplaced: str = ""
+    """Where the shots found the tracker, if campaign.yaml still says another place; or empty."""
     before: bool = False
     """Whether the robot was validated before calibration."""
     measured: Literal["", "run", "import"] = ""
@@ -60,12 +82,13 @@ class CampaignState:
     """Whether plan.csv has shots that are not measured yet, and takes a new series."""
     verdict: Decision | None = None
     """Of an identification of the latest shots."""
-    remedy: NextStep | None = None
-    """Of an identification that did not pass; its words may have `{folder}` and `{again}`."""
-    check: Answer = ""
+    remedy: str = ""
+    """Command that answers an identification that did not pass."""
+    remedy_first: str = ""
+    check: Literal["", "again", "update", "anew"] = ""
     """What answers a check that is not good: another check, an update by its shots, new shots."""
     to_export: Literal["", "yaml", "plain"] = ""
-    """Robot file that is missing: all parameters, or those that the controller knows."""
+    """Robot file that is missing: all parameters, or those that the controller has."""
     overwrite: bool = False
     """Whether an older file has the missing one's name."""
     file: str = FILE_NAME
@@ -74,8 +97,8 @@ class CampaignState:
     """Whether the controller holds what was identified, or a form of it."""
     plain: bool = False
     """Whether it was validated with a form that has fewer parameters."""
-    after: After = ""
-    """Verdict on the robot with what was identified last."""
+    after: str = ""
+    """Verdict on the robot with the latest identification, or "worse"; empty: not validated."""
     reasons: str = ""
     """Reasons against that verdict."""
     by_targets: bool = False
@@ -85,31 +108,35 @@ class CampaignState:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of the table: when it applies, the command, what to do by hand first, and why."""
+    """Row of the table: when it applies, the command, what to do by hand first, and why.
+
+    `next_step` says what stands for the words in braces.
+    """
 
     applies: Callable[[CampaignState], bool]
     command: str
-    """Words; `next_step` says what stands for those in braces."""
     first: str = ""
     why: str = ""
 
-
-LOOK = "look through campaign.yaml (tracker.place_mm!)"
-MEASURE = "run program-{} on the controller, and measure at each of its stops"
-CHANGED = "look for what changed since the shots, and measure again"
-LIMITS = "under acceptance in campaign.yaml"
 
 ROWS = (
     Row(
         lambda s: bool(s.worker),
         "status {folder}",
-        "wait, or look on by `pkmcal watch`",
+        "wait, or look on by `pkmcal watch {folder}`",
         "{worker} works on this campaign",
     ),
     Row(
-        lambda s: not (s.planned or s.measured or s.answered or s.offline), "devices {folder}", LOOK
+        lambda s: bool(s.misplaced) and (not s.measured or s.left == "run"),
+        "plan {folder}",
+        "set tracker.place_mm in campaign.yaml ({misplaced})",
     ),
     Row(lambda s: not (s.planned or s.measured) and s.offline, "plan {folder}", LOOK),
+    Row(
+        lambda s: not (s.planned or s.measured or s.simulated),
+        "plan {folder}",
+        f"{LOOK}; `pkmcal devices {{folder}}` asks both devices",
+    ),
     Row(lambda s: not (s.planned or s.measured), "plan {folder}"),
     Row(lambda s: not (s.measured or s.program) and s.offline, "plan {folder} --program csv"),
     Row(
@@ -122,7 +149,7 @@ ROWS = (
     Row(lambda s: not s.measured or s.left == "run", "run {folder}"),
     Row(lambda s: s.left == "anew", "run {folder} --anew"),
     Row(lambda s: s.verdict is None, "identify {folder}"),
-    Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy}"),
+    Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
     Row(lambda s: s.check == "again", "check {folder}"),
     Row(lambda s: s.check == "update", "identify {folder} --update"),
     Row(lambda s: s.check == "anew", "{again}", CHANGED),
@@ -144,7 +171,7 @@ ROWS = (
     Row(
         lambda s: s.to_export == "plain" and not s.after,
         "export {folder} --format plain {overwrite}",
-        why="the controller does not know all parameters",
+        why="the controller does not have all parameters",
     ),
     Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
     Row(
@@ -160,73 +187,240 @@ ROWS = (
     Row(lambda s: not s.after, "validate {folder} --stage after"),
     Row(lambda s: not s.reported, "report {folder}"),
     Row(
-        lambda s: s.after == "no limits",
+        lambda s: s.after == NO_LIMIT,
         "report {folder}",
-        f"set the limits that must be met, {LIMITS}",
+        "set the limits that must be met, under acceptance in campaign.yaml",
     ),
     Row(
         lambda s: s.after == "not decided",
         "report {folder}",
-        "measure with a smaller uncertainty, or agree other limits with whoever asks for them, "
-        f"{LIMITS} ({{reasons}})",
+        f"Conformity not shown. Measure with a smaller U, or {OTHER_LIMITS}",
     ),
     Row(
         lambda s: s.after == "fail",
         "report {folder}",
-        "mend what breaks the limits, or agree other ones with whoever asks for them, "
-        f"{LIMITS} ({{reasons}})",
+        f"Limits not met. Mend the robot, or {OTHER_LIMITS}",
     ),
 )
-"""The first row that applies says what is next. Its command changes what made it apply."""
 
 
 def next_step(state: CampaignState) -> NextStep | None:
-    """Return the next step; None where nothing is left to do."""
+    """Return the next step by the first row that applies; None where nothing is left to do."""
     row = next((row for row in ROWS if row.applies(state)), None)
     if row is None:
         return None
-    remedy = state.remedy or NextStep(("{again}",))
-    again = "import {folder} FILE" if state.measured == "import" else "run {folder} --anew"
+    folder, again = shlex.quote(state.folder), "import {folder} FILE"
+    if state.measured != "import":
+        again = "run {folder} --anew"
+    file = "" if state.file == FILE_NAME else shlex.quote(f"{state.folder}/{state.file}")
     words = {
-        "folder": "{folder}",
-        "again": again,
-        "remedy": " ".join(remedy.command).replace("{again}", again),
+        "folder": folder,
+        "again": again.format(folder=folder),
+        "remedy": (state.remedy or again).format(folder=folder),
+        "remedy_first": state.remedy_first,
         "overwrite": "--overwrite" if state.overwrite else "",
-        "file": "" if state.file == FILE_NAME else "--file {file}",
+        "file": f"--file {file}" if file else "",
+        "worker": state.worker,
+        "misplaced": state.misplaced,
+        "reasons": state.reasons,
     }
-    paths = {"{folder}": state.folder, "{file}": f"{state.folder}/{state.file}"}
-    command = row.command.format_map(words).split()
-    reasons = {"worker": state.worker, "remedy": remedy.first, "reasons": state.reasons}
-    return NextStep(
-        tuple(paths.get(word, word) for word in command),
-        row.first.format_map(reasons),
-        row.why.format_map(reasons),
-    )
+    command, first, why = (text.format_map(words) for text in (row.command, row.first, row.why))
+    return NextStep(f"pkmcal {command.strip()}", first, why)
 
 
-def remedy_for(found: RecordedIdentification) -> NextStep:
-    """Return the remedy for an identification that did not pass, by the first finding against it.
+def state_of(
+    evaluation: Evaluation, *, reported: bool | None = None, held: ControllerState | None = None
+) -> CampaignState:
+    """Return the state of a campaign by its evidence.
 
-    An option is named only where the identification had none: two would have to be typed together.
+    `reported`: whether a report was made by the command that ends; None: by report.html. `held`:
+    what was read from the controller just now; else what was loaded last counts.
     """
-    name = next(iter(found.obstacles), "")
-    numbers = next((finding.numbers for finding in found.findings if finding.name == name), {})
-    options, first = "", "mend what the findings name, and measure again"
-    if found.asked or found.pedigree is not None:
-        return NextStep(("{again}",), first)
+    evidence = evaluation.evidence
+    campaign, identification = evidence.campaign, evidence.identification
+    series = evidence.journal.series if evidence.journal else ()
+    runs = [each for each in series if each.to_identify]
+    state = CampaignState(
+        folder=str(campaign.folder),
+        simulated=campaign.is_simulated,
+        offline=campaign.is_offline,
+        program=campaign.is_offline and evidence.has_program,
+        program_after=evidence.program_after,
+        planned=bool(runs) or evidence.plan is not None,
+        misplaced=_misplaced(evidence),
+        before=bool(evidence.before),
+        reported=_is_reported(evidence) if reported is None else reported,
+    )
+    if not runs:
+        return state
+    latest = runs[-1]
+    is_imported = campaign.is_offline or latest.started.stage == "import"
+    state = replace(
+        state,
+        measured="import" if is_imported else "run",
+        left="" if is_imported else _left(evidence, latest),
+    )
+    known_lengths = (shot for each in series if each.of_known_lengths for shot in each.shots)
+    last_record = max(shot.number for shot in (*latest.shots, *known_lengths))
+    if (
+        identification is None
+        or identification.series != latest.number
+        or identification.robot_digest != campaign.robot.digest()
+        or identification.journal_records < last_record
+        or campaign.outdated(identification)
+    ):
+        return state
+    if identification.verdict != "pass":
+        remedy, first = remedy_for(identification)
+        return replace(state, verdict=identification.verdict, remedy=remedy, remedy_first=first)
+    identified = identification.in_table(campaign.robot.mechanism.parameters)
+    state = replace(state, verdict="pass", check=_answer_to_check(evidence, identified))
+    return _with_controller(evaluation, identified, _with_file(evidence, identified, state), held)
+
+
+def _is_reported(evidence: Evidence) -> bool:
+    """Return whether report.html is of the journal and campaign.yaml as they are now."""
+    campaign, path = evidence.campaign, evidence.campaign.path(REPORT)
+    settings = campaign.path("campaign.yaml")
+    if evidence.journal is None or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        is_of_journal = evidence.journal.digest.encode() in file.read(HEAD_BYTES)
+    return is_of_journal and path.stat().st_mtime >= settings.stat().st_mtime
+
+
+def _misplaced(evidence: Evidence) -> str:
+    """Return where the latest series found the tracker, if campaign.yaml still says another place.
+
+    Empty if no series found it elsewhere, or if tracker.place_mm was changed since.
+    """
+    journal = evidence.journal
+    series = journal.series[-1] if journal and journal.series else None
+    if journal is None or series is None:
+        return ""
+    tracker = series.started.configuration.get("tracker")
+    then = tracker.get("place_mm") if isinstance(tracker, dict) else None
+    if then != list(evidence.campaign.config.tracker.place_mm):
+        return ""
+    texts = (
+        incident.record.text
+        for incident in reversed(journal.incidents)
+        if incident.series == series.number and isinstance(incident.record, Event)
+    )
+    return next((text.partition(";")[0] for text in texts if text.startswith(WRONG_PLACE)), "")
+
+
+def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
+    """Return whether shots of plan.csv are left to measure: of this series, or of a newer plan."""
+    plan = evidence.plan
+    if plan is None:
+        return ""
+    taken = [shot.intent for shot in latest.shots]
+    other = plan_difference(taken, plan)
+    if not latest.finished:
+        return "anew" if other else "run"
+    further = {row.shot for row in plan} - {intent.shot for intent in taken}
+    is_same = not (other or further) or evidence.has_plan(latest.started.plan_digest)
+    return "" if is_same else "run"
+
+
+def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
+    """Return the command that answers an identification that did not pass, and what to do first.
+
+    By the first finding against it; an empty command is to measure again. An option is named only
+    where the identification had none: two would have to be typed together.
+    """
+    name = next(iter(identification.obstacles), "")
+    of_name = (each.numbers for each in identification.findings if each.name == name)
+    numbers = next(of_name, {})
+    first = "mend what the findings name, and measure again"
+    if identification.asked or identification.pedigree is not None:
+        return "", first
     match name:
         case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:
             first = "correct units, joints or robot.yaml; if the robot is built so"
-            options = "--accept-large-change"
+            return "identify {folder} --accept-large-change", first
         case findings.CHANGE if "last_shot" not in numbers:
             first = "mend what changed; the shots after it may be enough"
-            options = f"--shots {float(numbers['before_shot']):.0f}-"
+            return f"identify {{folder}} --shots {float(numbers['before_shot']):.0f}-", first
         case findings.NOTHING_UNSEEN:
-            options, first = "--hold-out 20%", ""
+            return "identify {folder} --hold-out 20%", ""
         case findings.EXTRAPOLATION:
-            first = (
+            return "", (
                 "plan poses there, or leave that space out (`space` in campaign.yaml), and "
                 "measure again"
             )
-    command = ("identify", "{folder}", *options.split()) if options else ("{again}",)
-    return NextStep(command, first)
+    return "", first
+
+
+def _answer_to_check(
+    evidence: Evidence, identified: Parameters
+) -> Literal["", "again", "update", "anew"]:
+    """Return what answers a check that is not good; "" without such a check."""
+    check = evidence.unanswered
+    if check is None:
+        return ""
+    if check.of != identified.digest() or check.decision == "not decided":
+        return "again"
+    return "update" if check.parts else "anew"
+
+
+def _with_file(evidence: Evidence, identified: Parameters, state: CampaignState) -> CampaignState:
+    """Return the state with the robot file to export or to load.
+
+    All parameters, or what the controller has, which the latest series that asked it says.
+    """
+    digest, series = identified.digest(), evidence.journal.series if evidence.journal else ()
+    stated = [each.started.lacks for each in series if each.started.lacks is not None]
+    lacking = {*stated[-1]} & {*identified.extended_by} if stated else set[str]()
+    plain = next(
+        (
+            form.file
+            for form in evidence.forms
+            if form.projection
+            and form.projection.of == digest
+            and not any(form.wanted.get(name) for name in lacking)
+        ),
+        None,
+    )
+    if lacking and plain is None:
+        is_there = any(form.file == PLAIN_FILE for form in evidence.forms)
+        return replace(state, to_export="plain", overwrite=is_there)
+    if plain is not None and (lacking or not stated):
+        return replace(state, file=plain)
+    if evidence.file_origin != digest:
+        is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
+        return replace(state, to_export="yaml", overwrite=is_there)
+    return state
+
+
+def _with_controller(
+    evaluation: Evaluation,
+    identified: Parameters,
+    state: CampaignState,
+    held: ControllerState | None,
+) -> CampaignState:
+    """Return the state with what the controller holds, and the validation with it."""
+    evidence, digest = evaluation.evidence, identified.digest()
+    held, loaded = held or evidence.controller, evidence.loaded
+    is_rolled_back = loaded is not None and loaded.rolls_back is not None
+    holds = held is not None and held.origin == digest and not state.offline
+    after = evidence.held("after")
+    if after is not None:
+        is_read = not (after.targets or after.declared or state.offline)
+        is_lost = held is not None and held.origin != after.origin
+        outlived = evidence.loaded_since or (is_read and is_lost)
+        if after.origin != digest or (outlived and not (is_lost and is_rolled_back)):
+            after = None
+    verdict = evaluation.validated("after")
+    decision = "worse" if verdict.worse else verdict.decision
+    is_corrected = evidence.written is not None and evidence.written.by == "targets"
+    by_targets = (is_corrected or is_rolled_back) and not holds
+    return replace(
+        state,
+        holds=holds,
+        after=decision if after else "",
+        reasons="; ".join(verdict.reasons),
+        plain=after is not None and after.form is not None and not after.targets,
+        by_targets=by_targets and not (after and after.targets),
+    )

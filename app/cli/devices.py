@@ -58,7 +58,7 @@ def command(
     for facts in asked.values():
         if isinstance(facts, DriverError):
             raise facts
-    terminal.document(asked | tell_next(terminal, campaign, answered=True))
+    terminal.document(asked | tell_next(terminal, campaign))
 
 
 class _LogFile(logging.FileHandler):

@@ -1,6 +1,7 @@
 """pkmcal robot: a robot file from the sizes of a symmetrical robot."""
 
 import math
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -83,8 +84,9 @@ def command(
     write_new_robot(path, document)
     terminal = terminal_of(context, as_json=json)
     terminal.say(f"made: {path}, mechanism {kind.name}")
-    step = NextStep(("new", "DIR", "--robot", str(path)), "correct its limits")
-    terminal.note(f"next: {step.says}")
+    step = NextStep(f"pkmcal new DIR --robot {shlex.quote(str(path))}", "correct its limits")
+    for line in step.lines:
+        terminal.note(line)
     terminal.document(
         {
             "file": str(path),

@@ -11,6 +11,7 @@ from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.workflow.status import CampaignStatus, campaign_status
 
+NOTHING_LEFT = ("nothing is left to do", "")
 LATEST = 5
 """Series that are listed; `--json` has all."""
 
@@ -26,6 +27,7 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
     for text, style in _lines(found):
         terminal.say(text, style)
     document: dict[str, object] = {each.name: getattr(found, each.name) for each in fields(found)}
+    document["answer"] = found.decision or ""
     terminal.document(document | next_document(found.next))
 
 
@@ -38,5 +40,5 @@ def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
     yield from ((f"open: {text}", WARNING) for text in found.open)
     yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)
     if found.decision is not None:
-        yield f"verdict: {found.answer}", DECISIONS[found.decision]
-    yield f"next: {found.next.says}" if found.next else "nothing is left to do", ""
+        yield f"verdict: {found.decision}", DECISIONS[found.decision]
+    yield from ((line, "") for line in found.next.lines) if found.next else [NOTHING_LEFT]

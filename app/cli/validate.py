@@ -13,6 +13,11 @@ from campaigns.evaluation.validation import BY_DEFAULT
 from campaigns.options import ValidationOptions
 from campaigns.workflow import validation
 
+NO_LIMITS = (
+    "! no limits are set under acceptance in campaign.yaml: errors will be stated, and no "
+    "conformity; limits that are set later are judged at once"
+)
+
 
 def command(
     context: typer.Context,
@@ -52,6 +57,8 @@ def command(
         document = {"stage": stage, "tests": names}
         terminal.document(document | tell_next(terminal, campaign))
         return
+    if stage == "after" and not any(campaign.config.acceptance.model_dump().values()):
+        terminal.note(NO_LIMITS, WARNING)
     again = validation.replaced(campaign, stage, options.tests)
     asked = f"{again.problem}. Measure it again?" if again else ""
     if again and not options.anyway and not terminal.asks(asked):

@@ -64,7 +64,7 @@ def _state(folder: Path) -> dict[str, object]:
         "ends_utc": _ends(shots, left) if activity == MEASURING else None,
         "residual_mm": last.residual_mm if isinstance(last, records.Outcome) else None,
         "campaign": status.phase,
-        "verdict": status.answer,
+        "verdict": status.decision or "",
         "open": status.open,
         "doubtful": status.doubtful,
         "next": status.next.says if status.next else "",

@@ -10,11 +10,10 @@ from markupsafe import Markup
 
 from app.report import record, results, tables
 from app.report.section import Section, moment
-from campaigns.campaign_state import state_of
 from campaigns.evaluation.campaign_verdict import RULE, CampaignVerdict
 from campaigns.evidence import Evaluation
 from campaigns.files.table import Row
-from campaigns.next_step import next_step
+from campaigns.next_step import next_step, state_of
 from campaigns.version import VERSION
 from drivers.texts import printable
 
@@ -74,7 +73,7 @@ def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
     evidence = evaluation.evidence
     config, journal = evidence.campaign.config, evidence.journal
     step = next_step(state_of(evaluation, reported=True))
-    command = f"`{step.text}`" if step else ""
+    before = f"{step.before}, then " if step and step.before else ""
     robot, generator = evidence.campaign.nominal.robot.name, f"pkmcal {VERSION}"
     times = [moment(series.started_utc) for series in journal.series] if journal else []
     facts = (
@@ -111,7 +110,7 @@ def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
         alarms=tuple(_alarms(evaluation)),
         verdict=evaluation.verdict,
         key_figures=tables.key_figure_rows(evaluation),
-        next_step=f"{step.first}, then {command}" if step and step.first else command,
+        next_step=f"{before}`{step.text}`" if step else "",
         rule=RULE,
         generator=generator,
         missing=tuple(_missing(evaluation)),

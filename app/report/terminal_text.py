@@ -10,6 +10,7 @@ from app.next import tell_next
 from app.report import tables
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
+from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
@@ -88,7 +89,7 @@ def validation_document(found: Validated) -> dict[str, object]:
         "reasons": list(verdict.reasons),
         "held": found.evaluation.evidence.held(found.stage),
         "campaign": whole
-        and {"decision": whole.decision, "answer": whole.answer, "reasons": whole.reasons},
+        and {"decision": whole.decision, "answer": whole.decision, "reasons": whole.reasons},
         "requirements": [
             {
                 "name": requirement.name,
@@ -108,7 +109,7 @@ def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) ->
     if found.stage == "after" and found.evaluation.before is not None:
         show_gain(terminal, found.evaluation)
     terminal.document(validation_document(found) | tell_next(terminal, campaign))
-    if found.verdict.decision not in {None, "pass"} or found.otherwise is not None:
+    if found.verdict.decision not in {NO_LIMIT, "pass"} or found.otherwise is not None:
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -131,13 +132,13 @@ def _show(terminal: Terminal, found: Validated) -> None:
     # limits are for the calibrated robot
     says, style = "before calibration, only stated", ""
     if stage == "after":
-        says, style = "not good", DECISIONS.get(verdict.decision or "", "")
+        says, style = "not good", DECISIONS[verdict.decision]
     for reason in verdict.reasons:
         terminal.say(f"{says}: {reason}", style)
     if verdict.decision == "pass" and found.otherwise is None:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
     campaign = found.campaign_verdict
-    if campaign is not None and campaign.answer != verdict.decision:
+    if campaign is not None and campaign.decision not in {verdict.decision} - {NO_LIMIT}:
         terminal.say(f"the campaign as a whole: {campaign.says}", DECISIONS[campaign.decision])
 
 

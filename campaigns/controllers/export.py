@@ -67,7 +67,9 @@ def latest_identification(journal: JournalReader) -> RecordedIdentification:
     """Last identification of a campaign; raises `ShotsMissing` when there is none."""
     entries = journal.findings("identification")
     if not entries:
-        raise ShotsMissing("nothing has been identified yet", remedy="run `pkmcal identify` first")
+        raise ShotsMissing(
+            "nothing has been identified yet", remedy="run `pkmcal identify DIR` first"
+        )
     return read_identification(entries[-1].record.body)
 
 

@@ -142,7 +142,7 @@ def _read_anew(robot: RobotController, interruption: str) -> Mapping[str, float]
             f"parameters were written{interruption}, and what the controller holds cannot be read "
             f"({error.problem})",
             remedy="don't move the robot; when the controller answers again, "
-            "`pkmcal load` or `pkmcal load --rollback`",
+            "`pkmcal load DIR` or `pkmcal load DIR --rollback`",
         ) from error
 
 

@@ -11,7 +11,7 @@ from campaigns.evaluation.plausibility import beyond_tolerance
 from campaigns.robots.robot import RobotFile, read_robot
 from drivers.bounded_files import is_there
 
-OWN_FILE = "take the file that `pkmcal export` writes for this campaign"
+OWN_FILE = "take the file that `pkmcal export DIR` writes"
 
 
 def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[ConfigInvalid]:

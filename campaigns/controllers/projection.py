@@ -62,7 +62,7 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
         if not reached.found.all():
             raise IdentificationRefused(
                 "the controller's kinematics cannot be assembled all over the workspace",
-                remedy="correct targets with `pkmcal correct` instead",
+                remedy="correct targets with `pkmcal correct DIR --poses FILE` instead",
             )
         frame = fit_transform(reached.values[:, :3], poses[:, :3])
         errors = frame.apply(reached.values[:, :3]) - poses[:, :3]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from campaigns.evaluation.decision import Decision, Requirement, decide_all
+from campaigns.evaluation.decision import NO_LIMIT, Decision, Requirement, Verdict, decide_all
 from campaigns.evaluation.validation import ValidationVerdict
 
 RULE = (
@@ -13,14 +13,12 @@ RULE = (
     "that is asked for is kept, the files belong together, and no check found the robot changed."
 )
 NOT_DECIDED: Decision = "not decided"
-HEADLINES: Mapping[Decision, str] = {
+HEADLINES: Mapping[Verdict, str] = {
     "pass": "Every limit that is asked for is kept, by more than the uncertainty of measurement.",
     "fail": "The calibration, or the robot after it, does not fulfil what is asked for.",
     "not decided": "It is not shown that the robot keeps, or breaks, the limits asked for.",
 }
 NOTHING_ASKED = "No limit is asked for, so there is none to be kept or broken."
-NONE_ASKED_FOR = "no limit asked for"
-"""Stands in place of a decision where nothing but a limit is lacking."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,22 +53,17 @@ class IdentificationVerdict:
 
 @dataclass(frozen=True, slots=True)
 class CampaignVerdict:
-    """Decision as a whole, in a sentence each why.
+    """Verdict as a whole, and the reasons, a sentence each."""
 
-    `answer` is the decision, or that no limit was asked for where only that leaves it open.
-    """
-
-    decision: Decision
-    answer: str
+    decision: Verdict
     headline: str
     reasons: tuple[str, ...]
     requirements: tuple[Requirement, ...]
 
     @property
     def says(self) -> str:
-        """The decision in words, and why."""
-        more = "" if self.answer == self.decision else f" ({self.answer})"
-        return f"{self.decision}{more}: {' '.join(self.reasons)}"
+        """The verdict and its reasons."""
+        return f"{self.decision}: {' '.join(self.reasons)}"
 
 
 def campaign_verdict(
@@ -79,33 +72,33 @@ def campaign_verdict(
     checks: Sequence[Check],
     *,
     validated: bool,
-    held: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (),
     gained: str = "",
 ) -> CampaignVerdict:
     """Pass only if the identification passed, the limits are surely kept and the files agree.
 
-    `validated`: whether the robot was measured after calibration. `held`: what its controller held,
-    in sentences, where a reader has to be told. `gained`: what calibration gained, which is told
-    where no limit is asked for.
+    `validated`: whether the robot was measured after calibration. `notes`: sentences that a reader
+    of the verdict needs. `gained`: what calibration gained, stated where no limit is asked for.
     """
     broken = [check for check in checks if check.holds is False]
     decisions: list[Decision] = [NOT_DECIDED for check in broken if check.decides]
     decisions.append(NOT_DECIDED if identification is None else identification.decision)
     asked = any(r.limit is not None for r in after.requirements)
-    limits_alone_lack = not asked and after.decision is None and set(decisions) == {"pass"}
-    decisions.append(after.decision or NOT_DECIDED)
-    decision = decide_all(decisions)
+    decision: Verdict = NO_LIMIT
+    if after.decision != NO_LIMIT:
+        decision = decide_all([*decisions, after.decision])
+    elif asked or set(decisions) != {"pass"}:
+        decision = decide_all([*decisions, NOT_DECIDED])
     reasons = (
         *_of_identification(identification),
         *_of_limits(after, validated=validated),
-        *held,
+        *notes,
         *(f"Not confirmed: {check.statement} ({check.detail})." for check in broken),
     )
-    headline = HEADLINES[decision]
+    headline = HEADLINES.get(decision, "")
     if not asked and decision != "fail":
         headline = f"{gained} {NOTHING_ASKED}".strip()
-    answer = NONE_ASKED_FOR if limits_alone_lack else decision
-    return CampaignVerdict(decision, answer, headline, reasons, after.requirements)
+    return CampaignVerdict(decision, headline, reasons, after.requirements)
 
 
 def _of_identification(found: IdentificationVerdict | None) -> Iterator[str]:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 Decision = Literal["pass", "fail", "not decided"]
+NO_LIMIT: Literal["no limit asked for"] = "no limit asked for"
+Verdict = Literal["pass", "fail", "not decided", "no limit asked for"]
+"""Decision on a stage or a campaign; the last where nothing but a limit is lacking."""
 
 COVERAGE = 2.0
 """k: the expanded uncertainty is U = k u, which holds about 95 % of a normal distribution."""

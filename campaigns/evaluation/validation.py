@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
-from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
+from campaigns.evaluation.decision import COVERAGE, NO_LIMIT, Requirement, Verdict, decide_all
 from campaigns.fit import point_sets
 from campaigns.fit.point_sets import length_with_std
 from campaigns.fit.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
@@ -474,9 +474,9 @@ def line_axes(commanded_mm: Array) -> Index:
 
 @dataclass(frozen=True, slots=True)
 class ValidationVerdict:
-    """Decision on a validation, limit by limit; None where no limit was asked for."""
+    """Verdict on a validation, and the decision on each limit."""
 
-    decision: Decision | None
+    decision: Verdict
     requirements: tuple[Requirement, ...]
     worse: tuple[str, ...]
     """Losses against before, in words."""
@@ -499,8 +499,6 @@ def validation_verdict(
     """Verdict by the limits, and by what is `worse` than before the parameters were loaded.
 
     Nothing passes `beyond` what the controller's parameters can do all over the workspace.
-
-    None for what was not measured.
     """
     needed, worse, beyond = tuple(_requirements(found, limits)), tuple(worse), tuple(beyond)
     decisions = [each.decision for each in needed if each.decision is not None]
@@ -508,7 +506,7 @@ def validation_verdict(
         decisions.append("fail")
     if beyond:
         decisions.append("not decided")
-    decision = decide_all(decisions) if decisions else None
+    decision = decide_all(decisions) if decisions else NO_LIMIT
     return ValidationVerdict(decision, needed, worse, beyond)
 
 

@@ -63,7 +63,7 @@ class RecordedCheck(CheckResult):
 
 def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
     """Read the check of a journal's finding; raise `FindingUnreadable`."""
-    remedy = "run `pkmcal check` again: another version of the software wrote it"
+    remedy = "run `pkmcal check DIR` again: another version of the software wrote it"
     return read_body(body, RecordedCheck, "check", remedy)
 
 
@@ -76,7 +76,7 @@ def former_prior(former: StoredPosterior, model: ErrorModel, changed: Sequence[s
     if set(former.names) != set(model.names):
         raise IdentificationRefused(
             "the last result has other unknowns than this robot",
-            remedy="run `pkmcal identify` again, without --fix, and check by that result",
+            remedy="run `pkmcal identify DIR` again, without --fix, and check by that result",
         )
     order, scale = _places_in(former, model)
     covariance = np.array(former.covariance)[np.ix_(order, order)] * np.outer(scale, scale)

@@ -446,7 +446,7 @@ class RecordedIdentification(IdentificationResult):
 
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Read the identification of a journal's finding; raise `FindingUnreadable`."""
-    remedy = "run `pkmcal identify` again: another version of the software wrote it"
+    remedy = "run `pkmcal identify DIR` again: another version of the software wrote it"
     schema = body.get("schema", "without a schema")
     if schema != SCHEMA:
         raise FindingUnreadable(f"the identification is {schema}", remedy=remedy)

@@ -28,6 +28,8 @@ PLACE_LIMIT_MM = 100.0
 """A place that is given within some cm is right."""
 SIGMAS = 3.0
 MM_PER_M = 1000.0
+WRONG_PLACE = "the tracker stands at"
+"""Beginning of the event that says where the tracker was found."""
 
 
 class TemperatureMonitor:
@@ -103,7 +105,7 @@ class StationMonitor:
         if off_mm > limit_mm:
             yield Event(
                 "tracker place",
-                f"the tracker stands at {_listed(place_mm)} mm, campaign.yaml says "
+                f"{WRONG_PLACE} {_listed(place_mm)} mm, campaign.yaml says "
                 f"{_listed(station.place_mm)}: {off_mm / MM_PER_M:.1f} m off; "
                 "correct tracker.place_mm",
             )

@@ -14,7 +14,7 @@ from campaigns.planning.steps import Step
 
 ANEW = (
     "shots before and after it have no common frame: mend it, then begin anew with "
-    "--anew; or `pkmcal run` goes on all the same with --anyway"
+    "--anew; or `pkmcal run DIR --anyway` goes on all the same"
 )
 AFTER_RESTART = "after the restart"
 """Beginning of the event of a check that a run did before it went on."""

@@ -72,13 +72,13 @@ def check_plan(
             *_drift_faults(shots),
             *_nest_faults(shots, nests, known),
         ],
-        remedy="correct plan.csv, or make a new plan with `pkmcal plan`",
+        remedy="correct plan.csv, or make a new plan with `pkmcal plan DIR`",
     )
     stops = [
         (f"shot {shot.shot}", joints) for shot, joints in zip(shots, joints_of(shots), strict=True)
     ]
     detours, travel_rad, faults = check_paths(stops, robot, tell)
-    refuse(faults, remedy="move one of the two poses, or make a new plan with `pkmcal plan`")
+    refuse(faults, remedy="move one of the two poses, or make a new plan with `pkmcal plan DIR`")
     return CheckedPlan(tuple(shots), detours, pace.seconds(len(shots), travel_rad))
 
 

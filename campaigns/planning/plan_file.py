@@ -20,7 +20,7 @@ MODEL = "model"
 FORMER = ("asked",)
 """Columns of older plans, which are read without effect."""
 
-REMEDY = "make one with `pkmcal plan`"
+REMEDY = "make one with `pkmcal plan DIR`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedSho
     """Plan of a file's text; raises `PlanInvalid` with the line."""
     rows = list(parse_csv(text, name, plan_form(mechanism)))
     if not rows:
-        raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
+        raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan DIR`")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
     _check_numbers(rows, shots)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from campaigns.campaign import Campaign
-from campaigns.campaign_state import state_of
-from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.decision import Verdict
 from campaigns.evidence import Evaluation, Evidence, evaluate
 from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.views import Series
-from campaigns.next_step import CampaignState, NextStep, next_step
-
-REPORT = "report.html"
+from campaigns.measuring.resume import resume_state
+from campaigns.next_step import CampaignState, NextStep, next_step, state_of
+from campaigns.planning.plan_match import plan_difference
+from campaigns.planning.steps import joint_steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,10 +48,8 @@ class CampaignStatus:
     phase: str
     series: tuple[StageProgress, ...]
     """Every one, the latest last."""
-    decision: Decision | None
+    decision: Verdict | None
     """Of the verdict on the whole; None before anything was identified."""
-    answer: str
-    """The decision, or what alone it lacks; empty before anything was identified."""
     open: tuple[str, ...]
     """What was begun and not ended."""
     doubtful: tuple[str, ...]
@@ -69,7 +67,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
     """Status of a campaign; raises `JournalFailed` for a journal that cannot be read."""
     evaluation = evaluate(campaign)
     evidence, found = evaluation.evidence, evaluation.evidence.identification
-    state = state_of(evaluation, reported=campaign.path(REPORT).exists())
+    state = state_of(evaluation)
     worker = lock_holder(campaign.folder)
     every = evidence.journal.series if evidence.journal else ()
     series = tuple(_progress(evidence, each) for each in every)
@@ -81,7 +79,6 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         phase=phase(state),
         series=series,
         decision=verdict.decision if verdict else None,
-        answer=verdict.answer if verdict else "",
         open=tuple(_open(evidence, series)),
         doubtful=tuple(doubtful(evaluation)),
         next=next_step(replace(state, worker=worker.says if worker else "")),
@@ -109,12 +106,18 @@ def phase(state: CampaignState) -> str:
 
 
 def _progress(evidence: Evidence, series: Series) -> StageProgress:
-    is_run, plan = series.started.stage == "run", evidence.plan
+    """Return how far a series is; of a run pairs count as a whole, as for its resumption."""
+    shots, planned = len(series.shots), None
+    if series.started.stage == "run" and evidence.plan is not None:
+        planned = len(evidence.plan)
+        if not plan_difference([shot.intent for shot in series.shots], evidence.plan):
+            left = resume_state(joint_steps(evidence.plan), series.shots).left
+            shots = planned - sum(map(len, left))
     return StageProgress(
         series=series.number,
         stage=series.started.stage,
-        shots=len(series.shots),
-        planned=len(plan) if is_run and plan is not None else None,
+        shots=shots,
+        planned=planned,
         finished=series.finished,
         latest_utc=max((s.measured_utc for s in series.shots), default=series.started_utc),
     )

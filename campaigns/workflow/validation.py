@@ -14,7 +14,8 @@ from campaigns.controllers.export import CalibrationRoute
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
-from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR, CampaignVerdict
+from campaigns.evaluation.campaign_verdict import CampaignVerdict
+from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
@@ -66,7 +67,7 @@ class Validated:
     def otherwise(self) -> CampaignVerdict | None:
         """Verdict on the campaign where it is another than the stage's; None: it is not."""
         whole = self.campaign_verdict
-        alike = whole is None or whole.answer in {self.verdict.decision, NONE_ASKED_FOR}
+        alike = whole is None or whole.decision in {self.verdict.decision, NO_LIMIT}
         return None if alike else whole
 
 

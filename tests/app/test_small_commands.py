@@ -27,8 +27,9 @@ def test_new_for_a_real_cell(pkmcal, tmp_path):
         "folder": str(folder),
         "controller": CONTROLLER,
         "tracker": TRACKER,
-        "next": f"pkmcal devices {folder}",
-        "before_next": "look through campaign.yaml (tracker.place_mm!)",
+        "next": f"pkmcal plan {folder}",
+        "before_next": "look through campaign.yaml (tracker.place_mm!); "
+        f"`pkmcal devices {folder}` asks both devices",
     }
     assert "tracker.place_mm" in err
     made = open_campaign(folder)

@@ -7,10 +7,9 @@ import pytest
 from paper_campaign import new_campaign
 
 from campaigns.campaign import now_utc
-from campaigns.campaign_state import state_of
 from campaigns.evidence import evaluate
 from campaigns.files.lock import LOCK_FILE, campaign_lock
-from campaigns.next_step import CampaignState, next_step
+from campaigns.next_step import CampaignState, next_step, state_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.status import phase
 

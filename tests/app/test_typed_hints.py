@@ -11,7 +11,7 @@ from typer.main import get_command
 from app.main import app, run_command
 from campaigns.campaign import now_utc
 from campaigns.files.lock import campaign_lock
-from campaigns.next_step import ROWS, CampaignState, NextStep, next_step
+from campaigns.next_step import ROWS, CampaignState, next_step
 
 OPTIONS = {
     "plan": "--placement optimal --shots 40 --seed 3 --fix arm2.*",
@@ -26,20 +26,20 @@ SMALL = {"plan.shots": 40, "plan.validation_pairs": 1, **SMALL_TESTS}
 def test_every_command_of_the_table_is_taken_by_the_command_line(row, monkeypatch):
     state = CampaignState(
         folder="a b",
-        remedy=NextStep(("identify", "{folder}", "--shots", "60-")),
+        remedy="identify {folder} --shots 60-",
         overwrite=True,
         file="robot-plain.yaml",
     )
     monkeypatch.setattr("campaigns.next_step.ROWS", (replace(row, applies=lambda _: True),))
     step = next_step(state)
-    command, *words = shlex.split(step.says.rpartition(": ")[2])[1:]
+    command, *words = shlex.split(step.text)[1:]
     context = get_command(app).get_command(None, command).make_context(command, words)
     assert str(context.params["folder"]) == "a b"
 
 
 def hint(ended):
     """The command that is next, of which its words, status and the document say the same."""
-    (said,) = re.findall(r"^next: (?:.*: )?(pkmcal .*)$", ended.err + ended.out, re.M)
+    (said,) = re.findall(r"^next: (pkmcal .*)$", ended.err + ended.out, re.M)
     return said
 
 
@@ -70,6 +70,6 @@ def test_who_works_on_a_campaign_is_waited_for_or_watched(pkmcal, tmp_path):
     with campaign_lock(folder, now_utc=now_utc):
         ended = pkmcal("status", folder)
         document = pkmcal("status", folder, "--json").document
-    assert "next: wait, or look on by `pkmcal watch`" in ended.out
+    assert f"first: wait, or look on by `pkmcal watch {folder}`" in ended.out
     assert document["next"] == f"pkmcal status {folder}"
     assert hint(pkmcal("status", folder)) == f"pkmcal plan {folder}"

@@ -1,26 +1,29 @@
 """One next step for whatever a campaign has reached, and no advice that leads back."""
 
+import os
+import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 
-from campaigns.campaign import Campaign, open_campaign
-from campaigns.campaign_state import present_state, state_of
+from campaigns.campaign import open_campaign
 from campaigns.controllers.export import PLAIN, PLAIN_FILE, WrittenSet
-from campaigns.evaluation.decision import Decision
-from campaigns.evidence import Evaluation, Evidence, evaluate, gather
+from campaigns.evaluation.decision import NO_LIMIT, Decision
+from campaigns.evidence import Evaluation, Evidence, Incident, evaluate, gather
 from campaigns.identification import findings
 from campaigns.identification.checking import RecordedCheck
 from campaigns.identification.findings import Finding
 from campaigns.identification.result import IdentifiedParameter
+from campaigns.journal.records import Event
 from campaigns.kinematics.parameters import Parameters
-from campaigns.next_step import Answer, CampaignState, NextStep, next_step, remedy_for
+from campaigns.measuring.monitors import WRONG_PLACE
+from campaigns.next_step import LOOK, CampaignState, NextStep, next_step, remedy_for, state_of
 from campaigns.options import CheckOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
@@ -49,10 +52,16 @@ def identified(name: str, asked: tuple[str, ...] = (), **numbers: float | str) -
     return SimpleNamespace(findings=(finding,), obstacles=(name,), asked=asked, pedigree=None)
 
 
+def words_of(step: NextStep) -> str:
+    """The command without the folder."""
+    command, _, *options = shlex.split(step.text)[1:]
+    return " ".join((command, *options))
+
+
 def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
     """All that may come of typing the step; nothing once somebody measures anew by hand."""
-    words = step.command
-    match words[0], words[2:]:
+    words = step.text.split()[1:]
+    match words[0], tuple(words[2:]):
         case ("import", ("FILE",)) | ("run", ("--anew",)) if step.first and state.verdict:
             return
         case "report", _ if step.first:
@@ -60,23 +69,23 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
         case "identify", options:
             here = replace(state, check="")
             for missing in ("yaml", "plain"):
-                yield replace(here, verdict="pass", remedy=None, to_export=missing)
+                yield replace(here, verdict="pass", remedy="", to_export=missing)
             for name in FAILING:
-                remedy = remedy_for(identified(name, () if options == ("--update",) else options))
-                yield replace(here, verdict="fail", remedy=remedy)
+                found = identified(name, () if options == ("--update",) else options)
+                remedy, first = remedy_for(found)
+                yield replace(here, verdict="fail", remedy=remedy, remedy_first=first)
         case "check", _:
             yield from (replace(state, check=answer) for answer in ANSWERS)
         case (("validate" | "import"), options) if "after" in options:
             is_plain = state.file == PLAIN_FILE and "targets" not in options
-            for after in ("worse", "fail", "not decided", "no limits", "pass"):
+            for after in ("worse", "fail", "not decided", NO_LIMIT, "pass"):
                 yield replace(state, after=after, by_targets=False, plain=is_plain)
         case command, options:
             yield replace(state, **CHANGED[(command, *options[:3])])
 
 
 CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
-    ("devices",): {"answered": True},
-    ("plan",): {"planned": True},
+    ("plan",): {"planned": True, "misplaced": ""},
     ("plan", "--program", "csv"): {"program": True},
     ("plan", "--program", "csv", "--stage"): {"program_after": True},
     ("validate", "--stage", "before"): {"before": True},
@@ -92,7 +101,7 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("report",): {"reported": True},
 }
 """What a step changes that has one outcome, by its words."""
-ANSWERS: tuple[Answer, ...] = ("", "update", "anew")
+ANSWERS: tuple[Literal["", "update", "anew"], ...] = ("", "update", "anew")
 
 
 def test_no_advice_leads_back_and_all_end() -> None:
@@ -108,13 +117,14 @@ def test_no_advice_leads_back_and_all_end() -> None:
         for further in outcomes(state, step) if step else ():
             assert further != state, f"{step} changes nothing"
             if state.offline and step:
-                assert step.command[0] not in {"devices", "run", "validate", "load", "check"}
+                assert step.text.split()[1] not in {"devices", "run", "validate", "load", "check"}
             walk(further)
         under_way.remove(state)
         done.add(state)
 
-    walk(CampaignState(answered=False))
-    walk(CampaignState(answered=False, offline=True))
+    walk(CampaignState())
+    walk(CampaignState(planned=True, before=True, misplaced="1 m off"))
+    walk(CampaignState(offline=True))
     for left in ("run", "anew"):
         walk(CampaignState(**MEASURED, left=left))  # type: ignore[arg-type]
     for check, by_targets in product((*ANSWERS, "again"), (False, True)):
@@ -125,18 +135,22 @@ def test_no_advice_leads_back_and_all_end() -> None:
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ({"answered": False}, "look through campaign.yaml (tracker.place_mm!), then: devices DIR"),
+        ({}, f"{LOOK}; `devices DIR` asks both devices, then: plan DIR"),
+        (
+            {"planned": True, "before": True, "misplaced": "it stands there"},
+            "set tracker.place_mm in campaign.yaml (it stands there), then: plan DIR",
+        ),
         ({**MEASURED, "left": "anew"}, "run DIR --anew"),
         ({**MEASURED, "left": "run"}, "run DIR"),
         (
             {**MEASURED, "left": "run", "worker": "process 7"},
-            "wait, or look on by `watch` (process 7 works on this campaign), then: status DIR",
+            "wait, or look on by `watch DIR` (process 7 works on this campaign), then: status DIR",
         ),
         (MEASURED, "identify DIR"),
         ({**PASSED, "to_export": "yaml", "overwrite": True}, "export DIR --overwrite"),
         (
             {**PASSED, "to_export": "plain"},
-            "the controller does not know all parameters, so: export DIR --format plain",
+            "the controller does not have all parameters, then: export DIR --format plain",
         ),
         ({**PASSED, "check": "update"}, "identify DIR --update"),
         ({**PASSED, "check": "again"}, "check DIR"),
@@ -147,7 +161,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --file DIR/elsewhere.yaml"),
         (
             {**PASSED, "holds": True, "after": "worse"},
-            "the robot became worse by what it was loaded with, so: load DIR --rollback",
+            "the robot became worse by what it was loaded with, then: load DIR --rollback",
         ),
         ({**PASSED, "by_targets": True}, "validate DIR --stage after --by targets"),
     ],
@@ -177,8 +191,9 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, Any], says: str
     ],
 )
 def test_remedy_follows_the_first_finding(found: Any, says: str) -> None:
-    remedy = remedy_for(found)
-    step = next_step(CampaignState(**MEASURED, verdict="fail", remedy=remedy))  # type: ignore[arg-type]
+    remedy, first = remedy_for(found)
+    told = {**MEASURED, "verdict": "fail", "remedy": remedy, "remedy_first": first}
+    step = next_step(CampaignState(**told))  # type: ignore[arg-type]
     assert step is not None
     assert step.says.replace("pkmcal ", "") == says
 
@@ -198,14 +213,13 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         ({"identification": None}, "identify"),
         ({"journal": replace(evidence.journal, series=unfinished)}, "run"),
         ({"journal": None, "before": ()}, "validate --stage before"),
-        ({"plan": None}, "devices"),
+        ({"plan": None}, "plan"),
     ]
     for taken, said in left:
         evidence = replace(evidence, **taken)  # type: ignore[arg-type]
         step = next_step(state_of(Evaluation(evidence)))
         assert step is not None
-        words = step.command
-        assert " ".join((words[0], *words[2:])) == said, taken
+        assert words_of(step) == said, taken
 
 
 def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
@@ -222,7 +236,7 @@ def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
         now = Evaluation(replace(evidence, **changed))  # type: ignore[arg-type]
         step = next_step(state_of(now, reported=True))
         assert step is not None
-        assert " ".join((step.command[0], *step.command[2:])) == said
+        assert words_of(step) == said
         assert now.verdict.decision == "not decided"
 
 
@@ -241,7 +255,7 @@ def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign
     lost = (replace(evidence.after[-1], series=replace(series, started=nominal)),)
     step = next_step(state_of(Evaluation(replace(evidence, after=lost))))
     assert step is not None
-    assert step.command[0] == "load"  # the controller did not keep what was loaded before
+    assert words_of(step) == "load"  # the controller did not keep what was loaded before
     for changed, said in (
         ({"loaded": replace(loaded, digest="f")}, "validate --stage after"),
         ({"loaded": loaded, "after": by_targets}, "validate --stage after"),
@@ -253,27 +267,51 @@ def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign
         step = next_step(state_of(now, reported=True))
         since = [c for c in now.checks if "holds now" in c.statement]
         assert [c.holds for c in since] == ([False] if said else []), changed
-        words = " ".join((step.command[0], *step.command[2:])) if said and step else None
-        assert words == said, changed
+        assert (words_of(step) if said and step else None) == said, changed
 
 
-def test_a_new_campaign_has_the_state_that_its_evidence_says(
-    whole: PaperCampaign, tmp_path: Path
-) -> None:
+def test_a_new_campaign_is_planned_once_its_plan_can_be_read(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "c")
     shots = paper.plan(1, 1)
-
-    def found(campaign: Campaign) -> CampaignState:
-        state = present_state(campaign, answered=True, reported=True)
-        assert state == state_of(evaluate(campaign), answered=True, reported=True)
-        return state
-
-    assert not found(paper.campaign).planned
+    assert not state_of(evaluate(paper.campaign)).planned
     paper.campaign.plan_path.write_text("shot")
-    assert not found(paper.campaign).planned
+    assert not state_of(evaluate(paper.campaign)).planned
     write_plan(paper.campaign.plan_path, shots, MECHANISM)
-    assert found(paper.campaign).planned
-    assert found(whole.campaign).measured == "run"
+    assert state_of(evaluate(paper.campaign)).planned
+
+
+def test_a_report_counts_until_journal_or_settings_change(whole: PaperCampaign) -> None:
+    evaluation = evaluate(open_campaign(whole.folder))
+    journal = evaluation.evidence.journal
+    assert journal is not None
+    report = whole.folder / "report.html"
+    for text, is_reported in ((journal.digest, True), ("of another journal", False)):
+        report.write_text(text)
+        assert state_of(evaluation).reported == is_reported
+    report.write_text(journal.digest)
+    os.utime(report, (0, 0))
+    assert not state_of(evaluation).reported
+
+
+def test_a_tracker_that_stands_elsewhere_is_told_until_its_place_is_set(
+    whole: PaperCampaign,
+) -> None:
+    evidence = gather(open_campaign(whole.folder))
+    journal = evidence.journal
+    assert journal is not None
+    said = Event("tracker place", f"{WRONG_PLACE} (1, 2, 3) mm, campaign.yaml says …; correct it")
+    incident = Incident("", journal.series[-1].number, said)
+    place_mm = list(evidence.campaign.config.tracker.place_mm)
+    last = journal.series[-1]
+    started = replace(last.started, configuration={"tracker": {"place_mm": place_mm}})
+    series = (*journal.series[:-1], replace(last, started=started))
+    evidence = replace(evidence, journal=replace(journal, series=series, incidents=(incident,)))
+    assert state_of(Evaluation(evidence)).misplaced.startswith(WRONG_PLACE)
+    config = evidence.campaign.config
+    tracker = config.tracker.model_copy(update={"place_mm": (1.0, 2.0, 3.0)})
+    config = config.model_copy(update={"tracker": tracker})
+    moved = replace(evidence, campaign=replace(evidence.campaign, config=config))
+    assert not state_of(Evaluation(moved)).misplaced
 
 
 def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: PaperCampaign) -> None:
@@ -314,8 +352,7 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
     ):
         step = next_step(state_of(Evaluation(replace(told, forms=forms))))
         assert step is not None
-        words = " ".join((step.command[0], *step.command[2:]))
-        assert words.replace(f"{whole.folder}/", "") == said, forms
+        assert words_of(step).replace(f"{whole.folder}/", "") == said, forms
 
 
 @pytest.mark.parametrize(
@@ -323,7 +360,7 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
     [("fail", ("encoder 2",), "update"), ("fail", (), "anew"), ("not decided", (), "again")],
 )
 def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
-    whole: PaperCampaign, decision: Decision, parts: tuple[str, ...], answer: Answer
+    whole: PaperCampaign, decision: Decision, parts: tuple[str, ...], answer: str
 ) -> None:
     evidence = gather(open_campaign(whole.folder))
     assert evidence.identification is not None
@@ -354,7 +391,7 @@ def bad_check(evidence: Evidence, decision: Decision, parts: tuple[str, ...]) ->
     )  # fmt: skip
 
 
-def told(evidence: Evidence, check: RecordedCheck) -> Answer:
+def told(evidence: Evidence, check: RecordedCheck) -> str:
     """What is said to answer a check, by state and by status alike."""
     evaluation = Evaluation(replace(evidence, checked=check))
     answer = state_of(evaluation).check

@@ -149,7 +149,7 @@ def test_latest_identification_that_cannot_be_read_is_said_and_none_before_it_co
     with plain_journal(tmp_path) as journal:
         journal.append(Finding("identification", body(nominal)))
         journal.append(Finding("identification", {"verdict": "pass"}))
-        with pytest.raises(errors.FindingUnreadable, match="identify` again"):
+        with pytest.raises(errors.FindingUnreadable, match="identify DIR` again"):
             latest_identification(journal)
 
 

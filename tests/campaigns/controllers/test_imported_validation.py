@@ -307,15 +307,15 @@ def test_that_no_limit_is_asked_for_is_told_and_what_else_stands_against_the_who
     words = ["import", str(paper.folder), str(path), "--stage", "after", "--json"]
     assert run_command(words) == 0
     ended = capsys.readouterr()
-    assert "the campaign as a whole: not decided (no limit asked for): " in ended.err
+    assert "the campaign as a whole: no limit asked for: " in ended.err
     document = json.loads(ended.out)
-    assert document["decision"] is None
-    assert document["campaign"]["answer"] == "no limit asked for"
+    assert document["decision"] == "no limit asked for"
+    assert document["campaign"]["decision"] == "no limit asked for"
     identify(paper.campaign, IdentificationOptions(fix=("arm3.arm_mm",)))
     assert run_command([*words, "--anyway"]) == 1
     ended = capsys.readouterr()
     assert "the campaign as a whole: not decided: " in ended.err
-    assert json.loads(ended.out)["campaign"]["answer"] == "not decided"
+    assert json.loads(ended.out)["campaign"]["decision"] == "not decided"
 
 
 def test_a_measured_validation_takes_up_no_imported_one(paper: PaperCampaign) -> None:

@@ -10,12 +10,11 @@ from command_line import change
 from app.main import run_command
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
-from campaigns.campaign_state import present_state, state_of
 from campaigns.controllers.programs import is_program_there
 from campaigns.errors import OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.next_step import next_step
+from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plan_file import plan_digest
 from campaigns.robots.robot import pose_row
@@ -64,9 +63,7 @@ def test_program_stops_at_each_shot_of_the_plan_in_order_and_says_which_plan(cam
     assert digest in text
     assert is_program_there(campaign.folder, "run", lambda: digest)
     assert not is_program_there(campaign.folder, "run", lambda: "another")
-    state = present_state(campaign)  # without a journal, and what judges
-    assert state.program
-    assert state == state_of(evaluate(campaign))
+    assert state_of(evaluate(campaign)).program
     assert len(stops(before.path, robot.mechanism.task)[0]) == before.shots
 
 
@@ -120,8 +117,8 @@ def test_program_of_an_older_plan_is_asked_for_again(campaign, tmp_path):
     assert run_command(["plan", str(folder), "--program", "csv"]) == 0
     assert (folder / "plan.csv").read_bytes() == before
     step = next_step(state_of(evaluate(open_campaign(folder))))
-    assert step.command == ("import", str(folder), "FILE", "--stage", "before")
+    assert step.text == f"pkmcal import {folder} FILE --stage before"
     text = (folder / "plan.csv").read_text().splitlines()
     (folder / "plan.csv").write_text("\n".join([*text[:-1], ""]))
     step = next_step(state_of(evaluate(open_campaign(folder))))
-    assert step.command == ("plan", str(folder), "--program", "csv")
+    assert step.text == f"pkmcal plan {folder} --program csv"

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 from campaigns.evaluation.campaign_verdict import (
-    NONE_ASKED_FOR,
     CampaignVerdict,
     Check,
     IdentificationVerdict,
     campaign_verdict,
 )
+from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.gains import gains, worse_than_before
 from campaigns.evaluation.validation import ValidationResult, validation_verdict
 from campaigns.evidence import Evaluation
@@ -71,10 +71,10 @@ def test_where_only_a_limit_lacks_the_answer_is_that_none_was_asked_for(
     after: ValidationResult,
 ) -> None:
     found = judged(after, AcceptanceConfig(), gained="Gained: much.")
-    assert (found.answer, found.decision) == ("no limit asked for", "not decided")
+    assert found.decision == NO_LIMIT
     assert {r.decision for r in found.requirements} == {None}
     assert found.headline.startswith("Gained: much. No limit is asked for")
-    assert judged(after, WIDE, gained="Gained: much.").answer == "pass"
+    assert judged(after, WIDE, gained="Gained: much.").decision == "pass"
     assert "Gained" not in judged(after, WIDE, gained="Gained: much.").headline
 
 
@@ -85,7 +85,7 @@ def test_where_only_a_limit_lacks_the_answer_is_that_none_was_asked_for(
         (IdentificationVerdict("not decided", ("why",)), (), "not decided"),
         (IdentificationVerdict("fail", ("why",)), (), "fail"),
         (PASSED, (Check("the plan is the plan", holds=False, detail=""),), "not decided"),
-        (PASSED, (Check("the limits", holds=False, detail="", decides=False),), NONE_ASKED_FOR),
+        (PASSED, (Check("the limits", holds=False, detail="", decides=False),), NO_LIMIT),
     ],
 )
 def test_what_else_leaves_it_open_is_not_hidden_by_a_limit_not_asked_for(
@@ -95,7 +95,7 @@ def test_what_else_leaves_it_open_is_not_hidden_by_a_limit_not_asked_for(
     answer: str,
 ) -> None:
     found = judged(after, AcceptanceConfig(), *checks, identification=identification)
-    assert found.answer == answer
+    assert found.decision == answer
 
 
 def test_an_accepted_doubt_stands_among_the_reasons_and_broken_files_take_a_pass_away(

@@ -5,6 +5,7 @@ import pytest
 from fake_cell import TRACKER_FROM_BASE
 from validation_cases import line, pairs, shot, validated
 
+from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.gains import gains, worse_than_before
 from campaigns.evaluation.iso_figures import cube_frame
 from campaigns.evaluation.validation import (
@@ -271,7 +272,7 @@ def test_limits_surely_kept_pass_and_those_not_asked_for_decide_nothing(
     whole: ValidationResult,
 ) -> None:
     verdict = validation_verdict(whole, AcceptanceConfig())
-    assert verdict.decision is None
+    assert verdict.decision == NO_LIMIT
     assert {each.decision for each in verdict.requirements} == {None}
     assert verdict.reasons == ()
     verdict = validation_verdict(whole, ALL_LIMITS)

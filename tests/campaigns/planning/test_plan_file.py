@@ -73,7 +73,7 @@ def test_written_file_begins_with_the_agreed_header(tmp_path):
 
 def test_missing_and_empty_plans_are_refused(tmp_path):
     assert "holds no shots" in complaint(HEADER)
-    with pytest.raises(PlanInvalid, match="make one with `pkmcal plan`"):
+    with pytest.raises(PlanInvalid, match="make one with `pkmcal plan DIR`"):
         plan_file.read_plan(tmp_path / "plan.csv", PAR4)
 
 
