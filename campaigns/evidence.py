@@ -13,7 +13,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
@@ -467,9 +467,9 @@ def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeri
 
 
 def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
-    """Shots that were identified from or kept unseen, as the models have them.
+    """Return the shots that were identified from or kept unseen, with the poses of both models.
 
-    All that can be assembled, while nothing was identified.
+    Before an identification all that can be assembled; None without shots.
     """
     if evidence.run is None:
         return None
@@ -479,45 +479,32 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         solution, after = nominal.forward(shots.joints), None
         rows = np.flatnonzero(solution.found)
         shots, before = shots.rows(rows), solution.values[rows]
+    elif found.modelled is None:  # of the paper's method
+        shots, before, after = _by_parameters(shots, found, nominal.mechanism)
     else:
-        model = Kinematics.of(nominal.mechanism, found.flat())
-        shots, before, after = _as_identified(shots, found) or _by_parameters(shots, found, model)
+        table, places = found.modelled, {number: row for row, number in enumerate(shots.numbers)}
+        shots = shots.rows(np.array([places[number] for number in table.numbers], dtype=np.intp))
+        shots = replace(shots, purposes=table.purposes, pairs=table.pairs)
+        before, after = np.array(table.before), np.array(table.after)
     return model_errors.ModelledShots(
         shots=shots, before=before, after=after, sessions=found is not None and bool(found.sessions)
     )
 
 
-def _as_identified(
-    shots: Shots, found: RecordedIdentification
-) -> tuple[Shots, Array, Array] | None:
-    """Shots in the sets and pairs of the identification, and both poses that it kept of each.
-
-    None for a result of older software, and for one of other shots.
-    """
-    table, places = found.modelled, {number: row for row, number in enumerate(shots.numbers)}
-    if table is None or not places.keys() >= set(table.numbers):
-        return None
-    own = shots.rows(np.array([places[number] for number in table.numbers], dtype=np.intp))
-    own = replace(own, purposes=table.purposes, pairs=table.pairs)
-    return own, np.array(table.before), np.array(table.after)
-
-
 def _by_parameters(
-    shots: Shots, found: RecordedIdentification, model: Kinematics
+    shots: Shots, found: RecordedIdentification, mechanism: ClosedChain
 ) -> tuple[Shots, Array, Array]:
-    """Shots that were not excluded, and both poses of each worked out again."""
-    nominal, sides = Kinematics.of(model.mechanism, found.nominal_flat()), shots.approach
-    before, after = (each.forward(shots.joints, approach=sides) for each in (nominal, model))
-    rows = np.flatnonzero(before.found & after.found & ~_left_out(shots, found))
+    """Return the shots that were not excluded, with the poses of both models worked out again."""
+    before, after = (
+        Kinematics.of(mechanism, parameters).forward(shots.joints, approach=shots.approach)
+        for parameters in (found.nominal_flat(), found.flat())
+    )
+    excluded = {left.shot for left in found.excluded} - {None}
+    excluded_pairs = {left.pair for left in found.excluded} - {None}
+    numbers = zip(shots.numbers, shots.pairs, strict=True)
+    kept = [shot not in excluded and pair not in excluded_pairs for shot, pair in numbers]
+    rows = np.flatnonzero(before.found & after.found & np.array(kept, dtype=bool))
     return shots.rows(rows), before.values[rows], after.values[rows]
-
-
-def _left_out(shots: Shots, found: RecordedIdentification) -> Mask:
-    """Rows of shots that were excluded, by themselves or with their pair, (N,)."""
-    numbers = {left.shot for left in found.excluded} - {None}
-    pairs = {left.pair for left in found.excluded} - {None}
-    both = zip(shots.numbers, shots.pairs, strict=True)
-    return np.array([shot in numbers or pair in pairs for shot, pair in both], dtype=bool)
 
 
 def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:

@@ -22,9 +22,6 @@ from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
 from campaigns.planning.plan_match import plan_difference
 
-REPORT = "report.html"
-HEAD_BYTES = 4000
-"""Bytes at a report's beginning that name the last record of the journal."""
 LOOK = "look through campaign.yaml (tracker.place_mm!)"
 MEASURE = "run program-{} on the controller, and measure at each of its stops"
 CHANGED = "look for what changed since the shots, and measure again"
@@ -280,12 +277,14 @@ def state_of(
 
 def _is_reported(evidence: Evidence) -> bool:
     """Return whether report.html is of the journal and campaign.yaml as they are now."""
-    campaign, path = evidence.campaign, evidence.campaign.path(REPORT)
+    campaign, path = evidence.campaign, evidence.campaign.path("report.html")
     settings = campaign.path("campaign.yaml")
     if evidence.journal is None or not path.is_file():
         return False
     with path.open("rb") as file:
-        is_of_journal = evidence.journal.digest.encode() in file.read(HEAD_BYTES)
+        is_of_journal = evidence.journal.digest.encode() in file.read(
+            4000
+        )  # its head names the last record
     return is_of_journal and path.stat().st_mtime >= settings.stat().st_mtime
 
 

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 from campaigns.campaign import Campaign
-from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection
+from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correct_poses
 from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.load_checks import file_objections, read_parameter_file
-from campaigns.controllers.target_poses import correct_poses
 from campaigns.errors import ConfigInvalid, TargetsInvalid
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.robots.reduced_form import form_of

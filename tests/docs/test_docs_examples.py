@@ -11,7 +11,7 @@ from typer import Context
 from typer.main import get_command
 
 from app.main import app, run_command
-from campaigns.controllers.target_poses import parse_poses
+from campaigns.controllers.corrected_targets import TargetCorrection, correct_poses
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
@@ -82,7 +82,9 @@ def test_csv_example_is_taken_by_our_readers(block):
         found = robot.kinematics.forward(joints_of(shots)).values_or_raise()
         assert abs(found - poses_of(shots)).max() < 1e-6, "its joints lead to its poses"
     elif block.text.startswith("name,"):
-        parse_poses(block.text, block.where, find_robot("par4-prototype").robot.mechanism)
+        robot = find_robot("par4-prototype").robot
+        same = TargetCorrection(robot.kinematics, robot.kinematics, robot.limits)
+        correct_poses(block.text, block.where, same)
     else:
         parse_shots(block.text, block.where, robot_of(block).mechanism)
 

@@ -1,7 +1,7 @@
 """Parameters in a controller: verified there, or the old ones back, and never a silent mixture."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import pytest
 from fake_cell import ROBOT
@@ -9,7 +9,6 @@ from par4_space import SPACE, with_values
 
 from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import LoadNotVerified
-from campaigns.kinematics.parameters import Parameters
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
 OLD = dict(ROBOT.parameters)
@@ -176,17 +175,6 @@ def test_old_parameters_that_do_not_come_back_are_loud(
     error = failure(Controller(on_write=[take_half, restoring]))
     assert "the old parameters are not back either" in error.problem
     assert error.remedy.startswith("don't move the robot")
-
-
-def test_changes_are_told_in_units_of_their_deviation() -> None:
-    parameters = Parameters.of(ROBOT.parameters.table, NEW, {"plate_mm": 0.05})
-    robot = replace(ROBOT, parameters=parameters)
-    found = {change.name: change for change in changes(OLD, robot)}
-    assert list(found) == list(SPACE.names)
-    assert found["plate_mm"].delta == 1.25
-    assert found["plate_mm"].in_sigmas == pytest.approx(25.0)
-    assert found["arm0.arm_mm"].in_sigmas is None
-    assert found["arm1.arm_mm"].delta == 0.0
 
 
 @pytest.mark.parametrize(("held", "differs"), [(100.0 + 1e-8, False), (100.0 + 1e-6, True)])

@@ -135,15 +135,6 @@ def test_distances_that_became_worse_fail_beyond_their_uncertainty(after: Valida
         assert judged(worse, WIDE, before=before).decision == decision
 
 
-def test_without_an_identification_nothing_passes_and_a_failed_one_fails_all(
-    after: ValidationResult,
-) -> None:
-    assert judged(after, WIDE, identification=None).decision == "not decided"
-    found = judged(after, WIDE, identification=IdentificationVerdict("fail", ("why",)))
-    assert found.decision == "fail"
-    assert "why" in " ".join(found.reasons)
-
-
 def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation: Evaluation) -> None:
     evidence = evaluation.evidence
     assert evidence.identification is not None

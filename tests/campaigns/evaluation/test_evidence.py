@@ -110,21 +110,6 @@ def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     assert len(found.fitted.numbers) == 38
 
 
-def test_errors_by_the_poses_kept_are_those_worked_out_again(
-    whole: PaperCampaign, evaluation: Evaluation
-) -> None:
-    assert evaluation.evidence.identification.modelled is not None
-    older = replace(evaluation.evidence.identification, modelled=None)
-    found, again = (
-        evaluation.errors,
-        Evaluation(replace(evaluation.evidence, identification=older)).errors,
-    )
-    for one, other in ((found.fitted, again.fitted), (found.unseen, again.unseen)):
-        assert one.numbers == other.numbers
-        assert one.after_mm == pytest.approx(other.after_mm, abs=1e-3)
-    assert found.positions.after_mm == pytest.approx(again.positions.after_mm, abs=1e-3)
-
-
 def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCampaign) -> None:
     shots = held_out(gather(whole.campaign).run.shots, 0.2, np.random.default_rng(1))
     found = identify(NOMINAL.robot.kinematics, shots)
