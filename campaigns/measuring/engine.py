@@ -23,14 +23,10 @@ from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.beam import Beam, of_one_point, one_point_refused
+from campaigns.measuring.gate import next_fit
 from campaigns.measuring.monitors import StationMonitor, TemperatureMonitor
 from campaigns.measuring.nests import NestPointer
-from campaigns.measuring.reference_poses import (
-    ReferenceNoise,
-    ReferencePose,
-    pose_settling,
-    reference_poses,
-)
+from campaigns.measuring.reference_poses import ReferencePose, pose_settling, reference_poses
 from campaigns.measuring.results import (
     Accepted,
     Loss,
@@ -42,7 +38,6 @@ from campaigns.measuring.results import (
 )
 from campaigns.measuring.resume import ResumeState
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Wish
-from campaigns.measuring.schedule import Schedule
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shots import Shots
 from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
@@ -97,9 +92,7 @@ class Engine:
         self._compared: set[int] = set()
         self._looked_back: Counter[int] = Counter()
         self._uncertainty: PositionUncertainty | None = None
-        self._uncertainty_schedule = Schedule(0.05)
-        self._noise: ReferenceNoise | None = None
-        self._noise_schedule = Schedule(0.25)
+        self._fit_due = 0
         self._at_rest: tuple[int, ...] | None = None
         self._fit_shots()
 
@@ -228,8 +221,7 @@ class Engine:
             return result
         drift_mm = self._check_drift(outcome) if purpose is ShotSet.DRIFT else None
         self._shots.accept(outcome)
-        count = len(self._gate.accepted)
-        if purpose is ShotSet.IDENTIFICATION and self._uncertainty_schedule.is_due(count):
+        if self._uncertainty is None or len(self._gate.accepted) >= self._fit_due:
             self._fit_shots()
         self._run_state.accept(wall_clock.now_s() - started_s, outcome.residual_mm, drift_mm)
         if purpose is ShotSet.DRIFT:
@@ -264,9 +256,6 @@ class Engine:
         visits = [outcome for outcome in accepted if outcome.shot in drift]
         if len(visits) < FEWEST_VISITS:
             return
-        if self._noise is None or self._noise_schedule.is_due(len(accepted)):
-            self._noise = self._work.reference_noise(accepted)
-            self._noise_schedule.done(len(accepted))
         if self._noise.freedom == inf:
             return  # the robot's scatter is not known yet
         settled, text = pose_settling(self._work.robot.kinematics, accepted, visits, self._noise)
@@ -444,8 +433,11 @@ class Engine:
 
     def _fit_shots(self) -> None:
         """Fit the shots that count as `identify` will, and show the uncertainty."""
-        self._uncertainty_schedule.done(len(self._gate.accepted))
-        self._update(self._work.uncertainty_monitor.fitted(self._gate.accepted))
+        accepted, work = self._gate.accepted, self._work
+        self._fit_due = next_fit(len(accepted), 0.25 if work.goal_mm is None else 0.05)
+        posterior = work.uncertainty_monitor.posterior(accepted)
+        self._noise = work.noise_by(posterior)
+        self._update(work.uncertainty_monitor.stated(posterior))
 
     def _update(self, uncertainty: PositionUncertainty | None) -> None:
         self._uncertainty = uncertainty

@@ -13,12 +13,11 @@ from math import dist, inf
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.fit.error_model import ErrorModel, Observations
-from campaigns.fit.posterior import Posterior, Prior, fit, noise_parts
-from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.fit.error_model import ErrorModel, Observations, moved_frames
+from campaigns.fit.posterior import noise_parts
+from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
-from campaigns.measuring.schedule import Schedule
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
 
@@ -26,10 +25,8 @@ FEWEST_SHOTS = 5
 """Shots that place the frame, with enough to spare to doubt one of them."""
 SPREAD_FOR_A_FRAME_MM = 50.0
 """Least extent of the points across their main direction: less places no frame."""
-WINDOW = 100
-"""Shots of a fit, spread over all: so many predict as well as more, in bounded time."""
-FIRM = Prior(factors={"points": 0.04, "joints": 0.04})
-"""Scatter at a fifth of its tolerance: the first shots, one of them wrong, cannot tell it."""
+SCATTER = {"points": 0.04, "joints": 0.04}
+"""Variance of the robot's scatter as a share of its tolerance's, which first shots cannot tell."""
 POINTING_STD_MM = 20.0
 """Standard deviation of a prediction, up to which the tracker is pointed there; it searches 50."""
 SAME_POSE = 0.002
@@ -52,6 +49,19 @@ class GateDecision:
     refusal: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Unknowns of the error model and the frame, by accepted shots."""
+
+    x: Array
+    """In tolerances, (P,)."""
+    frame: Transform
+    near: Array
+    """Pose (1, t) amid the shots, from which others are searched."""
+    covariance: Array
+    """Of the unknowns and the frame's six, (P + 6, P + 6)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Knowledge:
     """Shots, and what they predict of others: by a fit, or by distances while there is none."""
@@ -60,41 +70,56 @@ class Knowledge:
     instrument: TrackerUncertainty
     rules: GateConfig
     shots: tuple[Outcome, ...] = ()
-    posterior: Posterior | None = None
+    estimate: Estimate | None = None
     """Fit of these shots, or of most of them; None while they place no frame."""
 
     def fitted(self) -> "Knowledge":
-        """Return the same shots, fitted again; with the fit that there was if they place none."""
-        count = len(self.shots)
+        """Return the same shots with one Gauss-Newton step of the fit.
+
+        While one of the first shots may be of a wrong target, the step begins at the nominal
+        robot: an estimate that contains such a shot is torn. Later it begins at the estimate before
+        it. It is exact to the square of the robot's errors, which is far below the limit.
+        """
+        model, count = self.model, len(self.shots)
         if count < FEWEST_SHOTS:
             return self
-        places = np.unique(np.linspace(0, count - 1, WINDOW).astype(int))
-        joints = np.array([self.shots[place].joints for place in places])
-        points_mm = np.array([self.shots[place].point_in_tracker_mm for place in places])
+        x = np.zeros(len(model.names))
+        if self.estimate is not None and count > FIRST_SHOTS:
+            x = self.estimate.x
+        joints = np.array([shot.joints for shot in self.shots])
+        points_mm = np.array([shot.point_in_tracker_mm for shot in self.shots])
+        solution = model.kinematics(x).forward(joints)
         extent_mm = np.linalg.svd(points_mm - points_mm.mean(axis=0), compute_uv=False)[1]
-        if extent_mm / np.sqrt(len(places)) < SPREAD_FOR_A_FRAME_MM:
+        if extent_mm / np.sqrt(count) < SPREAD_FOR_A_FRAME_MM or not solution.found.all():
             return self
-        try:
-            posterior = fit(self.model, self.observe(joints, points_mm), FIRM)
-        except (ValueError, np.linalg.LinAlgError):  # no frame yet: distances alone are compared
-            return self
-        return replace(self, posterior=posterior)
+        near = solution.values
+        noise = {"stated": point_covariance_mm2(points_mm, self.instrument)}
+        observations = replace(Observations.unmeasured(joints, near), points=points_mm, noise=noise)
+        frame = fit_transform(near[:, :3], points_mm)
+        at = model.linearise(observations, x, (frame,), near)
+        parts = noise_parts(model, observations, at.by_joint)
+        weights = np.linalg.inv(sum(SCATTER.get(part, 1.0) * parts[part] for part in parts))
+        weighted = (weights @ at.jacobian).reshape(3 * count, -1)
+        prior = np.diag(np.arange(len(x) + 6) < len(x)).astype(float)
+        covariance = np.linalg.inv(weighted.T @ at.jacobian.reshape(3 * count, -1) + prior)
+        slope = weighted.T @ at.residual.ravel() + prior @ np.concatenate([x, np.zeros(6)])
+        step = -covariance @ slope
+        (frame,) = moved_frames((frame,), step[len(x) :])
+        amid = near.mean(axis=0, keepdims=True)
+        return replace(self, estimate=Estimate(x + step[: len(x)], frame, amid, covariance))
 
     def predict(self, joints: Joints) -> tuple[Array, float] | None:
         """Return the point (3,) expected at joints, and its 1 σ in mm; None if unknown."""
-        posterior = self.posterior
-        if posterior is None:
+        estimate = self.estimate
+        if estimate is None:
             return None
-        read = np.array([joints])
-        solution = self.model.kinematics(posterior.x).forward(read)
-        if not solution.found[0]:
+        observation = Observations.unmeasured(np.array([joints]), estimate.near)
+        with np.errstate(all="ignore"):  # of joints at which nothing can be assembled
+            at = self.model.linearise(observation, estimate.x, (estimate.frame,), estimate.near)
+        if not at.assembly.found[0]:
             return None
-        frame = posterior.at.frames[0]
-        near_mm = frame.apply(solution.values[:, :3])
-        observation = replace(self.observe(read, near_mm), near=solution.values)
-        at = self.model.linearise(observation, posterior.x, (frame,), solution.values)
-        spread = at.jacobian[0] @ posterior.covariance_without_changes @ at.jacobian[0].T
-        return near_mm[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
+        spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
+        return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
 
     def judge(self, joints: Joints, point_in_tracker_mm: Vector3) -> GateDecision:
         """Compare a point with the one predicted, and refuse it if it is too far off."""
@@ -113,8 +138,8 @@ class Knowledge:
     def _judge_distances(self, joints: Joints, point_in_tracker_mm: Vector3) -> GateDecision:
         """Compare the distances to the shots with those of the robot as far as it is known."""
         robot = self.model.nominal
-        if self.posterior is not None:
-            robot = self.model.kinematics(self.posterior.x)
+        if self.estimate is not None:
+            robot = self.model.kinematics(self.estimate.x)
         solution = robot.forward(np.array([*(shot.joints for shot in self.shots), joints]))
         if not solution.found.all():
             problem = "the robot's model cannot be assembled at the joints that were read"
@@ -133,12 +158,6 @@ class Knowledge:
             )
         return GateDecision(None, None, refusal)
 
-    def observe(self, joints: Array, points_mm: Array) -> Observations:
-        """Return points with the tracker's stated noise, for the nominal robot's assembly."""
-        observations = Observations.unmeasured(joints, self.model.nominal.forward(joints).values)
-        noise = {"stated": point_covariance_mm2(points_mm, self.instrument)}
-        return replace(observations, points=points_mm, noise=noise)
-
 
 def leave_one_out(known: Knowledge, refused: Outcome) -> list[Outcome]:
     """Return the shots without which a refused one agrees with all others, the first one first.
@@ -153,31 +172,9 @@ def leave_one_out(known: Knowledge, refused: Outcome) -> list[Outcome]:
 
 
 def agrees(others: tuple[Outcome, ...], shot: Outcome, known: Knowledge) -> bool:
-    """Return whether a shot agrees with others, by one Gauss-Newton step from the nominal robot.
-
-    A fit that contains a wrong shot is torn, and takes long: from the nominal robot one step is
-    exact to the square of the robot's errors, which is far below the limit. While too few shots
-    are known for a fit, distances are compared.
-    """
-    if len(others) < FEWEST_SHOTS or known.posterior is None:
-        unfitted = replace(known, shots=others, posterior=None)
-        return not unfitted.judge(shot.joints, shot.point_in_tracker_mm).refusal
-    shots, model = (*others, shot), known.model
-    points_mm = np.array([s.point_in_tracker_mm for s in shots])
-    observations = known.observe(np.array([s.joints for s in shots]), points_mm)
-    positions_mm = observations.near[:, :3]
-    frame = fit_transform(positions_mm[:-1], points_mm[:-1])
-    at = model.linearise(observations, np.zeros(len(model.names)), (frame,), observations.near)
-    noise = noise_parts(model, observations, at.by_joint)
-    covariance = sum(FIRM.factors.get(part, 1.0) * noise[part] for part in noise)
-    weighted = np.linalg.inv(covariance) @ at.jacobian
-    prior = np.diag(np.arange(at.jacobian.shape[2]) < len(model.names)).astype(float)
-    normal = prior + np.einsum("nij,nik->jk", at.jacobian[:-1], weighted[:-1])
-    slope = np.einsum("nij,ni->j", weighted[:-1], at.residual[:-1])
-    off_mm = at.residual[-1] - at.jacobian[-1] @ np.linalg.solve(normal, slope)
-    spread = at.jacobian[-1] @ np.linalg.solve(normal, at.jacobian[-1].T)
-    limit_mm = known.rules.fitted_mm + SIGMAS * float(np.sqrt(np.trace(spread)))
-    return bool(np.linalg.norm(off_mm) <= min(limit_mm, known.rules.distance_mm))
+    """Return whether a shot agrees with others: by their fit, or by distances to a few."""
+    alone = replace(known, shots=others, estimate=None).fitted()
+    return not alone.judge(shot.joints, shot.point_in_tracker_mm).refusal
 
 
 class InnovationGate:
@@ -186,7 +183,7 @@ class InnovationGate:
     def __init__(self, nothing: Knowledge, accepted: Iterable[Outcome] = ()) -> None:
         """`nothing` has the model and the rules, and no shots yet."""
         self._nothing = self._known = nothing
-        self._schedule = Schedule(0.1, first=FEWEST_SHOTS)
+        self._fit_due = FEWEST_SHOTS
         self._restart(accepted)
 
     @property
@@ -201,7 +198,9 @@ class InnovationGate:
     def accept(self, outcome: Outcome) -> None:
         """Add an accepted shot."""
         self._known = replace(self._known, shots=(*self._known.shots, outcome))
-        self._fit_if_due()
+        if len(self.accepted) >= self._fit_due:
+            self._known = self._known.fitted()
+            self._fit_due = next_fit(len(self.accepted))
 
     def reset(self, shots: Iterable[int]) -> None:
         """Take out shots that were accepted and do not count any more."""
@@ -246,14 +245,13 @@ class InnovationGate:
 
     def _restart(self, accepted: Iterable[Outcome]) -> None:
         """Begin again with these shots alone."""
-        self._known = replace(self._nothing, shots=tuple(accepted))
-        self._schedule.done(0)
-        self._fit_if_due()
+        self._known = replace(self._nothing, shots=tuple(accepted)).fitted()
+        self._fit_due = max(FEWEST_SHOTS, next_fit(len(self.accepted)))
 
-    def _fit_if_due(self) -> None:
-        if self._schedule.is_due(len(self.accepted)):
-            self._schedule.done(len(self.accepted))
-            self._known = self._known.fitted()
+
+def next_fit(shots: int, growth: float = 0.25) -> int:
+    """Return the number of shots at which to fit again: more by a share, at least by one."""
+    return shots + max(1, int(growth * shots))
 
 
 def is_same_pose(joints: Joints, others: Joints) -> bool:

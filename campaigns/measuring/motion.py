@@ -15,6 +15,9 @@ from drivers.ports import Clock, RobotController
 from drivers.values import RobotState
 
 POLL_S = 0.02
+"""How often a robot is looked at while it settles."""
+MOVING_POLL_S = 0.05
+"""How often it is looked at on its way; a wish to stop ends the sleep between."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +203,7 @@ class Mover:
                 return state
             if is_late:
                 raise self._not_settled(self._why_not_there(state, target))
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(MOVING_POLL_S)
 
     def _settled(self, target: Joints, deadline_s: float) -> RobotState:
         """Wait until the joints have been still, and in place, for the settling time.

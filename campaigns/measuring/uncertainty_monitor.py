@@ -40,8 +40,7 @@ class UncertaintyMonitor:
 
     def fitted(self, outcomes: Iterable[Outcome]) -> PositionUncertainty | None:
         """Fit accepted shots; return the uncertainty as `identify` states it, None for too few."""
-        posterior = self.posterior(outcomes)
-        return None if posterior is None else self._stated(posterior)
+        return self.stated(self.posterior(outcomes))
 
     def posterior(self, outcomes: Iterable[Outcome]) -> Posterior | None:
         """Fit the accepted shots to identify from; return None for too few of them."""
@@ -90,11 +89,13 @@ class UncertaintyMonitor:
             targets=[shot.pose for shot in planned],
         )
 
-    def _stated(self, posterior: Posterior) -> PositionUncertainty:
+    def stated(self, posterior: Posterior | None) -> PositionUncertainty | None:
         """Return the uncertainty at the positions judged, with the nominal robot's derivatives.
 
         Those of the fitted robot differ by the second order, and would cost half a fit.
         """
+        if posterior is None:
+            return None
         std = position_std_mm(self._judged.by_unknowns, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
         scatter, _ = posterior.scatter

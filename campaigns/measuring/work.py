@@ -1,13 +1,15 @@
 """Work of a session: what is to be measured, by which rules, and what all that do it share."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.identification.observations import error_model
+from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.error_sources import TRACKER_SOURCES
+from campaigns.fit.posterior import Posterior
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
@@ -141,12 +143,15 @@ class Work:
         return self.uncertainty_monitor.fitted(shot.outcome for shot in shots)
 
     def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
+        """Return the noise of poses measured twice, by a fit of accepted shots."""
+        return self.noise_by(self.uncertainty_monitor.posterior(outcomes))
+
+    def noise_by(self, posterior: Posterior | None) -> ReferenceNoise:
         """Return the noise of poses measured twice: the tracker's, and the robot's own scatter.
 
         With too few shots to estimate it, the robot may scatter by a part of what drift shots may.
         """
         instrument, freedom = self.options.instrument, 0.0
-        posterior = self.uncertainty_monitor.posterior(outcomes)
         if posterior is not None:
             used = (posterior.covariance * posterior.prior).sum()
             freedom = 3.0 * posterior.kept.sum() - len(posterior.covariance) + float(used)
@@ -157,8 +162,13 @@ class Work:
         return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
 
     def gate_after(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
-        """Return a gate that rests on these shots alone, with all sources of error free."""
-        model = error_model(self.robot.kinematics, None, replace(self.options, fix=(), prior=()))
+        """Return a gate that rests on these shots alone, with all errors of the robot free.
+
+        Those of the tracker are far below its limits.
+        """
+        model = ErrorModel(
+            self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.options.tolerances
+        )
         nothing = Knowledge(model, self.options.instrument, self.gate)
         return InnovationGate(nothing, [shot.outcome for shot in shots if not shot.intent.nest])
 

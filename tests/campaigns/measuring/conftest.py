@@ -9,7 +9,7 @@ import pytest
 
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.measuring import gate, uncertainty_monitor
+from campaigns.measuring import uncertainty_monitor
 from campaigns.planning.paths import RobotModel
 
 
@@ -46,7 +46,6 @@ def told(asked: object) -> object:
 
 SAFE_PATH = remembered(RobotModel.safe_path)
 JUDGED_POSITIONS = remembered(uncertainty_monitor.judged_positions)
-FIT = remembered(gate.fit)
 FIT_WITH_CHANGES = remembered(uncertainty_monitor.fit_with_changes)
 
 
@@ -56,4 +55,3 @@ def looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RobotModel, "safe_path", SAFE_PATH)
     monkeypatch.setattr(uncertainty_monitor, "judged_positions", JUDGED_POSITIONS)
     monkeypatch.setattr(uncertainty_monitor, "fit_with_changes", FIT_WITH_CHANGES)
-    monkeypatch.setattr(gate, "fit", FIT)
