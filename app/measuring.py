@@ -102,7 +102,7 @@ def measure(
     Raise `Interrupted` when the operator stopped and does not want to go on now.
     """
     campaign, clearance = job.campaign, Clearance(job, terminal, yes=yes)
-    retries = Retries(campaign, job.work.stage, job.retry, pause_clock(campaign))
+    retries = Retries(campaign, job.retry, pause_clock(campaign))
     with campaign.held():
         campaign.require_devices()
         clearance.ask()

@@ -50,11 +50,12 @@ class Beam:
     """Finds the reflector again, while the robot stands still or back at a pose seen before."""
 
     def __init__(self, session: Session, starts: Sequence[BeamStart]) -> None:
+        """`starts`: where robot and beam were when the series' sessions began, in their order."""
         self._session = session
         self._tracker, self._clock = session.cell.tracker, session.cell.clock
         self._mover, self._gate = session.mover, session.gate
         self._run_state = session.run_state
-        self._starts = deque(MOST_ANCHORS * tuple(starts))
+        self._starts = deque(MOST_ANCHORS * tuple(reversed(starts)))
         self._measured: list[Outcome] = []
 
     def remember(self, measured: Outcome) -> None:
@@ -271,20 +272,6 @@ def of_one_point(outcomes: Iterable[Outcome]) -> str:
     """Name shots that have one point."""
     shots = in_ranges(sorted(outcome.shot for outcome in outcomes))
     return f"shots {shots} have one point, although the encoders moved between them"
-
-
-def distinct_starts(starts: Iterable[BeamStart | None]) -> tuple[BeamStart, ...]:
-    """Return beginnings of sessions with beams of their own, the latest first.
-
-    Of those with the same, which do not follow the robot, the first: there it had been put.
-    """
-    distinct: list[BeamStart] = []
-    for start in starts:
-        if start is not None and not any(
-            dist(start.direction, other.direction) <= SAME_DIRECTION for other in distinct
-        ):
-            distinct.append(start)
-    return tuple(reversed(distinct))
 
 
 def _points_at(direction: Vector3, point_mm: Vector3) -> bool:

@@ -50,8 +50,6 @@ from drivers.values import Weather
 
 LOOK_S = 0.1
 """How often a pause looks at faults and wishes."""
-SUSPECTS = 3
-"""First shots that are measured again when a later one contradicts them."""
 MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
 MOST_DEFERRED = 0.2
@@ -89,7 +87,6 @@ class Engine:
         self._references: tuple[ReferencePose, ...] = ()
         self._deferred: list[Group] = []
         self._failed_in_a_row = 0
-        self._compared: set[int] = set()
         self._looked_back: Counter[int] = Counter()
         self._uncertainty: PositionUncertainty | None = None
         self._fit_due = 0
@@ -265,16 +262,13 @@ class Engine:
         self._at_rest = settled
 
     def _recover(self, refused: Refused) -> Recovery:
-        """Find out whether the refused shot is wrong, the shots that it contradicts, or the beam.
+        """Find out whether the beam is on a reflector that stands elsewhere, or is to be found.
 
         Raise `GateRefused` when the beam cannot be brought back onto the robot's reflector.
         """
         outcome = refused.outcome
         if standing := self._gate.find_standing(outcome):
             return self._recover_from_standing(outcome, standing)
-        for suspect in self._gate.find_suspects(outcome)[:SUSPECTS]:
-            if (why := self._why_wrong(suspect, outcome)) is not None:
-                return Remeasure((self._void_first(suspect, why),))
         if refused.relocked or self._looked_back[outcome.shot] >= self._work.gate.attempts - 1:
             return "DEFER"
         self._looked_back[outcome.shot] += 1
@@ -291,28 +285,6 @@ class Engine:
         if not self._beam.look_back(refused.point_in_tracker_mm):
             raise one_point_refused(one_point)
         return Remeasure(tuple(voided))
-
-    def _why_wrong(self, suspect: Outcome, refused: Outcome) -> str | None:
-        """Measure a suspect again, once; return why it is wrong, None if it is not."""
-        step = next((s for g in self._plan for s in g if s.planned.shot == suspect.shot), None)
-        if step is None or suspect.shot in self._compared:  # or its row was taken out since
-            return None
-        self._compared.add(suspect.shot)
-        match self._shots.retry(partial(self._shots.take, step, is_judged=False)):
-            case Skipped():
-                return None
-            case Accepted(again):
-                away_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
-                reason = f"only compared with the one before, {away_mm:.3f} mm away"
-                self._shots.compare_only(again, reason)
-                if not self._gate.replaces(suspect, again, refused):
-                    return None
-                return (
-                    f"a wrong target or a wrong pose: measured again it is {away_mm:.1f} mm away, "
-                    f"where shot {refused.shot} agrees with it"
-                )
-            case failure:
-                raise failure_of(failure)
 
     def _defer(self, group: Group, failure: Refused | Lost) -> None:
         """Leave a group for the end; raise what was wrong when it is more than single poses."""

@@ -1,12 +1,10 @@
 """Gate: each shot is compared with what the accepted ones predict, before it counts.
 
 While few shots are accepted, distances between points are compared with those of the nominal robot.
-Then a fit of robot and frame predicts each point, and the limit follows its uncertainty. One of the
-first shots may itself be of a wrong target, and makes all later ones look wrong: it is found by
-leaving out one shot at a time.
+Then a fit of robot and frame predicts each point, and the limit follows its uncertainty.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import dist, inf
 
@@ -22,7 +20,7 @@ from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
 
 FEWEST_SHOTS = 5
-"""Shots that place the frame, with enough to spare to doubt one of them."""
+"""Shots that place the frame, and some to spare."""
 SPREAD_FOR_A_FRAME_MM = 50.0
 """Least extent of the points across their main direction: less places no frame."""
 SCATTER = {"points": 0.04, "joints": 0.04}
@@ -31,8 +29,6 @@ POINTING_STD_MM = 20.0
 """Standard deviation of a prediction, up to which the tracker is pointed there; it searches 50."""
 SAME_POSE = 0.002
 """Largest difference of joints, rad or mm, of a pose that is taken again."""
-FIRST_SHOTS = 12
-"""Shots among which one that took the wrong target is looked for; later the fit is firm."""
 STANDING_MM = 1.0
 """Points nearer to each other, of a robot that moved, are of a reflector that stands elsewhere."""
 SIGMAS = 4.0
@@ -62,38 +58,135 @@ class Estimate:
     """Of the unknowns and the frame's six, (P + 6, P + 6)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Knowledge:
-    """Shots, and what they predict of others: by a fit, or by distances while there is none."""
+class Gate:
+    """Gate of a series: compares each shot with what the accepted ones predict.
 
-    model: ErrorModel
-    instrument: TrackerUncertainty
-    rules: GateConfig
-    shots: tuple[Outcome, ...] = ()
-    estimate: Estimate | None = None
-    """Fit of these shots, or of most of them; None while they place no frame."""
+    By a fit of robot and frame, or by distances while the shots place no frame. It is fitted again
+    whenever the shots have grown by a share.
+    """
 
-    def fitted(self) -> "Knowledge":
-        """Return the same shots with one Gauss-Newton step of the fit.
+    def __init__(
+        self,
+        model: ErrorModel,
+        instrument: TrackerUncertainty,
+        rules: GateConfig,
+        accepted: Iterable[Outcome] = (),
+    ) -> None:
+        self._model, self._instrument, self._rules = model, instrument, rules
+        self.accepted = tuple(accepted)
+        """The shots that count, in the order in which they came."""
+        self._restart()
 
-        While one of the first shots may be of a wrong target, the step begins at the nominal
-        robot: an estimate that contains such a shot is torn. Later it begins at the estimate before
-        it. It is exact to the square of the robot's errors, which is far below the limit.
+    def accept(self, outcome: Outcome) -> None:
+        """Add an accepted shot."""
+        self.accepted = (*self.accepted, outcome)
+        if len(self.accepted) >= self._fit_due:
+            self._fit()
+
+    def reset(self, shots: Iterable[int]) -> None:
+        """Take out shots that were accepted and do not count any more."""
+        voided = {*shots}
+        self.accepted = tuple(outcome for outcome in self.accepted if outcome.shot not in voided)
+        self._restart()
+
+    def judge(self, outcome: Outcome) -> GateDecision:
+        """Compare a shot with the point predicted, and refuse it if it is too far off."""
+        rules = self._rules
+        expected_mm, std_mm = self.predict(outcome.joints) or (None, inf)
+        if expected_mm is None or std_mm > rules.distance_mm:
+            return self._judge_distances(outcome, self.accepted)
+        residual_mm = float(np.linalg.norm(outcome.point_in_tracker_mm - expected_mm))
+        limit_mm = min(rules.fitted_mm + SIGMAS * std_mm, rules.distance_mm)
+        refusal = ""
+        if not residual_mm <= limit_mm:
+            refusal = (
+                f"{residual_mm:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: {WRONG}"
+            )
+        return GateDecision(vector(expected_mm), residual_mm, refusal)
+
+    def predict(self, joints: Joints) -> tuple[Array, float] | None:
+        """Return the point (3,) expected at joints, and its 1 σ in mm; None if unknown."""
+        estimate = self._estimate
+        if estimate is None:
+            return None
+        observation = Observations.unmeasured(np.array([joints]), estimate.near)
+        with np.errstate(all="ignore"):  # of joints at which nothing can be assembled
+            at = self._model.linearise(observation, estimate.x, (estimate.frame,), estimate.near)
+        if not at.assembly.found[0]:
+            return None
+        spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
+        return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
+
+    def find_standing(self, refused: Outcome) -> tuple[Outcome, ...]:
+        """Return shots with the point of a refused one, although the robot was elsewhere.
+
+        Of a reflector that stands still, all of them.
         """
-        model, count = self.model, len(self.shots)
-        if count < FEWEST_SHOTS:
-            return self
+        return tuple(
+            shot
+            for shot in self.accepted
+            if dist(shot.point_in_tracker_mm, refused.point_in_tracker_mm) <= STANDING_MM
+            and self._judge_distances(shot, [refused]).refusal
+        )
+
+    def expected_point_mm(self, joints: Joints) -> Vector3 | None:
+        """Return where to point the tracker for these joints; None while it is too uncertain.
+
+        By the fit, or where a shot at the same pose was.
+        """
+        predicted = self.predict(joints)
+        if predicted is not None and predicted[1] <= POINTING_STD_MM:
+            return vector(predicted[0])
+        same = (s.point_in_tracker_mm for s in self.accepted if is_same_pose(s.joints, joints))
+        return next(same, None)
+
+    def _judge_distances(self, shot: Outcome, others: Sequence[Outcome]) -> GateDecision:
+        """Compare the distances of a shot to others with those of the robot as it is estimated."""
+        estimate, compared = self._estimate, (*others, shot)
+        robot = self._model.nominal if estimate is None else self._model.kinematics(estimate.x)
+        solution = robot.forward(np.array([outcome.joints for outcome in compared]))
+        if not solution.found.all():
+            problem = "the robot's model cannot be assembled at the joints that were read"
+            return GateDecision(None, None, problem)
+        positions_mm = solution.values[:, :3]
+        points_mm = np.array([outcome.point_in_tracker_mm for outcome in compared])
+        modelled, measured = (
+            np.linalg.norm(places[:-1] - places[-1], axis=1) for places in (positions_mm, points_mm)
+        )
+        error_mm = float(np.abs(modelled - measured).max(initial=0.0))
+        limit_mm, refusal = self._rules.distance_mm, ""
+        if not error_mm <= limit_mm:
+            refusal = (
+                f"the distance to an earlier shot is {error_mm:.2f} mm off, "
+                f"limit {limit_mm:g} mm: {WRONG}"
+            )
+        return GateDecision(None, None, refusal)
+
+    def _restart(self) -> None:
+        """Fit the accepted shots as if they were the first."""
+        self._estimate: Estimate | None = None
+        self._fit_due = FEWEST_SHOTS
+        if len(self.accepted) >= FEWEST_SHOTS:
+            self._fit()
+
+    def _fit(self) -> None:
+        """Fit by one Gauss-Newton step, from the nominal robot or the estimate before.
+
+        It is exact to the square of their errors, which is far below the limit.
+        """
+        model, count = self._model, len(self.accepted)
+        self._fit_due = next_fit(count)
         x = np.zeros(len(model.names))
-        if self.estimate is not None and count > FIRST_SHOTS:
-            x = self.estimate.x
-        joints = np.array([shot.joints for shot in self.shots])
-        points_mm = np.array([shot.point_in_tracker_mm for shot in self.shots])
+        if self._estimate is not None:
+            x = self._estimate.x
+        joints = np.array([shot.joints for shot in self.accepted])
+        points_mm = np.array([shot.point_in_tracker_mm for shot in self.accepted])
         solution = model.kinematics(x).forward(joints)
         extent_mm = np.linalg.svd(points_mm - points_mm.mean(axis=0), compute_uv=False)[1]
         if extent_mm / np.sqrt(count) < SPREAD_FOR_A_FRAME_MM or not solution.found.all():
-            return self
+            return
         near = solution.values
-        noise = {"stated": point_covariance_mm2(points_mm, self.instrument)}
+        noise = {"stated": point_covariance_mm2(points_mm, self._instrument)}
         observations = replace(Observations.unmeasured(joints, near), points=points_mm, noise=noise)
         frame = fit_transform(near[:, :3], points_mm)
         at = model.linearise(observations, x, (frame,), near)
@@ -106,147 +199,7 @@ class Knowledge:
         step = -covariance @ slope
         (frame,) = moved_frames((frame,), step[len(x) :])
         amid = near.mean(axis=0, keepdims=True)
-        return replace(self, estimate=Estimate(x + step[: len(x)], frame, amid, covariance))
-
-    def predict(self, joints: Joints) -> tuple[Array, float] | None:
-        """Return the point (3,) expected at joints, and its 1 σ in mm; None if unknown."""
-        estimate = self.estimate
-        if estimate is None:
-            return None
-        observation = Observations.unmeasured(np.array([joints]), estimate.near)
-        with np.errstate(all="ignore"):  # of joints at which nothing can be assembled
-            at = self.model.linearise(observation, estimate.x, (estimate.frame,), estimate.near)
-        if not at.assembly.found[0]:
-            return None
-        spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
-        return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
-
-    def judge(self, joints: Joints, point_in_tracker_mm: Vector3) -> GateDecision:
-        """Compare a point with the one predicted, and refuse it if it is too far off."""
-        expected_mm, std_mm = self.predict(joints) or (None, inf)
-        if expected_mm is None or std_mm > self.rules.distance_mm:
-            return self._judge_distances(joints, point_in_tracker_mm)
-        residual_mm = float(np.linalg.norm(point_in_tracker_mm - expected_mm))
-        limit_mm = min(self.rules.fitted_mm + SIGMAS * std_mm, self.rules.distance_mm)
-        refusal = ""
-        if not residual_mm <= limit_mm:
-            refusal = (
-                f"{residual_mm:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: {WRONG}"
-            )
-        return GateDecision(vector(expected_mm), residual_mm, refusal)
-
-    def _judge_distances(self, joints: Joints, point_in_tracker_mm: Vector3) -> GateDecision:
-        """Compare the distances to the shots with those of the robot as far as it is known."""
-        robot = self.model.nominal
-        if self.estimate is not None:
-            robot = self.model.kinematics(self.estimate.x)
-        solution = robot.forward(np.array([*(shot.joints for shot in self.shots), joints]))
-        if not solution.found.all():
-            problem = "the robot's model cannot be assembled at the joints that were read"
-            return GateDecision(None, None, problem)
-        positions_mm = solution.values[:, :3]
-        points_mm = np.array([*(s.point_in_tracker_mm for s in self.shots), point_in_tracker_mm])
-        modelled, measured = (
-            np.linalg.norm(places[:-1] - places[-1], axis=1) for places in (positions_mm, points_mm)
-        )
-        error_mm = float(np.abs(modelled - measured).max(initial=0.0))
-        limit_mm, refusal = self.rules.distance_mm, ""
-        if not error_mm <= limit_mm:
-            refusal = (
-                f"the distance to an earlier shot is {error_mm:.2f} mm off, "
-                f"limit {limit_mm:g} mm: {WRONG}"
-            )
-        return GateDecision(None, None, refusal)
-
-
-def leave_one_out(known: Knowledge, refused: Outcome) -> list[Outcome]:
-    """Return the shots without which a refused one agrees with all others, the first one first.
-
-    The fewer shots were there to contradict a shot, the likelier it is the wrong one.
-    """
-    return [
-        shot
-        for place, shot in enumerate(known.shots)
-        if agrees((*known.shots[:place], *known.shots[place + 1 :]), refused, known)
-    ]
-
-
-def agrees(others: tuple[Outcome, ...], shot: Outcome, known: Knowledge) -> bool:
-    """Return whether a shot agrees with others: by their fit, or by distances to a few."""
-    alone = replace(known, shots=others, estimate=None).fitted()
-    return not alone.judge(shot.joints, shot.point_in_tracker_mm).refusal
-
-
-class InnovationGate:
-    """Gate of a series: the accepted shots, fitted again whenever they have grown by a share."""
-
-    def __init__(self, nothing: Knowledge, accepted: Iterable[Outcome] = ()) -> None:
-        """`nothing` has the model and the rules, and no shots yet."""
-        self._nothing = self._known = nothing
-        self._fit_due = FEWEST_SHOTS
-        self._restart(accepted)
-
-    @property
-    def accepted(self) -> tuple[Outcome, ...]:
-        """The shots that count, in the order in which they came."""
-        return self._known.shots
-
-    def judge(self, outcome: Outcome) -> GateDecision:
-        """Compare a shot with what the accepted ones predict."""
-        return self._known.judge(outcome.joints, outcome.point_in_tracker_mm)
-
-    def accept(self, outcome: Outcome) -> None:
-        """Add an accepted shot."""
-        self._known = replace(self._known, shots=(*self._known.shots, outcome))
-        if len(self.accepted) >= self._fit_due:
-            self._known = self._known.fitted()
-            self._fit_due = next_fit(len(self.accepted))
-
-    def reset(self, shots: Iterable[int]) -> None:
-        """Take out shots that were accepted and do not count any more."""
-        voided = {*shots}
-        self._restart([outcome for outcome in self.accepted if outcome.shot not in voided])
-
-    def find_suspects(self, refused: Outcome) -> list[Outcome]:
-        """Return the first shots of a series that may be wrong instead of a refused one."""
-        return leave_one_out(self._known, refused) if len(self.accepted) <= FIRST_SHOTS else []
-
-    def replaces(self, suspect: Outcome, again: Outcome, refused: Outcome) -> bool:
-        """Return whether a suspect measured again is elsewhere, and agrees with a refused shot."""
-        moved_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
-        if moved_mm <= self._nothing.rules.fitted_mm:
-            return False
-        others = [shot for shot in self.accepted if shot.shot != suspect.shot]
-        return agrees((*others, refused), again, self._known)
-
-    def find_standing(self, refused: Outcome) -> tuple[Outcome, ...]:
-        """Return shots with the point of a refused one, although the robot was elsewhere.
-
-        Of a reflector that stands still, all of them.
-        """
-        alone = replace(self._nothing, shots=(refused,))
-        return tuple(
-            shot
-            for shot in self.accepted
-            if dist(shot.point_in_tracker_mm, refused.point_in_tracker_mm) <= STANDING_MM
-            and alone.judge(shot.joints, shot.point_in_tracker_mm).refusal
-        )
-
-    def expected_point_mm(self, joints: Joints) -> Vector3 | None:
-        """Return where to point the tracker for these joints; None while it is too uncertain.
-
-        By the fit, or where a shot at the same pose was.
-        """
-        predicted = self._known.predict(joints)
-        if predicted is not None and predicted[1] <= POINTING_STD_MM:
-            return vector(predicted[0])
-        same = (s.point_in_tracker_mm for s in self.accepted if is_same_pose(s.joints, joints))
-        return next(same, None)
-
-    def _restart(self, accepted: Iterable[Outcome]) -> None:
-        """Begin again with these shots alone."""
-        self._known = replace(self._nothing, shots=tuple(accepted)).fitted()
-        self._fit_due = max(FEWEST_SHOTS, next_fit(len(self.accepted)))
+        self._estimate = Estimate(x + step[: len(x)], frame, amid, covariance)
 
 
 def next_fit(shots: int, growth: float = 0.25) -> int:

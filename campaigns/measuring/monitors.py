@@ -18,9 +18,6 @@ from drivers.values import Vector3, Weather, vector
 
 ALARM_ENDS_AT = 0.8
 """Share of the limit below which an alarm ends: above the noise of one that is just at it."""
-RANGE_LIMIT_MM = 300.0
-"""Difference of a first point's distance from the tracker that a rough place explains."""
-FIRST_SHOTS = 2
 SHOTS_FOR_A_PLACE = 4
 NOMINAL_STD_MM = 3.0
 """Least scatter of a nominal robot's positions, by which the fitted place is uncertain."""
@@ -82,18 +79,12 @@ class StationMonitor:
         self._station = station
         self._kinematics = kinematics
         self._planned = planned
-        self._range_named = False
 
     def events(self, accepted: Sequence[Outcome]) -> tuple[Event, ...]:
         """Return what is new by the shots that count so far; each thing once."""
         return tuple(self._compare(self._station, accepted)) if self._station and accepted else ()
 
     def _compare(self, station: Station, accepted: Sequence[Outcome]) -> Iterator[Event]:
-        if len(accepted) <= FIRST_SHOTS and not self._range_named:
-            text = self._range_text(station, accepted[-1])
-            self._range_named = bool(text)
-            if text:
-                yield Event("tracker place", text)
         fitted = fit_place(self._kinematics, accepted)
         if fitted is None:
             return
@@ -110,24 +101,6 @@ class StationMonitor:
                 "correct tracker.place_mm",
             )
             yield from self._unseen(station, place_mm)
-
-    def _range_text(self, station: Station, outcome: Outcome) -> str:
-        """Compare the first point's distance with that by nominal robot and the tracker's place.
-
-        The axes of the tracker are not known yet, so only distances can be compared.
-        """
-        modelled = self._kinematics.forward(np.array([outcome.joints]))
-        if not modelled.found.all():
-            return ""
-        expected_mm = float(np.linalg.norm(modelled.values[0, :3] - station.place_mm))
-        measured_mm = float(np.linalg.norm(outcome.point_in_tracker_mm))
-        if abs(measured_mm - expected_mm) <= RANGE_LIMIT_MM:
-            return ""
-        return (
-            f"shot {outcome.shot}: its point is {measured_mm / MM_PER_M:.2f} m from the tracker, "
-            f"by tracker.place_mm it should be {expected_mm / MM_PER_M:.2f} m: a wrong target, or "
-            "tracker.place_mm in campaign.yaml is wrong; the next shots will tell"
-        )
 
     def _unseen(self, station: Station, place_mm: Vector3) -> Iterator[Event]:
         view = station.seen_from(place_mm)

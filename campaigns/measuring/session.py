@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.measuring import resume
-from campaigns.measuring.beam import distinct_starts
 from campaigns.measuring.engine import Engine
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.run_state import PositionUncertainty, RunObserver, RunState, Wishes
@@ -96,7 +95,8 @@ def measure_series(
     resumed = resume.how_it_stopped(journal, series) if begun else ""
     beam = _beam_start(cell)
     log.write(records.SessionStarted(VERSION, robot, tracker, today.weather, beam))
-    starts = [entry.record.beam for entry in journal.records_of(records.SessionStarted, series)]
+    sessions = journal.records_of(records.SessionStarted, series)
+    starts = [beam for entry in sessions if (beam := entry.record.beam) is not None]
     with closing(log):
         if resumed:
             log.write(records.Event("resumed", f"{work.stage} goes on after {resumed}"))
@@ -112,7 +112,7 @@ def measure_series(
             cell, work, log, run_state, work.gate_after(state.kept), mover, wishes or Wishes()
         )
         first_weather = (begun.started if begun else today).weather
-        _measure(session, state, first_weather, distinct_starts(starts))
+        _measure(session, state, first_weather, starts)
         if not (begun and begun.finished):  # one that ended early is finished already
             log.write(records.SeriesFinished())
     journal.prove()

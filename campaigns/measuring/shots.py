@@ -56,8 +56,8 @@ class Shots:
             if failures >= attempts or _is_hopeless(result):
                 return replace(result, attempts=failures)
 
-    def take(self, step: Step, *, is_judged: bool = True) -> ShotResult:
-        """Measure a step once; what the gate says of it counts only if `is_judged`."""
+    def take(self, step: Step) -> ShotResult:
+        """Measure a step once."""
         nest = step.planned.nest
         if not nest:
             self.nests.leave()
@@ -73,7 +73,7 @@ class Shots:
             return outcome
         if not nest:
             self._beam.remember(outcome)
-        return self._judge(outcome, arrival, is_judged=is_judged and not nest)
+        return self._judge(outcome, arrival, is_nest=bool(nest))
 
     def compare_only(self, outcome: Outcome, reason: str) -> None:
         """Write an outcome that was only compared: it does not count."""
@@ -146,10 +146,10 @@ class Shots:
             cell.raw_readers.check(outcome)
         return outcome
 
-    def _judge(self, outcome: Outcome, arrival: Arrival, *, is_judged: bool) -> ShotResult:
+    def _judge(self, outcome: Outcome, arrival: Arrival, *, is_nest: bool) -> ShotResult:
         """Refuse a point that contradicts the others, and one of a robot that has moved."""
         refusal = ""
-        if is_judged:
+        if not is_nest:
             decision = self._session.gate.judge(outcome)
             refusal = decision.refusal
             outcome = replace(

@@ -17,7 +17,6 @@ ANEW = (
     "--anew; or `pkmcal run DIR --anyway` goes on all the same"
 )
 AFTER_RESTART = "after the restart"
-"""Beginning of the event of a check that a run did before it went on."""
 
 
 class StabilityCheck:

@@ -13,7 +13,7 @@ from campaigns.fit.posterior import Posterior
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
-from campaigns.measuring.gate import InnovationGate, Knowledge
+from campaigns.measuring.gate import Gate
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.reference_poses import ReferenceNoise
@@ -161,7 +161,7 @@ class Work:
         point_mm, joint = posterior.scatter
         return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
 
-    def gate_after(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
+    def gate_after(self, shots: Iterable[AcceptedShot]) -> Gate:
         """Return a gate that rests on these shots alone, with all errors of the robot free.
 
         Those of the tracker are far below its limits.
@@ -169,8 +169,8 @@ class Work:
         model = ErrorModel(
             self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.options.tolerances
         )
-        nothing = Knowledge(model, self.options.instrument, self.gate)
-        return InnovationGate(nothing, [shot.outcome for shot in shots if not shot.intent.nest])
+        accepted = [shot.outcome for shot in shots if not shot.intent.nest]
+        return Gate(model, self.options.instrument, self.gate, accepted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,6 +181,6 @@ class Session:
     work: Work
     log: SeriesLog
     run_state: RunState
-    gate: InnovationGate
+    gate: Gate
     mover: Mover
     wishes: Wishes

@@ -9,11 +9,9 @@ from virtual_time import StopWish, VirtualClock
 
 from app.retrying import LONGEST_PAUSE_S, RETRIED, Retries
 from campaigns.errors import GateRefused, Interrupted, NotSettled
-from campaigns.journal.records import Event, PairVoided, Rejected
 from drivers.errors import EmergencyStop, LinkDown, RobotStateUnknown, WrongDevice
 
 LOST = LinkDown("no answer", remedy="check the cable")
-CHECKED = Event("drift check", "after the restart nothing has moved")
 
 
 @pytest.fixture
@@ -25,7 +23,7 @@ def clock():
 def retries(tmp_path, clock):
     """Gives so many tries in a row of a campaign that has no journal."""
     campaign = SimpleNamespace(journal_path=tmp_path / "campaign.db")
-    return lambda allowed: Retries(campaign, "run", allowed, clock)
+    return lambda allowed: Retries(campaign, allowed, clock)
 
 
 @pytest.mark.parametrize("kind", RETRIED)
@@ -61,30 +59,12 @@ def happens(campaign, *records):
             journal.append(record, series=1)
 
 
-def test_a_shot_that_counts_and_a_check_that_was_passed_begin_the_row_anew(begun, clock):
-    row = Retries(begun, "run", 2, clock)
+def test_an_accepted_shot_begins_another_row(begun, clock):
+    row = Retries(begun, 2, clock)
     pauses_s = [row.again_after(LOST), row.again_after(LOST)]
-    happens(begun, CHECKED)
-    pauses_s += [row.again_after(LOST), row.again_after(LOST)]
     happens(begun, intent(1), outcome(1))
     pauses_s += [row.again_after(LOST), row.again_after(LOST), row.again_after(LOST)]
-    assert pauses_s == [1.0, 2.0, 1.0, 2.0, 1.0, 2.0, None]
-
-
-def test_a_check_that_was_passed_counts_after_half_a_pair_was_voided_too(begun, clock):
-    happens(begun, intent(1), outcome(1), intent(2))
-    row = Retries(begun, "run", 1, clock)
-    assert row.again_after(LOST) == 1.0
-    happens(begun, Rejected(2, 1, "link lost"), PairVoided(1, (1, 2), "link lost"), CHECKED)
-    assert row.again_after(LOST) == 1.0
-
-
-def test_a_fault_that_comes_after_each_check_ends_the_run_all_the_same(begun, clock):
-    row, tries = Retries(begun, "run", 3, clock), 0
-    while row.again_after(LOST) is not None:
-        tries += 1
-        happens(begun, CHECKED)
-    assert 3 < tries <= 12
+    assert pauses_s == [1.0, 2.0, 1.0, 2.0, None]
 
 
 def test_a_wait_ends_in_its_time_or_with_the_wish_to_stop(retries, clock):

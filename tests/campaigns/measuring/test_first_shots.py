@@ -11,8 +11,7 @@ from small_plans import FOUR_PAIRS, TWO_PAIRS, pair, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused, Interrupted
-from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
-from campaigns.measuring.beam import distinct_starts
+from campaigns.journal.records import Event, Outcome, PairVoided, SessionStarted
 from campaigns.measuring.monitors import Station, StationMonitor, fit_place
 from campaigns.planning.plan_file import PlannedShot
 from drivers.values import Vector3
@@ -38,65 +37,28 @@ def events_of(journal, kind: str) -> list[str]:
     return [e.record.text for e in journal.records_of(Event) if e.record.kind == kind]
 
 
-def test_wrong_first_shot_is_voided_named_and_taken_again(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.tracker.during_measure = {
-        1: cell.tracker.take_wrong_target,
-        2: cell.tracker.take_right_target,
-    }
-    journal = cell.run(tmp_path, work())
-    attempts = [shot.outcome.attempt for shot in journal.shots()]
-    (voided,) = (entry.record for entry in journal.records_of(PairVoided))
-    (told,) = events_of(journal, "shot voided")
-    # wrong, compared, taken again; refused once, then right
-    assert attempts == [3, 2, 1, 1, 1, 1]
-    assert (voided.pair, voided.shots) == (None, (0,))
-    assert "shot 0 does not count: a wrong target or a wrong pose: measured again it is" in told
-    assert "where shot 1 agrees with it" in told
-    assert told in cell.observer.events
-    assert cell.observer.told[-1].done == cell.observer.told[-1].total == 6
-
-
-def test_first_shot_off_by_less_than_the_gate_of_distances_is_found_when_the_fit_is_firmer(
-    tmp_path: Path,
-) -> None:
-    plan = (*FOUR_PAIRS[:-1], *MORE)
-    cell = FakeCell()
-    cell.tracker.during_measure = {1: shifts(cell, 10.0), 2: shifts(cell, 0.0)}
-    journal = cell.run(tmp_path, work(plan))
-    assert [e.record.shots for e in journal.records_of(PairVoided)][-1] == (0,)
-    points = [shot.outcome for shot in journal.shots()]
-    assert len(points) == len(plan)
-    assert dist(points[0].point_in_tracker_mm, true_mm(points[0])) < 0.01
-
-
 def true_mm(outcome: Outcome | PlannedShot) -> tuple[float, ...]:
     pose = NOMINAL.forward(np.array([outcome.joints])).values_or_raise()[:, :3]
     return tuple(TRACKER_FROM_BASE.apply(pose)[0].tolist())
 
 
-def test_wrong_first_shot_whose_partner_comes_later_is_taken_again(tmp_path: Path) -> None:
-    """The pair stands apart in the plan, and is measured together all the same."""
+def test_wrong_first_shot_ends_the_run_with_the_way_out(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.tracker.during_measure = {
         1: cell.tracker.take_wrong_target,
         2: cell.tracker.take_right_target,
     }
-    lone = (TWO_PAIRS[1], TWO_PAIRS[3], TWO_PAIRS[2], TWO_PAIRS[4])
-    journal = cell.run(tmp_path, work(lone))
-    assert [e.record.shots for e in journal.records_of(PairVoided)] == [(1,)]
-    assert len(journal.shots()) == 4
+    with pytest.raises(GateRefused, match="a wrong target or a wrong pose") as refused:
+        cell.run(tmp_path, work(FOUR_PAIRS))
+    assert "start a new series with --anew" in refused.value.remedy
 
 
-def test_right_first_shot_is_confirmed_and_the_wrong_later_one_is_taken_again(
-    tmp_path: Path,
-) -> None:
+def test_wrong_second_shot_is_taken_again(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.tracker.during_measure = {2: shifts(cell, 400.0), 3: shifts(cell, 0.0)}
     journal = cell.run(tmp_path, work())
     assert [shot.outcome.attempt for shot in journal.shots()] == [1, 2, 1, 1, 1, 1]
     assert not journal.records_of(PairVoided)
-    assert [call[1:] for call in cell.named("journal.intent")][:3] == [(0, 1), (1, 1), (0, 2)]
 
 
 def test_shots_of_a_reflector_that_stands_elsewhere_are_voided_and_the_next_run_goes_on(
@@ -144,13 +106,6 @@ def test_session_that_begins_on_a_wrong_target_uses_the_direction_in_which_the_f
     assert not went_to(second, starts[1].direction)
 
 
-def test_beam_that_nobody_moved_between_sessions_is_known_from_where_it_was_first() -> None:
-    put = BeamStart((0.1, 0.2, 0.3, 0.4), (1.0, 0.0, 0.0))
-    left = BeamStart((0.5, 0.5, 0.5, 0.5), (1.0, 1e-4, 0.0))
-    other = BeamStart((0.2, 0.2, 0.2, 0.2), (0.0, 1.0, 0.0))
-    assert distinct_starts([None, put, left, other, None]) == (other, put)
-
-
 def places_told(place_mm, **changes) -> list[str]:
     """By a monitor that sees the plan's shots come in."""
     station = replace(STATION, place_mm=tuple(place_mm), **changes)
@@ -176,19 +131,6 @@ def test_plan_that_cannot_be_seen_from_the_found_place_is_named() -> None:
     told = places_told((-y, x, z), facing=(-y, x, z))
     assert told[-1].startswith("from there 10 of 10 shots of the plan cannot be seen")
     assert ": 0–9; move the tracker" in told[-1]
-
-
-def test_first_point_at_another_distance_than_the_place_says_is_told_at_once(
-    tmp_path: Path,
-) -> None:
-    cell, twice_mm = FakeCell(), np.multiply(PLACE_MM, 2.0)
-    station = replace(STATION, place_mm=tuple(twice_mm.tolist()))
-    journal = cell.run(tmp_path, work(FOUR_PAIRS, station=station))
-    first, second = events_of(journal, "tracker place")
-    assert cell.observer.events == [first, second] == places_told(twice_mm)
-    assert first.startswith("shot 0: its point is 2.")
-    assert "by tracker.place_mm it should be 5." in first
-    assert second.startswith("the tracker stands at")
 
 
 def test_few_shots_or_shots_in_one_place_find_no_tracker() -> None:

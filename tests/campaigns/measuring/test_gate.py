@@ -1,5 +1,6 @@
 """The gate and the air: what may be data."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +11,18 @@ from par4_space import par4
 from small_plans import FOUR_PAIRS, GATE
 
 from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.measuring.gate import InnovationGate, Knowledge, leave_one_out
+from campaigns.measuring.gate import Gate
 from campaigns.measuring.monitors import TemperatureMonitor
 from campaigns.planning.plan_file import PlannedShot
+from campaigns.settings.sections import GateConfig
 from drivers.values import Weather
 
 LONG_ARMED = par4(NOMINAL.parameters | {"arm1.forearm_mm": 710.0})
-NOTHING = Knowledge(ErrorModel(NOMINAL), TrackerUncertainty(), GATE)
+MODEL = ErrorModel(NOMINAL, TRACKER_SOURCES)
 SHOTS = [shot for shot in PLAN if shot.shot not in OTHERS]
 
 
@@ -29,8 +32,12 @@ def outcome(shot: PlannedShot, off_mm: float = 0.0, truth: Kinematics = NOMINAL)
     return Outcome(shot.shot, 1, shot.joints, tuple(point.tolist()), None, None, "", "", None)
 
 
-def gate_after(shots: int, nothing: Knowledge = NOTHING) -> InnovationGate:
-    gate = InnovationGate(nothing)
+def gate_of(accepted: Iterable[Outcome] = (), rules: GateConfig = GATE) -> Gate:
+    return Gate(MODEL, TrackerUncertainty(), rules, accepted)
+
+
+def gate_after(shots: int, rules: GateConfig = GATE) -> Gate:
+    gate = gate_of(rules=rules)
     for shot in FOUR_PAIRS[:shots]:
         gate.accept(outcome(shot))
     return gate
@@ -58,7 +65,7 @@ def test_known_robot_narrows_the_gate_but_never_widens_it() -> None:
     assert near.predicted_in_tracker_mm == pytest.approx(expected_mm, abs=0.01)
     refusal = gate.judge(outcome(NEXT, 10.0)).refusal
     assert "10.00 mm from the predicted point, limit 3." in refusal
-    strict = replace(NOTHING, rules=GATE.model_copy(update={"distance_mm": 0.5}))
+    strict = GATE.model_copy(update={"distance_mm": 0.5})
     assert "limit 0.50 mm" in gate_after(9, strict).judge(outcome(NEXT, 1.0)).refusal
 
 
@@ -87,40 +94,16 @@ def test_forgotten_shot_is_as_if_it_had_never_been() -> None:
     assert spoilt.judge(outcome(NEXT)) == gate_after(5).judge(outcome(NEXT))
 
 
-@pytest.mark.parametrize(
-    ("count", "wrong", "off_mm"), [(2, 0, 400.0), (6, 1, 400.0), (11, 4, 100.0)]
-)
-def test_the_wrong_one_among_the_first_shots_is_the_suspect(
-    count: int, wrong: int, off_mm: float
-) -> None:
-    shots = [outcome(shot, off_mm * (place == wrong)) for place, shot in enumerate(SHOTS[:count])]
-    known = replace(NOTHING, shots=tuple(shots)).fitted()
-    assert leave_one_out(known, outcome(SHOTS[count])) == [shots[wrong]]
-
-
-def test_no_shot_is_a_suspect_when_the_refused_one_is_wrong() -> None:
-    known = replace(NOTHING, shots=tuple(map(outcome, SHOTS[:8]))).fitted()
-    assert leave_one_out(known, outcome(SHOTS[8], 400.0)) == []
-
-
-def test_shot_that_is_where_it_was_is_not_replaced() -> None:
-    """Without it little is known, and the refused one could go with anything."""
-    first, refused = outcome(FOUR_PAIRS[0]), outcome(FOUR_PAIRS[1])
-    elsewhere = replace(first, point_in_tracker_mm=(0.0, 0.0, 0.0))
-    assert not InnovationGate(NOTHING, [first]).replaces(first, first, refused)
-    assert InnovationGate(NOTHING, [elsewhere]).replaces(elsewhere, first, refused)
-
-
 def test_a_fit_predicts_ever_better_and_says_how_well() -> None:
-    known, errors, stated = NOTHING, [], []
+    gate, errors, stated = gate_of(), [], []
     for shot in SHOTS:
         measured = outcome(shot, truth=LONG_ARMED)
-        predicted = known.predict(shot.joints)
-        assert (predicted is None) == (len(known.shots) < 5)
+        predicted = gate.predict(shot.joints)
+        assert (predicted is None) == (len(gate.accepted) < 5)
         if predicted is not None:
             errors.append(np.linalg.norm(predicted[0] - measured.point_in_tracker_mm))
             stated.append(predicted[1])
-        known = replace(known, shots=(*known.shots, measured)).fitted()
+        gate.accept(measured)
     assert np.all(np.array(errors) < 4.0 * np.array(stated))
     assert max(errors[-5:]) < 0.5 < 1.0 < max(errors[:5])
     assert stated[-1] < 0.2 * stated[0]
@@ -129,7 +112,7 @@ def test_a_fit_predicts_ever_better_and_says_how_well() -> None:
 def test_shots_on_a_line_place_no_frame() -> None:
     points = [(2000.0 + 10.0 * row, 0.0, 0.0) for row in range(8)]
     shots = [replace(outcome(SHOTS[0]), point_in_tracker_mm=point) for point in points]
-    assert replace(NOTHING, shots=tuple(shots)).fitted().predict(SHOTS[0].joints) is None
+    assert gate_of(shots).predict(SHOTS[0].joints) is None
 
 
 def air(temperature_degC: float) -> Weather:
