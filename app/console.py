@@ -1,8 +1,5 @@
 """The one owner of the terminal: answers on stdout, talk on stderr, all of it cleaned."""
 
-import json
-import os
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import cached_property
@@ -17,11 +14,13 @@ from rich.progress import TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from app.exits import NotConfirmed
+from app.exits import Exit, NotConfirmed
 from app.keyboard import KEYBOARD
 from app.progress import say
 from app.run_screen import RunLines, RunScreen
+from app.streams import print_document
 from campaigns.files.table import Column, texts
+from campaigns.next_step import NextStep
 from drivers.errors import LinkDown
 from drivers.ports import Prompt
 from drivers.texts import printable
@@ -37,16 +36,6 @@ DECISIONS: Mapping[str, str] = {
 }
 """How each decision looks."""
 TALK, WARNING = "dim", "yellow"
-LIKE_A_TERMINAL = {"FORCE_COLOR", "TTY_COMPATIBLE"}
-"""Variables by which users want styles where there is no terminal."""
-NO_NEXT: Mapping[str, None] = {"next": None, "before_next": None, "next_reason": None}
-"""What a document says where no command follows."""
-
-
-def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
-    """Return the terminal that the global options ask for."""
-    command = context.info_name or ""
-    return Terminal(as_json=as_json, verbose=context.obj is True, command=command)
 
 
 def is_yes(typed: str) -> bool:
@@ -79,22 +68,11 @@ class Terminal:
 
     def say(self, text: str, style: str = "") -> None:
         """Print a line of the answer."""
-        self._line(text, style, is_talk=self._as_json)
+        say(self._answers, text, style)
 
     def note(self, text: str, style: str = TALK) -> None:
         """Print a line of talk."""
-        self._line(text, style, is_talk=True)
-
-    def _line(self, text: str, style: str, *, is_talk: bool) -> None:
-        """Print a line, styled where there is a terminal or one is asked for."""
-        stream = sys.stderr if is_talk else sys.stdout
-        if stream is None:
-            return
-        if stream.isatty() or LIKE_A_TERMINAL & os.environ.keys():
-            say(self._talk if is_talk else self._answers, text, style)
-        else:
-            stream.write(f"{printable(text)}\n")
-            stream.flush()
+        say(self._talk, text, style)
 
     def alarm(self, text: str) -> None:
         """Print a line that the operator has to read at once."""
@@ -138,13 +116,21 @@ class Terminal:
         for name, text in lines.items():
             self.say(f"  {name:<{width}}  {text}")
 
-    def document(self, document: Mapping[str, object]) -> None:
-        """Print the answer for programs, values and paths as they are; only with `as_json`."""
-        if self._as_json and sys.stdout is not None:
-            beginning = {"schema": f"pkmcal/{self._command}/1", **NO_NEXT}
-            plain = to_jsonable_python({**beginning, **document})
-            sys.stdout.write(json.dumps(plain, allow_nan=False) + "\n")
-            sys.stdout.flush()
+    def conclude(
+        self, answer: object, step: NextStep | None = None, *, is_good: bool = True
+    ) -> None:
+        """End a command: with `as_json` print its answer, a dataclass, and the next command.
+
+        Raise Typer's `Exit` with code 1 if the result is not good.
+        """
+        if self._as_json:
+            document = {"schema": f"pkmcal/{self._command}/1", **to_jsonable_python(answer)}
+            document["next"] = step.text if step else None
+            document["before_next"] = (step and step.first) or None
+            document["next_reason"] = (step and step.why) or None
+            print_document(document)
+        if not is_good:
+            raise typer.Exit(Exit.NOT_GOOD)
 
     def asks(self, question: str) -> bool:
         """Return whether the operator says yes, now; without a terminal nobody does."""

@@ -1,6 +1,5 @@
 """The command line: global options, commands by name, and one place where errors become codes."""
 
-import json
 import os
 import re
 import shlex
@@ -21,7 +20,7 @@ from typer.exceptions import Abort, TyperException
 
 from app.exits import Exit, exit_code
 from app.interrupt import interrupted_by_signals, unblock_signals
-from app.streams import make_streams_last
+from app.streams import make_streams_last, print_document
 from campaigns.errors import OptionsInvalid
 from campaigns.removed import removed_in_command
 from campaigns.version import VERSION, commit
@@ -228,12 +227,10 @@ def _tell_error(line: str, code: Exit, details: Mapping[str, object], *, as_json
         width = get_terminal_size().columns
         text = fill(text, width, break_long_words=False, break_on_hyphens=False)
     typer.echo(text, err=True)
-    if as_json and sys.stdout is not None:
+    if as_json:
         problem, _, remedy = line.partition(" → ")
         error = {"problem": problem, "remedy": remedy, "exit_code": int(code)}
-        document = {"schema": "pkmcal/error/1", **details, "error": error}
-        sys.stdout.write(f"{json.dumps(document, default=str)}\n")
-        sys.stdout.flush()
+        print_document({"schema": "pkmcal/error/1", **details, "error": error})
     return code
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from app.console import NO_NEXT, TALK, WARNING, Terminal
+from app.console import WARNING, Terminal
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
@@ -25,8 +25,8 @@ def tell_next(
     reported: bool | None = None,
     held: ControllerState | None = None,
     evaluation: Evaluation | None = None,
-) -> dict[str, object]:
-    """Say which command is next; return it as a part of what `--json` prints.
+) -> NextStep | None:
+    """Say which command is next, and return it for `--json`.
 
     `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made.
     Where evidence cannot be read, nothing is said: the command's own result stands.
@@ -36,14 +36,7 @@ def tell_next(
         worker = lock_holder(campaign.folder)
         step = next_step(replace(state, worker=worker.says if worker else ""))
     except CampaignError:
-        return next_document(None)
+        return None
     for line in step.lines if step else ():
-        terminal.note(line, TALK)
-    return next_document(step)
-
-
-def next_document(step: NextStep | None) -> dict[str, object]:
-    """Return the next step for programs."""
-    if step is None:
-        return {**NO_NEXT}
-    return {"next": step.text, "before_next": step.first or None, "next_reason": step.why or None}
+        terminal.note(line)
+    return step

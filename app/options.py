@@ -9,11 +9,11 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
+from app.console import Terminal
+from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.settings.option import Option
 
-EMPTY = inspect.Parameter.empty
-NOTES = "__annotations__"
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[
     Path,
@@ -81,60 +81,90 @@ Seed = Annotated[
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """The command as Typer reads it: with every `Option` of it and of its options objects.
+    """Return a command as Typer reads it.
 
-    Any: what an option holds is checked by Typer, when it is typed.
+    In place of a `Terminal` it takes the context and --json, of a `Campaign` the folder, and of an
+    options object, a dataclass, an option for each field that is annotated with an `Option`.
+
+    Any: Typer checks what an option holds when it is typed.
     """
-    signature, hints = inspect.signature(command), get_type_hints(command, include_extras=True)
-    kinds = {name: _options_of(kind) for name, kind in hints.items() if is_dataclass(kind)}
-    singles = {name: hint for name, hint in hints.items() if isinstance(_words(hint), Option)}
+    hints = get_type_hints(command, include_extras=True)
+    objects = {
+        name: _options_of(kind)
+        for name, kind in hints.items()
+        if is_dataclass(kind) and kind is not Campaign
+    }
     parameters: list[inspect.Parameter] = []
-    for name, each in signature.parameters.items():
-        if name in kinds:
-            defaults = {own.name: own.default for own in fields(hints[name])}
-            parameters += [_offered(own, kinds[name][own], defaults[own]) for own in kinds[name]]
-        elif name in singles:
-            parameters.append(_offered(name, singles[name], each.default))
+    for name, parameter in inspect.signature(command).parameters.items():
+        if hints[name] is Terminal:
+            parameters.append(_parameter("context", typer.Context))
+        elif hints[name] is Campaign:
+            parameters.append(_parameter("folder", Folder))
+        elif name in objects:
+            defaults = {field.name: field.default for field in fields(hints[name])}
+            parameters += [
+                _parameter(option, *_typed(option, hint, defaults[option]))
+                for option, hint in objects[name].items()
+            ]
         else:
-            parameters.append(each.replace(annotation=hints[name]))
+            parameters.append(_parameter(name, hints[name], parameter.default))
+    if Terminal in hints.values():
+        parameters.append(_parameter("as_json", Json, default=False))
 
     def called(**given: Any) -> None:
-        for name, options in kinds.items():
-            typed = {own: given.pop(own) for own in options}
+        if "terminal" in hints:
+            context = given.pop("context")
+            given["terminal"] = Terminal(
+                as_json=given.pop("as_json"),
+                verbose=context.obj is True,
+                command=context.info_name or "",
+            )
+        for name, options in objects.items():
+            typed = {option: given.pop(option) for option in options}
             given[name] = hints[name](
                 **{
-                    own: _value(options[own], value)
-                    for own, value in typed.items()
-                    if value is not None  # it was not given: the options object knows its default
+                    option: _value(options[option], value)
+                    for option, value in typed.items()
+                    if value is not None  # it was not given: the options object has its default
                 }
             )
-        given |= {name: _value(hint, given[name]) for name, hint in singles.items()}
+        if "campaign" in hints:
+            given["campaign"] = open_campaign(given.pop("folder"))
         command(**given)
 
     called.__doc__ = command.__doc__
     called.__annotations__ = {each.name: each.annotation for each in parameters}
-    called.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # inspect looks for it
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # inspect looks for it
     return called
 
 
+def _parameter(
+    name: str, annotation: Any, default: object = inspect.Parameter.empty
+) -> inspect.Parameter:
+    default = inspect.Parameter.empty if default is MISSING else default
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+    )
+
+
 def _options_of(kind: Any) -> dict[str, Any]:
-    """Annotations of the options by their fields' names; those of the class itself first."""
+    """Return annotations of the options by field; those of the class itself before inherited."""
     hints = get_type_hints(kind, include_extras=True)
-    names = dict.fromkeys(name for base in kind.__mro__ for name in vars(base).get(NOTES, ()))
-    return {name: hints[name] for name in names if isinstance(_words(hints[name]), Option)}
+    names = (name for base in kind.__mro__ for name in vars(base).get("__annotations__", ()))
+    return {name: hints[name] for name in names if isinstance(_option_of(hints[name]), Option)}
 
 
-def _words(hint: Any) -> Any:
+def _option_of(hint: Any) -> Any:
     return getattr(hint, "__metadata__", (None,))[-1]
 
 
-def _offered(name: str, hint: Any, default: Any) -> inspect.Parameter:
-    """Parameter for an option."""
-    option, typed = _words(hint), get_args(hint)[0]
+def _typed(name: str, hint: Any, default: Any) -> tuple[Any, Any]:
+    """Return what Typer is to read for an option, and its default."""
+    option, kind = _option_of(hint), get_args(hint)[0]
     if option.read is not None:
-        default, typed = option.typed, str
-    elif get_origin(typed) is tuple:
-        default, typed = None, GenericAlias(list, get_args(typed)[0])
+        default, kind = option.typed, str
+    elif get_origin(kind) is tuple:
+        default, kind = None, GenericAlias(list, get_args(kind)[0])
     words = typer.Option(
         option.name or f"--{name.replace('_', '-')}",
         help=option.help,
@@ -143,15 +173,11 @@ def _offered(name: str, hint: Any, default: Any) -> inspect.Parameter:
         max=option.most,
         show_default=option.default or True,
     )
-    default = EMPTY if default is MISSING else default
-    annotation = Annotated[typed, words]  # type: ignore[valid-type] # known only when it runs
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
-    )
+    return Annotated[kind, words], default
 
 
 def _value(hint: Any, given: Any) -> Any:
-    """Value of what was typed."""
-    if (read := _words(hint).read) is not None:
+    """Return the value of what was typed."""
+    if (read := _option_of(hint).read) is not None:
         return read(given)
     return tuple(given or ()) if get_origin(get_args(hint)[0]) is tuple else given

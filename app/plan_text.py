@@ -78,30 +78,6 @@ def warnings(forecast: Forecast) -> Iterator[str]:
             )
 
 
-def forecast_document(
-    planned: PlannedCampaign, table: ParameterTable, until_mm: float | None
-) -> dict[str, object]:
-    """Return the forecast as `--json` prints it."""
-    forecast = planned.forecast
-    worst = {unit: forecast.worst(unit) for unit in ("mm", "deg")}
-    return {
-        "placement": planned.placement,
-        "seed": planned.seed,
-        "until_mm": until_mm,
-        "position_std_mm": {
-            "mean": float(forecast.position_std_mm.mean()),
-            "max": float(forecast.position_std_mm.max()),
-        },
-        "predicted_std": forecast.std,
-        "weakest": [
-            {"name": row[0], "std": row[1], "unit": unit, "group": table[row[0]].field.group}
-            for unit, row in worst.items()
-            if row is not None
-        ],
-        "from_below": list(forecast.from_below),
-    }
-
-
 def _std_text(name: str, std: float, table: ParameterTable) -> str:
     unit = table[name].unit
     return f"{std:.{1 if unit == 'ppm' else 4}f}{SIGNS[unit]}"

@@ -1,5 +1,9 @@
 """Rehearsal: the whole workflow on a simulated cell, for `dry-run` and the paper's example."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
 from app.console import Terminal
 from app.measuring import ValidationJob, measure, run_plan
 from app.plan_text import plan_line
@@ -20,28 +24,42 @@ from campaigns.workflow.validation import Validated
 STAGES = 8
 
 
+@dataclass(slots=True)
+class Rehearsal:
+    """Answers of the steps of a rehearsal, as far as it came."""
+
+    scenario: str
+    seed: int
+    before: Mapping[str, object] | None = None
+    after: Mapping[str, object] | None = None
+    identification: Mapping[str, object] | None = None
+    parameter_file: Path | None = None
+    report: Path | None = None
+    seconds: float = 0.0
+
+
 def rehearse(
     campaign: Campaign, terminal: Terminal, options: IdentificationOptions
-) -> tuple[dict[str, object], tuple[str, ...]]:
-    """Take all steps but the report; return what `--json` prints, and what speaks against it.
+) -> tuple[Rehearsal, tuple[str, ...]]:
+    """Take all steps but the report; return their answers, and what speaks against the result.
 
     `options` say how to identify.
     """
-    document = _beginning(campaign, terminal)
+    rehearsal = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
     checked = plan(campaign).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
     before = _validated(campaign, terminal, "before")
-    document["before"] = before.result.document()
+    rehearsal.before = before.result.document()
     heading(terminal, 3, "run")
     run_plan(campaign, checked, terminal)
     heading(terminal, 4, "identify")
     found = identify(campaign, options)
-    document["identification"] = found.document()
+    rehearsal.identification = found.document()
     show_identification(terminal, found, campaign.robot.mechanism.parameters)
     if found.verdict != "pass":
-        return document, found.reasons
+        return rehearsal, found.reasons
     heading(terminal, 5, "export")
     if state_of(evaluate(campaign)).to_export == "plain":
         path = export_plain(campaign).path
@@ -49,16 +67,16 @@ def rehearse(
     else:
         path, _ = export(campaign)
         terminal.say(path.name)
-    document["parameter_file"] = str(path)
+    rehearsal.parameter_file = path
     heading(terminal, 6, "load")
     kept = load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")
-    document["after"] = after.result.document()
+    rehearsal.after = after.result.document()
     show_gain(terminal, after.evaluation)
     otherwise = after.otherwise
-    return document, after.verdict.reasons or (otherwise.reasons if otherwise else ())
+    return rehearsal, after.verdict.reasons or (otherwise.reasons if otherwise else ())
 
 
 def heading(terminal: Terminal, number: int, stage: str) -> None:
@@ -76,19 +94,11 @@ def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -
     return found
 
 
-def _beginning(campaign: Campaign, terminal: Terminal) -> dict[str, object]:
-    """Say what will be done; gives the document with what is known so far."""
+def _beginning(campaign: Campaign, terminal: Terminal) -> Rehearsal:
+    """Say what will be done."""
     scenario = scenario_of(campaign.folder, campaign.config.controller.url)
     terminal.say(f"dry run of {scenario.name}, seed {scenario.seed}, in {campaign.folder}", "bold")
-    return {
-        "scenario": scenario.name,
-        "seed": scenario.seed,
-        "before": None,
-        "after": None,
-        "identification": None,
-        "parameter_file": None,
-        "report": None,
-    }
+    return Rehearsal(scenario.name, scenario.seed)
 
 
 def _distance_line(found: ValidationResult) -> str:

@@ -1,6 +1,5 @@
 """Result of a run, for people and as a document."""
 
-from dataclasses import asdict
 from typing import TypeAlias
 
 from app.console import BAD, GOOD, WARNING, Terminal
@@ -49,24 +48,6 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
         )
 
 
-def run_document(ran: RunResult) -> dict[str, object]:
-    """Return what `--json` prints."""
-    goal = ran.goal_mm and {
-        "std_mm": ran.goal_mm,
-        "met": ran.good,
-        "reached_mm": ran.known and ran.known.position_std_mm,
-        "left_out": ran.left_out,
-    }
-    return {
-        "series": ran.series,
-        "shots": ran.shots,
-        "goal": goal,
-        "knowledge": ran.known and asdict(ran.known),
-        "settling": ran.settling and {"visits": ran.settling.shots, "says": ran.settling.text},
-        "skipped": [{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
-    }
-
-
 def preview_line(preview: RunPreview, work: Work) -> str:
     """Return what a run is about to do: `138 shots, about 6 min`, or what a series lacks."""
     shots = f"{len(preview.left)} shots"
@@ -80,11 +61,6 @@ def preview_line(preview: RunPreview, work: Work) -> str:
         "" if work.goal_mm is None else f", fewer once positions are known to {work.goal_mm:g} mm"
     )
     return f"{shots}{skipped}{goal}, about {interval((preview.seconds, preview.seconds))}"
-
-
-def preview_document(preview: RunPreview) -> dict[str, object]:
-    """Return what a run is about to do, as part of a document."""
-    return {**asdict(preview), "seconds_left_estimated": preview.seconds}
 
 
 def _count(ran: RunResult) -> str:

@@ -6,9 +6,10 @@ robot to stop, nor that it is left without anybody who watches it.
 
 import errno
 import io
+import json
 import os
 import sys
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from typing import TYPE_CHECKING, TextIO
 
 from app.exits import AnswerLost
@@ -84,3 +85,10 @@ def make_streams_last() -> None:
         sys.stdout = lasting(sys.stdout, "standard output", READER_GONE)
     if sys.stderr is not None:
         sys.stderr = lasting(sys.stderr, "standard error", None)
+
+
+def print_document(document: Mapping[str, object]) -> None:
+    """Print a command's one document for programs on standard output."""
+    if sys.stdout is not None:
+        sys.stdout.write(f"{json.dumps(document, allow_nan=False)}\n")
+        sys.stdout.flush()

@@ -1,22 +1,27 @@
 """pkmcal check: whether the robot is still calibrated, by a few shots."""
 
-from dataclasses import asdict
+from dataclasses import dataclass
 
-import typer
-
-from app.console import DECISIONS, terminal_of
-from app.exits import Exit
+from app.console import DECISIONS, Terminal
 from app.measuring import Job, measure
 from app.next import tell_next
-from app.options import Anew, Dry, Folder, Json, Plain, Yes
+from app.options import Anew, Dry, Plain, Yes
 from app.run_text import DeviceIdentities
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign
 from campaigns.identification.checking import RecordedCheck
 from campaigns.journal.journal import Journal
 from campaigns.options import CheckOptions
 from campaigns.workflow.checking import check_work, record_check
 from campaigns.workflow.running import run_preview
 from campaigns.workflow.validation import seconds_of
+
+
+@dataclass(frozen=True, slots=True)
+class CheckPreview:
+    """Answer of `check --dry`."""
+
+    stage: str
+    shots: int
 
 
 class CheckJob(Job[RecordedCheck]):
@@ -32,15 +37,14 @@ class CheckJob(Job[RecordedCheck]):
 
 
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     options: CheckOptions,
     *,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
     plain: Plain = False,
-    json: Json = False,
 ) -> None:
     """Test with a few shots whether the robot is still calibrated.
 
@@ -50,19 +54,16 @@ def command(
 
     Exit code 1: not good, or not decided.
     """
-    terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     campaign.require_devices()
     work = check_work(campaign, options)
     if dry:
         terminal.say(f"would measure {len(work.steps)} shots; nothing was moved")
-        document = {"stage": work.stage, "shots": len(work.steps)}
-        terminal.document(document | tell_next(terminal, campaign))
+        preview = CheckPreview(work.stage, len(work.steps))
+        terminal.conclude(preview, tell_next(terminal, campaign))
         return
-
-    preview = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
-    job = CheckJob(campaign, work, preview, options.retry)
+    expected = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
+    job = CheckJob(campaign, work, expected, options.retry)
     judged = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     terminal.say(judged.says, DECISIONS[judged.decision])
-    terminal.document(asdict(judged) | tell_next(terminal, campaign))
-    if judged.decision != "pass":
-        raise typer.Exit(Exit.NOT_GOOD)
+    following = tell_next(terminal, campaign)
+    terminal.conclude(judged, following, is_good=judged.decision == "pass")

@@ -1,17 +1,16 @@
 """pkmcal check-journal: whether the journal is what was written, and what is in it."""
 
 import re
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from pydantic_core import to_jsonable_python
 
-from app.console import BAD, GOOD, terminal_of
+from app.console import BAD, GOOD, Terminal
 from app.next import tell_who_works
-from app.options import Folder, Json
-from campaigns.campaign import Campaign, open_campaign
+from campaigns.campaign import Campaign
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
 from campaigns.journal.journal import JournalReader
@@ -32,9 +31,24 @@ Page = Annotated[
 ]
 
 
-def command(
-    context: typer.Context, folder: Folder, *, page: Page = None, json: Json = False
-) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalAnswer:
+    """Answer of `check-journal`: contents of the journal, and what is damaged."""
+
+    path: Path
+    whole: bool
+    version: int
+    records: int
+    chained: int
+    digest: str
+    series: int
+    sessions: int
+    crashed_sessions: int
+    shots: int
+    problems: tuple[Problem, ...]
+
+
+def command(terminal: Terminal, campaign: Campaign, *, page: Page = None) -> None:
     """Check whether the journal is intact, and show its contents.
 
     Reads every record: the chain of digests, its text, the file's pages and rules, and which
@@ -44,8 +58,6 @@ def command(
 
     Exit code 4: the journal is not intact. With --json the document is printed in that case, too.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     campaign.require_journal()
     tell_who_works(terminal, campaign)
     with terminal.telling("reading every record"):
@@ -60,11 +72,11 @@ def command(
                 require_page_of(journal, page)
     except JournalFailed as error:
         problems = found.problems or (Problem(error.problem),)
-        error.details = to_jsonable_python(_document(campaign, found, problems))
+        error.details = to_jsonable_python(_answer(campaign, found, problems))
         raise
     if page is not None:
         terminal.say(f"{page} was made from this journal", GOOD)
-    terminal.document(_document(campaign, found, ()))
+    terminal.conclude(_answer(campaign, found, ()))
 
 
 def require_page_of(journal: JournalReader, page: Path) -> None:
@@ -94,13 +106,9 @@ def _contents(found: Inspection) -> str:
     )
 
 
-def _document(
-    campaign: Campaign, found: Inspection, problems: tuple[Problem, ...]
-) -> dict[str, object]:
-    return {
-        **asdict(found),
-        "path": campaign.journal_path,
-        "whole": not problems,
-        "crashed_sessions": found.crashed,
-        "problems": problems,
-    }
+def _answer(campaign: Campaign, found: Inspection, problems: tuple[Problem, ...]) -> JournalAnswer:
+    values = asdict(found) | {"problems": problems}
+    crashed = values.pop("crashed")
+    return JournalAnswer(
+        path=campaign.journal_path, whole=not problems, crashed_sessions=crashed, **values
+    )

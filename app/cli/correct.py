@@ -1,64 +1,77 @@
 """pkmcal correct: targets for a controller that takes no parameters."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import Terminal
 from app.next import tell_next
-from app.options import Folder, Json, Overwrite
-from campaigns.campaign import Campaign, open_campaign
+from app.options import Overwrite
+from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME
-from campaigns.settings.option import Option
 from campaigns.workflow.correction import correct_file
 
 WORD = "-corrected"
 
 Poses = Annotated[
     Path,
-    Option("CSV with a column for each coordinate, such as x_mm; name may be left out.", "FILE"),
+    typer.Option(
+        metavar="FILE", help="CSV with a column for each coordinate, such as x_mm; name optional."
+    ),
 ]
 Robot = Annotated[
     Path | None,
-    Option("The identified set. Default, in DIR: robot-compensated.yaml.", metavar="FILE"),
+    typer.Option(
+        metavar="FILE", help="The identified set. Default, in DIR: robot-compensated.yaml."
+    ),
 ]
-To = Annotated[Path | None, Option(f"Default: beside the file, NAME{WORD}.", metavar="FILE")]
+To = Annotated[
+    Path | None, typer.Option(metavar="FILE", help=f"Default: beside the file, NAME{WORD}.")
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CorrectAnswer:
+    """Answer of `correct`: file of corrected poses, and the size of the corrections."""
+
+    path: Path
+    poses: int
+    correction_mm: Mapping[str, float]
+    position_std_mm: float | None
 
 
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     *,
     robot: Robot = None,
     poses: Poses,
     to: To = None,
     overwrite: Overwrite = False,
-    json: Json = False,
 ) -> None:
     """Correct targets for a controller that keeps its nominal parameters.
 
     For each wanted pose: the pose to command, so that the robot stands where it would with the
     identified parameters loaded. A line is refused if its pose is out of reach or not allowed.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     path = to or poses.parent / f"{poses.stem}{WORD}{poses.suffix}"
     found = correct_file(campaign, poses, path, robot, overwrite=overwrite)
-    (mean_mm, max_mm), std_mm = found.correction_mm, found.std_mm
+    mean_mm, max_mm = found.correction_mm
     terminal.say(f"written: {path}")
     terminal.say(
         f"{found.targets} poses, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most"
-        f"{_sigma(std_mm, campaign, robot)}"
+        f"{_sigma(found.std_mm, campaign, robot)}"
     )
-    size_mm = {"mean": mean_mm, "max": max_mm}
-    document = {
-        "path": path,
-        "poses": found.targets,
-        "correction_mm": size_mm,
-        "position_std_mm": std_mm,
-    }
-    terminal.document(document | tell_next(terminal, campaign))
+    answer = CorrectAnswer(
+        path=path,
+        poses=found.targets,
+        correction_mm={"mean": mean_mm, "max": max_mm},
+        position_std_mm=found.std_mm,
+    )
+    terminal.conclude(answer, tell_next(terminal, campaign))
 
 
 def _sigma(std_mm: float | None, campaign: Campaign, robot: Path | None) -> str:

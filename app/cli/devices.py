@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -12,11 +13,10 @@ from typing import Annotated, TypeVar
 import typer
 from typing_extensions import override
 
-from app.console import terminal_of
+from app.console import Terminal
 from app.next import tell_next
-from app.options import Folder, Json
 from app.wiring import connections
-from campaigns.campaign import Campaign, open_campaign
+from campaigns.campaign import Campaign
 from campaigns.errors import WriteFailed
 from campaigns.files.text_file import refuse_existing
 from drivers.byte_log import LOGGER
@@ -27,15 +27,22 @@ Device = TypeVar("Device")
 Facts = Mapping[str, object]
 
 
+@dataclass(frozen=True, slots=True)
+class DevicesAnswer:
+    """Answer of `devices`: what each device says of itself, by name."""
+
+    controller: Facts
+    tracker: Facts
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     *,
     spy: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Log every byte, as text or hexadecimal, to a new file."),
     ] = None,
-    json: Json = False,
 ) -> None:
     """Connect to both devices and show their state; nothing moves.
 
@@ -44,21 +51,25 @@ def command(
     numbers and the reflector's name. If one device fails, the other is still asked. Refused while
     a run is under way, which it would disturb.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     with campaign.held(), _byte_log(spy), connections(campaign) as to:
-        asked = {
-            "controller": _asked(to.robot, partial(of_controller, campaign)),
-            "tracker": _asked(to.tracker, of_tracker),
-        }
-    urls = {"controller": campaign.config.controller.url, "tracker": campaign.config.tracker.url}
-    for device, facts in asked.items():
-        texts = {"failed": str(facts)} if isinstance(facts, DriverError) else _texts(facts)
-        terminal.listing(f"{device} at {urls[device]}", texts)
-    for facts in asked.values():
-        if isinstance(facts, DriverError):
-            raise facts
-    terminal.document(asked | tell_next(terminal, campaign))
+        controller = _asked(to.robot, partial(of_controller, campaign))
+        tracker = _asked(to.tracker, of_tracker)
+    _show(terminal, f"controller at {campaign.config.controller.url}", controller)
+    _show(terminal, f"tracker at {campaign.config.tracker.url}", tracker)
+    if isinstance(controller, DriverError):
+        raise controller
+    if isinstance(tracker, DriverError):
+        raise tracker
+    following = tell_next(terminal, campaign)
+    terminal.conclude(DevicesAnswer(controller, tracker), following)
+
+
+def _show(terminal: Terminal, title: str, facts: Facts | DriverError) -> None:
+    if isinstance(facts, DriverError):
+        terminal.listing(title, {"failed": str(facts)})
+    else:
+        words = {name.replace("_", " "): _text(value) for name, value in facts.items()}
+        terminal.listing(title, words)
 
 
 class _LogFile(logging.FileHandler):
@@ -145,10 +156,6 @@ def of_tracker(tracker: LaserTracker) -> Facts:
         "pressure_hPa": air and air.pressure_hPa,
         "humidity_percent": air and air.humidity_percent,
     }
-
-
-def _texts(facts: Mapping[str, object]) -> dict[str, str]:
-    return {name.replace("_", " "): _text(value) for name, value in facts.items()}
 
 
 def _text(value: object) -> str:

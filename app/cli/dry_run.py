@@ -7,11 +7,10 @@ from typing import Annotated
 import typer
 
 from app.cli.report import report
-from app.console import BAD, GOOD, terminal_of
-from app.exits import Exit
+from app.console import BAD, GOOD, Terminal
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_simulated
 from app.next import tell_next
-from app.options import Json, Seed
+from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
@@ -43,13 +42,12 @@ Robot = Annotated[
 
 
 def command(
-    context: typer.Context,
+    terminal: Terminal,
     folder: NewFolder = None,
     *,
     scenario: Scenario = None,
     robot: Robot = None,
     seed: Seed = None,
-    json: Json = False,
 ) -> None:
     """Run a whole campaign without hardware.
 
@@ -61,14 +59,12 @@ def command(
     DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing has been
     measured: then its settings apply.
     """
-    terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()
     campaign = prepared(folder or _free_folder(), scenario, seed, robot)
-    document, against = rehearse(campaign, terminal, IdentificationOptions())
+    rehearsal, against = rehearse(campaign, terminal, IdentificationOptions())
     heading(terminal, STAGES, "report")
     _, path = report(campaign)
     terminal.say(path.name)
-    document["report"] = str(path)
     seconds = time.monotonic() - started_s
     for line in against:
         terminal.say(f"not good: {line}", BAD)
@@ -77,9 +73,8 @@ def command(
         terminal.say(f"good: {BETTER if shown else NOTHING_TO_CORRECT}", GOOD)
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
     following = tell_next(terminal, campaign, reported=True)
-    terminal.document(document | {"seconds": seconds} | following)
-    if against:
-        raise typer.Exit(Exit.NOT_GOOD)
+    rehearsal.report, rehearsal.seconds = path, seconds
+    terminal.conclude(rehearsal, following, is_good=not against)
 
 
 def prepared(

@@ -1,23 +1,39 @@
 """pkmcal export: the compensated parameter file."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from app.console import Terminal, terminal_of
+from app.console import Terminal
 from app.next import tell_next
-from app.options import Folder, Json, Overwrite
-from campaigns.campaign import open_campaign
+from app.options import Overwrite
+from campaigns.campaign import Campaign
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.workflow import exporting
 
 Format = Literal["yaml", "linuxcnc", "plain"]
 
 
+@dataclass(frozen=True, slots=True)
+class ExportAnswer:
+    """Answer of `export`: the file that was written."""
+
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class PlainExportAnswer(ExportAnswer):
+    """Answer of `export --format plain`: the remaining error of position, by parameters."""
+
+    left_mm: Mapping[str, Mapping[str, float]]
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     *,
     to: Annotated[
         Path | None,
@@ -38,7 +54,6 @@ def command(
         ),
     ] = "yaml",
     overwrite: Overwrite = False,
-    json: Json = False,
 ) -> None:
     """Write the identified parameters as a robot file.
 
@@ -50,16 +65,14 @@ def command(
     square error of position over the workspace, and the remaining error is shown beside that of all
     parameters.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
-    document: dict[str, object] = {}
+    left_mm = None
     if shots:
         path, halves = exporting.export_shots(campaign, to, overwrite=overwrite)
         if halves:
             terminal.note(f"left out because their pair is incomplete: shots {halves}")
     elif format_ == "plain":
         plain = exporting.export_plain(campaign, to, overwrite=overwrite)
-        path, document = plain.path, {"left_mm": _show(terminal, plain)}
+        path, left_mm = plain.path, _show(terminal, plain)
     elif format_ == "linuxcnc":
         path = exporting.export_hal(campaign, to, overwrite=overwrite)
     else:
@@ -67,7 +80,8 @@ def command(
         if robot.is_extended:
             terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")
-    terminal.document({"path": path} | document | tell_next(terminal, campaign))
+    answer = ExportAnswer(path) if left_mm is None else PlainExportAnswer(path, left_mm)
+    terminal.conclude(answer, tell_next(terminal, campaign))
 
 
 def _show(terminal: Terminal, plain: exporting.PlainExport) -> dict[str, dict[str, float]]:

@@ -1,13 +1,12 @@
 """pkmcal history: parameters and errors over campaigns."""
 
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
-from app.options import Json
+from app.console import Terminal
 from campaigns.campaign import open_campaign
 from campaigns.files.table import Column, csv_table, words
 from campaigns.files.text_file import replace_text
@@ -39,15 +38,19 @@ EPOCHS: tuple[Column[Numbered], ...] = (
 )
 
 
-def command(
-    context: typer.Context, folders: Folders, *, csv: CsvFile = None, json: Json = False
-) -> None:
+@dataclass(frozen=True, slots=True)
+class HistoryAnswer:
+    """Answer of `history`."""
+
+    epochs: tuple[Epoch, ...]
+
+
+def command(terminal: Terminal, folders: Folders, *, csv: CsvFile = None) -> None:
     """Show parameters and errors over campaigns.
 
     Takes campaigns of one robot with their checks, in the order of time. The table of parameters
     has the difference Δ from the nominal value with its σ for each identification that passed.
     """
-    terminal = terminal_of(context, as_json=json)
     epochs = history([open_campaign(folder) for folder in folders])
     title = "Campaigns and checks, mean errors of distances in mm"
     terminal.rows(title, EPOCHS, enumerate(epochs, start=1))
@@ -60,4 +63,4 @@ def command(
     if csv is not None:
         replace_text(csv, csv_table(ERRORS, errors))
         terminal.say(f"written: {csv}")
-    terminal.document({"epochs": [asdict(epoch) for epoch in epochs]})
+    terminal.conclude(HistoryAnswer(epochs))

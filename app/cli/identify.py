@@ -4,27 +4,24 @@ from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
-from app.exits import Exit
+from app.console import Terminal
 from app.next import tell_next
-from app.options import Folder, Json
 from app.report.terminal_text import show_identification
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign
 from campaigns.identification.options import IdentificationOptions
 from campaigns.workflow.checking import update_by_check
 from campaigns.workflow.identification import identify
 
 
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     options: IdentificationOptions,
     *,
     update: Annotated[
         bool,
         typer.Option("--update", help="Update the last result by the shots of the latest check."),
     ] = False,
-    json: Json = False,
 ) -> None:
     """Find the parameters that explain the measured shots.
 
@@ -35,13 +32,9 @@ def command(
 
     Exit code 1: computed, but must not be used; the reasons are given.
     """
-    terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     with terminal.telling("identifying"):
         found = update_by_check(campaign) if update else identify(campaign, options)
     terminal.detail(f"model {found.model}, {found.seconds:.2f} s")
     show_identification(terminal, found, campaign.robot.mechanism.parameters)
-    told = tell_next(terminal, campaign)
-    if json:
-        terminal.document(found.document() | told)
-    if found.verdict != "pass":
-        raise typer.Exit(Exit.NOT_GOOD)
+    following = tell_next(terminal, campaign)
+    terminal.conclude(found.document(), following, is_good=found.verdict == "pass")

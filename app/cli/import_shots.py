@@ -1,16 +1,16 @@
 """pkmcal import: shots measured with other software."""
 
 import shlex
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from app.console import Terminal, terminal_of
-from app.exits import Exit
+from app.console import Terminal
 from app.next import tell_next
-from app.options import Folder, Json, folder_and_file
+from app.options import Folder, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.programs import joints_path
@@ -39,8 +39,26 @@ from drivers.bounded_files import Encoding, is_there
 Form = Literal["shots", "ascii"]
 
 
+@dataclass(frozen=True, slots=True)
+class ImportAnswer:
+    """Answer of `import`."""
+
+    series: int
+    shots: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameAnswer:
+    """Answer of `import --check-frame`: how a controller may count, and what contradicts it."""
+
+    readings: Sequence[Mapping[str, object]]
+    problems: Sequence[str]
+    scale: float | None
+    points_misfit_mm: float | None
+
+
 def command(
-    context: typer.Context,
+    terminal: Terminal,
     folder: Folder,
     file: Annotated[
         Path | None,
@@ -110,7 +128,6 @@ def command(
             help="Import nothing: compare a controller's own numbers with ours, see below.",
         ),
     ] = False,
-    json: Json = False,
 ) -> None:
     """Import shots measured with other software.
 
@@ -144,7 +161,7 @@ def command(
     point_x_mm,point_y_mm,point_z_mm. Prints its units, frame and handedness, and the arms' order.
     """
     folder, file = folder_and_file(folder, file)
-    terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
+    campaign = open_campaign(folder)
     if check:
         _check_frame(terminal, campaign, file)
         return
@@ -201,8 +218,8 @@ def command(
     if found.before is None:
         again = shlex.join(["pkmcal", "import", str(campaign.folder), "FILE", "--stage", "before"])
         terminal.note(f"to import pairs measured with the controller's own parameters: {again}")
-    taken = {"series": series, "shots": len(rows)}
-    terminal.document(taken | tell_next(terminal, campaign, evaluation=found))
+    following = tell_next(terminal, campaign, evaluation=found)
+    terminal.conclude(ImportAnswer(series, len(rows)), following)
 
 
 def _planned_joints(campaign: Campaign, file: Path, stage: str) -> Path:
@@ -247,13 +264,10 @@ def _check_frame(terminal: Terminal, campaign: Campaign, file: Path) -> None:
     found = check_frame(nominal, parse_displayed(text, str(file), nominal), str(file))
     for line in found.says:
         terminal.say(line)
-    terminal.document(
-        {
-            "readings": [each.document for each in found.found],
-            "problems": list(found.problems),
-            "scale": found.scale,
-            "points_misfit_mm": found.tracker_misfit_mm,
-        }
+    answer = FrameAnswer(
+        readings=[reading.document for reading in found.found],
+        problems=found.problems,
+        scale=found.scale,
+        points_misfit_mm=found.tracker_misfit_mm,
     )
-    if found.problems or not found.found:
-        raise typer.Exit(Exit.NOT_GOOD)
+    terminal.conclude(answer, is_good=bool(found.found) and not found.problems)

@@ -2,25 +2,27 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.console import GOOD, Terminal, terminal_of
+from app.console import GOOD, Terminal
 from app.interrupt import StopRequest, asking, stop_on_signals, suspend
 from app.measuring import goes_on
 from app.next import tell_next
-from app.options import Dry, Folder, Json
+from app.options import Dry
 from app.run_screen import RunLines
 from app.wiring import connected_cell, connected_robot, prepare
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign
+from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.load import Change
 from campaigns.errors import Interrupted
 from campaigns.files.table import Column, words
 from campaigns.options import LoadOptions
-from campaigns.workflow.loading import LoadResult, LoadTerms, load
+from campaigns.workflow.loading import LoadResult, LoadTerms, Verification, load
 from drivers.values import Identity
 
 SURE = "Write these parameters into controller {serial}? The robot must stand still."
@@ -30,8 +32,6 @@ MOVES = (
 )
 
 Standing = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask: the robot stands still.")]
-
-
 CHANGES: tuple[Column[Change], ...] = (
     words("", lambda change: change.name),
     Column("holds", lambda change: change.old, decimals=4),
@@ -41,14 +41,24 @@ CHANGES: tuple[Column[Change], ...] = (
 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadAnswer:
+    """Answer of `load`: what was written, and what the controller holds now."""
+
+    loaded: Path | None
+    kept: Path | None
+    forced: tuple[str, ...]
+    held: ControllerState | None
+    verification: Verification | None
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     options: LoadOptions,
     *,
     dry: Dry = False,
     yes: Standing = False,
-    json: Json = False,
 ) -> None:
     """Put the compensated parameters into the controller.
 
@@ -62,8 +72,6 @@ def command(
     Exit code 1: with --verify, distances after loading are worse than before; the old parameters
     are back.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     campaign.require_devices()
     wish = StopRequest()
 
@@ -94,11 +102,16 @@ def command(
     if wish() and not wish.suspends:
         raise Interrupted(
             "load: interrupted once the parameters were written, and they are in",
-            remedy=f"`pkmcal load {folder} --dry` says what the controller holds",
+            remedy=f"`pkmcal load {campaign.folder} --dry` says what the controller holds",
         )
-    document: dict[str, object] = {"loaded": done.source if done.kept else None, "kept": done.kept}
-    document |= {"forced": done.forced, "held": done.state, "verification": done.verification}
-    terminal.document(document | tell_next(terminal, campaign, held=done.state))
+    answer = LoadAnswer(
+        loaded=done.source if done.kept else None,
+        kept=done.kept,
+        forced=done.forced,
+        held=done.state,
+        verification=done.verification,
+    )
+    terminal.conclude(answer, tell_next(terminal, campaign, held=done.state))
     if wish.suspends:
         suspend()
 

@@ -1,18 +1,26 @@
 """pkmcal new: a campaign's folder."""
 
-import typer
+from dataclasses import dataclass
+from pathlib import Path
 
-from app.console import terminal_of
+from app.console import Terminal
 from app.new_campaign import NewOptions, create_campaign
 from app.next import tell_next
-from app.options import Json, NewFolder
+from app.options import NewFolder
 from campaigns.campaign import open_campaign
 from campaigns.settings.sections import OFFLINE
 
 
-def command(
-    context: typer.Context, folder: NewFolder, options: NewOptions, *, json: Json = False
-) -> None:
+@dataclass(frozen=True, slots=True)
+class NewAnswer:
+    """Answer of `new`: the folder, and the addresses of its devices."""
+
+    folder: Path
+    controller: str
+    tracker: str
+
+
+def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     """Make a campaign's folder: settings and nominal robot.
 
     campaign.yaml explains each of its keys. With --controller and --tracker the campaign is for a
@@ -31,10 +39,8 @@ def command(
 
     pkmcal new cell-5 --offline
     """
-    terminal = terminal_of(context, as_json=json)
     config = create_campaign(folder, options)
-    urls = {"controller": config.controller.url, "tracker": config.tracker.url}
-    devices = OFFLINE if options.offline else f"with {urls['controller']} and {urls['tracker']}"
+    answer = NewAnswer(folder, config.controller.url, config.tracker.url)
+    devices = OFFLINE if options.offline else f"with {answer.controller} and {answer.tracker}"
     terminal.say(f"made: {folder}, {devices}")
-    following = tell_next(terminal, open_campaign(folder))
-    terminal.document({"folder": str(folder), **urls} | following)
+    terminal.conclude(answer, tell_next(terminal, open_campaign(folder)))

@@ -1,30 +1,68 @@
 """pkmcal plan: where to measure."""
 
-from dataclasses import asdict
-
-import typer
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from app import plan_text
-from app.console import WARNING, Terminal, terminal_of
+from app.console import WARNING, Terminal
 from app.next import tell_next
-from app.options import Folder, Json, Plot
-from campaigns.campaign import Campaign, open_campaign
+from app.options import Plot
+from campaigns.campaign import Campaign
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import PlannedCampaign, plan
-from campaigns.workflow.programs import write_programs
+from campaigns.workflow.programs import WrittenProgram, write_programs
+
+
+@dataclass(frozen=True, slots=True)
+class WeakestParameter:
+    """Parameter with the largest predicted σ in a unit."""
+
+    name: str
+    std: float
+    unit: str
+    group: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanAnswer:
+    """Answer of `plan`: what the plan holds, and the uncertainty that it will give."""
+
+    shots: int
+    pairs: int
+    placement: str
+    seed: int | None
+    until_mm: float | None
+    position_std_mm: Mapping[str, float]
+    predicted_std: Mapping[str, float]
+    weakest: Sequence[WeakestParameter]
+    from_below: Sequence[float]
+    """Share of the shots to which each joint comes from a smaller value."""
+    fitting_lines_mm: Sequence[float] | None
+    space: Mapping[str, object] | None
+    """Candidates that the space refuses; None where nothing restricts it."""
+    seconds_estimated: float
+    path: Path
+    programs: Sequence[WrittenProgram] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramsAnswer:
+    """Answer of `plan --program` for a plan that is there already."""
+
+    programs: Sequence[WrittenProgram]
 
 
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     options: PlanOptions,
     programs: ProgramOptions,
     *,
     plot: Plot = None,
-    json: Json = False,
 ) -> None:
     """Choose the poses to measure and write plan.csv.
 
@@ -37,10 +75,9 @@ def command(
     --program csv writes it as a table of poses and joints, by safe paths, for a controller that is
     not connected.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
-        terminal.document(_write(terminal, campaign, programs) | tell_next(terminal, campaign))
+        written = _write(terminal, campaign, programs)
+        terminal.conclude(ProgramsAnswer(written), tell_next(terminal, campaign))
         return
     with terminal.telling("reading the campaign") as now_at:
         planned = plan(campaign, options, now_at)
@@ -52,13 +89,15 @@ def command(
 
         plot_plan(plot, planned.checked.shots, planned.forecast, campaign.space)
         terminal.say(f"drawn: {plot}")
-    written = _write(terminal, campaign, programs) if programs.program else {}
-    document = plan_document(campaign, planned, until_mm) | written
-    terminal.document(document | tell_next(terminal, campaign))
+    written = _write(terminal, campaign, programs) if programs.program else ()
+    answer = plan_answer(campaign, planned, until_mm, written)
+    terminal.conclude(answer, tell_next(terminal, campaign))
 
 
-def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> dict[str, object]:
-    """Programs written, said and as a part of what `--json` prints."""
+def _write(
+    terminal: Terminal, campaign: Campaign, options: ProgramOptions
+) -> Sequence[WrittenProgram]:
+    """Write the programs and say so."""
     written = write_programs(campaign, options)
     for each in written:
         for note in each.notes:
@@ -67,24 +106,43 @@ def _write(terminal: Terminal, campaign: Campaign, options: ProgramOptions) -> d
             f"written: {each.path}, {each.shots} shots, about {each.seconds / 60.0:.0f} min; the "
             f"joints that it commands: {each.joints_path}"
         )
-    return {"programs": [asdict(each) for each in written]}
+    return written
 
 
-def plan_document(
-    campaign: Campaign, planned: PlannedCampaign, until_mm: float | None = None
-) -> dict[str, object]:
-    """Return the plan as `--json` prints it."""
-    pairs, found = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION)), planned.refusals
-    table = campaign.robot.mechanism.parameters
-    return {
-        "shots": 2 * pairs,
-        "pairs": pairs,
-        **plan_text.forecast_document(planned, table, until_mm),
-        "fitting_lines_mm": planned.lines_mm,
-        "space": found and {**asdict(found), "by_zone": dict(found.by_zone)},
-        "seconds_estimated": planned.checked.seconds,
-        "path": campaign.plan_path,
-    }
+def plan_answer(
+    campaign: Campaign,
+    planned: PlannedCampaign,
+    until_mm: float | None,
+    programs: Sequence[WrittenProgram],
+) -> PlanAnswer:
+    """Return the plan for programs."""
+    table, forecast = campaign.robot.mechanism.parameters, planned.forecast
+    pairs = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION))
+    std_mm = forecast.position_std_mm
+    worst = {unit: forecast.worst(unit) for unit in ("mm", "deg")}
+    space = None
+    if planned.refusals is not None:
+        space = {**asdict(planned.refusals), "by_zone": dict(planned.refusals.by_zone)}
+    return PlanAnswer(
+        shots=2 * pairs,
+        pairs=pairs,
+        placement=planned.placement,
+        seed=planned.seed,
+        until_mm=until_mm,
+        position_std_mm={"mean": float(std_mm.mean()), "max": float(std_mm.max())},
+        predicted_std=forecast.std,
+        weakest=[
+            WeakestParameter(*row, unit, table[row[0]].field.group)
+            for unit, row in worst.items()
+            if row is not None
+        ],
+        from_below=forecast.from_below,
+        fitting_lines_mm=planned.lines_mm,
+        space=space,
+        seconds_estimated=planned.checked.seconds,
+        path=campaign.plan_path,
+        programs=programs,
+    )
 
 
 def show(

@@ -4,18 +4,19 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.console import BAD, terminal_of
-from app.exits import Exit
+from app.console import BAD, Terminal
 from app.next import tell_next, tell_who_works
-from app.options import Folder, Json
 from app.report.page import Page, page_of
-from campaigns.campaign import Campaign, now_utc, open_campaign
+from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
+from campaigns.evaluation.decision import Verdict
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from drivers.bounded_files import is_file, is_there
@@ -29,9 +30,20 @@ QUIET = ("--headless", "--disable-gpu", "--no-first-run", "--disable-background-
 PATIENCE_S = 120.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportAnswer:
+    """Answer of `report`: the page, the verdict on it, and what the campaign lacks."""
+
+    path: Path
+    decision: Verdict
+    reasons: Sequence[str]
+    missing: Sequence[str]
+    figures: Sequence[str]
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     *,
     to: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Default: report.html in DIR.")
@@ -39,7 +51,6 @@ def command(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also a PDF beside it, printed by an installed browser.")
     ] = False,
-    json: Json = False,
 ) -> None:
     """Write the report: the whole campaign on one page.
 
@@ -49,8 +60,6 @@ def command(
 
     Exit code 1: the verdict is fail.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     browser = find_browser() if pdf else None
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign and drawing the figures"):
@@ -67,9 +76,15 @@ def command(
         with terminal.telling(f"printing by {browser}"):
             print_by_browser(browser, path, path.with_suffix(".pdf"))
         terminal.say(f"written: {path.with_suffix('.pdf')}")
-    terminal.document(report_document(page, path) | tell_next(terminal, campaign, reported=True))
-    if verdict.decision == "fail":
-        raise typer.Exit(Exit.NOT_GOOD)
+    answer = ReportAnswer(
+        path=path,
+        decision=verdict.decision,
+        reasons=verdict.reasons,
+        missing=tuple(page.context.missing),
+        figures=page.context.figures,
+    )
+    following = tell_next(terminal, campaign, reported=True)
+    terminal.conclude(answer, following, is_good=verdict.decision != "fail")
 
 
 def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
@@ -82,18 +97,6 @@ def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
     page = page_of(evaluate(campaign), now_utc())
     replace_text(path, page.html)
     return page, path
-
-
-def report_document(page: Page, path: Path) -> dict[str, object]:
-    """Report as `--json` tells of it."""
-    verdict, context = page.evaluation.verdict, page.context
-    return {
-        "path": path,
-        "decision": verdict.decision,
-        "reasons": verdict.reasons,
-        "missing": [*context.missing],
-        "figures": context.figures,
-    }
 
 
 def _is_report(path: Path) -> bool:

@@ -2,14 +2,14 @@
 
 import math
 import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
-from app.next import next_document
-from app.options import Json
+from app.console import Terminal
 from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import suggestion
 from campaigns.kinematics.catalog import MECHANISMS
@@ -47,8 +47,18 @@ First = Annotated[
 ]
 
 
+@dataclass(frozen=True, slots=True)
+class RobotAnswer:
+    """Answer of `robot`: the file and its robot."""
+
+    file: Path
+    mechanism: str
+    geometry: Mapping[str, float]
+    workspace_centre_mm: Sequence[float]
+
+
 def command(
-    context: typer.Context,
+    terminal: Terminal,
     mechanism: Kind,
     *,
     base: Base,
@@ -62,7 +72,6 @@ def command(
     to: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Default: my-MECHANISM.yaml here.")
     ] = None,
-    json: Json = False,
 ) -> None:
     """Make a robot file from the sizes of a symmetrical robot.
 
@@ -82,20 +91,13 @@ def command(
     joint = None if travel is None else (-0.5 * travel, 0.5 * travel)
     document = symmetrical_robot(kind, path.stem, sizes, joint)
     write_new_robot(path, document)
-    terminal = terminal_of(context, as_json=json)
     terminal.say(f"made: {path}, mechanism {kind.name}")
     step = NextStep(f"pkmcal new DIR --robot {shlex.quote(str(path))}", "correct its limits")
     for line in step.lines:
         terminal.note(line)
-    terminal.document(
-        {
-            "file": str(path),
-            "mechanism": kind.name,
-            "geometry": dict(document.robot.parameters),
-            "workspace_centre_mm": list(document.robot.workspace_centre_mm or ()),
-        }
-        | next_document(step)
-    )
+    robot = document.robot
+    answer = RobotAnswer(path, kind.name, dict(robot.parameters), robot.workspace_centre_mm or ())
+    terminal.conclude(answer, step)
 
 
 def _known(word: str) -> ClosedChain:

@@ -1,18 +1,17 @@
 """pkmcal run: measure the plan, or as much of it as the goal takes."""
 
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
-import typer
-
-from app.console import Terminal, terminal_of
-from app.exits import Exit
+from app.console import Terminal
 from app.measuring import RunJob, find_measured, measure
 from app.next import tell_next, tell_who_works
-from app.options import Anew, Dry, Folder, Json, Plain, Yes
+from app.options import Anew, Dry, Plain, Yes
 from app.plan_text import plan_line
 from app.run_screen import certainty
-from app.run_text import preview_document, preview_line, run_document, show_run
-from campaigns.campaign import Campaign, open_campaign
+from app.run_text import preview_line, show_run
+from campaigns.campaign import Campaign
+from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
@@ -20,16 +19,42 @@ from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow.running import predicted_end, run_preview, run_work, state_by_journal
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunAnswer:
+    """Answer of `run`: what was measured, and whether the goal is met."""
+
+    series: int
+    shots: int
+    goal: Mapping[str, object] | None
+    knowledge: PositionUncertainty | None
+    settling: Mapping[str, object] | None
+    skipped: Sequence[Mapping[str, object]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunPreviewAnswer:
+    """Answer of `run --dry`: what a run would measure, and the uncertainty predicted for a goal."""
+
+    shots: int
+    seconds_estimated: float
+    series: int | None
+    measured: int
+    left: Sequence[int] = ()
+    skipped: Sequence[int] = ()
+    seconds_left_estimated: float = 0.0
+    goal: Mapping[str, object] | None = None
+    knowledge: PositionUncertainty | None = None
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     options: RunOptions,
     *,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
     plain: Plain = False,
-    json: Json = False,
 ) -> None:
     """Measure the shots of the plan that are still missing.
 
@@ -47,8 +72,6 @@ def command(
     model that identify fits). --until ends the run when that is enough; a later run without it
     measures the rest.
     """
-    terminal = terminal_of(context, as_json=json)
-    campaign = open_campaign(folder)
     campaign.require_devices()
     with terminal.telling("reading the plan") as now_at:
         checked = campaign.checked_plan(tell=now_at)
@@ -68,9 +91,32 @@ def command(
         job = RunJob(campaign, work, preview, options.retry)
         ran = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     show_run(terminal, ran)
-    terminal.document(run_document(ran) | tell_next(terminal, campaign))
-    if not ran.good:
-        raise typer.Exit(Exit.NOT_GOOD)
+    terminal.conclude(run_answer(ran), tell_next(terminal, campaign), is_good=ran.good)
+
+
+def run_answer(ran: RunResult) -> RunAnswer:
+    """Return a run's result for programs."""
+    goal = (
+        None
+        if ran.goal_mm is None
+        else {
+            "std_mm": ran.goal_mm,
+            "met": ran.good,
+            "reached_mm": ran.known and ran.known.position_std_mm,
+            "left_out": ran.left_out,
+        }
+    )
+    settling = None
+    if ran.settling is not None:
+        settling = {"visits": ran.settling.shots, "says": ran.settling.text}
+    return RunAnswer(
+        series=ran.series,
+        shots=ran.shots,
+        goal=goal,
+        knowledge=ran.known,
+        settling=settling,
+        skipped=[{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
+    )
 
 
 def show_preview(
@@ -83,19 +129,32 @@ def show_preview(
     anew: bool,
 ) -> None:
     """Say what a run would do, and the predicted uncertainty if there is a goal."""
-    answer: dict[str, object] = {"shots": len(checked.shots), "seconds_estimated": checked.seconds}
-    predicted = predicted_end(campaign, work) if ran is None else None
     if ran is None:
+        predicted = predicted_end(campaign, work)
         preview = run_preview(campaign, checked.seconds, work, anew=anew)
         terminal.say(preview_line(preview, work))
-        answer |= preview_document(preview)
+        answer = RunPreviewAnswer(
+            shots=len(checked.shots),
+            seconds_estimated=checked.seconds,
+            series=preview.series,
+            measured=preview.measured,
+            left=preview.left,
+            skipped=preview.skipped,
+            seconds_left_estimated=preview.seconds,
+        )
     else:
-        answer |= {"series": ran.series, "measured": ran.shots, "left": [], "skipped": []}
+        predicted = None
+        answer = RunPreviewAnswer(
+            shots=len(checked.shots),
+            seconds_estimated=checked.seconds,
+            series=ran.series,
+            measured=ran.shots,
+        )
     terminal.say("the plan can be run; nothing was moved")
     if predicted is not None and work.goal_mm is not None:
         whole, shots = predicted
         terminal.say(f"predicted for the whole plan: {certainty(whole)}")
         terminal.say(f"goal {work.goal_mm:g} mm: {shots} shots to identify from will do")
-        answer["goal"] = {"std_mm": work.goal_mm, "shots": shots}
-        answer["knowledge"] = asdict(whole)
-    terminal.document(answer | tell_next(terminal, campaign))
+        goal = {"std_mm": work.goal_mm, "shots": shots}
+        answer = replace(answer, goal=goal, knowledge=whole)
+    terminal.conclude(answer, tell_next(terminal, campaign))

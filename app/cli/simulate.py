@@ -1,10 +1,11 @@
 """pkmcal sim: a simulated cell as servers."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import Terminal
 from app.interrupt import awaited_signal
 from app.new_campaign import cell_text
 from app.options import Port, Seed
@@ -35,8 +36,18 @@ Robot = Annotated[
 ]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellAnswer:
+    """Answer of `sim`: addresses of the simulated cell."""
+
+    controller: str
+    tracker: str
+    scenario: str
+    seed: int
+    speed_up: float
+
+
 def command(
-    context: typer.Context,
     scenario: Name,
     *,
     robot: Robot = None,
@@ -59,15 +70,15 @@ def command(
     server = CellServer(ScaledClock(loaded.speed_up), cell.faults)
     tracker = server.serve_tcp(tracker_sessions(cell, tracker_driver), "tracker", tracker_port)
     controller = controller_sessions(cell)
-    addresses = {
-        "controller": server.serve_pty(controller, "controller")
+    answer = CellAnswer(
+        controller=server.serve_pty(controller, "controller")
         if serial
         else server.serve_tcp(controller, "controller", controller_port),
-        "tracker": tracker,
-        "scenario": loaded.name,
-        "seed": cell.seed,
-        "speed_up": loaded.speed_up,
-    }
+        tracker=tracker,
+        scenario=loaded.name,
+        seed=cell.seed,
+        speed_up=loaded.speed_up,
+    )
     with awaited_signal() as wait, server:
-        terminal_of(context, as_json=True).document(addresses)
+        Terminal(as_json=True, command="sim").conclude(answer)
         wait()

@@ -3,12 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import fields
 
-import typer
-
-from app.console import DECISIONS, WARNING, terminal_of
-from app.next import next_document
-from app.options import Folder, Json
-from campaigns.campaign import open_campaign
+from app.console import DECISIONS, WARNING, Terminal
+from campaigns.campaign import Campaign
 from campaigns.workflow.status import CampaignStatus, campaign_status
 
 NOTHING_LEFT = ("nothing is left to do", "")
@@ -16,19 +12,17 @@ LATEST = 5
 """Series that are listed; `--json` has all."""
 
 
-def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
+def command(terminal: Terminal, campaign: Campaign) -> None:
     """Show where the campaign is, and the next command.
 
     Who measures now, which series exist, what is open, what is doubtful, the verdict, and the next
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
-    terminal = terminal_of(context, as_json=json)
-    found = campaign_status(open_campaign(folder))
-    for text, style in _lines(found):
+    status = campaign_status(campaign)
+    for text, style in _lines(status):
         terminal.say(text, style)
-    document: dict[str, object] = {each.name: getattr(found, each.name) for each in fields(found)}
-    document["answer"] = found.decision or ""
-    terminal.document(document | next_document(found.next))
+    answer = {field.name: getattr(status, field.name) for field in fields(status)}
+    terminal.conclude(answer | {"answer": status.decision or ""}, status.next)
 
 
 def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:

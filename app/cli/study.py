@@ -4,13 +4,11 @@ import time
 from functools import partial
 from json import dumps as json_text
 
-import typer
 from joblib import cpu_count
 from rich.console import Console
 
-from app.console import terminal_of
-from app.exits import Exit
-from app.options import Folder, Json, Plot
+from app.console import Terminal
+from app.options import Plot
 from app.progress import CountedWork
 from app.report.drawing import save
 from app.study import output
@@ -18,7 +16,7 @@ from app.study.pictures import study_picture
 from app.study.running import run_study
 from app.study.setup import StudyOptions, study_of
 from app.study.workers import parts_of_cluster, simulated_parts
-from campaigns.campaign import now_utc, open_campaign
+from campaigns.campaign import Campaign, now_utc
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
 from campaigns.studies.summary import normal_scores
@@ -28,12 +26,7 @@ OUTPUTS = "study"
 
 
 def command(
-    context: typer.Context,
-    folder: Folder,
-    options: StudyOptions,
-    *,
-    plot: Plot = None,
-    json: Json = False,
+    terminal: Terminal, campaign: Campaign, options: StudyOptions, *, plot: Plot = None
 ) -> None:
     """Simulate many campaigns of a plan, and compare what they identify with the truth.
 
@@ -44,9 +37,8 @@ def command(
     The same command resumes; a larger N adds campaigns. Results depend on the seed, not on the
     workers. Exit code 1: campaigns were lost with their workers.
     """
-    terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
-    began_s, study = time.monotonic(), study_of(opened, options)
-    to = options.to or opened.path(OUTPUTS)
+    began_s, study = time.monotonic(), study_of(campaign, options)
+    to = options.to or campaign.path(OUTPUTS)
     table = StudyTable(to / f"{study.file_name}.jsonl", study.table_head())
     make_folder(to)
     with campaign_lock(to, now_utc=now_utc):
@@ -65,9 +57,7 @@ def command(
     if plot is not None:
         save(study_picture(summary, normal_scores(studied.rows)), plot)
         terminal.say(f"drawn: {plot}")
-    terminal.document(document)
-    if studied.lost:
-        raise typer.Exit(Exit.NOT_GOOD)
+    terminal.conclude(document, is_good=not studied.lost)
 
 
 def counting(total: int, done: int) -> CountedWork:

@@ -1,14 +1,14 @@
 """pkmcal validate: how good the robot is, as its user commands it."""
 
-import typer
+from dataclasses import dataclass
 
-from app.console import WARNING, terminal_of
+from app.console import WARNING, Terminal
 from app.measuring import ValidationJob, measure
 from app.next import tell_next
-from app.options import Anew, Dry, Folder, Json, Plain, Yes
+from app.options import Anew, Dry, Plain, Yes
 from app.report.terminal_text import show_validation
 from app.wiring import connected_robot
-from campaigns.campaign import open_campaign
+from campaigns.campaign import Campaign
 from campaigns.evaluation.validation import BY_DEFAULT
 from campaigns.options import ValidationOptions
 from campaigns.workflow import validation
@@ -19,16 +19,23 @@ NO_LIMITS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class ValidationPreview:
+    """Answer of `validate --dry`."""
+
+    stage: str
+    tests: tuple[str, ...]
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
+    terminal: Terminal,
+    campaign: Campaign,
     options: ValidationOptions,
     *,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
     plain: Plain = False,
-    json: Json = False,
 ) -> None:
     """Measure how accurate the robot is as its user commands it.
 
@@ -49,13 +56,11 @@ def command(
     after loading are worse than before, or, with --stage after, the campaign as a whole does not
     pass. A missing limit is reported, but is no reason for exit code 1.
     """
-    terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     campaign.require_devices()
-    stage, names = options.stage, [str(name) for name in options.only or BY_DEFAULT]
+    stage, names = options.stage, tuple(str(name) for name in options.only or BY_DEFAULT)
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
-        document = {"stage": stage, "tests": names}
-        terminal.document(document | tell_next(terminal, campaign))
+        terminal.conclude(ValidationPreview(stage, names), tell_next(terminal, campaign))
         return
     if stage == "after" and not any(campaign.config.acceptance.model_dump().values()):
         terminal.note(NO_LIMITS, WARNING)

@@ -3,15 +3,16 @@
 import os
 import threading
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import Terminal
 from app.interrupt import awaited_signal
 from app.monitor.server import LiveServer
-from app.options import Folder, Json, Port
-from campaigns.campaign import open_campaign
+from app.options import Port
+from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
 
 POLITE = 10
@@ -26,13 +27,15 @@ Host = Annotated[
 ]
 
 
+@dataclass(frozen=True, slots=True)
+class WatchAnswer:
+    """Answer of `watch`: address of the live page."""
+
+    url: str
+
+
 def command(
-    context: typer.Context,
-    folder: Folder,
-    *,
-    host: Host = "127.0.0.1",
-    port: Port = 0,
-    json: Json = False,
+    terminal: Terminal, campaign: Campaign, *, host: Host = "127.0.0.1", port: Port = 0
 ) -> None:
     """Serve a live page of the campaign, for a tablet or a wall screen.
 
@@ -41,10 +44,8 @@ def command(
     run, and it goes on when the measuring process has ended, for whatever reason. Prints the page's
     address, then serves until Ctrl-C or SIGTERM.
     """
-    terminal = terminal_of(context, as_json=json)
-    open_campaign(folder)
     try:
-        server = LiveServer(host, port, folder)
+        server = LiveServer(host, port, campaign.folder)
     except (OSError, OverflowError) as error:
         raise OptionsInvalid(
             f"--host {host} --port {port}: cannot serve there: {error}",
@@ -56,7 +57,7 @@ def command(
     with awaited_signal() as wait, server:
         serving.start()
         terminal.say(f"live page: {server.url}")
-        terminal.document({"url": server.url})
+        terminal.conclude(WatchAnswer(server.url))
         wait()
         server.shutdown()
         serving.join()

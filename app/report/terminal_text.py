@@ -1,16 +1,17 @@
 """Results of an identification and of a validation on the terminal, and as a document."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-import typer
+from pydantic import JsonValue
 
 from app.console import DECISIONS, GOOD, WARNING, Terminal
-from app.exits import Exit
 from app.next import tell_next
 from app.report import tables
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
-from campaigns.evaluation.decision import NO_LIMIT
+from campaigns.controllers.controller_state import ControllerState
+from campaigns.evaluation.decision import NO_LIMIT, Verdict
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
@@ -79,18 +80,38 @@ def _sentences(found: RecordedIdentification) -> Iterator[str]:
     yield from tables.undetermined_in_words(found)
 
 
-def validation_document(found: Validated) -> dict[str, object]:
-    """Return what `validate --json` prints."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValidationAnswer:
+    """Answer of `validate` and `import --stage`: each test's figures, and what was decided."""
+
+    distances_mm: JsonValue
+    rotation_mm: JsonValue
+    straightness_mm: JsonValue
+    repeatability: JsonValue
+    frame_mm: JsonValue
+    iso9283: JsonValue
+    series: Mapping[str, int]
+    decision: Verdict
+    reasons: Sequence[str]
+    held: ControllerState | None
+    campaign: Mapping[str, object] | None
+    """Verdict on the campaign as a whole; None before calibration."""
+    requirements: Sequence[Mapping[str, object]]
+
+
+def validation_answer(found: Validated) -> ValidationAnswer:
+    """Return a validation's result for programs."""
     verdict, whole = found.verdict, found.campaign_verdict
-    return {
+    return ValidationAnswer(
         **found.result.document(),
-        "series": dict(found.whole.series),
-        "decision": verdict.decision,
-        "reasons": list(verdict.reasons),
-        "held": found.evaluation.evidence.held(found.stage),
-        "campaign": whole
-        and {"decision": whole.decision, "answer": whole.decision, "reasons": whole.reasons},
-        "requirements": [
+        series=dict(found.whole.series),
+        decision=verdict.decision,
+        reasons=verdict.reasons,
+        held=found.evaluation.evidence.held(found.stage),
+        campaign=None
+        if whole is None
+        else {"decision": whole.decision, "answer": whole.decision, "reasons": whole.reasons},
+        requirements=[
             {
                 "name": requirement.name,
                 "error_mm": requirement.error,
@@ -100,7 +121,7 @@ def validation_document(found: Validated) -> dict[str, object]:
             }
             for requirement in verdict.requirements
         ],
-    }
+    )
 
 
 def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) -> None:
@@ -108,9 +129,8 @@ def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) ->
     _show(terminal, found)
     if found.stage == "after" and found.evaluation.before is not None:
         show_gain(terminal, found.evaluation)
-    terminal.document(validation_document(found) | tell_next(terminal, campaign))
-    if found.verdict.decision not in {NO_LIMIT, "pass"} or found.otherwise is not None:
-        raise typer.Exit(Exit.NOT_GOOD)
+    is_good = found.verdict.decision in {NO_LIMIT, "pass"} and found.otherwise is None
+    terminal.conclude(validation_answer(found), tell_next(terminal, campaign), is_good=is_good)
 
 
 def _show(terminal: Terminal, found: Validated) -> None:

@@ -7,7 +7,7 @@ import pytest
 from command_line import Keyboard
 from rich.console import Console
 
-from app.console import LIKE_A_TERMINAL, Terminal
+from app.console import Terminal
 from app.exits import NotConfirmed
 
 
@@ -15,7 +15,7 @@ def test_answers_and_talk_go_apart(capsys):
     terminal = Terminal(as_json=False)
     terminal.say("the answer [1]")
     terminal.note("some talk")
-    terminal.document({"a": 1})
+    terminal.conclude({"a": 1})
     captured = capsys.readouterr()
     assert captured.out == "the answer [1]\n"
     assert captured.err == "some talk\n"
@@ -26,7 +26,7 @@ def test_with_json_stdout_holds_the_document_alone(capsys):
     terminal.say("the answer")
     terminal.table("Title", ("", "value"), [("a", "1")])
     terminal.listing("Things", {"b": "2"})
-    terminal.document({"σ": 0.5})
+    terminal.conclude({"σ": 0.5})
     captured = capsys.readouterr()
     assert json.loads(captured.out)["σ"] == 0.5
     for word in ("the answer", "Title", "Things"):
@@ -35,7 +35,7 @@ def test_with_json_stdout_holds_the_document_alone(capsys):
 
 def test_a_document_never_holds_what_is_no_json():
     with pytest.raises(ValueError, match="Out of range"):
-        Terminal(as_json=True).document({"a": float("nan")})
+        Terminal(as_json=True).conclude({"a": float("nan")})
 
 
 def test_a_long_line_is_not_broken(capsys):
@@ -86,7 +86,7 @@ def test_a_yes_given_before_is_not_asked_for_again(capsys):
 
 @pytest.mark.parametrize("variables", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "with styles"])
 def test_words_between_colons_stay_as_they_are(capsys, monkeypatch, variables):
-    for name in LIKE_A_TERMINAL:
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)

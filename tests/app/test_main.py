@@ -156,7 +156,7 @@ def failing(monkeypatch, tmp_path):
         def opened(folder):
             raise error
 
-        monkeypatch.setattr("app.cli.devices.open_campaign", opened)
+        monkeypatch.setattr("app.options.open_campaign", opened)
         return "devices", str(tmp_path)
 
     return fail_with

@@ -119,7 +119,6 @@ def test_check_journal_says_what_is_there_and_changes_nothing(
         "series": 1,
         "sessions": 1,
         "crashed_sessions": 0,
-        "crashed": 0,
         "shots": 14,
         "problems": [],
     }
