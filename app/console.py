@@ -43,13 +43,6 @@ def is_yes(typed: str) -> bool:
     return typed.strip().lower() in {"y", "yes"}
 
 
-def _not_confirmed() -> NotConfirmed:
-    return NotConfirmed(
-        "not confirmed, nothing was done",
-        remedy="answer y on a terminal, or give --yes when the cell is clear",
-    )
-
-
 class Terminal:
     """With `as_json` everything for people goes to stderr, and one document to stdout."""
 
@@ -177,13 +170,15 @@ class Terminal:
 
     def require_somebody(self) -> None:
         """Raise `NotConfirmed` where there is nobody who could be asked."""
-        if not self.has_somebody:
-            raise _not_confirmed()
+        self.require_yes("", yes=self.has_somebody)
 
     def require_yes(self, question: str, *, yes: bool) -> None:
-        """Go on only with the operator's yes, given before or now; raises `NotConfirmed`."""
+        """Raise `NotConfirmed` without the operator's yes, given before or now."""
         if not yes and not self.asks(question):
-            raise _not_confirmed()
+            raise NotConfirmed(
+                "not confirmed, nothing was done",
+                remedy="answer y on a terminal, or give --yes when the cell is clear",
+            )
 
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:

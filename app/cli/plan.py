@@ -17,16 +17,6 @@ from campaigns.workflow.planning import PlannedCampaign, plan
 from campaigns.workflow.programs import WrittenProgram, write_programs
 
 
-@dataclass(frozen=True, slots=True)
-class WeakestParameter:
-    """Parameter with the largest predicted σ in a unit."""
-
-    name: str
-    std: float
-    unit: str
-    group: str
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanAnswer:
     """Answer of `plan`: what the plan holds, and the uncertainty that it will give."""
@@ -38,7 +28,8 @@ class PlanAnswer:
     until_mm: float | None
     position_std_mm: Mapping[str, float]
     predicted_std: Mapping[str, float]
-    weakest: Sequence[WeakestParameter]
+    weakest: Sequence[Mapping[str, object]]
+    """Of lengths and of angles the parameter with the largest σ."""
     from_below: Sequence[float]
     """Share of the shots to which each joint comes from a smaller value."""
     fitting_lines_mm: Sequence[float] | None
@@ -132,7 +123,7 @@ def plan_answer(
         position_std_mm={"mean": float(std_mm.mean()), "max": float(std_mm.max())},
         predicted_std=forecast.std,
         weakest=[
-            WeakestParameter(*row, unit, table[row[0]].field.group)
+            {"name": row[0], "std": row[1], "unit": unit, "group": table[row[0]].field.group}
             for unit, row in worst.items()
             if row is not None
         ],

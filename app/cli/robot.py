@@ -1,6 +1,5 @@
 """pkmcal robot: a robot file from the sizes of a symmetrical robot."""
 
-import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -107,23 +106,18 @@ def _known(word: str) -> ClosedChain:
 
 
 def _check(sizes: Sizes, travel: float | None, kind: ClosedChain) -> None:
-    """Raise `OptionsInvalid` for a size that is none."""
-    above = dict(sizes.lengths_mm) | {"base_mm": sizes.base_mm}
-    above |= {} if travel is None else {"travel_mm": travel}
-    for name, value in above.items():
-        if not (0.0 < value <= LONGEST_MM):
+    """Raise `OptionsInvalid` for a size that is not a number or out of bounds."""
+    lengths = dict(sizes.lengths_mm) | {"base_mm": sizes.base_mm, "platform_mm": sizes.platform_mm}
+    lengths |= {} if travel is None else {"travel_mm": travel}
+    for name, value in lengths.items():
+        may_be_zero = name == "platform_mm"
+        if not (0.0 < value <= LONGEST_MM) and not (may_be_zero and value == 0.0):
             raise OptionsInvalid(
                 f"--{name.removesuffix('_mm')} is {value:g} mm",
-                remedy=f"give a length above 0 and up to {LONGEST_MM:g} mm",
+                remedy=f"give {'0 or more' if may_be_zero else 'more than 0'}, up to "
+                f"{LONGEST_MM:g} mm",
             )
-    if not 0.0 <= sizes.platform_mm <= LONGEST_MM:
-        raise OptionsInvalid(
-            f"--platform is {sizes.platform_mm:g} mm",
-            remedy=f"give a radius from 0 to {LONGEST_MM:g} mm",
-        )
-    if sizes.first_deg is not None and not (
-        math.isfinite(sizes.first_deg) and abs(sizes.first_deg) <= 360.0
-    ):
+    if sizes.first_deg is not None and not abs(sizes.first_deg) <= 360.0:
         raise OptionsInvalid(f"--first is {sizes.first_deg:g}°", remedy="give -360 to 360")
     if travel is not None and kind.joints[0].is_revolute:
         raise OptionsInvalid(f"{kind.name} has cranks, and no --travel", remedy="leave it out")

@@ -1,25 +1,24 @@
-"""Output of a study: tables for people and programs, and what the stated σ are worth."""
+"""Output of a study: tables for people and programs, and whether the stated σ are true."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from app.console import WARNING, Terminal
 from app.study.running import Studied
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.summary import ParameterSummary, StudySummary
 
-SCHEMA = "pkmcal/study/3"
 NAMED = 3
 """Parameters whose σ is wrong, and failures, that are named in a line."""
-PERCENT = 100.0
-EXPLAINED = "ratio: σ found over σ stated; 95 %: share of intervals that hold the truth"
 SHOWN: tuple[Column[ParameterSummary], ...] = (
     Column("", lambda p: p.name, kind="words"),
     Column("bias", lambda p: p.bias, decimals=5, signed=True),
     Column("σ found", lambda p: p.std, decimals=5),
     Column("stated", lambda p: p.stated_std, decimals=5),
     Column("ratio", lambda p: p.ratio),
-    Column("95 %", lambda p: PERCENT * p.covered, decimals=1),
+    Column("95 %", lambda p: 100.0 * p.covered, decimals=1),
 )
 """A row a parameter, mm and deg."""
 TABLE: tuple[Column[ParameterSummary], ...] = (
@@ -33,37 +32,65 @@ TABLE: tuple[Column[ParameterSummary], ...] = (
 """The same for programs."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyAnswer:
+    """Answer of `study`, and what is in its .json file."""
+
+    schema: str = "pkmcal/study/3"
+    plan: str
+    scenario: str
+    study: object
+    seed: int
+    shots: int
+    campaigns: int
+    failed: int
+    computed: int
+    lost: int
+    parameters: Mapping[str, Mapping[str, object]]
+    """Figures of each parameter, as in the .csv file."""
+    chance: Mapping[str, Sequence[float]]
+    """Limits in which an honest study's figures lie."""
+    position_mm: float
+    stated_mm: float
+    seconds: float
+    path: Path
+
+
 def csv(summary: StudySummary) -> str:
-    """Table for programs, a row a parameter."""
+    """Return the table for programs, a row a parameter."""
     return csv_table(TABLE, summary.parameters)
 
 
-def document(studied: Studied, summary: StudySummary) -> dict[str, object]:
-    """What is in `pkmcal/study/3`."""
-    setup, head = studied.study.setup, studied.study.table_head()
-    return {
-        "schema": SCHEMA,
-        **studied.study.words,
-        "study": head["study"],
-        "seed": setup.seed,
-        "shots": len(setup.shots),
-        "campaigns": summary.campaigns,
-        "failed": summary.failed,
-        "computed": studied.computed,
-        "lost": studied.lost,
-        "parameters": {
+def study_answer(
+    studied: Studied, summary: StudySummary, path: Path, seconds: float
+) -> StudyAnswer:
+    """Return the result for programs."""
+    study = studied.study
+    return StudyAnswer(
+        plan=study.plan,
+        scenario=study.scenario.name,
+        study=study.table_head()["study"],
+        seed=study.setup.seed,
+        shots=len(study.setup.shots),
+        campaigns=summary.campaigns,
+        failed=summary.failed,
+        computed=studied.computed,
+        lost=studied.lost,
+        parameters={
             p.name: {column.head: column.of(p) for column in TABLE[1:]} for p in summary.parameters
         },
-        "chance": {"ratio": summary.chance.ratio, "covered_95": summary.chance.covered},
-        "position_mm": summary.position_mm,
-        "stated_mm": summary.stated_mm,
-    }
+        chance={"ratio": summary.chance.ratio, "covered_95": summary.chance.covered},
+        position_mm=summary.position_mm,
+        stated_mm=summary.stated_mm,
+        seconds=seconds,
+        path=path,
+    )
 
 
 def show(terminal: Terminal, studied: Studied, summary: StudySummary) -> None:
     """Show parameters, positions, and whether the stated σ are true."""
     terminal.rows("Errors of the parameters (mm, deg)", SHOWN, summary.parameters)
-    terminal.note(EXPLAINED)
+    terminal.note("ratio: σ found over σ stated; 95 %: share of intervals that hold the truth")
     terminal.say(
         f"positions over the workspace (rms): real {summary.position_mm:.4f} mm, stated "
         f"{summary.stated_mm:.4f} mm, ratio {summary.position_mm / summary.stated_mm:.3f}"
@@ -74,7 +101,7 @@ def show(terminal: Terminal, studied: Studied, summary: StudySummary) -> None:
 
 
 def honesty(summary: StudySummary) -> str:
-    """What the study says of the stated σ, in a line."""
+    """Say in a line whether the stated σ are true."""
     if summary.too_sure:
         worst = sorted(summary.too_sure, key=lambda p: p.ratio, reverse=True)
         return f"stated σ are too small: {_named(worst)}"
@@ -89,7 +116,7 @@ def honesty(summary: StudySummary) -> str:
 
 
 def shortcomings(studied: Studied) -> Iterator[str]:
-    """How many campaigns ended without an answer, or never came back; why, and what next."""
+    """Yield how many campaigns have no estimate or were lost, why, and what to do."""
     reasons = Counter(row.failure for row in studied.rows if row.failure)
     if reasons:
         worded = "; ".join(f"{count} × {reason}" for reason, count in reasons.most_common(NAMED))
@@ -101,5 +128,6 @@ def shortcomings(studied: Studied) -> Iterator[str]:
 
 def _named(parameters: Sequence[ParameterSummary]) -> str:
     named = [f"{p.name} found {p.ratio:.2f} × stated" for p in parameters[:NAMED]]
-    more = len(parameters) - len(named)
-    return ", ".join([*named, *([f"and {more} more"] if more else [])])
+    if len(parameters) > NAMED:
+        named.append(f"and {len(parameters) - NAMED} more")
+    return ", ".join(named)

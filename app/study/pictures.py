@@ -1,12 +1,12 @@
 """A study's picture: errors against the normal distribution, ratios and coverage by parameter."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from app.report.drawing import AFTER, GRID, INK, new_figure
+from app.report.drawing import AFTER, GRID, INK, new_figure, save
 from campaigns.arrays import Array
 from campaigns.studies.summary import CONFIDENCE, StudySummary
 
@@ -14,8 +14,8 @@ SCORES = np.linspace(-4.0, 4.0, 65)
 """Edges of the histogram of normal scores."""
 
 
-def study_picture(summary: StudySummary, scores: Array) -> Figure:
-    """Draw a study with its errors over their stated σ, (C, F)."""
+def draw_study(path: Path, summary: StudySummary, scores: Array) -> None:
+    """Draw a study with its errors over their stated σ, (C, F), into a file."""
     figure = new_figure(190.0)
     panels = figure.subplots(3, 1)
     _draw_scores(panels[0], scores)
@@ -27,7 +27,7 @@ def study_picture(summary: StudySummary, scores: Array) -> Figure:
     panels[2].set_title("share of 95 % intervals that hold the truth (grey: what chance may do)")
     _draw_by_parameter(panels[2], [p.covered for p in parameters], limits.covered, CONFIDENCE)
     panels[2].set_xticks(range(len(names)), names, rotation=90)
-    return figure
+    save(figure, path)
 
 
 def _draw_scores(axes: Axes, scores: Array) -> None:

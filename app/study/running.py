@@ -1,23 +1,47 @@
-"""Simulates what the table of a study lacks, and keeps what comes back."""
+"""Simulation of the campaigns that a study's table lacks, by processes here or a Dask cluster."""
 
-from collections.abc import Callable, Sequence
-from contextlib import closing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
+from typing import TypeAlias
+
+from joblib.externals.loky import ProcessPoolExecutor
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from rich.console import Console
 
 from app.progress import CountedWork
 from app.study.setup import Study
-from app.study.workers import Numbers, Parts, Simulate
-from campaigns.errors import ShotsMissing
+from campaigns.errors import OptionsInvalid, ShotsMissing
 from campaigns.studies.study import CampaignRow
 from campaigns.studies.summary import StudySummary, summarise
 from campaigns.studies.table import StudyTable
 
 CAMPAIGNS_A_PART = 25
+KILLED = "a process that computed was killed"
+
+Numbers: TypeAlias = Sequence[int]
+"""Numbers of campaigns that one process simulates together."""
+Simulate: TypeAlias = Callable[[Numbers], tuple[CampaignRow, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Campaigns that were simulated together, or why they were lost."""
+
+    numbers: Numbers
+    rows: tuple[CampaignRow, ...] = ()
+    lost: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studied:
-    """A study's campaigns, and how many were lost on the way."""
+    """Campaigns of a study, and how many were lost on the way."""
 
     study: Study
     rows: Sequence[CampaignRow]
@@ -25,10 +49,10 @@ class Studied:
     """Number of campaigns that were not in the table before."""
     lost: int
     reasons: tuple[str, ...]
-    """Why some were lost, each reason once."""
+    """Why campaigns were lost, each reason once."""
 
     def summary(self) -> StudySummary:
-        """Raises `ShotsMissing` when too few campaigns gave an estimate."""
+        """Summarise the campaigns; raise `ShotsMissing` if too few gave an estimate."""
         try:
             return summarise(self.study.parameters, self.rows)
         except ShotsMissing as error:
@@ -38,31 +62,102 @@ class Studied:
             raise ShotsMissing(problem, remedy=f"look into: {'; '.join(self.reasons)}") from error
 
 
-def run_study(
-    study: Study,
-    table: StudyTable,
-    wanted: range,
-    compute: Callable[[Simulate, Sequence[Numbers]], Parts],
-    counting: Callable[[int, int], CountedWork],
-) -> Studied:
-    """Simulate what a table lacks of the wanted campaigns.
+def run_study(study: Study, table: StudyTable, wanted: range, executor: Executor | None) -> Studied:
+    """Simulate what a table lacks of the wanted campaigns, and show how many are done.
 
-    `compute` yields parts as they are simulated; `counting` shows how many of how many campaigns
-    are done. Raise `OutputExists` and `WriteFailed`; what had come back until then is kept.
+    Raise `OutputExists` and `WriteFailed`; what had come back until then is kept.
     """
     table.read()
-    left = [number for number in wanted if number not in table.by_number]
-    parts = [left[at : at + CAMPAIGNS_A_PART] for at in range(0, len(left), CAMPAIGNS_A_PART)]
-    counted, lost, reasons = counting(len(wanted), len(wanted) - len(left)), 0, dict[str, None]()
-    with closing(compute(study.simulate, parts)) as results, counted:
-        table.write()
-        for part in results:
+    missing = [number for number in wanted if number not in table.by_number]
+    parts = [missing[at : at + CAMPAIGNS_A_PART] for at in range(0, len(missing), CAMPAIGNS_A_PART)]
+    lost, reasons = 0, dict[str, None]()
+    table.write()
+    console = Console(stderr=True, highlight=False)
+    done = len(wanted) - len(missing)
+    with CountedWork(console, "campaigns", len(wanted), done=done) as counted:
+        for part in simulated_parts(study.simulate, parts, executor):
             if part.lost:
-                lost += len(parts[part.place])
+                lost += len(part.numbers)
                 reasons[part.lost] = None
                 counted.news = f"{lost} lost"
             table.add(part.rows)
-            counted.advance(len(parts[part.place]))
+            counted.advance(len(part.numbers))
     table.write()
     rows = [table.by_number[number] for number in wanted if number in table.by_number]
-    return Studied(study, rows, len(left) - lost, lost, (*reasons,))
+    return Studied(study, rows, len(missing) - lost, lost, (*reasons,))
+
+
+def simulated_parts(
+    simulate: Simulate, parts: Sequence[Numbers], executor: Executor | None
+) -> Iterator[Part]:
+    """Yield parts as they come from an executor's processes; without one from this process.
+
+    When a local process is killed, what had not come back is lost.
+    """
+    if executor is None:
+        yield from (_tried(simulate, numbers) for numbers in parts)
+        return
+    futures = {executor.submit(_tried, simulate, numbers): numbers for numbers in parts}
+    for future in as_completed(futures):
+        error = future.exception()
+        if error is None:
+            yield future.result()
+        else:
+            is_killed = isinstance(error, TerminatedWorkerError)
+            why = KILLED if is_killed else f"{type(error).__name__}: {error}"
+            yield Part(futures[future], lost=why)
+
+
+@contextmanager
+def local_processes(processes: int) -> Iterator[Executor | None]:
+    """Give an executor of so many processes of this computer; None for a single one."""
+    if processes == 1:
+        yield None
+        return
+    executor = ProcessPoolExecutor(processes, initializer=_serve, initargs=(os.getpid(),))
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=True, kill_workers=True)
+
+
+@contextmanager
+def cluster(scheduler: str) -> Iterator[Executor]:
+    """Give the executor of the Dask scheduler at this URL.
+
+    Raise `OptionsInvalid` without Dask's `distributed` or when no scheduler answers.
+    """
+    try:  # an extra that few install
+        client = import_module("distributed").Client(scheduler)
+    except ImportError:
+        remedy = "pip install 'pkmcal[cluster]'"
+        raise OptionsInvalid("--scheduler needs Dask", remedy=remedy) from None
+    except (OSError, ValueError) as error:
+        problem = f"--scheduler {scheduler}: no Dask scheduler answers: {error}"
+        remedy = "start one with `dask scheduler`, its workers with `dask worker URL`"
+        raise OptionsInvalid(problem, remedy=remedy) from error
+    with client:
+        yield client.get_executor()
+
+
+def _tried(simulate: Simulate, numbers: Numbers) -> Part:
+    """Simulate where the work is done: whatever goes wrong there costs this part alone."""
+    try:
+        return Part(numbers, simulate(numbers))
+    except Exception as error:  # noqa: BLE001 - it is reported, and can be computed again
+        return Part(numbers, lost=f"{type(error).__name__}: {error}")
+
+
+def _serve(parent: int) -> None:
+    """Let only the first process act on Ctrl-C, and end with it.
+
+    Workers of a process that was killed would wait for ever to hand over their results.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)

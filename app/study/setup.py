@@ -1,4 +1,4 @@
-"""What a study simulates: its options, plan, robots and noise."""
+"""Setup of a study: its options, plan, robots and noise."""
 
 import hashlib
 import re
@@ -27,22 +27,15 @@ from campaigns.workflow.identification import identification_options
 from sim.scenarios.scenario import load_scenario, parse_scenario
 from sim.scenarios.schema import Scenario
 
-MOST_CAMPAIGNS = 100_000
-TABLE_SCHEMA = "pkmcal/study-table/3"
-UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyOptions:
-    """What is simulated and identified."""
+    """Options of a study."""
 
     campaigns: Annotated[
         int,
         Option(
-            "Campaigns in all, those already there included.",
-            metavar="N",
-            least=2,
-            most=MOST_CAMPAIGNS,
+            "Campaigns in all, those already there included.", metavar="N", least=2, most=100_000
         ),
     ]
     plan: Annotated[Path | None, Option("A plan, if not the plan.csv in DIR.", metavar="FILE")] = (
@@ -78,18 +71,13 @@ class Study:
     setup: study.StudySetup
 
     @property
-    def words(self) -> dict[str, str]:
-        """What distinguishes it from others, by the names of documents."""
-        return {"plan": self.plan, "scenario": self.scenario.name}
-
-    @property
     def file_name(self) -> str:
         """Name of its files without their endings."""
-        return UNFIT_FOR_FILES.sub("_", "-".join(self.words.values()))
+        return re.sub(r"[^\w.-]+", "_", f"{self.plan}-{self.scenario.name}")
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the robot's parameters that every campaign finds."""
+        """Names of the robot's parameters that every campaign identifies."""
         return self.setup.model().parameters
 
     def table_head(self) -> dict[str, object]:
@@ -102,7 +90,11 @@ class Study:
         for array in (setup.nominal.p, model.tolerance, *arrays):
             hashed.update(np.ascontiguousarray(array).tobytes())
         digest = hashed.hexdigest()[:12]
-        return {"schema": TABLE_SCHEMA, "parameters": list(model.parameters), "study": digest}
+        return {
+            "schema": "pkmcal/study-table/3",
+            "parameters": list(model.parameters),
+            "study": digest,
+        }
 
     def simulate(self, numbers: Sequence[int]) -> tuple[study.CampaignRow, ...]:
         """Draw, measure and identify the campaigns of these numbers."""
@@ -135,7 +127,10 @@ def study_of(campaign: Campaign, asked: StudyOptions) -> Study:
 
 
 def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
-    """The scenario asked for, or the campaign's own; raises `OptionsInvalid`, `ScenarioInvalid`."""
+    """Return the named scenario, or the campaign's own.
+
+    Raise `OptionsInvalid` and `ScenarioInvalid`.
+    """
     if name is not None:
         return parse_scenario(cell_text(campaign.robot, name), name)
     own: Path = campaign.path(SCENARIO)

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from app.study.workers import Part, simulated_parts
+from app.study.running import Part, simulated_parts
 from campaigns.campaign import now_utc
 from campaigns.files.lock import campaign_lock
 
@@ -105,19 +105,18 @@ def small_parts(monkeypatch):
     monkeypatch.setattr("app.study.running.CAMPAIGNS_A_PART", 4)
 
 
-def stopped_after_one_part(simulate, parts, processes):
-    yield next(simulated_parts(simulate, parts, 1))
+def stopped_after_one_part(simulate, parts, executor):
+    yield next(simulated_parts(simulate, parts, None))
     raise KeyboardInterrupt
 
 
-def loses_the_second_part(simulate, parts, processes):
-    yield Part(1, lost="killed")
-    for part in simulated_parts(simulate, [parts[0], *parts[2:]], 1):
-        yield Part(part.place and part.place + 1, part.rows)
+def loses_the_second_part(simulate, parts, executor):
+    yield Part(parts[1], lost="killed")
+    yield from simulated_parts(simulate, [parts[0], *parts[2:]], None)
 
 
 def with_workers(monkeypatch, workers):
-    monkeypatch.setattr("app.cli.study.simulated_parts", workers)
+    monkeypatch.setattr("app.study.running.simulated_parts", workers)
 
 
 @pytest.mark.usefixtures("small_parts")
@@ -127,7 +126,7 @@ def test_study_goes_on_where_it_was_stopped(folder, pkmcal, studied, monkeypatch
     shutil.rmtree(folder / "study")
     with monkeypatch.context() as patched:
         with_workers(patched, stopped_after_one_part)
-        code, _, err = pkmcal("study", folder, "--campaigns", 10)
+        code, _, err = pkmcal("study", folder, "--campaigns", 10, "--workers", 1)
     assert code == 130
     assert "interrupted" in err
     assert len(table_of(folder).splitlines()) == 5
@@ -142,7 +141,7 @@ def test_study_goes_on_where_it_was_stopped(folder, pkmcal, studied, monkeypatch
 def test_lost_campaigns_make_the_study_unfinished(folder, pkmcal, studied, monkeypatch):
     with monkeypatch.context() as patched:
         with_workers(patched, loses_the_second_part)
-        code, out, err = pkmcal("study", folder, "--campaigns", 10, "--json")
+        code, out, err = pkmcal("study", folder, "--campaigns", 10, "--workers", 1, "--json")
     assert code == 1
     document = json.loads(out)
     assert document["lost"] == 4

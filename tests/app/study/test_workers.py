@@ -10,16 +10,19 @@ from pathlib import Path
 
 import pytest
 
-from app.study.workers import KILLED, Part, simulated_parts
+from app.study.running import KILLED, Part, simulated_parts
 
 FAULT, POISON = 3, 5
 NAME = "plan-paper-simulation"
 HERE = Path(__file__).parent
 TWO_WORKERS = """
 import json
+from app.study.running import local_processes
 from test_workers import simulated_parts, work
 if __name__ == "__main__":
-    print(json.dumps([(each.place, each.lost) for each in simulated_parts(work, range(20), 2)]))
+    with local_processes(2) as executor:
+        parts = simulated_parts(work, range(20), executor)
+        print(json.dumps([(part.numbers, part.lost) for part in parts]))
 """
 
 
@@ -36,13 +39,11 @@ def rows(results):
 
 
 def test_one_worker_works_in_this_process():
-    results = list(simulated_parts(work, range(FAULT), 1))
-    assert rows(results) == [0, 1, 2]
-    assert [result.place for result in results] == [0, 1, 2]
+    assert rows(simulated_parts(work, range(FAULT), None)) == [0, 1, 2]
 
 
 def test_failed_task_costs_itself_alone_and_says_why():
-    results = list(simulated_parts(work, range(5), 1))
+    results = list(simulated_parts(work, range(5), None))
     assert results[FAULT] == Part(FAULT, lost="ZeroDivisionError: by nothing")
     assert rows(results) == [0, 1, 2, 4]
 
