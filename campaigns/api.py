@@ -38,17 +38,17 @@ if TYPE_CHECKING:
 
 
 def find_robot(name: str | Path) -> RobotFile:
-    """Robot of a shipped name or of a file; raises `ConfigInvalid`."""
+    """Return the robot of a shipped name or of a file; raise `ConfigInvalid`."""
     return robots.find_robot(str(name)).robot
 
 
 def read_shots(path: Path | str, robot: RobotFile) -> Shots:
-    """Measured shots of a CSV file in the form of shots.csv; raises `ShotsInvalid`."""
+    """Return the measured shots of a CSV file in the form of shots.csv; raise `ShotsInvalid`."""
     return shots_of_rows(shots_csv.read_shots(Path(path), robot.mechanism), robot.kinematics)
 
 
 def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Array:
-    """Poses (N, t), mm and rad, spread evenly over a robot's reach; raises `WorkspaceTooSmall`."""
+    """Return poses (N, t) spread evenly over a robot's reach; raise `WorkspaceTooSmall`."""
     rng, centre = np.random.default_rng(seed), robot.workspace_centre
     return pose_sampling.workspace_poses(robot.kinematics, robot.limits, centre, poses, rng)
 
@@ -83,7 +83,7 @@ def identify(
 
 
 def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:
-    """Poses (N, t) to command to a controller that holds the nominal parameters, for wanted ones.
+    """Return the poses (N, t) to command to a controller with the nominal parameters.
 
     In mm and rad. Raises `TargetsInvalid` for a pose that the identified robot cannot take.
     """
@@ -106,7 +106,7 @@ class Plan:
         return f"<Plan: {len(self.shots)} shots, 1 σ of any position ≤ {worst_mm:.4f} mm>"
 
     def plot(self) -> "Figure":
-        """Figure of the planned poses from above and from the side, mm."""
+        """Return the figure of the planned poses from above and from the side, mm."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(8.0, 4.0), layout="constrained")

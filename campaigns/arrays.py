@@ -14,7 +14,7 @@ AXES = ("x", "y", "z")
 
 
 def batch(values: ArrayLike, columns: Sequence[str], what: str) -> Array:
-    """Rows (N, k) of values by column, of which one row alone may be given, (k,).
+    """Return rows (N, k) of values by column, of which one row alone may be given, (k,).
 
     Raises `ValueError` with the shape.
     """

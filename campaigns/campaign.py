@@ -40,7 +40,7 @@ FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 
 
 def now_utc() -> str:
-    """Time for records."""
+    """Return the time for records."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
@@ -100,7 +100,7 @@ class Campaign:
         return self.config.instruments.robot_serial or self.robot.name
 
     def path(self, name: str) -> Path:
-        """File of this campaign."""
+        """Return the file of this campaign."""
         return self.folder / name
 
     @property
@@ -133,7 +133,7 @@ class Campaign:
         return region_of(robot.kinematics, with_reserve(robot), self.view, centre, self.space)
 
     def workspace_sample(self) -> Array | None:
-        """Poses (N, t) at which every step judges positions; None where hardly any can be taken.
+        """Return poses (N, t) at which every step judges positions; None if there are hardly any.
 
         All over the robot's reach, whether the tracker sees them or not.
         """
@@ -150,7 +150,7 @@ class Campaign:
         return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
 
     def outdated(self, found: RecordedIdentification) -> tuple[str, ...]:
-        """Keys of settings that are others than those by which this identification was judged."""
+        """Return keys of settings that changed since this identification was judged by them."""
         limits_mm = self.config.acceptance.distances_mm
         return found.outdated_by(self.identification_settings, limits_mm)
 
@@ -174,7 +174,7 @@ class Campaign:
         return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
 
     def plan_request(self, shots: int | None = None) -> PlanRequest:
-        """Request for a plan, by campaign.yaml unless a number of shots is given."""
+        """Return the request for a plan, by campaign.yaml unless a number of shots is given."""
         plan = self.config.plan
         centre = pose_of(self.centre)
         return PlanRequest(
@@ -182,7 +182,7 @@ class Campaign:
         )
 
     def read_plan(self) -> tuple[PlannedShot, ...]:
-        """plan.csv; raises `PlanInvalid`."""
+        """Return plan.csv; raise `PlanInvalid`."""
         return read_plan(self.plan_path, self.robot.mechanism)
 
     def checked_plan(
@@ -209,12 +209,12 @@ class Campaign:
 
     @contextmanager
     def journal(self) -> Iterator[Journal]:
-        """Journal, made if there is none, and held by this process alone."""
+        """Return the journal, made if there is none, and held by this process alone."""
         with self.held(), self.opened_journal() as journal:
             yield journal
 
     def opened_journal(self) -> Journal:
-        """Journal, made if there is none; the caller holds the campaign.
+        """Return the journal, made if there is none; the caller holds the campaign.
 
         Raises `JournalFailed` also for one of another campaign.
         """
@@ -227,7 +227,7 @@ class Campaign:
         return self._own(opened)
 
     def journal_reader(self) -> JournalReader:
-        """Journal to read; raises `ShotsMissing` when nothing was ever written to it.
+        """Return the journal to read; raise `ShotsMissing` when nothing was ever written to it.
 
         Raises `JournalFailed` also for one of another campaign.
         """
@@ -277,7 +277,7 @@ class Campaign:
                 )
 
     def _holds(self, number: int, digest: str) -> bool:
-        """Whether the journal is there, whole, and has all records up to this one."""
+        """Return whether the journal is there, whole, and has all records up to this one."""
         try:
             with read_journal(self.journal_path) as journal:
                 return journal.holds(number, digest)
@@ -290,7 +290,7 @@ class Campaign:
             raise self._nothing_measured()
 
     def measured_series(self, journal: JournalReader) -> Series:
-        """Series to identify from: the latest run or import; raises `ShotsMissing`.
+        """Return series to identify from: the latest run or import; raise `ShotsMissing`.
 
         A run may be unfinished, an import that broke off counts for nothing, and one of known
         lengths alone is for whatever was measured beside it.
@@ -302,7 +302,7 @@ class Campaign:
         return max(found, key=lambda series: series.number)
 
     def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
-        """Shots of the latest whole import of known lengths alone; () without one."""
+        """Return shots of the latest whole import of known lengths alone; () without one."""
         imports = (each for each in journal.series("import") if each.finished)
         found = [each.shots for each in imports if each.of_known_lengths]
         return found[-1] if found else ()
@@ -315,7 +315,7 @@ class Campaign:
 
 
 def open_campaign(folder: Path | str) -> Campaign:
-    """Campaign of a folder; raises `ConfigInvalid`.
+    """Return the campaign of a folder; raise `ConfigInvalid`.
 
     Raises `JournalFailed` while a rescued journal in it waits to be taken.
     """

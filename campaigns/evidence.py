@@ -19,19 +19,24 @@ from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import PLAIN, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
-from campaigns.controllers.programs import is_plan_program_there, is_program_there
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
-from campaigns.evaluation.campaign_verdict import (
-    CampaignVerdict,
-    Check,
-    IdentificationVerdict,
-    campaign_verdict,
-    same_digest,
-)
-from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
 from campaigns.evaluation.simulated_devices import simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
+from campaigns.evaluation.verdict import (
+    CampaignVerdict,
+    Check,
+    Gain,
+    IdentificationVerdict,
+    ValidationVerdict,
+    campaign_verdict,
+    gained_in_words,
+    gains,
+    lost_beyond,
+    same_digest,
+    validation_verdict,
+    worse_than_before,
+)
 from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
@@ -44,6 +49,7 @@ from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
+from drivers.bounded_files import is_file
 
 FoundT = TypeVar("FoundT")
 STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
@@ -141,19 +147,21 @@ class Evidence:
     def has_program(self) -> bool:
         """Whether there is a program of plan.csv."""
         campaign = self.campaign
-        return is_plan_program_there(campaign.folder, self.plan, campaign.robot.mechanism)
+        return self.plan is not None and is_program_there(
+            campaign.folder, "run", plan_digest(self.plan, campaign.robot.mechanism)
+        )
 
     def has_plan(self, digest: str) -> bool:
-        """Whether plan.csv is the plan of this digest."""
+        """Return whether plan.csv is the plan of this digest."""
         mechanism = self.campaign.robot.mechanism
         return self.plan is not None and plan_digest(self.plan, mechanism) == digest
 
     def state(self, digest: str | None) -> ControllerState | None:
-        """State of a controller that held the set of this digest; None where nobody knows."""
+        """Return the state of a controller with the set of this digest; None if unknown."""
         return self.sets.state(digest) if self.sets and digest else None
 
     def held(self, stage: Literal["before", "after"]) -> ControllerState | None:
-        """State of the controller in a stage; None where it was not validated."""
+        """Return the state of the controller in a stage; None where it was not validated."""
         every = self.before if stage == "before" else self.after
         if not every:
             return None
@@ -215,7 +223,7 @@ class Evidence:
         return simulated_devices(series, planned=self.campaign.is_simulated)
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
-        """The series that are there, in the order in which a campaign measures them."""
+        """Return the series that are there, in the order in which a campaign measures them."""
         run = () if self.run is None else (self.run,)
         stages = (("before", self.before), ("run", run), ("after", self.after))
         return tuple(
@@ -273,17 +281,15 @@ class Evaluation:
         every = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
         return tuple(each for each in every if not each.is_empty)
 
-    def validated(self, stage: Literal["before", "after"]) -> validation.ValidationVerdict:
-        """Verdict on the robot in a stage; after calibration it must not be worse than before."""
+    def validated(self, stage: Literal["before", "after"]) -> ValidationVerdict:
+        """Return the verdict on a stage; after calibration it must not be worse than before."""
         limits = self.evidence.campaign.config.acceptance
         if stage == "before":
-            return validation.validation_verdict(self.before, limits)
+            return validation_verdict(self.before, limits)
         held = self.evidence.held("after")
         form = held.form if held else None
         worse = worse_than_before(self.gains)
-        return validation.validation_verdict(
-            self.after, limits, worse, validation.lost_beyond(form, limits)
-        )
+        return validation_verdict(self.after, limits, worse, lost_beyond(form, limits))
 
     @cached_property
     def verdict(self) -> CampaignVerdict:
@@ -301,7 +307,7 @@ class Evaluation:
         )
 
     def _held_in_words(self) -> Iterator[str]:
-        """What the controller held in each stage, where a reader has to be told."""
+        """Return what the controller held in each stage, unless that is evident."""
         for stage in STAGES:
             held = self.evidence.held(stage)
             if held is not None and (held.form or held.declared):
@@ -315,8 +321,22 @@ class Evaluation:
         )
 
 
+def program_path(folder: Path, stage: str) -> Path:
+    """Return the file of a stage's program for a controller out of reach."""
+    return folder / f"program-{stage}.csv"
+
+
+def is_program_there(folder: Path, stage: str, digest: str) -> bool:
+    """Return whether a stage's program names this digest in its heading."""
+    path = program_path(folder, stage)
+    if not is_file(path):
+        return False
+    with path.open("rb") as file:
+        return digest.encode() in file.read(4000)
+
+
 def evaluate(campaign: Campaign) -> Evaluation:
-    """Evaluation of all that a campaign has; raises as `gather` does."""
+    """Return the evaluation of all that a campaign has; raise as `gather` does."""
     return Evaluation(gather(campaign))
 
 
@@ -339,7 +359,7 @@ def gather(campaign: Campaign) -> Evidence:
 
 
 def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
-    """Evidence of the files with what the journal says."""
+    """Return the evidence of the files with what the journal says."""
     campaign, unreadable = files.campaign, [*files.unreadable]
     entries, all_series = journal.records(), journal.series()
     identification = _latest(journal, "identification", read_identification, unreadable)
@@ -379,13 +399,13 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
         written=written,
         forms=tuple(_forms_there(campaign, every_written)),
         program_after=written is not None
-        and is_program_there(campaign.folder, "after", lambda: written.digest),
+        and is_program_there(campaign.folder, "after", written.digest),
         unreadable=tuple(unreadable),
     )
 
 
 def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[WrittenSet]:
-    """Of each file that is a form to be loaded what was written last, latest first."""
+    """Return what was written last to each file that is a form to be loaded, latest first."""
     names = set[str]()
     for each in written:
         if each.file not in names and campaign.path(each.file).exists():
@@ -431,7 +451,7 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
 
 
 def _chosen(all_series: Iterable[Series], stages: frozenset[Stage]) -> tuple[Series, ...]:
-    """Finished series of these stages, or the last one begun when none is finished.
+    """Return finished series of these stages, or the last one begun when none is finished.
 
     All of the last one's stage, and with the same parameters in the controller: what was measured
     with others says nothing of these.
@@ -452,7 +472,7 @@ def _conditions(series: Series) -> tuple[str, str]:
 def _identified_series(
     all_series: tuple[Series, ...], identification: RecordedIdentification | None
 ) -> tuple[Series, ...]:
-    """The series that the identification rests on, or the one that the next would rest on."""
+    """Return the series that the identification rests on, or that the next would rest on."""
     if identification is None:
         measured = (each for each in all_series if each.started.stage in {"run", "import"})
         runs = [each for each in measured if not each.of_known_lengths]
@@ -461,7 +481,7 @@ def _identified_series(
 
 
 def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
-    """Those in which any shot counts."""
+    """Return the series in which any shot counts."""
     mechanism = campaign.robot.mechanism
     return tuple(MeasuredSeries(series, mechanism) for series in every if series.shots)
 
@@ -516,7 +536,7 @@ def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:
-    """Every link of the chain from plan to controller."""
+    """Check every link of the chain from plan to controller."""
     run, found, journal = evidence.run, evidence.identification, evidence.journal
     if run is None or run.series.started.stage != "import":
         yield same_digest("plan.csv is the plan that was measured", *_plan_digests(evidence))
@@ -535,7 +555,7 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
 
 
 def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
-    """Digests of plan.csv and of the plan that was measured, which is plan.csv where it has it all.
+    """Return the digests of plan.csv and of the plan that was measured.
 
     Rows may have come since, and rows gone that were never measured.
     """
@@ -554,7 +574,7 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
 
 
 def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Iterator[Check]:
-    """Digests that the identification stated, and of what it found, beside those of what is now."""
+    """Check the digests that the identification stated, and of what it found."""
     nominal, journal = evidence.campaign.robot, evidence.journal
     parameters = found.in_table(nominal.mechanism.parameters).digest()
     statement = "the nominal robot is the one that was identified from"
@@ -598,7 +618,7 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
 
 
 def _before_check(evidence: Evidence) -> Check:
-    """Errors before calibration are the nominal robot's; a reader should know of others."""
+    """Check that errors before calibration are those of the nominal robot."""
     statement = "the controller held the nominal parameters when the robot was validated before"
     held = evidence.held("before")
     if held is None:

@@ -11,7 +11,7 @@ WITHIN_S = 5.0
 
 
 def commit(package: Path = Path(__file__).parent) -> str:
-    """Short name of the commit that this is of, as built or checked out; empty: nobody knows."""
+    """Return the short name of the commit that this is of; empty if unknown."""
     built, checkout = package / COMMIT_FILE, package.parent
     if built.is_file():
         return built.read_text(encoding="utf-8").strip()

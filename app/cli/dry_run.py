@@ -14,7 +14,7 @@ from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.evaluation.gains import JUDGED
+from campaigns.evaluation.verdict import JUDGED
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there

@@ -13,7 +13,6 @@ from app.next import tell_next
 from app.options import Folder, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.controllers.programs import joints_path
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.controller_frame import check_frame, parse_displayed
 from campaigns.evaluation.plausibility import check_unit
@@ -34,6 +33,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
+from campaigns.workflow.programs import joints_path
 from drivers.bounded_files import Encoding, is_there
 
 Form = Literal["shots", "ascii"]

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from app.report import record, results, tables
 from app.report.section import Section, moment
-from campaigns.evaluation.campaign_verdict import RULE, CampaignVerdict
+from campaigns.evaluation.verdict import RULE, CampaignVerdict
 from campaigns.evidence import Evaluation
 from campaigns.files.table import Row
 from campaigns.next_step import next_step, state_of

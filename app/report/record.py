@@ -5,8 +5,8 @@ from datetime import datetime
 
 from app.report import figures, tables
 from app.report.section import Section, moment
-from campaigns.evaluation.campaign_verdict import Check
 from campaigns.evaluation.time_series import TimeSeries, stated_uncertainty_mm, time_series
+from campaigns.evaluation.verdict import Check
 from campaigns.evidence import Evaluation, Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import Excluded, Frame, RecordedIdentification

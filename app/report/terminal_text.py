@@ -12,10 +12,10 @@ from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.evaluation.decision import NO_LIMIT, Verdict
-from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
+from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
 from campaigns.identification.result import RecordedIdentification
@@ -156,7 +156,7 @@ def _show(terminal: Terminal, found: Validated) -> None:
     for reason in verdict.reasons:
         terminal.say(f"{says}: {reason}", style)
     if verdict.decision == "pass" and found.otherwise is None:
-        terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
+        terminal.say("good: all limits are met, the uncertainty included", GOOD)
     campaign = found.campaign_verdict
     if campaign is not None and campaign.decision not in {verdict.decision} - {NO_LIMIT}:
         terminal.say(f"the campaign as a whole: {campaign.says}", DECISIONS[campaign.decision])

@@ -30,7 +30,7 @@ class HeldParameters:
     nominal: RobotDocument
 
     def read(self) -> Mapping[str, float]:
-        """Parameters by name; the nominal ones until others were written. Raise `ConfigInvalid`."""
+        """Return parameters by name; nominal until others were written. Raise `ConfigInvalid`."""
         path = self.folder / FILE_NAME
         if path.exists():
             return read_robot(path).robot.parameters
@@ -59,7 +59,7 @@ class ActiveKinematics:
         self._kinematics = Kinematics.of(mechanism, parameters)
 
     def joints(self, pose: Pose, here: Sequence[float] | None = None) -> tuple[float, ...]:
-        """Joints of a pose as encoders read them, coming from `here`; raises `LimitViolation`.
+        """Return the joints of a pose as encoders read them, from `here`; raise `LimitViolation`.
 
         Of the readings of both sides it is the one beyond; between them the nearer one.
         """
@@ -77,7 +77,7 @@ class ActiveKinematics:
         return tuple(np.where(comes_up | stays_up, rising, falling).tolist())
 
     def pose(self, joints: Sequence[float]) -> Pose:
-        """Pose of joints; raises `LimitViolation`."""
+        """Return the pose of joints; raise `LimitViolation`."""
         found = self._kinematics.forward(np.array([joints], dtype=np.float64))
         return pose_of(_only(found, f"joints {_listed(self._mechanism.joints, joints)}"))
 

@@ -68,7 +68,7 @@ class KnownSets:
 
     @classmethod
     def of(cls, nominal: RobotFile, findings: Iterable[Finding]) -> "KnownSets":
-        """Sets that findings tell of; passes over those of another form."""
+        """Return the sets in findings, but for findings of another form."""
         space = nominal.mechanism.parameters
         identified: dict[str, RecordedIdentification] = {}
         forms: dict[str, ReducedForm] = {}
@@ -92,24 +92,24 @@ class KnownSets:
         return cls(nominal.parameters, identified, forms, tuple(sets.values()))
 
     def held(self, values: Mapping[str, float]) -> Parameters:
-        """Known set that a controller holds, which may keep it in other units; else its own."""
+        """Return the known set that a controller holds, perhaps in other units; else its own."""
         for known in self.sets:
             if not differing(values, known):
                 return known
         return Parameters.of(self.nominal.table, values)
 
     def are_one(self, digest: str, other: str) -> bool:
-        """Whether two sets are the same to a controller, which may keep them in other units."""
+        """Return whether two sets are the same to a controller, which may use other units."""
         known = {each.digest(): each for each in self.sets}
         both = digest in known and other in known
         return digest == other or (both and not differing(known[digest], known[other]))
 
     def state_of(self, values: Mapping[str, float]) -> ControllerState:
-        """State of a controller that holds these values."""
+        """Return the state of a controller that holds these values."""
         return self.state(self.held(values).digest())
 
     def state(self, digest: str) -> ControllerState:
-        """State of a controller that holds the set of this digest."""
+        """Return the state of a controller that holds the set of this digest."""
         form = self.forms.get(digest) if digest not in self.identified else None
         origin = form.of if form else digest
         if digest == self.nominal.digest():

@@ -57,14 +57,14 @@ class WrittenSet:
 
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
-    """Sets that were written, latest first; passes over those of another form."""
+    """Return sets that were written, latest first, but for those of another form."""
     for entry in reversed(journal.findings("export")):
         with suppress(ValidationError):
             yield adapter_of(WrittenSet).validate_python(entry.record.body)
 
 
 def latest_identification(journal: JournalReader) -> RecordedIdentification:
-    """Last identification of a campaign; raises `ShotsMissing` when there is none."""
+    """Return the last identification of a campaign; raise `ShotsMissing` when there is none."""
     entries = journal.findings("identification")
     if not entries:
         raise ShotsMissing(
@@ -79,7 +79,7 @@ def compensated_robot(
     found: RecordedIdentification,
     controller: Identity | None = None,
 ) -> RobotDocument:
-    """Nominal robot with the identified parameters, their 1 σ and their provenance.
+    """Return the nominal robot with the identified parameters, their 1 σ and their provenance.
 
     `controller` answered when the shots were taken; None where nobody knows, as of an import.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.

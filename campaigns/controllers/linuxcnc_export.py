@@ -25,12 +25,12 @@ LONGEST_NOTE = 160
 
 
 def pin_of(name: str) -> str:
-    """Pin of a parameter or of a value of the plate's drawing."""
+    """Return the pin of a parameter or of a value of the plate's drawing."""
     return f"{MODULE}.{name}"
 
 
 def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
-    """Values of the plate's drawing by name, mm and deg."""
+    """Return values of the plate's drawing by name, mm and deg."""
     plate = mechanism.seen_from(None).plate
     assert plate is not None, "a robot file's mechanism has its plate"
     flat = {
@@ -70,14 +70,14 @@ def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -
 
 
 def _notes(robot: RobotFile) -> Iterator[str]:
-    """Notes on the set's origin, as far as they fit: the robot file has all of it."""
+    """Return notes on the set's origin, as far as they fit: the robot file has all of it."""
     for key, value in (robot.provenance or {}).items():
         note = f"{key}: {json.dumps(value)}"
         yield note if len(note) <= LONGEST_NOTE else f"{note[:LONGEST_NOTE]}..."
 
 
 def _backlashes(robot: RobotFile) -> Iterator[str]:
-    """Pins that exist only after HAL files were read, one for each joint that has a backlash."""
+    """Return pins that exist only after HAL files were read, one a joint with backlash."""
     space, values = robot.mechanism.parameters, robot.parameters
     for name in space.select(group="backlash"):
         if name in values:

@@ -39,7 +39,7 @@ class Change:
 
 
 def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
-    """Changes that loading a robot file would make, parameter by parameter, all of them.
+    """Return changes that loading a robot file would make, parameter by parameter, all of them.
 
     What is optional (tilts, skews, transmission) is among them where it is not 0 before or after.
     """
@@ -83,7 +83,7 @@ def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
 
 
 def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tuple[str, float]]:
-    """The parameters that are not as wanted, with what is held instead.
+    """Return the parameters that are not as wanted, with what is held instead.
 
     What is held but not named in what is wanted is to be 0: sets leave out extensions that are.
     """

@@ -15,7 +15,7 @@ OWN_FILE = "take the file that `pkmcal export DIR` writes"
 
 
 def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[ConfigInvalid]:
-    """Objections to a robot file for the campaign of that name and nominal robot.
+    """Return objections to a robot file for a campaign and its nominal robot.
 
     The nominal set itself may always be loaded.
     """
@@ -29,7 +29,7 @@ def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iter
 
 
 def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvalid]:
-    """Objection to a set found with another controller than the connected one.
+    """Return the objection to a set found with another controller than the connected one.
 
     Nothing is said where either has no serial number.
     """
@@ -41,7 +41,7 @@ def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvali
 
 
 def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[ConfigInvalid]:
-    """Objections to a controller's own parameters, which are to be kept as the old ones."""
+    """Return objections to a controller's own parameters, to be kept as the old ones."""
     old = nominal.parameters
     changes = {name: held[name] - old[name] for name in old if name in held}
     for text in beyond_tolerance(old.table, nominal.tolerance, changes):
@@ -62,7 +62,7 @@ def refuse(source: Path, objections: Sequence[ConfigInvalid]) -> None:
 
 
 def read_parameter_file(path: Path, folder: Path, nominal: RobotFile) -> RobotFile:
-    """Robot file with parameters for the robot of a campaign's folder; raises `ConfigInvalid`."""
+    """Return the robot file with parameters for a campaign's robot; raise `ConfigInvalid`."""
     if not is_there(path):
         raise ConfigInvalid(
             f"{path}: there is no such file",

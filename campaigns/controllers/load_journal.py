@@ -51,13 +51,13 @@ class Load:
     at_utc: str = ""
 
     def holding(self, held: Mapping[str, float]) -> Holding:
-        """What a controller that has these parameters holds of a load that was begun."""
+        """Return what a controller that has these parameters holds of a load that was begun."""
         if not differing(held, self.wanted):
             return Holding.NEW
         return Holding.OTHER if differing(held, self.held) else Holding.OLD
 
     def told(self, held: Mapping[str, float] | None) -> str:
-        """Sentence about a load without an end; None: nobody has asked the controller."""
+        """Describe a load without an end; None: nobody has asked the controller."""
         begun = f"a load of {self.source} was begun at {self.at_utc} and not ended"
         if held is None:
             return f"{begun}; `pkmcal load DIR --dry` says what the controller holds now"
@@ -71,7 +71,7 @@ class Load:
         return f"{begun}; the controller holds {found.value} now{advice[found]}"
 
     def _ended(self) -> dict[str, JsonValue]:
-        """Body of the record that it took effect."""
+        """Return the body of the record that it took effect."""
         return {
             "source": self.source,
             "digest": self.digest,
@@ -111,7 +111,7 @@ class Load:
 
 
 def standing_loads(journal: JournalReader, held: Mapping[str, float]) -> tuple[Load, ...]:
-    """Effective loads, with the unended one as the controller's parameters show it."""
+    """Return the effective loads, with the unended one as the controller's parameters show it."""
     effective, unended = load_history(journal)
     if unended is None:
         return effective
@@ -123,7 +123,7 @@ def standing_loads(journal: JournalReader, held: Mapping[str, float]) -> tuple[L
 
 
 def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]:
-    """Loads that took effect and were not taken back, oldest first, and one without an end.
+    """Return loads that took effect and were not taken back, and one without an end.
 
     Before one that cannot be read, or of a version that wrote no beginning, none can be put back.
     Raises `FindingUnreadable` for a begun load in another form.
@@ -161,7 +161,7 @@ def already_back(journal: Journal, load: Load, digest: str) -> None:
 
 
 def _after(effective: tuple[Load, ...], load: Load) -> tuple[Load, ...]:
-    """Loads in effect after one more, which may have taken others back."""
+    """Return loads in effect after one more, which may have taken others back."""
     if load.rolls_back is not None:
         return tuple(each for each in effective if each.number < load.rolls_back)
     return () if load.begun is None else (*effective, load)

@@ -21,7 +21,7 @@ SETTLED_MM = 1e-10
 
 
 def position_errors(controller: Kinematics, identified: Kinematics, poses: Array) -> Array:
-    """Sizes (M,), mm, of what is left where a controller makes joints of poses (N, t).
+    """Return sizes (M,), mm, of what is left where a controller makes joints of poses (N, t).
 
     Joints come from all combinations of sides in turn; the frame is best fitted. Poses that the
     controller's kinematics does not reach are passed over.
@@ -37,7 +37,7 @@ def position_errors(controller: Kinematics, identified: Kinematics, poses: Array
 
 
 def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
-    """Nearest parameters of those that every controller knows, at poses (N, t); the others are 0.
+    """Return the nearest parameters of those that every controller has; the others are 0.
 
     Parameters that only place the base frame, and the directions of arms and rails, stay as they
     were identified: an upright rail that leans a little aside would be one of another azimuth, by

@@ -82,7 +82,7 @@ class ControllerReading:
         }
 
     def says(self) -> Iterator[str]:
-        """The reading in words, a line each."""
+        """Return the reading in words, a line each."""
         yield f"units: lengths in {self.lengths_in}, joints in {self.joints_in}"
         hand = "left-handed" if self.mirrored else "right-handed"
         origin = ", ".join(f"{mm:.1f}" for mm in self.origin_mm + 0.0)
@@ -125,7 +125,7 @@ class FrameCheck:
 
 
 def parse_displayed(text: str, name: str, nominal: Kinematics) -> DisplayedPoses:
-    """Poses of a CSV file of a controller's numbers, without units; raises `ShotsInvalid`."""
+    """Return poses of a CSV file of a controller's numbers, without units; raise `ShotsInvalid`."""
     mechanism = nominal.mechanism
     own = (*(axis.name for axis in mechanism.task), *(axis.name for axis in mechanism.joints))
     columns = (
@@ -215,7 +215,7 @@ def _reading(
     *,
     mirrored: bool,
 ) -> ControllerReading:
-    """Best frame for positions (N, t) of the nominal robot at joints that were so read."""
+    """Return the best frame for positions (N, t) of the nominal robot at joints so read."""
     order, sign, unit, lengths = counted
     hand = np.array([1.0, 1.0, -1.0 if mirrored else 1.0])
     its = LENGTHS[lengths] * shown.poses[:, :3] * hand
@@ -237,7 +237,7 @@ def _reading(
 
 
 def _turn(ours: Array, shown_deg: Array) -> tuple[float, float, float]:
-    """Sign, offset (rad) and misfit (rad, as mm at 100 mm) of displayed turns, deg."""
+    """Return the sign, offset (rad) and misfit (rad, as mm at 100 mm) of displayed turns, deg."""
     found = []
     for sign in (1.0, -1.0):
         away = np.radians(shown_deg) - sign * ours
@@ -248,7 +248,7 @@ def _turn(ours: Array, shown_deg: Array) -> tuple[float, float, float]:
 
 
 def _by_points(best: ControllerReading, shown: DisplayedPoses) -> tuple[float, float, bool]:
-    """Scale and misfit (mm) of measured points on displayed ones; whether these are mirrored."""
+    """Return scale, misfit (mm) and mirroring of measured points on displayed ones."""
     assert shown.points_mm is not None, "asked for"
     its = LENGTHS[best.lengths_in] * shown.poses[:, :3]
     its, points = (each - each.mean(axis=0) for each in (its, shown.points_mm))
@@ -263,7 +263,7 @@ def _by_points(best: ControllerReading, shown: DisplayedPoses) -> tuple[float, f
 
 
 def _axis_words(direction: Array) -> str:
-    """Direction (3,) as an axis such as −y, or by its numbers."""
+    """Return the direction (3,) as an axis such as −y, or by its numbers."""
     place = int(np.argmax(np.abs(direction)))
     rest = np.delete(direction, place)
     if np.abs(rest).max() < RIGHT_ANGLE_TOLERANCE:

@@ -74,7 +74,7 @@ def decide(error: float, standard_uncertainty: float, limit: float) -> Decision:
 
 
 def decide_all(decisions: Iterable[Decision]) -> Decision:
-    """One failure fails all; all pass only when each does, and there is at least one."""
+    """Decide all: one failure fails all; all pass only if each does, and there is one."""
     found = set(decisions)
     if "fail" in found:
         return "fail"

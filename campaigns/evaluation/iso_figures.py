@@ -29,7 +29,7 @@ class IsoRow:
 
 
 def cube_poses(**stages: ValidationResult | None) -> tuple[tuple[str, str, RepeatabilityTest], ...]:
-    """Stage, name and visits of each of the standard's poses, P1 to P5."""
+    """Return the stage, name and visits of each of the standard's poses, P1 to P5."""
     return tuple(
         (stage, f"P{number}", each)
         for stage, found in stages.items()
@@ -38,7 +38,7 @@ def cube_poses(**stages: ValidationResult | None) -> tuple[tuple[str, str, Repea
 
 
 def cube_frame(found: ValidationResult) -> str:
-    """Frame in which AP is told: that of the pairs where they are of the same series."""
+    """Return the frame of AP: that of the pairs where they are of the same series."""
     if not found.cube[0].in_base:
         return NO_FRAME
     pairs, own = (found.series.get(name) for name in ("distances", "iso9283"))

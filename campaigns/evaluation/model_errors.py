@@ -24,7 +24,7 @@ class ModelledShots:
     """Whether each session has a frame of its own."""
 
     def frames(self) -> Iterator[Index]:
-        """Rows of each frame's shots, where they are enough for one."""
+        """Return rows of each frame's shots, where they are enough for one."""
         own = self.shots.session if self.sessions else np.zeros(len(self.shots))
         for each in np.unique(own).tolist():
             rows = np.flatnonzero(own == each)
@@ -32,7 +32,7 @@ class ModelledShots:
                 yield rows
 
     def pairs(self, purpose: ShotSet) -> Index:
-        """Rows (M, 2) of the whole pairs of a set, each of one frame."""
+        """Return rows (M, 2) of the whole pairs of a set, each of one frame."""
         rows, own = self.shots.whole_pairs(purpose).rows, self.shots.session
         return rows[own[rows[:, 0]] == own[rows[:, 1]]] if self.sessions else rows
 
@@ -76,7 +76,7 @@ class ModelErrors:
 
 
 def pair_errors(modelled: ModelledShots, purpose: ShotSet) -> Residuals | None:
-    """Errors of the pairs of a set; None without any."""
+    """Return errors of the pairs of a set; None without any."""
     rows, shots = modelled.pairs(purpose), modelled.shots
     if len(rows) == 0:
         return None
@@ -94,7 +94,7 @@ def pair_errors(modelled: ModelledShots, purpose: ShotSet) -> Residuals | None:
 
 
 def position_errors(modelled: ModelledShots) -> PositionErrors | None:
-    """Errors of the positions; None where no frame can be fitted."""
+    """Return errors of the positions; None where no frame can be fitted."""
     shots = modelled.shots
     before, after = np.full((2, len(shots), 3), np.nan)
     for rows in modelled.frames():

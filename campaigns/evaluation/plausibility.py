@@ -85,7 +85,7 @@ class Reading:
 def beyond_tolerance(
     space: ParameterTable, tolerance: Tolerance, changes: Mapping[str, float]
 ) -> Iterator[str]:
-    """Changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
+    """Return changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
     limits = {name: tolerance.of(space[name]) for name in changes}
     beyond = {name: change for name, change in changes.items() if not abs(change) <= limits[name]}
     for name in sorted(beyond, key=lambda each: -abs(beyond[each]) / limits[each]):
@@ -252,7 +252,7 @@ def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) 
 def _unchanged(
     nominal: Kinematics, joints: Array, points: Array, modelled: KinematicSolution | None = None
 ) -> Reading:
-    """Reading of joints and points as they are written."""
+    """Return the reading of joints and points as they are written."""
     return next(_readings(nominal, joints, points, "", modelled=modelled))
 
 
@@ -264,7 +264,7 @@ def _on_a_line(points: Array) -> bool:
 def _all_readings(
     nominal: Kinematics, joints: Array, points: Array, rows: Index, place_mm: Vector3 | None
 ) -> Iterator[Reading]:
-    """Readings with other units, orders and signs of joints, and a mirrored frame."""
+    """Return readings with other units, orders and signs of joints, and a mirrored frame."""
     axes = nominal.mechanism.joints
     yield from _readings(nominal, joints, points, "")
     some, where = joints[rows], points[rows]
@@ -287,7 +287,7 @@ def _all_readings(
 
 
 def _on_other_half(nominal: Kinematics) -> tuple[str, str]:
-    """Cause and remedy of a reflector on the half that the robot file does not say."""
+    """Return the cause and remedy of a reflector on the half that the robot file does not say."""
     return _on_half(2 if nominal.mechanism.platform.arms_at_point[0] == 0 else 1)
 
 
@@ -301,7 +301,7 @@ def _on_half(half: int) -> tuple[str, str]:
 def _half_words(
     nominal: Kinematics, words: str, joints: Array, points: Array, place_mm: Vector3 | None
 ) -> tuple[str, str]:
-    """Cause and remedy of joints that fit with the arms of the platform's parts swapped.
+    """Return cause and remedy of joints that fit with the arms of the parts swapped.
 
     A reflector on the other part turns the tracker's place about the robot's axis by 180°, columns
     that are swapped leave it where it is.
@@ -349,7 +349,7 @@ def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3
 
 
 def tracker_place_mm(nominal: Kinematics, joints: Array, points: Array) -> Array:
-    """Tracker's place (3,) in the base frame, by joints (N, n) and points (N, 3) in its own.
+    """Return the tracker's place (3,) in the base frame, by joints (N, n) and its points (N, 3).
 
     NaN where they do not tell.
     """
@@ -364,7 +364,7 @@ def tracker_place_mm(nominal: Kinematics, joints: Array, points: Array) -> Array
 
 
 def _turned_mm(place_mm: Array, angle_rad: float) -> Array:
-    """Place (3,) turned about the base frame's z axis."""
+    """Return the place (3,) turned about the base frame's z axis."""
     cos, sin = math.cos(angle_rad), math.sin(angle_rad)
     x, y, z = place_mm.tolist()
     return np.array([cos * x - sin * y, sin * x + cos * y, z])
@@ -388,7 +388,7 @@ def _readings(
     remedy: str = "",
     modelled: KinematicSolution | None = None,
 ) -> Iterator[Reading]:
-    """Of joints (N, n) as they may have been meant, with every unit, mirrored and not.
+    """Return readings of joints (N, n) with every unit of the points, mirrored and not.
 
     The first one takes points as they are written.
     """
@@ -417,7 +417,7 @@ def _readings(
 
 
 def _unit_words(factor: float) -> tuple[str, str]:
-    """Cause and remedy of points in another unit, or too large or small by a factor."""
+    """Return the cause and remedy of points in another unit, or too large or small by a factor."""
     for unit, words in UNITS.items():
         if 1.0 / MM_PER_UNIT[unit] == factor:
             return (
@@ -429,7 +429,7 @@ def _unit_words(factor: float) -> tuple[str, str]:
 
 
 def similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
-    """Scale of the best similarity of modelled (N, 3) with the greater part of measured points.
+    """Return the scale of the best similarity with the greater part of measured points.
 
     And its misfit: root mean square left over the points' spread.
     """
@@ -440,7 +440,7 @@ def similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
 
 
 def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
-    """Rows that fit best together, after some rounds of leaving out the worst (trimmed squares)."""
+    """Return rows that fit best together, leaving out the worst in rounds (trimmed squares)."""
     rows = np.arange(len(modelled))
     keep = max(FEWEST - 1, int(KEPT * len(modelled)))
     for _ in range(TRIMMINGS):
@@ -452,7 +452,7 @@ def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
 def _similarity(
     modelled: Array, measured: Array, rows: Index, *, scaled: bool
 ) -> tuple[float, Array]:
-    """Scale of the best similarity of some rows (Umeyama 1991); what it leaves of all, (N, 3)."""
+    """Return the scale of the best similarity of some rows (Umeyama 1991), and all residuals."""
     a, b = (points - points[rows].mean(axis=0) for points in (modelled, measured))
     rotation, spread = best_rotation(a[rows], b[rows])
     size = float(np.sum(a[rows] ** 2))

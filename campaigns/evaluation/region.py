@@ -26,7 +26,7 @@ class Region:
 
     @classmethod
     def of(cls, poses: Array, std_mm: Array, at_shots_mm: Array, task: Sequence[Axis]) -> "Region":
-        """From poses (N, t) of the workspace, σ of their positions (N,) and of the shots', (M,)."""
+        """Return the region by poses (N, t), σ of their positions (N,) and of the shots' (M,)."""
         inside = std_mm <= FARTHER_OFF * at_shots_mm.max()
         ends, told = dict[str, tuple[float, float]](), list[str]()
         for axis, values in zip(task, poses[inside].T, strict=True):

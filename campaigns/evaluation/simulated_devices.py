@@ -16,7 +16,7 @@ DEVICES = ("controller", "tracker")
 
 
 def simulated_devices(series: Iterable[Series], *, planned: bool) -> str:
-    """Sentence for readers on devices that were simulated; empty where every device was real.
+    """Name the devices that were simulated, in a sentence; empty if all were real.
 
     Shots that were imported come from none of ours. `planned`: whether campaign.yaml names a
     simulated cell, which counts as long as there is no series at all.
@@ -35,7 +35,7 @@ def simulated_devices(series: Iterable[Series], *, planned: bool) -> str:
 
 
 def simulated_in(started: SeriesStarted) -> tuple[str, ...]:
-    """Names of the devices of a series that are simulated: by their address, or as they say."""
+    """Return the simulated devices of a series, by their address or identity."""
     if started.imported:
         return ()
     identities = {"controller": started.robot, "tracker": started.tracker}

@@ -53,13 +53,13 @@ class ErrorSummary:
 
 
 def spread(errors_mm: Array) -> Spread:
-    """Size of errors (N,), or of vectors (N, 3) by their lengths; raises `ValueError` for none."""
+    """Return the size of errors (N,) or of vectors (N, 3); raise `ValueError` for none."""
     size = _sizes(errors_mm)
     return Spread(float(size.mean()), float(np.sqrt(np.mean(size**2))), float(size.max()))
 
 
 def summary(errors_mm: Array) -> ErrorSummary:
-    """Statistics of errors (N,), or of vectors (N, 3); raises `ValueError` for none."""
+    """Return statistics of errors (N,), or of vectors (N, 3); raise `ValueError` for none."""
     size = _sizes(errors_mm)
     sigma = float(size.std(ddof=1)) if size.size > 1 else None
     return ErrorSummary(

@@ -51,7 +51,7 @@ class TimeSeries:
 
 
 def time_series(name: str, shots: Shots) -> TimeSeries:
-    """Time series of shots, in the order in which they were measured."""
+    """Return the time series of shots, in the order in which they were measured."""
     at_s = shots.elapsed_s()
     at_s = np.arange(len(shots), dtype=np.float64) if at_s is None else at_s
     order = shots.order_of_time()
@@ -70,7 +70,7 @@ def time_series(name: str, shots: Shots) -> TimeSeries:
 def settling(
     numbers: Sequence[int], points_mm: Array, covariance_mm2: Array
 ) -> tuple[tuple[int, ...], str]:
-    """Last visits of one pose that scatter alone explains, by their numbers; in words.
+    """Return the last visits of one pose that scatter alone explains, by their numbers; in words.
 
     Points (K, 3) in the order of time, of covariances (K, 3, 3). (): not even the last three.
     """
@@ -93,7 +93,7 @@ def settling(
 
 
 def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
-    """Tracker's σ as stated, each shot in its worst direction: median and largest; None without."""
+    """Return median and largest σ as the tracker stated it, in each shot's worst direction."""
     stated = shots.stated_covariance_mm2
     known = stated[~np.isnan(stated).any(axis=(1, 2))]
     if len(known) == 0:

@@ -4,19 +4,17 @@ Lengths are in mm. Vectors are in the base frame as fitted to the commanded poin
 or, with too few of them, in the tracker's axes.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
-from campaigns.evaluation.decision import COVERAGE, NO_LIMIT, Requirement, Verdict, decide_all
+from campaigns.evaluation.decision import COVERAGE
 from campaigns.fit import point_sets
 from campaigns.fit.point_sets import length_with_std
 from campaigns.fit.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
-from campaigns.robots.reduced_form import ReducedForm
-from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import PairRows, ShotSet
 from campaigns.shots.shots import Shots
 
@@ -57,7 +55,7 @@ class MeasuredLength:
         return COVERAGE * self.standard_uncertainty_mm
 
     def with_scatter(self, scatter_mm: float) -> "MeasuredLength":
-        """The same with a scatter in its uncertainty beside the instrument's."""
+        """Return the length with a scatter in its uncertainty beside the instrument's."""
         together = float(np.hypot(self.standard_uncertainty_mm, scatter_mm))
         return MeasuredLength(self.value_mm, together)
 
@@ -206,7 +204,7 @@ class ValidationResult:
     """Series in which each test was made, by the test's name."""
 
     def over(self, older: "ValidationResult") -> "ValidationResult":
-        """The same, with the tests of an older validation that it lacks."""
+        """Return this result with the tests of an older validation that it lacks."""
         return ValidationResult(
             self.distances or older.distances,
             self.absolute_mm if self.distances else older.absolute_mm,
@@ -225,11 +223,11 @@ class ValidationResult:
         return ", ".join(f"{name} of series {number}" for name, number in self.series.items())
 
     def line(self, axis: str) -> LineTest | None:
-        """Line along an axis."""
+        """Return the line along an axis."""
         return next((line for line in self.lines if line.axis == axis), None)
 
     def figures(self) -> dict[str, MeasuredLength | None]:
-        """All that limits may be asked for, by the names on screen and page."""
+        """Return all that limits may be asked for, by the names on screen and page."""
         distances, repeated = self.distances, self.repeatability
         lines = {axis: self.line(axis) for axis in AXES}
         return {
@@ -251,7 +249,7 @@ class ValidationResult:
         return accuracy, max([p.rp for p in self.cube], key=_most_mm, default=None)
 
     def comparable_figures(self) -> dict[str, MeasuredLength | None]:
-        """The same figures for comparison with another validation's of the same tests.
+        """Return the figures for comparison with another validation's of the same tests.
 
         Beside the instrument the uncertainty holds by how much the robot's own scatter would change
         a figure, so far as repeated visits show it. That of the mean error is reduced by averaging:
@@ -275,7 +273,7 @@ class ValidationResult:
         return found
 
     def further_figures_mm(self) -> dict[str, float | None]:
-        """Further figures, of which no limit is asked."""
+        """Return the further figures, of which no limit is asked."""
         repeated, absolute = self.repeatability, self.absolute_mm
         return {
             "repeatability, l̄ + 3 S": repeated.rp.value_mm if repeated else None,
@@ -284,7 +282,7 @@ class ValidationResult:
         }
 
     def document(self) -> dict[str, JsonValue]:
-        """As `validate --json` prints it."""
+        """Return the result as `validate --json` prints it."""
         straight: dict[str, JsonValue] = {
             line.axis: line.straightness.value_mm for line in self.lines
         }
@@ -308,7 +306,7 @@ def _repeated(test: RepeatabilityTest) -> dict[str, JsonValue]:
 
 
 def _pose(name: str, test: RepeatabilityTest) -> dict[str, JsonValue]:
-    """AP, its components and RP of one pose, each with U."""
+    """Return AP, its components and RP of one pose, each with U."""
     figures = {"ap": test.accuracy, "rp": test.rp}
     figures |= {f"ap_{axis}": each for axis, each in zip(AXES, test.components or (), strict=False)}
     return {
@@ -327,7 +325,7 @@ def _absolute(away_mm: Array) -> dict[str, JsonValue]:
 def evaluate_validation(
     shots: Shots, instrument: TrackerUncertainty, series: int = 0
 ) -> ValidationResult:
-    """Result of the accepted shots of a validation series.
+    """Return the result of the accepted shots of a validation series.
 
     `instrument` stands in for shots of which the tracker stated no uncertainty. The frame is that
     of the pairs, or of all shots where there are too few pairs.
@@ -363,7 +361,7 @@ def evaluate_validation(
 
 
 def latest_of_each_test(oldest_first: Iterable[ValidationResult]) -> ValidationResult | None:
-    """Validations of one stage as one: of each test the latest counts; None without any."""
+    """Return validations of one stage as one: of each test the latest counts; None without any."""
     found = None
     for each in oldest_first:
         found = each if found is None else each.over(found)
@@ -377,7 +375,7 @@ def distance_test(
     covariance_mm2: Array,
     common_mm2: Array | float = 0.0,
 ) -> DistanceTest | None:
-    """Distances of the whole pairs; None when there is none.
+    """Return distances of the whole pairs; None when there is none.
 
     As in the other tests `commanded` is (N, t), in mm and rad, the points are (N, 3) and their
     covariances (N, 3, 3); `common_mm2` is the pairs' variance by what all shots have in common.
@@ -396,7 +394,7 @@ def distance_test(
 
 
 def line_tests(commanded: Array, points_mm: Array, covariance_mm2: Array) -> tuple[LineTest, ...]:
-    """Every line of at least three shots, in the order x, y, z."""
+    """Return every line of at least three shots, in the order x, y, z."""
     along, found = line_axes(commanded[:, :3]), []
     for place, axis in enumerate(AXES):
         rows = np.flatnonzero(along == place)
@@ -409,7 +407,7 @@ def line_tests(commanded: Array, points_mm: Array, covariance_mm2: Array) -> tup
 
 
 def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> RotationTest | None:
-    """Motion of the point while only the platform should turn; None for fewer than two shots."""
+    """Return the motion of the point while only the platform turns; None for one shot."""
     if len(points_mm) < 2:
         return None
     first, second = point_sets.farthest_apart(points_mm)
@@ -421,7 +419,7 @@ def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> 
 def repeatability_test(
     commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
 ) -> RepeatabilityTest | None:
-    """Sphere about the mean of points at one commanded pose; None for fewer than two."""
+    """Return the sphere about the mean of points at one commanded pose; None for fewer than two."""
     if len(points_mm) < 2:
         return None
     radius = _longest(point_sets.away_from_mean(points_mm), covariance_mm2)
@@ -432,7 +430,7 @@ def repeatability_test(
 def cube_tests(
     commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
 ) -> tuple[RepeatabilityTest, ...]:
-    """Visits to each of ISO 9283's poses: P1 in the middle, the others in their turn about z.
+    """Return visits to each of ISO 9283's poses: P1 in the middle, the others about z.
 
     Poses of fewer than two visits are left out.
     """
@@ -456,7 +454,7 @@ def cube_tests(
 
 
 def line_axes(commanded_mm: Array) -> Index:
-    """Axis (0, 1, 2) of the line to which each commanded point belongs, (N,).
+    """Return the axis (0, 1, 2) of the line to which each commanded point belongs, (N,).
 
     Points (N, 3) come line by line, and along each line only one coordinate changes: a point is of
     the line of its predecessor as long as it differs from it along one axis alone.
@@ -472,91 +470,11 @@ def line_axes(commanded_mm: Array) -> Index:
     return axes
 
 
-@dataclass(frozen=True, slots=True)
-class ValidationVerdict:
-    """Verdict on a validation, and the decision on each limit."""
-
-    decision: Verdict
-    requirements: tuple[Requirement, ...]
-    worse: tuple[str, ...]
-    """Losses against before, in words."""
-    beyond: tuple[str, ...] = ()
-    """Limits that a reduced form breaks by itself somewhere in the workspace, in words."""
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons against it, or for leaving it open, in words."""
-        needed = (each for each in self.requirements if each.decision in ("fail", "not decided"))
-        return (*(each.in_words() for each in needed), *self.beyond, *self.worse)
-
-
-def validation_verdict(
-    found: ValidationResult | None,
-    limits: AcceptanceConfig,
-    worse: Iterable[str] = (),
-    beyond: Iterable[str] = (),
-) -> ValidationVerdict:
-    """Verdict by the limits, and by what is `worse` than before the parameters were loaded.
-
-    Nothing passes `beyond` what the controller's parameters can do all over the workspace.
-    """
-    needed, worse, beyond = tuple(_requirements(found, limits)), tuple(worse), tuple(beyond)
-    decisions = [each.decision for each in needed if each.decision is not None]
-    if worse:
-        decisions.append("fail")
-    if beyond:
-        decisions.append("not decided")
-    decision = decide_all(decisions) if decisions else NO_LIMIT
-    return ValidationVerdict(decision, needed, worse, beyond)
-
-
-def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[str]:
-    """Words on limits that a form breaks by itself somewhere in the workspace."""
-    if form is None:
-        return
-    for figure, lost_mm, limit_mm in (
-        ("mean", form.lost_mean_mm, limits.distance_mean_mm),
-        ("largest", form.lost_max_mm, limits.distance_max_mm),
-    ):
-        if limit_mm is not None and lost_mm > limit_mm:
-            yield (
-                f"the form of the identified parameters ({form.name}) {form.loses} of position "
-                f"over the workspace, limit for the {figure} distance {limit_mm:g} mm"
-            )
-
-
-def _requirements(
-    found: ValidationResult | None, limits: AcceptanceConfig
-) -> Iterator[Requirement]:
-    figures = {} if found is None else found.figures()
-    for name, limit in limits_by_figure(limits).items():
-        length = figures.get(name)
-        if length is None and limit is None and name in CUBE_FIGURES:
-            continue  # only made where it is asked for
-        if length is None:
-            yield Requirement(name, None, limit)
-        else:
-            yield Requirement(name, length.value_mm, limit, length.standard_uncertainty_mm)
-
-
-def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
-    """Limits by the names of `ValidationResult.figures`."""
-    return {
-        "distances, mean error": limits.distance_mean_mm,
-        "distances, largest error": limits.distance_max_mm,
-        "rotation": limits.rotation_mm,
-        **{f"straightness along {axis}": limits.straightness_mm for axis in AXES},
-        "repeatability, radius of the sphere": limits.repeatability_mm,
-        CUBE_FIGURES[0]: limits.pose_accuracy_mm,
-        CUBE_FIGURES[1]: limits.pose_repeatability_mm,
-    }
-
-
 def _most_mm(length: MeasuredLength) -> float:
     return length.value_mm + length.expanded_uncertainty_mm
 
 
 def _longest(away_mm: Array, covariance_mm2: Array) -> MeasuredLength:
-    """The longest of vectors (N, 3)."""
+    """Return the longest of vectors (N, 3)."""
     worst = int(np.argmax(np.linalg.norm(away_mm, axis=1)))
     return MeasuredLength(*length_with_std(away_mm[worst], covariance_mm2[worst]))

@@ -18,7 +18,7 @@ from drivers.bounded_files import CSV_BYTES
 
 
 def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection:
-    """Correction from the identified set to the nominal one.
+    """Return the correction from the identified set to the nominal one.
 
     σ are known where the set is that of an identification in the journal. Raises `ShotsMissing`
     without measured shots.
@@ -41,7 +41,7 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
 
 
 def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
-    """Identified robot of a file, by default the exported one, or else of the journal.
+    """Return the identified robot of a file, by default the exported one, or of the journal.
 
     Raises `ConfigInvalid`, and `VerdictBad` for an identification that did not pass.
     """

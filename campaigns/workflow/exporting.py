@@ -37,7 +37,7 @@ SHOTS_FILE = "shots.csv"
 
 
 def identified_robot(campaign: Campaign) -> RobotDocument:
-    """Nominal robot with the parameters of the latest identification.
+    """Return the nominal robot with the parameters of the latest identification.
 
     Raises `ShotsMissing` without one, and `VerdictBad` for one that did not pass.
     """
@@ -107,7 +107,7 @@ def export_plain(
 
 
 def plain_form(campaign: Campaign, robot: RobotFile) -> tuple[Kinematics, ReducedForm]:
-    """Plain parameters that come nearest to a robot's, and what they lose over the workspace.
+    """Return the nearest plain parameters to a robot's, and their loss over the workspace.
 
     The only place that says what is lost. Raises `IdentificationRefused`.
     """
@@ -128,7 +128,7 @@ def _form(controller: Kinematics, robot: RobotFile, poses: Array) -> ReducedForm
 
 
 def _workspace(campaign: Campaign) -> Array:
-    """Poses (N, t) all over the workspace: those at which every step judges positions."""
+    """Return poses (N, t) all over the workspace: those at which every step judges positions."""
     poses = campaign.workspace_sample()
     if poses is None:
         raise IdentificationRefused(
@@ -146,7 +146,7 @@ def recorded(
     by: CalibrationRoute = "parameters",
     form: ReducedForm | None = None,
 ) -> Iterator[None]:
-    """While the block writes a file for a controller, hold the journal that then records it.
+    """Hold the journal while the block writes a file for a controller, and then record it.
 
     Of corrected targets, of which there are many, only the first with a set is recorded.
     """

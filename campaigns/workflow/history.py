@@ -110,7 +110,7 @@ def _epoch_of(
 
 
 def _measured_utc(series: Series | None, at_utc: str) -> str:
-    """When the last shot was measured; of what the journal lacks, when it was judged."""
+    """Return when the last shot was measured, or, if the journal lacks it, judged."""
     return max((each.measured_utc for each in series.shots), default=at_utc) if series else at_utc
 
 
@@ -130,7 +130,7 @@ def _require_one_robot(campaigns: Sequence[Campaign]) -> None:
 
 
 def _identities(first: Campaign, other: Campaign) -> Iterator[tuple[str, str, str]]:
-    """What must be the same of two campaigns; a robot's serial number outranks its controller's."""
+    """Return what must be the same; a robot's serial number outranks its controller's."""
     yield "mechanism", first.robot.mechanism.name, other.robot.mechanism.name
     ours, theirs = (each.config.instruments.robot_serial for each in (first, other))
     yield "serial number", ours, theirs

@@ -178,7 +178,7 @@ def _measured(campaign: Campaign) -> tuple[Series, ...]:
 
 
 def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> Index | None:
-    """Order of time of the rows, (N,); None, and said why, where it is that of the file."""
+    """Return the order of time of the rows, (N,); None, and say why, if it is the file's."""
     order, lacking = time_order([row.time or "" for row in rows])
     if order is None:
         tell(f"{name}: {lacking}: the order of rows is taken as the order of time")

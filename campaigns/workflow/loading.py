@@ -19,7 +19,7 @@ from campaigns.controllers.load_journal import (
     load_history,
     standing_loads,
 )
-from campaigns.evaluation.validation import lost_beyond
+from campaigns.evaluation.verdict import lost_beyond
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import Finding
 from campaigns.measuring.run_state import SILENT, RunObserver
@@ -135,7 +135,7 @@ def _stopped(holds: str) -> errors.Interrupted:
 def _wanted(
     campaign: Campaign, options: LoadOptions
 ) -> tuple[Path, RobotFile, tuple[errors.ConfigInvalid, ...]]:
-    """File, its robot, and what was overruled of what speaks against it.
+    """Return the file, its robot, and what was overruled of what speaks against it.
 
     Raises `ConfigInvalid` unless that is overruled.
     """
@@ -196,7 +196,7 @@ class _Loading:
         return self._carry_out(source, robot, held, objections, takes_back=latest.number)
 
     def _held(self) -> dict[str, float]:
-        """What the controller holds; tells of a load without an end, and ends it in the journal."""
+        """Return what the controller holds; say and end a load without an end."""
         held = dict(self.controller.read_geometry())
         _, unended = load_history(self.journal)
         if unended is not None:
@@ -208,7 +208,7 @@ class _Loading:
     def _checked(
         self, source: Path, robot: RobotFile, held: Mapping[str, float], expected_serial: object
     ) -> tuple[errors.ConfigInvalid, ...]:
-        """Objections by the controller's serial number and parameters, overruled by force.
+        """Return objections by the controller's serial number and parameters, overruled by force.
 
         Raises `ConfigInvalid` without force, and for parameters that its kinematics lacks.
         """
@@ -277,7 +277,7 @@ class _Loading:
     def _measured_before(
         self, held: Mapping[str, float], shots: tuple[PlannedShot, ...]
     ) -> tuple[int, float]:
-        """Series and mean error, mm; whatever ends it says that nothing was written."""
+        """Return series and mean error, mm; whatever ends it says that nothing was written."""
         nothing = "nothing was written: the controller holds the old parameters"
         try:
             return self._measured("verify before", held, shots)
@@ -341,7 +341,7 @@ class _Loading:
         active: Mapping[str, float],
         shots: tuple[PlannedShot, ...],
     ) -> tuple[int, float]:
-        """Series of the pairs as the controller commands them now, and their mean error, mm."""
+        """Measure pairs as the controller commands them; return series and mean error, mm."""
         cell, terms = self.cell, self.terms
         assert cell is not None, "pairs are measured where they were asked for"
         work = validation.verification_work(self.campaign, stage, active, shots)

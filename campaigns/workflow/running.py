@@ -37,7 +37,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
 def known_shots(
     shots: Iterable[int], skip: tuple[int, ...], of: str = "plan.csv"
 ) -> frozenset[int]:
-    """Shots to skip; raises `OptionsInvalid` for one that is not among the shots."""
+    """Return the shots to skip; raise `OptionsInvalid` for one that is not among the shots."""
     unknown = sorted(set(skip) - {*shots})
     if unknown:
         raise OptionsInvalid(
@@ -66,7 +66,7 @@ class RunPreview:
 
 
 def state_by_journal(campaign: Campaign) -> ControllerState | None:
-    """State of the controller after the latest load in the journal; None without any.
+    """Return the state of the controller after the latest load in the journal; None without any.
 
     Joints are commanded in a run: nothing depends on it, and nobody is asked.
     """
@@ -80,7 +80,7 @@ def state_by_journal(campaign: Campaign) -> ControllerState | None:
 def run_preview(
     campaign: Campaign, seconds: float, work: Work, *, anew: bool = False
 ) -> RunPreview:
-    """What `run` would do now, by work that takes so long, journal and campaign.yaml.
+    """Return what `run` would do now, by work that takes so long, journal and campaign.yaml.
 
     Raises `ResumeRefused` as far as that can be known without one.
     """
@@ -106,7 +106,7 @@ def run_preview(
 
 
 def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, int] | None:
-    """What the whole plan will tell, and after how many shots a run's goal, if any, will be met.
+    """Return what the whole plan will show, and after how many shots a goal will be met.
 
     Raises `PlanInvalid` when even the whole plan will not meet it.
     """
@@ -116,7 +116,7 @@ def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, 
 
 
 def measured_before(campaign: Campaign, work: Work) -> RunResult | None:
-    """Series that has all that is wanted of this plan; None while it lacks something."""
+    """Return series that has all that is wanted of this plan; None while it lacks something."""
     if not campaign.journal_path.exists():
         return None
     with campaign.journal_reader() as journal:

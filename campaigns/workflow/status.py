@@ -64,7 +64,7 @@ class CampaignStatus:
 
 
 def campaign_status(campaign: Campaign) -> CampaignStatus:
-    """Status of a campaign; raises `JournalFailed` for a journal that cannot be read."""
+    """Return the status of a campaign; raise `JournalFailed` for a journal that cannot be read."""
     evaluation = evaluate(campaign)
     evidence, found = evaluation.evidence, evaluation.evidence.identification
     state = state_of(evaluation)
@@ -89,7 +89,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
 
 
 def phase(state: CampaignState) -> str:
-    """What a campaign has reached, in words."""
+    """Return what a campaign has reached, in words."""
     if state.reported and state.after:
         return "validated and reported"
     if state.after:
@@ -124,7 +124,7 @@ def _progress(evidence: Evidence, series: Series) -> StageProgress:
 
 
 def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str]:
-    """What was begun and not ended: of each stage its latest series, and a load."""
+    """Return what was begun and not ended: of each stage its latest series, and a load."""
     latest = {each.stage: each for each in series}
     yield from (f"series {s.series}, {s.says}" for s in latest.values() if not s.finished)
     if evidence.journal and evidence.journal.unended_load:
@@ -133,7 +133,7 @@ def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str
 
 
 def doubtful(evaluation: Evaluation) -> Iterator[str]:
-    """Findings of the identification that count, a bad check, and checks that do not hold."""
+    """Return findings that count, a bad check, and checks that do not hold."""
     found, check = evaluation.evidence.identification, evaluation.evidence.unanswered
     if found is None:
         return

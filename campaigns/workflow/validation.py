@@ -14,8 +14,8 @@ from campaigns.controllers.export import CalibrationRoute
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
-from campaigns.evaluation.campaign_verdict import CampaignVerdict
 from campaigns.evaluation.decision import NO_LIMIT
+from campaigns.evaluation.verdict import CampaignVerdict, ValidationVerdict
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
@@ -54,7 +54,7 @@ class Validated:
         return (found.before if self.stage == "before" else found.after) or self.result
 
     @property
-    def verdict(self) -> validation.ValidationVerdict:
+    def verdict(self) -> ValidationVerdict:
         """Verdict on the stage."""
         return self.evaluation.validated(self.stage)
 
@@ -74,7 +74,7 @@ class Validated:
 def validation_work(
     campaign: Campaign, active: Mapping[str, float], options: ValidationOptions
 ) -> tuple[Work, tuple[str, ...]]:
-    """Tests as work for the engine, and what had to be shortened or left out.
+    """Return tests as work for the engine, and what had to be shortened or left out.
 
     Planned with the parameters that are active in the controller, which takes the pose commands; by
     targets with the identified ones of the exported file, the active ones being the controller's.
@@ -96,7 +96,7 @@ def validation_work(
 
 
 def seconds_of(campaign: Campaign, work: Work) -> float:
-    """Time that work takes, by straight ways."""
+    """Return the time that work takes, by straight ways."""
     joints = np.array([step.planned.joints for step in work.steps])
     turns = np.abs(np.diff(work.robot.kinematics.comparable(joints), axis=0))
     return campaign.pace.seconds(len(joints), float(turns.max(axis=1, initial=0.0).sum()))
@@ -105,7 +105,7 @@ def seconds_of(campaign: Campaign, work: Work) -> float:
 def verification_pairs(
     campaign: Campaign, sets: Sequence[Mapping[str, float]], count: int
 ) -> tuple[PlannedShot, ...]:
-    """First validation pairs of the plan that every one of these parameter sets can be sent to.
+    """Return the first validation pairs that each of these parameter sets can be sent to.
 
     Raises `OptionsInvalid` when there are fewer than asked for.
     """
@@ -137,7 +137,7 @@ def verification_work(
     active: Mapping[str, float],
     shots: Sequence[PlannedShot],
 ) -> Work:
-    """Pairs as work for the engine, commanded by poses as in a validation.
+    """Return pairs as work for the engine, commanded by poses as in a validation.
 
     It ends at the centre, from where a safe way leads whichever parameters the controller holds.
     """
@@ -153,7 +153,7 @@ def verification_work(
 
 
 def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int, count: int) -> float:
-    """Mean error without signs of the distances of a series' pairs.
+    """Return the mean error without signs of the distances of a series' pairs.
 
     Raises `LoadNotVerified` if fewer than `count` pairs were measured.
     """
@@ -179,7 +179,7 @@ def wrong_stage(
     *,
     by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
-    """What speaks against measuring a stage while the controller holds these parameters.
+    """Return what forbids measuring a stage while the controller holds these parameters.
 
     `tell` hears of a load that was begun and not ended; its end is written into the journal.
     """
@@ -195,7 +195,7 @@ def wrong_state(
     stage: ValidationStage,
     by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
-    """Objection to a stage with a controller in this state; None without any."""
+    """Return the objection to a stage with a controller in this state; None without any."""
     nominal, rolled_back = held.kind == "nominal", f"`pkmcal load {campaign.folder} --rollback`"
     if nominal == (stage == "before" or by == "targets"):
         return None
@@ -222,7 +222,7 @@ def wrong_state(
 def replaced(
     campaign: Campaign, stage: ValidationStage, tests: frozenset[ShotSet] = TESTS
 ) -> OptionsInvalid | None:
-    """Objection to tests before calibration that were measured already and are the reference."""
+    """Return the objection to tests before calibration that were measured already."""
     if stage == "after":
         return None
     done = [each for each in gather(campaign).before if each.series.finished]
@@ -332,7 +332,7 @@ def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
 
 
 def _to_controlled_point(held: RobotFile) -> Correct | None:
-    """Poses to command where the reflector is on another part of the plate than they are of."""
+    """Return the poses to command where the reflector is on another part of the plate."""
     model, own = held.kinematics, held.kinematics.controlled
     same = own.mechanism == model.mechanism
     return None if same else TargetCorrection(model, own, held.limits).commanded

@@ -18,7 +18,7 @@ from campaigns.planning.steps import Step
 
 
 def known_sets(campaign: Campaign) -> KnownSets:
-    """Parameter sets that a controller of the campaign may hold."""
+    """Return the parameter sets that a controller of the campaign may hold."""
     if not campaign.journal_path.exists():
         return KnownSets.of(campaign.robot, ())
     with campaign.journal_reader() as journal:
@@ -33,7 +33,7 @@ def engine_work(
     digest: str,
     options: IdentificationOptions,
 ) -> Work:
-    """Work of these steps; `digest` is that of the parameter set whose kinematics is given."""
+    """Return the work of these steps; `digest` is that of the set whose kinematics is given."""
     robot, config = campaign.robot, campaign.config
     return Work(
         stage=stage,
@@ -62,7 +62,7 @@ def engine_work(
 
 
 def _park_joints(campaign: Campaign, kinematics: Kinematics) -> tuple[float, ...]:
-    """Joints of `run.park_mm`, the plate unturned; () without it. Raises `ConfigInvalid`."""
+    """Return joints of `run.park_mm`, the plate unturned; () without it. Raise `ConfigInvalid`."""
     park_mm = campaign.config.run.park_mm
     if park_mm is None:
         return ()

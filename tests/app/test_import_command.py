@@ -5,8 +5,8 @@ import pytest
 
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
-from campaigns.controllers.programs import joints_path
 from campaigns.journal.views import Series
+from campaigns.workflow.programs import joints_path
 
 JOINTS = np.random.default_rng(5).uniform(5.0, 45.0, (12, 3))
 

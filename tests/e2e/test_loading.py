@@ -7,7 +7,7 @@ from command_line import Keyboard
 
 import campaigns.workflow.loading
 from campaigns.journal.journal import read_journal
-from campaigns.journal.records import Event, Finding
+from campaigns.journal.records import Finding
 
 
 def test_load_verifies_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
@@ -57,26 +57,3 @@ def test_the_question_names_the_controller_that_is_written_to(pkmcal, exported, 
     assert "these parameters into controller SIM-C-0001" in refused.err
     assert "not confirmed, nothing was done" in refused.err
     assert not list(exported.glob("controller-before-*"))
-
-
-@pytest.mark.long
-def test_the_wrong_stage_is_refused_and_gone_on_with_anyway(pkmcal, exported):
-    distances = ("--only", "distances", "--yes")
-    refused = pkmcal("validate", exported, "--stage", "after", *distances)
-    assert refused.code == 2
-    assert "--stage after: the controller still holds the nominal" in refused.error_line
-    assert pkmcal("load", exported, "--yes").code == 0
-    before = ("validate", exported, "--stage", "before", *distances)
-    refused = pkmcal(*before)
-    assert refused.code == 2
-    assert "the controller holds what was identified in this campaign" in refused.error_line
-    assert pkmcal(*before, "--anyway").code == 0
-    assert pkmcal("load", exported, "--rollback", "--yes").code == 0
-    ended = pkmcal("validate", exported, "--stage", "after", *distances, "--anyway")
-    assert ended.code == 1
-    assert "not good: distances, mean error" in ended.out
-    assert "× more" in ended.out.partition("Gain (mm)")[2]
-    with read_journal(exported / "campaign.db") as journal:
-        texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "wrong stage"]
-    assert len(texts) == 2
-    assert "still holds the nominal parameters" in texts[1]

@@ -54,13 +54,6 @@ def test_targets_one_after_another_follow_the_sides_that_joints_come_from(member
 
 
 @some_members
-def test_identical_parameters_correct_nothing(member):
-    correction = TargetCorrection(member.nominal, member.nominal, member.limits)
-    wanted = member.poses(60)
-    assert np.abs(correction.commanded(wanted).values_or_raise() - wanted).max() < 1e-9
-
-
-@some_members
 def test_the_first_pose_out_of_reach_is_named(member):
     correction = correction_of(member)
     wanted = member.poses(5)

@@ -149,14 +149,6 @@ def test_set_that_was_not_exported_is_missed_with_the_command_that_writes_it(cam
     assert missed.value.remedy.startswith("`pkmcal export ")
 
 
-def test_right_file_is_loaded_and_nothing_is_overruled(campaign: Campaign) -> None:
-    controller = Controller()
-    found = loaded(campaign, controller, force=True)
-    assert controller.held == new_set(campaign)
-    assert (found.outcome, found.forced) == ("loaded", ())
-    assert [kind for kind, _ in findings(campaign)] == ["load begun", "load"]
-
-
 def test_robots_own_tolerance_counts(campaign: Campaign) -> None:
     path = campaign.path("robot.yaml")
     stated = path.read_text("utf-8") + "tolerance: {length_mm: 0.5, angle_deg: 5.0}\n"
@@ -509,12 +501,6 @@ def test_a_stage_is_wrong_while_the_other_ones_parameters_are_loaded(campaign: C
     assert wrong is not None
     assert "holds neither nominal nor identified parameters" in wrong.problem
     assert f"`pkmcal load {campaign.folder} --file {campaign.path('robot.yaml')}`" in wrong.remedy
-
-
-def test_parameters_of_a_new_campaign_need_no_journal(tmp_path: Path) -> None:
-    campaign = new_campaign(tmp_path / "new").campaign
-    assert wrong_stage(campaign, OLD, "before") is None
-    assert not campaign.journal_path.exists()
 
 
 @pytest.mark.parametrize(

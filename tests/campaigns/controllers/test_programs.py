@@ -10,9 +10,8 @@ from command_line import change
 from app.main import run_command
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
-from campaigns.controllers.programs import is_program_there
 from campaigns.errors import OptionsInvalid
-from campaigns.evidence import evaluate
+from campaigns.evidence import evaluate, is_program_there
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions, ProgramOptions
@@ -61,8 +60,8 @@ def test_program_stops_at_each_shot_of_the_plan_in_order_and_says_which_plan(cam
     text, digest = run.path.read_text(), plan_digest(shots, robot.mechanism)
     assert text.isascii()
     assert digest in text
-    assert is_program_there(campaign.folder, "run", lambda: digest)
-    assert not is_program_there(campaign.folder, "run", lambda: "another")
+    assert is_program_there(campaign.folder, "run", digest)
+    assert not is_program_there(campaign.folder, "run", "another")
     assert state_of(evaluate(campaign)).program
     assert len(stops(before.path, robot.mechanism.task)[0]) == before.shots
 
@@ -101,7 +100,7 @@ def test_program_after_calibration_is_of_what_was_written_for_the_controller(who
     assert len(unseen) == len(pairs) >= 4
     wanted_joints = identified.inverse(np.array([pose_row(s.pose) for s in unseen])).values
     assert np.abs(own[: len(pairs)] - np.degrees(wanted_joints)).max() < 1e-5
-    assert is_program_there(folder, "after", lambda: written.digest)
+    assert is_program_there(folder, "after", written.digest)
 
 
 def test_program_after_is_refused_before_an_export_and_its_options_without_a_program(campaign):

@@ -24,14 +24,6 @@ def rms(controller, robot, poses):
 
 
 @some_members
-def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
-    poses = member.poses(100)
-    plain = project_plain(member.perturbed, poses)
-    assert position_errors(plain, member.perturbed, poses).max() < 1e-9
-    assert position_errors(member.nominal, member.perturbed, poses).mean() > 0.3
-
-
-@some_members
 def test_no_other_values_leave_less(member):
     """Neither the full ones without their extensions, nor any small change of a value."""
     robot, poses = slightly_tilted(member), member.poses(150)

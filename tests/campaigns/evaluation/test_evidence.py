@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import latest_identification
-from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.summary import summary
-from campaigns.evaluation.validation import CUBE_FIGURES
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification import findings
 from campaigns.identification.identify import identify
@@ -86,17 +84,6 @@ def test_a_validation_says_what_its_shots_say(
     straight = np.split(points_mm(accepted(whole, stage, ShotSet.STRAIGHTNESS)), 3)
     for axis, line in zip("xyz", straight, strict=True):
         assert found.line(axis).straightness.value_mm == pytest.approx(away_from_line(line))
-
-
-def test_ap_and_rp_are_those_of_the_visits_to_the_cube(
-    whole: PaperCampaign, evaluation: Evaluation
-) -> None:
-    ap, rp = iso_rows(evaluation.after)
-    assert (ap.name, rp.name) == CUBE_FIGURES
-    assert None not in {ap.figure, rp.figure}
-    cube = points_mm(accepted(whole, "after", ShotSet.ISO_CUBE))
-    away = 0.5 * np.linalg.norm(cube[:5] - cube[5:], axis=1)  # of two visits each, and so S is 0
-    assert rp.figure.value_mm == pytest.approx(away.max())
 
 
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:

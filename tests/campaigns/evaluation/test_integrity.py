@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
-from campaigns.evaluation.campaign_verdict import Check
+from campaigns.evaluation.verdict import Check
 from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.identification.findings import HOLD_OUT, Finding
 from campaigns.journal.records import SeriesStarted

@@ -1,0 +1,275 @@
+"""Verdicts on a validation and on a campaign, and the gains of calibration, each with its U."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import AXES
+from campaigns.evaluation.decision import (
+    COVERAGE,
+    NO_LIMIT,
+    Decision,
+    Requirement,
+    Verdict,
+    decide_all,
+)
+from campaigns.evaluation.summary import BeforeAfter
+from campaigns.evaluation.validation import CUBE_FIGURES, MeasuredLength, ValidationResult
+from campaigns.robots.reduced_form import ReducedForm
+from campaigns.settings.sections import AcceptanceConfig
+
+RULE = (
+    "Decision rule (ISO 14253-1): a limit is met if |e| + U ≤ limit, and not met if "
+    "|e| − U > limit; otherwise no decision is made. U = 2 u is the expanded uncertainty of "
+    "measurement (k = 2, about 95 %). All passes only if the identification passed, every limit "
+    "is met, the files belong together, and no check found the robot changed."
+)
+HEADLINES: Mapping[Verdict, str] = {
+    "pass": "All limits are met, the uncertainty of measurement included.",
+    "fail": "The calibration, or the robot after it, does not meet its requirements.",
+    "not decided": "Conformity is neither shown nor ruled out.",
+}
+NO_CHANGE = "no change shown"
+JUDGED = "distances, mean error"
+"""The figure that must not become worse."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Figure before and after; None: not measured in that stage.
+
+    The uncertainties hold the robot's own scatter, so far as it is known: the two stages are of
+    different visits.
+    """
+
+    name: str
+    before: MeasuredLength | None
+    after: MeasuredLength | None
+
+    @property
+    def expanded_uncertainty_mm(self) -> float | None:
+        """U of the difference, k = 2; None without both."""
+        if self.before is None or self.after is None:
+            return None
+        both = self.before.standard_uncertainty_mm, self.after.standard_uncertainty_mm
+        return COVERAGE * float(np.hypot(*both))
+
+    @property
+    def shown(self) -> bool | None:
+        """Significance: the difference is larger than its U; None without both."""
+        expanded_mm = self.expanded_uncertainty_mm
+        if self.before is None or self.after is None or expanded_mm is None:
+            return None
+        return abs(self.after.value_mm - self.before.value_mm) > expanded_mm
+
+    def in_words(self) -> str:
+        """Return the name, both values, and whether they differ."""
+        values = (each.value_mm for each in (self.before, self.after) if each is not None)
+        told = f"{self.name} {' → '.join(f'{value:.3f}' for value in values)} mm"
+        return f"{told} ({NO_CHANGE})" if self.shown is False else told
+
+
+def gains(before: ValidationResult | None, after: ValidationResult | None) -> tuple[Gain, ...]:
+    """Return every figure that was measured in at least one stage."""
+    old, new = (stage.comparable_figures() if stage else {} for stage in (before, after))
+    every = (Gain(name, old.get(name), new.get(name)) for name in {**new, **old})
+    return tuple(each for each in every if each.before or each.after)
+
+
+def worse_than_before(all_gains: Iterable[Gain]) -> Iterator[str]:
+    """Say that the mean error of distances became larger, beyond its uncertainty."""
+    for gain in all_gains:
+        if gain.name == JUDGED and gain.shown and gain.before and gain.after:
+            before_mm, after_mm = gain.before.value_mm, gain.after.value_mm
+            if after_mm > before_mm:
+                yield f"{JUDGED} {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
+
+
+def gained_in_words(all_gains: Iterable[Gain], unseen: BeforeAfter | None) -> str:
+    """Return the gain in distances as commanded, or else of hold-out pairs by the model.
+
+    Empty where neither was compared.
+    """
+    told = [gain.in_words() for gain in all_gains if gain.shown is not None]
+    if told:
+        return f"Measured before and after: {'; '.join(told[:2])}."
+    if unseen is None:
+        return ""
+    return (
+        "By the model, not yet by the commanded robot: distances of hold-out pairs, mean error "
+        f"{unseen.before.mean_abs:.3f} → {unseen.after.mean_abs:.3f} mm, largest "
+        f"{unseen.before.max_abs:.3f} → {unseen.after.max_abs:.3f} mm."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationVerdict:
+    """Verdict on a validation, and the decision on each limit."""
+
+    decision: Verdict
+    requirements: tuple[Requirement, ...]
+    worse: tuple[str, ...]
+    """Losses against before, in words."""
+    beyond: tuple[str, ...] = ()
+    """Limits that a reduced form breaks by itself somewhere in the workspace, in words."""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons against it, or for leaving it open, in words."""
+        needed = (each for each in self.requirements if each.decision in ("fail", "not decided"))
+        return (*(each.in_words() for each in needed), *self.beyond, *self.worse)
+
+
+def validation_verdict(
+    result: ValidationResult | None,
+    limits: AcceptanceConfig,
+    worse: Iterable[str] = (),
+    beyond: Iterable[str] = (),
+) -> ValidationVerdict:
+    """Return the verdict by the limits, and by what is `worse` than before loading.
+
+    Nothing passes `beyond` what the controller's parameters can do all over the workspace.
+    """
+    figures = {} if result is None else result.figures()
+    requirements = tuple(_requirements(figures, limits))
+    decisions = [each.decision for each in requirements if each.decision is not None]
+    worse, beyond = tuple(worse), tuple(beyond)
+    if worse:
+        decisions.append("fail")
+    if beyond:
+        decisions.append("not decided")
+    decision = decide_all(decisions) if decisions else NO_LIMIT
+    return ValidationVerdict(decision, requirements, worse, beyond)
+
+
+def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[str]:
+    """Name the limits that a form breaks by itself somewhere in the workspace."""
+    if form is None:
+        return
+    for figure, lost_mm, limit_mm in (
+        ("mean", form.lost_mean_mm, limits.distance_mean_mm),
+        ("largest", form.lost_max_mm, limits.distance_max_mm),
+    ):
+        if limit_mm is not None and lost_mm > limit_mm:
+            yield (
+                f"the form of the identified parameters ({form.name}) {form.loses} of position "
+                f"over the workspace, limit for the {figure} distance {limit_mm:g} mm"
+            )
+
+
+def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
+    """Return the limits by the names of `ValidationResult.figures`."""
+    return {
+        "distances, mean error": limits.distance_mean_mm,
+        "distances, largest error": limits.distance_max_mm,
+        "rotation": limits.rotation_mm,
+        **{f"straightness along {axis}": limits.straightness_mm for axis in AXES},
+        "repeatability, radius of the sphere": limits.repeatability_mm,
+        CUBE_FIGURES[0]: limits.pose_accuracy_mm,
+        CUBE_FIGURES[1]: limits.pose_repeatability_mm,
+    }
+
+
+def _requirements(
+    figures: Mapping[str, MeasuredLength | None], limits: AcceptanceConfig
+) -> Iterator[Requirement]:
+    for name, limit in limits_by_figure(limits).items():
+        length = figures.get(name)
+        if length is not None:
+            yield Requirement(name, length.value_mm, limit, length.standard_uncertainty_mm)
+        elif limit is not None or name not in CUBE_FIGURES:  # which is measured only on request
+            yield Requirement(name, None, limit)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Statement about the files, and whether it holds; None: there is nothing to compare."""
+
+    statement: str
+    holds: bool | None
+    detail: str
+    decides: bool = True
+    """Whether nothing can pass when it does not hold."""
+
+
+def same_digest(statement: str, one: str | None, other: str | None) -> Check:
+    """Check that two digests agree."""
+    if not one or not other:
+        return Check(statement, None, "nothing to compare")
+    if one == other:
+        return Check(statement, holds=True, detail=f"sha256 {one[:16]}…")
+    return Check(statement, holds=False, detail=f"sha256 {one[:16]}… is not {other[:16]}…")
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationVerdict:
+    """Decision on an identification, and its reasons."""
+
+    decision: Decision
+    reasons: tuple[str, ...]
+    accepted: tuple[str, ...] = ()
+    """Doubts that somebody accepted, in words."""
+
+    def __str__(self) -> str:
+        told = "passed: " if self.decision == "pass" else f"is {self.decision}: "
+        return f"The identification {told}{'; '.join(self.reasons)}."
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignVerdict:
+    """Verdict as a whole, and the reasons, a sentence each."""
+
+    decision: Verdict
+    headline: str
+    reasons: tuple[str, ...]
+    requirements: tuple[Requirement, ...]
+
+    @property
+    def says(self) -> str:
+        """The verdict and its reasons."""
+        return f"{self.decision}: {' '.join(self.reasons)}"
+
+
+def campaign_verdict(
+    identification: IdentificationVerdict | None,
+    after: ValidationVerdict,
+    checks: Sequence[Check],
+    *,
+    validated: bool,
+    notes: tuple[str, ...] = (),
+    gained: str = "",
+) -> CampaignVerdict:
+    """Pass only if the identification passed, all limits are met and the files agree.
+
+    `validated`: whether the robot was measured after calibration. `notes`: sentences that a reader
+    of the verdict needs. `gained`: what calibration gained, stated where no limit is set.
+    """
+    broken = [check for check in checks if check.holds is False]
+    decisions: list[Decision] = ["not decided" for check in broken if check.decides]
+    decisions.append("not decided" if identification is None else identification.decision)
+    limited = [each for each in after.requirements if each.limit is not None]
+    decision: Verdict = NO_LIMIT
+    if after.decision != NO_LIMIT:
+        decision = decide_all([*decisions, after.decision])
+    elif limited or set(decisions) != {"pass"}:
+        decision = decide_all([*decisions, "not decided"])
+    headline = HEADLINES.get(decision, "")
+    if not limited and decision != "fail":
+        headline = f"{gained} No limits are set, so no conformity is stated.".strip()
+    reasons = [str(identification or "Nothing has been identified yet.")]
+    if identification is not None:
+        reasons += [f"Accepted all the same: {doubt}." for doubt in identification.accepted]
+    if not limited:
+        reasons.append("No limit is set under `acceptance` in campaign.yaml.")
+    elif not validated:
+        reasons.append("The robot has not been validated after calibration: no limit is decided.")
+    else:
+        for word in ("fail", "not decided", "pass"):
+            names = [each.name for each in limited if each.decision == word]
+            reasons += [f"{word.capitalize()}: {'; '.join(names)}."] if names else []
+    reasons += [f"Not shown: {reason}." for reason in after.beyond]
+    reasons += [f"Worse: {reason}." for reason in after.worse]
+    reasons += notes
+    reasons += [f"Not confirmed: {check.statement} ({check.detail})." for check in broken]
+    return CampaignVerdict(decision, headline, tuple(reasons), after.requirements)
