@@ -17,7 +17,7 @@ from campaigns.settings.option import Option
 from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
-from sim.scenarios.adaptation import OtherRobot, adapted, computing_all
+from sim.scenarios.adaptation import adapted, computing_all
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
 DEFAULT_ROBOT = "par4-prototype"
@@ -205,13 +205,13 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     joint = robot.mechanism.joints[0]
     low, high = robot.limits.joint
     x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()
-    wanted = OtherRobot(
+    return adapted(
+        scenario_text(scenario, seed),
         robot.mechanism.name,
         {name: robot.parameters[name] for name in robot.mechanism.parameters.names},
         (joint.to_file(low), joint.to_file(high)),
         (x_mm, y_mm, z_mm),
     )
-    return adapted(scenario_text(scenario, seed), wanted)
 
 
 def _device(

@@ -1,12 +1,11 @@
 """A scenario for another robot than it was written for: its errors as large, its cell the same.
 
 Named errors of one robot mean nothing to another: they become tolerances of the same size, drawn by
-the seed. What is told of cranks' angles is told of carriages by the way of a typical crank's end.
+the seed. What holds for cranks' angles holds for carriages by the way of a typical crank's end.
 """
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
@@ -16,79 +15,66 @@ from sim.robot.section import ENTRIES_OF_AN_ARM
 from sim.scenarios.scenario import edited, parse_scenario
 from sim.section import Point
 
-ARCMIN = math.radians(1.0 / 60.0)
-ARCSEC = math.radians(1.0 / 3600.0)
+MM_PER_ARCMIN = CRANK_MM * math.radians(1.0 / 60.0)
+MM_PER_ARCSEC = MM_PER_ARCMIN / 60.0
 SAME_WITHIN = {"mm": 20.0, "deg": 5.0}
 """Robots nearer than that are one, before and after a calibration."""
-REFLECTOR_HEIGHT_MM = -45.0
-DIGITS = 6
 
 
-@dataclass(frozen=True, slots=True)
-class OtherRobot:
-    """Robot for which a cell is wanted, in mm and deg."""
+def adapted(
+    text: str,
+    mechanism: str,
+    geometry: Mapping[str, float],
+    joint_limits: tuple[float, float],
+    centre_mm: Point,
+) -> str:
+    """Adapt a cell file to a robot, unless it is of that robot; raises `ScenarioInvalid`.
 
-    mechanism: str
-    geometry: Mapping[str, float]
-    """By flat name."""
-    joint_limits: tuple[float, float]
-    """In the unit of its joints."""
-    centre_mm: Point
-
-    @property
-    def kind(self) -> Kind:
-        """Parts of which it is built."""
-        return KINDS[self.mechanism]
-
-
-def adapted(text: str, robot: OtherRobot) -> str:
-    """Adapt a cell file to a robot, unless it is of that robot; raises `ScenarioInvalid`."""
-    if robot.mechanism not in KINDS:
+    Its geometry is by flat name, mm and deg, its limits are in the unit of its joints.
+    """
+    if mechanism not in KINDS:
         raise ScenarioInvalid(
-            f"no simulated cell has a robot of the kind {robot.mechanism}",
+            f"no simulated cell has a robot of the kind {mechanism}",
             remedy="give --controller and --tracker, or --offline",
         )
-    scenario = parse_scenario(text, "the scenario")
-    same_kind = scenario.robot.kind is robot.kind
-    if same_kind and _is_same(robot.kind, scenario.robot.nominal_flat(), robot.geometry):
+    kind, present = KINDS[mechanism], parse_scenario(text, "the scenario").robot
+    if kind is present.kind and _is_same(kind, present.nominal_flat(), geometry):
         return text
 
     def fit(tree: CommentedMap) -> None:
-        _fit_robot(tree["robot"], robot, scenario.robot.kind)
-        _fit_controller(tree, robot)
-        if robot.kind.turn is None:
+        robot, controller = tree["robot"], tree.setdefault("controller", CommentedMap())
+        robot.pop("nominal", None)
+        if kind is not present.kind:
+            _spread_errors(robot, present.kind)
+            _fit_arms(robot, kind)
+            if kind.on_rails:
+                _fit_drives(robot)
+            robot.insert(0, "mechanism", mechanism)
+        robot.insert(1, "geometry", _geometry(kind, geometry))
+        robot["workspace_centre_mm"] = _row(*centre_mm)
+        if kind.turns_point:
+            robot.setdefault("reflector", {})["offset_mm"] = _row(0.0, 0.0, -45.0)
+            robot.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
+        controller.pop("geometry_errors", None)
+        controller[f"joint_limits_{kind.unit}"] = _row(*joint_limits)
+        controller["start"] = CommentedMap(zip(("x_mm", "y_mm", "z_mm"), centre_mm, strict=True))
+        controller["start"].fa.set_flow_style()
+        if kind.turn is None:
             tree.get("acceptance", {}).pop("rotation_mm", None)
 
-    return _checked(edited(text, fit), f"the scenario for {robot.mechanism}")
-
-
-def computing_all(text: str) -> str:
-    """Let a cell file's controller compute plate tilt and gears; raises `ScenarioInvalid`."""
-
-    def tell(tree: CommentedMap) -> None:
-        controller = tree.setdefault("controller", CommentedMap())
-        controller |= {"computes_plate_tilt": True, "computes_transmission": True}
-
-    return _checked(edited(text, tell), "the scenario whose controller computes all")
-
-
-def _checked(text: str, name: str) -> str:
-    parse_scenario(text, name)
+    text = edited(text, fit)
+    parse_scenario(text, f"the scenario for {mechanism}")
     return text
 
 
-def _fit_robot(section: CommentedMap, robot: OtherRobot, before: Kind) -> None:
-    """Set another geometry, and errors as large as those of the one before."""
-    section.pop("nominal", None)
-    if before is not robot.kind:
-        _spread_errors(section, before)
-        _fit_arms(section, robot.kind)
-        section.insert(0, "mechanism", robot.mechanism)
-    section.insert(1, "geometry", _geometry(robot))
-    section["workspace_centre_mm"] = _row(list(robot.centre_mm))
-    if robot.kind.turns_point:
-        section.setdefault("reflector", {})["offset_mm"] = _row([0.0, 0.0, REFLECTOR_HEIGHT_MM])
-        section.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
+def computing_all(text: str) -> str:
+    """Let a cell file's controller compute plate tilt and gears."""
+
+    def fit(tree: CommentedMap) -> None:
+        controller = tree.setdefault("controller", CommentedMap())
+        controller |= {"computes_plate_tilt": True, "computes_transmission": True}
+
+    return edited(text, fit)
 
 
 def _is_same(kind: Kind, flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -96,25 +82,25 @@ def _is_same(kind: Kind, flat: Mapping[str, float], other: Mapping[str, float]) 
     return all(abs(flat[name] - other[name]) <= within[name] for name in flat)
 
 
-def _geometry(robot: OtherRobot) -> CommentedMap:
-    arms = [CommentedMap() for _ in range(robot.kind.arms)]
+def _geometry(kind: Kind, flat: Mapping[str, float]) -> CommentedMap:
+    arms = [CommentedMap() for _ in range(kind.arms)]
     whole = CommentedMap(arms=arms)
-    for name, (arm, field) in robot.kind.parameters.items():
+    for name, (arm, field) in kind.parameters.items():
         holder = whole if arm is None else arms[arm]
-        holder[field.key] = robot.geometry[name]
-    for each in arms:
-        each.fa.set_flow_style()
+        holder[field.key] = flat[name]
+    for row in arms:
+        row.fa.set_flow_style()
     return whole
 
 
-def _row(values: list[float]) -> CommentedSeq:
+def _row(*values: float) -> CommentedSeq:
     row = CommentedSeq(values)
     row.fa.set_flow_style()
     return row
 
 
 def _spread_errors(section: CommentedMap, kind: Kind) -> None:
-    """Return the tolerances of the size (rms) of the errors that are named."""
+    """Replace the named errors by tolerances of their size (rms)."""
     errors = section.pop("errors", None)
     if not errors:
         return
@@ -133,38 +119,26 @@ def _tolerance_of(field: Field) -> str:
 
 
 def _fit_arms(section: CommentedMap, kind: Kind) -> None:
-    """Convert the entries of each joint to as many joints, in their unit."""
-    told = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
-    if backlash := told["backlash_arcmin"]:
-        size = sum(backlash) / len(backlash)
-        key = "backlash_mm" if kind.on_rails else "backlash_arcmin"
-        size = round(size * ARCMIN * CRANK_MM, DIGITS) if kind.on_rails else size
-        section[key] = _row([size] * kind.arms)
-    if kind.on_rails:
-        _fit_drives(section)
-    repeatability = section.get("repeatability", {})
-    if kind.on_rails and (noise := repeatability.pop("joint_arcsec", None)):
-        repeatability["joint_mm"] = round(noise * ARCSEC * CRANK_MM, DIGITS)
+    """Replace the entries of each arm by a backlash of the mean size at as many arms."""
+    entries = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
+    if backlash := entries["backlash_arcmin"]:
+        mean = sum(backlash) / len(backlash)
+        size = round(mean * MM_PER_ARCMIN, 6) if kind.on_rails else mean
+        section["backlash_mm" if kind.on_rails else "backlash_arcmin"] = _row(*[size] * kind.arms)
 
 
 def _fit_drives(section: CommentedMap) -> None:
     """Replace motors and gears by screws and drives of carriages; rings of encoders go."""
-    told, weight = section.get("transmission", {}), section.get("weight", {})
+    gears = section.get("transmission", {})
     for key in ("eccentricity_um", "ring_mm"):
-        told.pop(key, None)
-    if ripple := told.pop("ripple_arcsec", None):
-        told["ripple_mm"] = round(ripple * ARCSEC * CRANK_MM, DIGITS)
-    if turns := told.pop("ripples_per_turn", None):
-        told["pitch_mm"] = round(2.0 * math.pi * CRANK_MM / turns, DIGITS)
-    if stiffness := weight.pop("gear_nm_per_arcmin", None):
-        weight["drive_n_per_um"] = round(stiffness / ARCMIN / CRANK_MM**2, DIGITS)
-
-
-def _fit_controller(tree: CommentedMap, robot: OtherRobot) -> None:
-    """Set limits and start of the robot."""
-    controller = tree.setdefault("controller", CommentedMap())
-    controller.pop("geometry_errors", None)
-    controller[f"joint_limits_{robot.kind.unit}"] = _row(list(robot.joint_limits))
-    start = CommentedMap(zip(("x_mm", "y_mm", "z_mm"), robot.centre_mm, strict=True))
-    start.fa.set_flow_style()
-    controller["start"] = start
+        gears.pop(key, None)
+    for name, key, key_of_drives, factor in (
+        ("repeatability", "joint_arcsec", "joint_mm", MM_PER_ARCSEC),
+        ("transmission", "ripple_arcsec", "ripple_mm", MM_PER_ARCSEC),
+        ("weight", "gear_nm_per_arcmin", "drive_n_per_um", 1.0 / MM_PER_ARCMIN / CRANK_MM),
+    ):
+        part = section.get(name, {})
+        if size := part.pop(key, None):
+            part[key_of_drives] = round(size * factor, 6)
+    if turns := gears.pop("ripples_per_turn", None):
+        gears["pitch_mm"] = round(2.0 * math.pi * CRANK_MM / turns, 6)

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from functools import lru_cache
 from importlib.resources import files
 from io import StringIO
 from pathlib import Path
@@ -22,7 +21,6 @@ SCHEMA = "pkmcal/cell/1"
 VALUE_SHOWN = 40
 SUFFIX = ".yaml"
 FOLDED_AT = 80
-SCENARIOS_KEPT = 16
 _TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
 REMOVED = {
     "controller.joints_from": "leave it out: beside a real controller a cell follows its joints",
@@ -52,18 +50,6 @@ def load_scenario(name_or_path: str) -> Scenario:
 
 def parse_scenario(text: str, name: str) -> Scenario:
     """Parse a scenario; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
-    try:
-        return _scenario_of(text)
-    except ScenarioInvalid:
-        return _parsed(text, name)  # refused again, by its name
-
-
-@lru_cache(maxsize=SCENARIOS_KEPT)
-def _scenario_of(text: str) -> Scenario:
-    return _parsed(text, "")
-
-
-def _parsed(text: str, name: str) -> Scenario:
     try:
         tree = bounded_files.loaded_yaml(
             bounded_files.bounded(YAML(typ="safe", pure=True)), text, name
