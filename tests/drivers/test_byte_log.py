@@ -30,10 +30,6 @@ def test_both_directions_and_failures_are_logged_and_passed_on(caplog):
     ]
 
 
-def test_packet_is_logged_in_hexadecimal_digits():
-    assert readable(b"\x00AT401\xff") == "00 41 54 34 30 31 ff"
-
-
 @given(st.binary(max_size=60))
 def test_no_byte_is_lost_and_every_line_can_be_printed(data):
     shown = readable(data)

@@ -55,15 +55,6 @@ def test_a_robot_repeats_as_well_as_its_scenario_says(scenario, seed, least_mm, 
     assert least_mm < radius_mm(approaches(cell, seed)) < most_mm
 
 
-def test_the_same_seed_measures_the_same_and_another_seed_does_not():
-    scenario, poses = load_scenario("realistic"), around(10, seed=3)
-    first, _ = visited(Cell(scenario, seed=5), poses)
-    again, _ = visited(Cell(scenario, seed=5), poses)
-    other, _ = visited(Cell(scenario, seed=6), poses)
-    assert np.array_equal(first, again)
-    assert not np.allclose(first, other, atol=1e-3)
-
-
 def test_how_long_somebody_waits_does_not_change_what_is_measured():
     scenario, poses = load_scenario("realistic"), around(6, seed=4)
     quick, slow = Cell(scenario), Cell(scenario)
@@ -179,8 +170,3 @@ def remembered(**changes):
 def test_a_damaged_memory_is_refused(memory):
     with pytest.raises(SimError, match="delete the simulated cell's memory"):
         Cell(load_scenario("realistic"), memory=memory)
-
-
-def test_the_memory_of_another_seed_is_refused():
-    with pytest.raises(SimError, match="seed 1, not 2"):
-        Cell(load_scenario("realistic"), seed=2, memory=remembered())

@@ -13,7 +13,7 @@ from drivers.by_hand import (
     recorded_measurement,
 )
 from drivers.declaration import RobotSurroundings, Surroundings
-from drivers.errors import AddressInvalid, DeviceRefused, NotAMeasurement
+from drivers.errors import AddressInvalid, DeviceRefused
 from drivers.values import Pose
 
 TARGET_DEG = (12.5, -7.25, 0.0, 89.99)
@@ -136,8 +136,3 @@ def test_point_before_pasted_again_is_asked_for_again_unless_it_is_given_twice()
     points = [device.measure().point_in_tracker_mm for _ in range(3)]
     assert points == [(1, 2, 3), (1, 2, 4), (1, 2, 4)]
     assert sum("point before, to the last digit" in asked for asked in person.asked) == 2
-
-
-def test_no_point_is_no_measurement():
-    with pytest.raises(NotAMeasurement, match="no point was given"):
-        tracker(Person("-")).measure()

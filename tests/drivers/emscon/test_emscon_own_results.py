@@ -60,11 +60,6 @@ class TestSameAgain:
         station.instrument.result = replace(RESULT, std=(0.0,) * 3, std_total=0.0)
         assert station.tracker.measure() == station.tracker.measure()
 
-    def test_all_but_ideal_simulated_tracker_measures_one_pose_again_and_again(self):
-        station = SimulatedStation(noise_mm=1e-6)
-        points_mm = [station.measured_mm() for _ in range(5)]
-        assert points_mm == [pytest.approx(seen_mm(station.stage.point_mm), abs=1e-5)] * 5
-
 
 class TestTooSoon:
     def test_result_before_the_measuring_time_is_over_is_no_measurement(self):

@@ -4,7 +4,7 @@ import pytest
 from scripted_emscon import NAMES, RESULT, Instrument, Station
 
 from drivers.errors import DeviceRefused, LinkDown, WireError
-from drivers.values import Readiness, Weather
+from drivers.values import Readiness
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, encode, refusal
 from drivers.wire.emscon_constants import Command, ResultStatus
@@ -123,20 +123,6 @@ class TestReflectors:
 
 
 class TestState:
-    def test_ready_tracker(self):
-        state = Station().prepared().tracker.state()
-        assert state.readiness is Readiness.READY
-        assert state.initialised
-        assert state.laser_warm
-        assert state.beam_locked
-        assert state.reflector == "CCR-1.5in"
-
-    def test_lost_beam(self, station):
-        station.instrument.lose_the_beam()
-        state = station.tracker.state()
-        assert state.readiness is Readiness.NOT_READY
-        assert not state.beam_locked
-
     @pytest.mark.parametrize(("light", "bits"), [(0, 2048), (2, 0)])
     def test_lock_needs_both_the_light_and_the_reflector(self, station, light, bits):
         station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(light)
@@ -154,6 +140,3 @@ class TestState:
     def test_lights(self, station, light, readiness):
         station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(light)
         assert station.tracker.state().readiness is (readiness or Readiness.NOT_READY)
-
-    def test_weather(self):
-        assert Station().connected().tracker.weather() == Weather(20.5, 1001.0, 45.0)

@@ -138,12 +138,6 @@ def test_two_rows_at_once_and_the_row_before_are_no_measurement(tmp_path):
         tracker.measure()
 
 
-def test_header_tells_columns_and_unit(tmp_path):
-    head = '"name";"x [m]";"sigma";"y [m]";"z [m]"\n'
-    _, tracker = watched(tmp_path, head, appends("p1;2.0005;0.001;0.01025;-0.300125\n"))
-    assert tracker.measure().point_in_tracker_mm == pytest.approx(POINT, abs=1e-9)
-
-
 def test_of_two_sets_of_columns_the_settings_choose(tmp_path):
     head = "Name;X nom;Y nom;Z nom;X act;Y act;Z act\r\n"
     row = appends("P1;0;0;0;2000.5;10.25;-300.125\r\n")

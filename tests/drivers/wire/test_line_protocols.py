@@ -210,14 +210,6 @@ def test_every_line_of_the_page_is_read_and_its_checksum_program_is_right(page, 
     assert {*verbs} <= {*re.findall(r"^\| `([A-Z]+)[^`]*` \|", page, flags=re.MULTILINE)}
 
 
-def test_page_of_robotline_quotes_the_golden_lines():
-    for case in GOLDEN["requests"] + GOLDEN["replies"]:
-        assert f"\n{case['line']}\n" in ROBOTLINE_PAGE
-    for case in GOLDEN["checksums"]:
-        assert f"{lines.checksum(case['text'].encode()):04X}" == case["checksum"]
-        assert f"`{case['text']}` | `{case['checksum']}`" in ROBOTLINE_PAGE
-
-
 @GRAMMARS
 @given(data=st.data(), number=st.integers(1, lines.LAST_NUMBER), trailing=st.binary())
 def test_message_reads_as_it_was_written_whatever_trails_behind_it(
@@ -236,11 +228,6 @@ def test_any_text_of_a_refusal_fits_into_a_line(text):
     line = PAR4_LINES.encode_answer(Answer(lines.LAST_NUMBER, "ABANDON", Refused("BUSY", text)))
     assert len(line) <= robotline.LINE_BYTES
     assert PAR4_LINES.decode_answer(line[:-1]).body.code == "BUSY"
-
-
-@given(st.binary())
-def test_checksum_is_the_one_that_is_specified(data):
-    assert lines.checksum(data) == checksum_by_bits(data)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -296,7 +283,3 @@ def test_no_damage_of_two_bytes_goes_unseen(data):
     if damaged != bytes(whole):
         with pytest.raises(lines.BadQuestion):
             PAR4_LINES.decode_question(damaged)
-
-
-def test_empty_lines_are_passed_over():
-    assert PAR4_LINES.answers()(b"\n\r\n\n") == []

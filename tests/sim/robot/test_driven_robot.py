@@ -45,14 +45,6 @@ def move(robot, encoders):
     return robot.reflector(encoders).point_mm
 
 
-def test_an_ideal_robot_comes_back_to_the_same_point():
-    robot = driven(behaviour())
-    home = robot.standing.encoders
-    first = robot.reflector(home).point_mm
-    move(robot, home + TEN_DEG / 2)
-    assert move(robot, home) == pytest.approx(first, abs=1e-10)
-
-
 def test_backlash_leaves_the_arms_behind_on_both_sides():
     robot = driven(behaviour(backlash=ARCMIN))
     home = robot.standing.encoders
@@ -63,14 +55,6 @@ def test_backlash_leaves_the_arms_behind_on_both_sides():
     from_above = move(robot, home)
     assert robot.standing.play == pytest.approx(np.full(4, ARCMIN / 2))
     assert 0.05 < np.linalg.norm(from_above - from_below) < 0.5
-
-
-def test_backlash_swallows_a_motion_smaller_than_itself():
-    robot = driven(behaviour(backlash=ARCMIN))
-    home = robot.standing.encoders
-    move(robot, home - TEN_DEG)
-    there = move(robot, home)
-    assert move(robot, home - ARCMIN / 2) == pytest.approx(there, abs=1e-10)
 
 
 def test_each_arrival_differs_and_each_seed_repeats_itself():

@@ -14,10 +14,6 @@ from sim.tracker.optics import misread_mm
 ANGLES = np.linspace(-np.pi, np.pi, 721)[:, None] * np.ones(3)
 
 
-def test_perfect_gears_turn_as_their_encoders_read():
-    assert np.array_equal(Transmission.perfect(3).joints(ANGLES), ANGLES)
-
-
 def test_an_eccentric_scale_is_off_by_its_size_once_a_turn():
     gears = replace(
         Transmission.perfect(3), eccentricity=np.array([0.0, 1e-3, 0.0]), phase_rad=np.ones(3)

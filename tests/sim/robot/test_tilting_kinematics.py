@@ -12,7 +12,7 @@ from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.rods import Plate
-from sim.robot.tilting_kinematics import KnownPlate, _mechanism, is_level, tilted_joints_for
+from sim.robot.tilting_kinematics import KnownPlate, _mechanism, tilted_joints_for
 
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
 SPACING_MM = 80.0
@@ -97,10 +97,3 @@ def test_pose_out_of_reach_is_told():
         tilted_joints_for(
             dict(robot.parameters), kind, drawing, np.array([3000.0, 0.0, -500.0]), 0.0
         )
-
-
-def test_perfect_parts_are_level():
-    robot, kind, _, _ = drawn("par4")
-    flat = dict(robot.parameters)
-    assert not is_level(flat, kind)
-    assert is_level({name: flat[name] for name in kind.names}, kind)

@@ -9,7 +9,7 @@ from family_cases import PAR4_REFERENCE, flat_in
 from sim.errors import AssemblyLost
 from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
 from sim.robot.assembly import OutOfReach, assemble, follow, joints_for, plate_joints_mm, restore
-from sim.robot.rods import Build, Growth, Plate, RodMechanism, rotation, rotation_and_rates
+from sim.robot.rods import Build, Growth, Plate, RodMechanism
 from sim.scenarios.scenario import load_scenario
 
 PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]])
@@ -188,20 +188,3 @@ def test_the_rods_derivative_agrees_with_differences(geometry, step):
         above, _ = rods.misfit(elbows_mm, unknowns + change)
         below, _ = rods.misfit(elbows_mm, unknowns - change)
         assert jacobian[:, column] == pytest.approx((above - below) / (2 * step), abs=1e-3)
-
-
-def test_rotations_are_orthogonal_and_turn_about_fixed_axes():
-    turn = rotation(0.3, -0.2, 1.1)
-    assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-15)
-    assert rotation(0.0, 0.0, math.pi / 2) @ [1, 0, 0] == pytest.approx([0, 1, 0])
-    assert rotation(math.pi / 2, 0.0, math.pi / 2) @ [0, 1, 0] == pytest.approx([0, 0, 1])
-    same, rates = rotation_and_rates(0.3, -0.2, 1.1)
-    assert same == pytest.approx(turn)
-    difference = (rotation(0.3, -0.2 + 1e-6, 1.1) - rotation(0.3, -0.2 - 1e-6, 1.1)) / 2e-6
-    assert rates[1] == pytest.approx(difference, abs=1e-9)
-
-
-def test_a_pose_out_of_reach_names_the_arm(geometry):
-    with pytest.raises(OutOfReach, match="arm 0") as reason:
-        joints_for(geometry, np.array([0.0, 0.0, -2000.0]), 0.0)
-    assert reason.value.arm == 0

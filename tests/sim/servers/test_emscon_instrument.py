@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from emscon_client_stub import MILLIMETRES, QUIET, STREAMING, Client, ok
+from emscon_client_stub import MILLIMETRES, STREAMING, Client
 from fake_tracker import COVARIANCE_MM2, FakeTracker
 
 from drivers.wire.emscon_constants import Command, ResultStatus
@@ -13,13 +13,11 @@ from drivers.wire.emscon_messages import (
     Code,
     Direction,
     Environment,
-    MeasurementStatusInfo,
     SearchParams,
     SingleResult2,
     StationaryMode,
     StatisticMode,
     SystemSettings,
-    TrackerInfo,
     Units,
 )
 from sim.servers.emscon_instrument import EmsconInstrument
@@ -28,11 +26,6 @@ from sim.servers.emscon_instrument import EmsconInstrument
 @pytest.fixture
 def client():
     return Client()
-
-
-def test_no_event_is_told_to_a_client_that_wants_none(client):
-    client.send(Command.SET_SYSTEM_SETTINGS, QUIET)
-    assert client.send(Command.SET_UNITS, MILLIMETRES) == [ok(Command.SET_UNITS)]
 
 
 SETTINGS = {
@@ -123,12 +116,6 @@ def test_result_has_covariances_only_with_extended_statistics(client):
     assert result.std_total == pytest.approx(math.sqrt(14e-4))
 
 
-def test_search_parameters_reach_the_tracker_in_its_units(client):
-    client.send(Command.SET_SEARCH_PARAMS, SearchParams(0.1, 2500))
-    assert client.tracker.search_radius_mm == pytest.approx(100.0)
-    assert client.tracker.search_timeout_s == 2.5
-
-
 def test_readings_are_in_the_clients_units(client):
     client.send(Command.SET_UNITS, Units(1, 2, 0, 3, 0))
     assert client.ask(Command.GET_ENVIRONMENT_PARAMS).body == Environment(
@@ -137,28 +124,3 @@ def test_readings_are_in_the_clients_units(client):
     assert client.ask(Command.GET_DIRECTION).body == Direction(
         pytest.approx(0.5 * 200 / math.pi), pytest.approx(1.5 * 200 / math.pi)
     )
-
-
-def test_environment_may_be_set_though_its_own_weather_station_goes_on(client):
-    body = Environment(30.0, 900.0, 10.0)
-    assert client.status(Command.SET_ENVIRONMENT_PARAMS, body) == ResultStatus.ALL_OK
-    assert client.ask(Command.GET_ENVIRONMENT_PARAMS).body.temperature == 20.0
-
-
-@pytest.mark.parametrize(("locked", "light"), [(True, 2), (False, 0)])
-def test_light_follows_the_beam(locked, light):
-    client = Client(FakeTracker(locked=locked))
-    assert client.ask(Command.GET_TRACKER_STATUS).body == Code(light)
-
-
-@pytest.mark.parametrize(("locked", "bits"), [(True, 2048), (False, 0)])
-def test_status_bits_tell_reflector_and_initialisation(locked, bits):
-    info = Client(FakeTracker(locked=locked)).ask(Command.GET_MEASUREMENT_STATUS_INFO).body
-    assert isinstance(info, MeasurementStatusInfo)
-    assert info.bits & (2048 | 65536) == bits | 65536
-
-
-def test_tracker_info_tells_the_name():
-    info = Client().ask(Command.GET_TRACKER_INFO).body
-    assert isinstance(info, TrackerInfo)
-    assert (info.name, info.serial) == ("SIM-LT", 42)

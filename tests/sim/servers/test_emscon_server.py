@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
-from drivers.wire.emscon import Answer, EmsconRequest, UnknownRequest, encode
+from drivers.wire.emscon import UnknownRequest, encode
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
@@ -93,12 +93,6 @@ def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result(clien
     assert client.later(5.0) == []
 
 
-def test_beam_lost_and_not_noticed_until_the_end_still_gives_no_result(client):
-    client.send(Command.START_MEASUREMENT)
-    client.tracker.is_locked = False
-    assert ErrorResponse(49, ResultStatus.NO_STATIONARY_RESULT) in client.later(0.5)
-
-
 def faulty_client(*faults):
     """A client of a session with result faults: number of the result, kind, seconds."""
     script = FaultScript([Fault(Counted.RESULT, *fault) for fault in faults], {})
@@ -155,20 +149,6 @@ def test_beam_break_between_measurements_is_told_unasked(client):
     assert client.later(1.0) == [READY]
 
 
-def test_warmed_up_is_told():
-    client = Client(FakeTracker(warm=False))
-    client.send(Command.GET_UNITS)
-    client.tracker.is_warm = True
-    client.tracker.happens("warmed_up")
-    assert client.later(1.0) == [StatusChange(SystemChange.LASER_WARMED_UP), READY]
-
-
-def test_stop_ends_a_measurement_without_a_result(client):
-    client.send(Command.START_MEASUREMENT)
-    assert client.send(Command.STOP_MEASUREMENT) == [ok(Command.STOP_MEASUREMENT), READY]
-    assert client.later(5.0) == []
-
-
 def test_one_command_at_a_time(client):
     client.send(Command.GO_POSITION, BeamTarget((1.0, 0.0, 0.0), 1))
     for command in (Command.GET_UNITS, Command.STOP_MEASUREMENT, Command.START_MEASUREMENT):
@@ -222,30 +202,6 @@ def test_second_client_is_refused_every_command_and_disturbs_nothing():
     assert client.later(1.0) == []
     assert client.session.next_due_s() is None
     assert client.tracker.events() == ["warmed_up"]
-
-
-def test_size_out_of_bounds_hangs_up():
-    with pytest.raises(WireError):
-        Client().session.received(bytes(8), 0.0)
-
-
-def test_requests_torn_anywhere_are_obeyed(client):
-    stream = encode(EmsconRequest(Command.SET_UNITS, MILLIMETRES)) + encode(
-        EmsconRequest(Command.GET_UNITS)
-    )
-    for byte in stream:
-        client.session.received(bytes([byte]), 0.0)
-    assert client.taken()[-1] == Answer(Command.GET_UNITS, body=MILLIMETRES)
-
-
-@given(st.lists(st.binary(max_size=60), max_size=4))
-def test_garbage_is_answered_or_hung_up(chunks):
-    client = Client()
-    try:
-        for chunk in chunks:
-            client.session.received(chunk, 0.0)
-    except WireError:
-        return
 
 
 @given(st.sampled_from(Command), st.binary(max_size=60))

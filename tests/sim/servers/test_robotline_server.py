@@ -117,13 +117,6 @@ def test_staged_geometry_works_only_after_the_commit(client):
     assert client.controller.calls == [("replace_geometry", changed, NOW_S)]
 
 
-def test_part_that_is_staged_again_replaces_the_first(client):
-    client.ask("STAGE PLATE 1.0")
-    client.ask("STAGE PLATE 2.0")
-    client.ask("COMMIT")
-    assert client.controller.calls == [("replace_geometry", {"plate_mm": 2.0}, NOW_S)]
-
-
 @pytest.mark.parametrize("forget", ["ABANDON", "HELLO 1", "COMMIT"])
 def test_nothing_is_staged_any_more_after(client, forget):
     client.ask("STAGE PLATE 1.0")
@@ -148,28 +141,6 @@ def test_motion_is_stopped_when_its_client_is_lost(client):
     assert client.controller.calls[-1] == ("stop", NOW_S + 1.0)
 
 
-def test_motion_of_another_client_goes_on_when_an_onlooker_leaves(client):
-    onlooker = Client(client.controller)
-    client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
-    onlooker.ask("STATE")
-    onlooker.session.closed(NOW_S + 1.0)
-    assert client.controller.moving
-
-
-def test_robot_that_stands_is_left_alone_when_its_client_leaves(client):
-    client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
-    client.controller.moving = False
-    client.controller.calls.clear()
-    client.session.closed(NOW_S + 1.0)
-    assert client.controller.calls == []
-
-
-def test_nothing_is_ever_said_unasked(client):
-    client.session.advance(NOW_S)
-    assert client.session.next_due_s() is None
-    assert client.sent == []
-
-
 @pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=lambda case: case["why"])
 def test_bad_line_is_answered_as_specified_and_does_nothing(client, case):
     client.session.received(case["line"].encode() + b"\n", NOW_S)
@@ -178,17 +149,6 @@ def test_bad_line_is_answered_as_specified_and_does_nothing(client, case):
         assert client.sent == []
     else:
         assert [line.decode().startswith(case["answer"]) for line in client.sent] == [True]
-
-
-@pytest.mark.parametrize("before", [b"\n\r\n", b"noise", b">4 MOVEJ 1.0 2.", b"x" * 1000])
-def test_question_is_answered_whatever_came_before(client, before):
-    client.session.received(before + b"\n", NOW_S)
-    assert client.ask("STOP") == "OK"
-
-
-def test_every_question_of_one_delivery_is_answered_in_turn(client):
-    client.session.received(checked(">8 STOP") + checked(">9 STATE")[:-1] + b"\r\n>10 ST", NOW_S)
-    assert [PAR4_LINES.decode_answer(line[:-1]).number for line in client.sent] == [8, 9]
 
 
 @given(

@@ -46,17 +46,6 @@ class Talk:
         return data
 
 
-def test_a_fault_comes_at_its_number_and_only_once():
-    script = FaultScript([Fault(Counted.MOVE, 3, "stall", None)], {})
-    assert [script.next(Counted.MOVE) is not None for _ in range(6)] == [0, 0, 1, 0, 0, 0]
-
-
-def test_each_kind_is_counted_by_itself():
-    script = FaultScript([Fault(Counted.MOVE, 1, "stall", None)], {})
-    assert script.next(Counted.MEASUREMENT) is None
-    assert script.next(Counted.MOVE) is not None
-
-
 def test_counting_goes_on_after_a_restart():
     faults = [Fault(Counted.MOVE, 2, "stall", None)]
     first = FaultScript(faults, {})
@@ -109,12 +98,6 @@ def test_garbage_is_of_the_same_length_and_ends_the_line():
     assert data.endswith(b"\n")
     assert data[:-1].translate(GARBLED) == MESSAGE[:-1]
     assert not set(data[:-1]) & set(MESSAGE)
-
-
-def test_a_torn_answer_stops_in_the_middle():
-    talk = Talk((1, "torn", None))
-    talk.put(MESSAGE, 0.0)
-    assert talk.taken(1e9) == b"01234"
 
 
 def test_a_torn_answer_may_be_completed_later():

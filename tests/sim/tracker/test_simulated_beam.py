@@ -61,36 +61,6 @@ def test_go_to_finds_within_the_search_radius_only(stage):
         assert instrument.beam_locked(takes_s) is found
 
 
-def test_a_head_on_its_way_is_on_no_reflector(stage):
-    instrument = tracker(stage)
-    takes_s = instrument.go_to(seen_mm(stage.point_mm), 0.0)
-    assert not instrument.beam_locked(0.9 * takes_s)
-    assert instrument.begin_measurement(1.0, 0.9 * takes_s) is None
-    assert instrument.beam_locked(takes_s)
-
-
-def test_find_does_not_care_about_the_distance(stage):
-    instrument = tracker(stage, locked=False)
-    takes_s = instrument.go_to(tuple(2.0 * np.array(seen_mm(stage.point_mm))), 0.0)
-    assert not instrument.beam_locked(takes_s)
-    assert instrument.beam_locked(30.0 + instrument.find(1.0, 30.0))
-
-
-def test_find_does_not_look_behind(stage):
-    instrument = tracker(stage, locked=False)
-    takes_s = instrument.go_to(tuple(-1.0 * np.array(seen_mm(stage.point_mm))), 0.0)
-    assert not instrument.beam_locked(60.0 + instrument.find(2500.0, 10.0 + takes_s))
-
-
-def test_a_place_that_is_no_place_is_pointed_at_without_harm():
-    instrument = tracker(Stage())
-    for nowhere in ((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)):
-        takes_s = instrument.go_to(nowhere, 0.0)
-        assert math.isfinite(takes_s)
-        assert not instrument.beam_locked(takes_s)
-        assert all(map(math.isfinite, instrument.direction(takes_s)))
-
-
 def test_the_beam_follows_the_robot(stage):
     instrument = tracker(stage)
     stage.point_mm = stage.point_mm + np.array([120.0, -40.0, 60.0])

@@ -8,7 +8,7 @@ from tracker_stage import STATION, Stage, measured, seen_mm, tracker
 
 from sim.faults import Counted, Fault
 from sim.random_streams import WorkedTime
-from sim.tracker.optics import Limit, Noise, angle_between_rad
+from sim.tracker.optics import Limit, Noise
 
 
 def limit(constant_um, per_metre_um):
@@ -58,10 +58,6 @@ def test_the_covariance_is_that_of_a_spherical_instrument():
     assert spread @ spread.T == pytest.approx(jacobian @ angles @ jacobian.T, rel=1e-12, abs=1e-15)
 
 
-def test_a_limit_becomes_a_standard_uncertainty():
-    assert limit(15.0, 6.0).sigma_mm(2500.0) == pytest.approx(0.030 / math.sqrt(3.0))
-
-
 def test_straight_up_has_a_covariance_too():
     spread = SPHERICAL.spread_mm(np.array([0.0, 0.0, 1000.0]))
     assert np.linalg.matrix_rank(spread) == 3
@@ -100,20 +96,6 @@ def test_the_laser_warms_up():
     assert instrument.next_event_s() is None
 
 
-def test_only_known_reflectors_can_be_selected():
-    instrument = tracker(Stage())
-    assert instrument.select_reflector(3)
-    assert not instrument.select_reflector(2)
-    assert instrument.selected == 3
-
-
-def test_the_weather_drifts_with_worked_time():
-    worked = WorkedTime(0.0)
-    instrument = tracker(Stage(), worked=worked)
-    worked.seconds += 7200.0
-    assert instrument.weather(0.0) == (21.0, 1013.0, 50.0)
-
-
 def test_a_measurement_counts_as_worked_time_only_when_it_is_delivered():
     worked = WorkedTime(0.0)
     instrument = tracker(
@@ -122,9 +104,3 @@ def test_a_measurement_counts_as_worked_time_only_when_it_is_delivered():
     measured(instrument)
     measured(instrument, 10.0)
     assert worked.seconds == 1.0
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1e-3, 0.5, 2.0, math.pi])
-def test_angles_between_directions_are_exact_in_every_decade(angle):
-    other = np.array([math.cos(angle), math.sin(angle), 0.0])
-    assert angle_between_rad(np.array([2.0, 0.0, 0.0]), other) == pytest.approx(angle, rel=1e-12)
