@@ -6,7 +6,7 @@ from typing import TypeVar
 from drivers.ports import Clock
 
 Answer = TypeVar("Answer")
-NAP_S = 0.02
+NAP_S = 0.05
 """Duration of one sleep, after which the operator's wish to stop is looked at."""
 
 

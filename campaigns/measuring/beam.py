@@ -7,10 +7,7 @@ starts at another pose's point while the robot is elsewhere.
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from itertools import pairwise
 from math import dist, hypot, inf
-
-import numpy as np
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.journal.records import BeamStart, Event, EventKind, Outcome
@@ -42,15 +39,13 @@ As often, over a whole session, at each place where one began.
 MM_PER_M = 1000.0
 SAME_DIRECTION = 1e-3
 """Distance of unit vectors of a beam that has stayed where it was."""
-POSES_OF_ONE_POINT = 3
-"""Poses with one and the same point that are no chance, wherever that is."""
 
 
 class Beam:
     """Finds the reflector again, while the robot stands still or back at a pose seen before."""
 
     def __init__(self, session: Session, starts: Sequence[BeamStart]) -> None:
-        """`starts`: where robot and beam were when the series' sessions began, in their order."""
+        """Take where robot and beam were when the series' sessions began, in their order."""
         self._session = session
         self._tracker, self._clock = session.cell.tracker, session.cell.clock
         self._mover, self._gate = session.mover, session.gate
@@ -158,24 +153,21 @@ class Beam:
         return tuple(poses)
 
     def _point_that_stays(self, expected_mm: Vector3 | None) -> tuple[Vector3, str] | None:
-        """Return a point at which the reflector may have stayed, and the problem if it has.
+        """Return the latest point, at which the reflector may have stayed, and the problem if so.
 
-        A point counts that is on the robot's way, or was measured at poses enough: one elsewhere
-        may be another reflector's.
+        None unless it was the robot's: accepted, or where the robot was expected.
         """
-        one_point = self._poses_of_one_point()
-        if not one_point or expected_mm is None:
+        if not self._measured or expected_mm is None:
             return None
-        point_mm, far_mm = one_point[0].point_in_tracker_mm, self._session.work.gate.distance_mm
-        on_the_way = self._is_on_the_way(point_mm, far_mm)
-        if dist(expected_mm, point_mm) <= far_mm or not (
-            on_the_way or len(one_point) >= POSES_OF_ONE_POINT
-        ):
+        latest, far_mm = self._measured[-1], self._session.work.gate.distance_mm
+        point_mm = latest.point_in_tracker_mm
+        then_mm = self._gate.expected_point_mm(latest.joints)
+        apart_mm = dist(expected_mm, point_mm)
+        if apart_mm <= far_mm or then_mm is None or dist(then_mm, point_mm) > far_mm:
             return None
         return point_mm, (
-            f"the reflector is where it was in shot {one_point[0].shot}, although by the "
-            f"encoders it has moved by {dist(expected_mm, point_mm):.0f} mm since: {NOT_MOVING}"
-            + ("" if on_the_way else f", or {ELSEWHERE}")
+            f"the reflector is where it was in shot {latest.shot}, although by the encoders it has "
+            f"moved by {apart_mm:.0f} mm since: {NOT_MOVING}"
         )
 
     def _require_moved(self, point_mm: Vector3, problem: str) -> None:
@@ -187,15 +179,6 @@ class Beam:
             return
         if dist(again_mm, point_mm) <= STANDING_MM:
             raise GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
-
-    def _is_on_the_way(self, point_mm: Vector3, far_mm: float) -> bool:
-        """Return whether the robot has passed a point between the latest measurements."""
-        last = self._measured[-1]
-        before = self._measured[-2:-1] or self._gate.accepted[-1:]
-        stops = [*(shot.joints for shot in before), last.came_from or last.joints, last.joints]
-        way = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(stops)])
-        expected = (self._gate.expected_point_mm(tuple(joints.tolist())) for joints in way)
-        return any(mm and dist(mm, point_mm) <= far_mm for mm in expected)
 
     def _advise(self, expected_mm: Vector3 | None) -> str:
         """Return what the operator can do."""

@@ -72,7 +72,7 @@ class Engine:
     def __init__(
         self, session: Session, starts: Sequence[BeamStart], kept: ResumeState, air: Weather | None
     ) -> None:
-        """`starts` are of all sessions of the series, `air` is that of the first one."""
+        """Take the `starts` of all sessions of the series, and the `air` of the first one."""
         self._session, self._work = session, session.work
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._beam = Beam(session, starts)

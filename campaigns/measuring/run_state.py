@@ -65,13 +65,13 @@ class Progress:
 
 
 class RunObserver:
-    """Whoever shows a run, this one nothing; must not raise and must not take long."""
+    """Display of a run, this one of nothing; it must not raise nor take long."""
 
     def progress(self, progress: Progress) -> None:
-        """The run has moved on."""
+        """Show that the run has moved on."""
 
     def event(self, text: str) -> None:
-        """Something happened that the operator should read; it is in the journal too."""
+        """Show what has happened; it is in the journal too."""
 
 
 SILENT = RunObserver()
