@@ -14,7 +14,7 @@ class ConfigInvalid(CampaignError):
 class PlanInvalid(CampaignError):
     """plan.csv cannot be used as written: correct the line that is named, or make a new plan."""
 
-    page = "docs/files.md#plancsv"
+    page = "docs/reference/files.md#plancsv"
 
 
 class OptionsInvalid(CampaignError):
@@ -24,7 +24,7 @@ class OptionsInvalid(CampaignError):
 class ShotsInvalid(CampaignError):
     """A file of measured shots cannot be used as written: correct the line that is named."""
 
-    page = "docs/files.md#shotscsv"
+    page = "docs/reference/files.md#shotscsv"
 
 
 class ShotsMissing(CampaignError):
@@ -34,7 +34,7 @@ class ShotsMissing(CampaignError):
 class TargetsInvalid(CampaignError):
     """A pose cannot be corrected as written: change the line that is named."""
 
-    page = "docs/files.md#targets"
+    page = "docs/reference/files.md#targets"
 
 
 class OutputExists(CampaignError):
@@ -52,7 +52,7 @@ class CampaignLocked(CampaignError):
 class JournalFailed(CampaignError):
     """The journal cannot be written or read. Nothing moves without it."""
 
-    page = "docs/troubleshooting.md#exit-code-4-a-file-could-not-be-written"
+    page = "docs/how-to/troubleshooting.md#exit-code-4-a-file-could-not-be-written"
 
 
 class FindingUnreadable(CampaignError):

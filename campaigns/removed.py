@@ -8,8 +8,11 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-_POINTLINE = "use driver pointline and a server for it (docs/pointline.md), or import its points"
-_BRIDGE = "use driver robotline with the bridge that runs beside LinuxCNC (docs/linuxcnc.md)"
+_POINTLINE = (
+    "use driver pointline and a server for it (docs/reference/pointline.md), or import its points"
+)
+_PROGRAM = "use --program csv; a loop in docs/how-to/closed-controllers.md reads it"
+_BRIDGE = "use driver robotline with the bridge that runs beside LinuxCNC (docs/how-to/linuxcnc.md)"
 _ONE_MODEL = "leave it out: one model has every source of error, each as large as the shots say"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
@@ -22,7 +25,7 @@ INSTEAD: Mapping[str, str] = {
     "plan --scatter": "leave it out: the scatter of the shots measured is estimated",
     "identify --plot": "the report draws the errors that the fit leaves",
     "history --plot": "draw the table that `history --csv FILE` writes",
-    "reproduce": "run `python examples/corbel2006.py` (docs/reproduction.md)",
+    "reproduce": "run `python examples/corbel2006.py` (docs/explanation/reproduction.md)",
     "advise": "read found minus nominal with its uncertainty in the report's table of parameters",
     "driver: geocom": _POINTLINE,
     "driver: linuxcnc": _BRIDGE,
@@ -36,16 +39,16 @@ INSTEAD: Mapping[str, str] = {
     "--format urdf": "export a robot file; examples/urdf.py converts it",
     "--format sdf": "export a robot file; examples/urdf.py converts it to URDF",
     "correct --gcode": "examples/correct_gcode.py corrects straight moves",
-    "correct --program": "use --poses; a loop in docs/closed-controllers.md writes a program",
+    "correct --program": "use --poses; docs/how-to/closed-controllers.md writes a program of them",
     "correct --format": "leave it out: --poses takes a CSV file",
     "correct --tolerance": "leave it out: poses are not split",
     "correct --rotary": "leave it out: --poses takes a CSV file",
     "correct --margin": "leave it out; position_std_mm says how far the set can be trusted",
     "correct --turn-margin": "leave it out; position_std_mm says how far the set can be trusted",
-    "--program gcode": "use --program csv; a loop in docs/your-controller.md reads it",
-    "--program rapid": "use --program csv; a loop in docs/your-controller.md reads it",
-    "--program krl": "use --program csv; a loop in docs/your-controller.md reads it",
-    "--program vplus": "use --program csv; a loop in docs/your-controller.md reads it",
+    "--program gcode": _PROGRAM,
+    "--program rapid": _PROGRAM,
+    "--program krl": _PROGRAM,
+    "--program vplus": _PROGRAM,
     "plan --targets": "leave it out: the table has poses and joints",
     "plan --dwell": "change the column dwell_s, or settle.time_s in campaign.yaml",
     "identify --loss": "leave it out: shots that contradict all others are left out by name",

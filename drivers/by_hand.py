@@ -1,4 +1,7 @@
-"""Devices worked by a person (docs/by-hand.md), who is shown what to do and types what he reads."""
+"""Devices worked by a person, who is shown what to do and types what the displays show.
+
+docs/how-to/by-hand.md
+"""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass

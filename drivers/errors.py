@@ -15,7 +15,7 @@ class ExplainedError(Exception):
     """
 
     page = ""
-    """Page and heading of the documentation that say more, `docs/files.md#plancsv`, or empty."""
+    """Page and heading that say more, as `docs/reference/files.md#plancsv`, or empty."""
     details: Mapping[str, object] = {}
     """What `--json` prints beside the error."""
 

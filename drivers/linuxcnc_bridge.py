@@ -1,6 +1,7 @@
-"""Bridge that speaks robotline (docs/robotline.md) for the LinuxCNC on the same computer.
+"""Bridge that speaks robotline (docs/reference/robotline.md) for the LinuxCNC on the same computer.
 
-It needs Python 3.11, this package `drivers` and LinuxCNC 2.9, nothing else (docs/linuxcnc.md). It
+How to use it: docs/how-to/linuxcnc.md. It needs Python 3.11, this package `drivers` and LinuxCNC
+2.9, nothing else. It
 imports LinuxCNC's modules `linuxcnc` and `hal` when it runs, and contains nothing of them:
 Apache-2.0, like the rest of pkmcal.
 
@@ -48,7 +49,7 @@ DEAD = "dead task or realtime part; see that the robot stands, restart LinuxCNC"
 
 
 class Refusal(Exception):
-    """Answer NO: a code of docs/robotline.md, and a text for people."""
+    """Answer NO: a code of docs/reference/robotline.md, and a text for people."""
 
     def __init__(self, code: str, text: str) -> None:
         super().__init__(text)

@@ -1,4 +1,4 @@
-"""An instrument that speaks pointline (docs/pointline.md): units and meaning."""
+"""An instrument that speaks pointline (docs/reference/pointline.md): units and meaning."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -54,7 +54,9 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
         super().__init__()
         self._given = given
         self._numbers = numbers_from(given.first_number)
-        self._dialect = Dialect(wire.GRAMMAR, REFUSALS, "docs/pointline.md", deadlines.answer_s)
+        self._dialect = Dialect(
+            wire.GRAMMAR, REFUSALS, "docs/reference/pointline.md", deadlines.answer_s
+        )
         self._deadlines = deadlines
         self._last_count = 0
 
@@ -111,7 +113,7 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
             raise errors.NotAMeasurement(
                 f"{client.name}: the point is that of the measurement before, number {before}",
                 remedy="measure again; if it comes back, compare the instrument's program with "
-                "docs/pointline.md",
+                "docs/reference/pointline.md",
             )
         if result.reflector != wanted.reflector:
             raise self._not_ready(

@@ -1,4 +1,4 @@
-"""A robot controller that speaks robotline (docs/robotline.md): units and meaning."""
+"""A robot controller that speaks robotline (docs/reference/robotline.md): units and meaning."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ class LineRobot(RobotController):
         self._clock = given.clock
         self._layout = given.layout
         self._dialect = Dialect(
-            wire.grammar(given.layout), REFUSALS, "docs/robotline.md", deadlines.answer_s
+            wire.grammar(given.layout), REFUSALS, "docs/reference/robotline.md", deadlines.answer_s
         )
         self._numbers = numbers_from(given.first_number)
         self._deadlines = deadlines

@@ -1,4 +1,4 @@
-"""A tracker whose own software appends its points to a file (docs/watch-file.md)."""
+"""A tracker whose own software appends its points to a file (docs/how-to/by-hand.md)."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence

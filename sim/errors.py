@@ -10,7 +10,7 @@ class SimError(ExplainedError):
 class ScenarioInvalid(SimError):
     """A scenario cannot be read, or describes no cell that can be built."""
 
-    page = "docs/files.md#cellyaml"
+    page = "docs/reference/files.md#cellyaml"
 
 
 class AssemblyLost(SimError):

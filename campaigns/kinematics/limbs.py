@@ -169,7 +169,7 @@ class Crank(Limb):
 
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
-        """Solve on the branch with the elbow outward (eqs. 10-14 as corrected in docs/model.md)."""
+        """Solve on the elbow-outward branch (eqs. 10-14, corrected: docs/explanation/model.md)."""
         motor_to_target = targets - _place(fields)
         outward, _, lowered = crank_frames(fields["azimuth"], fields["axis_tilt"])
         arm, forearm = fields["arm"], fields["forearm"]

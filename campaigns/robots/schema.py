@@ -97,7 +97,7 @@ TOLERANCES = tuple(
 class RobotContents(FileModel):
     """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
 
-    page = "docs/files.md#robotyaml"
+    page = "docs/reference/files.md#robotyaml"
 
     mechanism: str = Field(description=f"the kind of mechanism: {', '.join(MECHANISMS)}")
     name: str = Field(min_length=1, description="the robot's name")

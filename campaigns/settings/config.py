@@ -22,7 +22,7 @@ ENDS = 2
 class CampaignConfig(yaml_file.FileModel):
     """A campaign's settings."""
 
-    page = "docs/files.md#campaignyaml"
+    page = "docs/reference/files.md#campaignyaml"
 
     name: str = Field(min_length=1, description="the campaign's name")
     identity: str = Field(

@@ -90,7 +90,7 @@ def refused(where: str, doing: str, status: int) -> DeviceRefused:
     problem = f"{where}: {doing} was refused: {status_text(status)}"
     if remedy := NOT_READY.get(status):
         return DeviceNotReady(problem, remedy=remedy, code=str(status))
-    remedy = "see docs/emscon.md#errors and the tracker's own status"
+    remedy = "see docs/reference/emscon.md#errors and the tracker's own status"
     if status == OTHER_CLIENT:
         remedy = "end the other program that is connected to the tracker, then try again"
     return DeviceRefused(problem, remedy=remedy, code=str(status))

@@ -19,7 +19,7 @@ SMALLEST_DETERMINANT = 1e-9
 """Determinant of the correlation matrix: less is singular within the rounding of what was sent."""
 NOT_OWN_REMEDY = (
     "measure again; if it comes back, end other programs that use the tracker, or restart it "
-    "(docs/emscon.md#results-that-cannot-be)"
+    "(docs/reference/emscon.md#results-that-cannot-be)"
 )
 
 

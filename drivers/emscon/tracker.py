@@ -1,4 +1,4 @@
-"""A laser tracker that speaks emScon (docs/emscon.md)."""
+"""A laser tracker that speaks emScon (docs/reference/emscon.md)."""
 
 from math import cos, isfinite, radians, sin
 

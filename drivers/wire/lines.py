@@ -1,4 +1,6 @@
-"""Numbered, checked lines: the grammar that robotline and pointline share (docs/robotline.md).
+"""Numbered, checked lines: the grammar that robotline and pointline share.
+
+Its specification is docs/reference/robotline.md.
 
 A question is `>NUMBER VERB words… *CCCC`; its answer `<NUMBER VERB OK words… *CCCC`, or
 `<NUMBER VERB NO CODE text… *CCCC`. The words are the fields of a dataclass, in their order. The

@@ -1,4 +1,4 @@
-"""Grammar of pointline, our protocol for instruments: docs/pointline.md is its specification.
+"""Grammar of pointline, our protocol for instruments, specified in docs/reference/pointline.md.
 
 Millimetres, seconds, °C, hPa and % as on the wire, in the numbered lines of robotline. `VERBS` says
 what is asked and answered by each verb.

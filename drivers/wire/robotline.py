@@ -1,4 +1,4 @@
-"""Grammar of robotline, our protocol for robot controllers: docs/robotline.md is its specification.
+"""Grammar of robotline, our protocol for controllers, specified in docs/reference/robotline.md.
 
 Millimetres and degrees, as on the wire. `VERBS` says what is asked and answered by each verb. How
 many joints, coordinates and parameters there are is the robot's: its `RobotLayout` counts.

@@ -1,4 +1,4 @@
-"""An instrument that speaks pointline, in plain Python, to be copied: docs/pointline.md.
+"""An instrument that speaks pointline, in plain Python, to be copied: docs/reference/pointline.md.
 
 `Instrument` is what you replace by calls of your instrument's library. As it stands it looks at the
 robot of robotline_server.py, which it takes for a little different from what its controller

@@ -1,4 +1,4 @@
-"""A controller that speaks robotline, in plain Python, to be copied: docs/robotline.md.
+"""A controller that speaks robotline, in plain Python, to be copied: docs/reference/robotline.md.
 
 `Controller` is what you replace by calls of your controller; as it stands it is a Par4 whose joints
 go straight to their targets. Run it with `python robotline_server.py 5020`, then

@@ -1,4 +1,4 @@
-"""The simulated tracker's side of emScon (docs/emscon.md): one connection, no socket."""
+"""The simulated tracker's side of emScon (docs/reference/emscon.md): one connection, no socket."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The simulated tracker's side of pointline (docs/pointline.md): one connection, no socket."""
+"""The simulated tracker's side of pointline: one connection, no socket."""
 
 from collections import deque
 from collections.abc import Callable

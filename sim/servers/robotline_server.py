@@ -1,4 +1,4 @@
-"""The simulated controller's side of robotline (docs/robotline.md): one connection, no socket."""
+"""The simulated controller's side of robotline: one connection, no socket."""
 
 from collections.abc import Callable
 from math import radians

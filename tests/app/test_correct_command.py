@@ -101,7 +101,7 @@ def test_poses_that_cannot_be_taken_are_refused_by_their_line(correct, poses, ro
     [
         ((), "Missing option '--poses'"),
         (("--gcode", "part.ngc"), "examples/correct_gcode.py"),
-        (("--program", "part.mod"), "docs/closed-controllers.md"),
+        (("--program", "part.mod"), "docs/how-to/closed-controllers.md"),
         (("--poses", "missing.csv"), "missing.csv"),
         (("--poses", "a", "--margin", "50"), "position_std_mm"),
     ],

@@ -4,7 +4,7 @@ import re
 
 from pages import ROOT
 
-PAGE = ROOT / "docs" / "architecture.md"
+PAGE = ROOT / "docs/explanation/architecture.md"
 NAMED = re.compile(r"`((?:app|campaigns|drivers|sim)/[\w/.*]+)`")
 FEWEST = 50
 

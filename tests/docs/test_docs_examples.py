@@ -24,7 +24,7 @@ from sim.scenarios.schema import Scenario
 YAML_BLOCKS, CSV_BLOCKS, SHELL_BLOCKS = blocks("yaml"), blocks("csv"), blocks("sh")
 PART_OF_A_CELL = "# part of a cell.yaml\n"
 SCHEMA = re.compile(r"^schema: (\S+)$", re.MULTILINE)
-NAMED = re.compile(r"(docs/[\w-]+\.md)(?:#([\w-]+))?")
+NAMED = re.compile(r"(docs/[\w/-]+\.md)(?:#([\w-]+))?")
 ROOMS = ("app", "campaigns", "drivers", "sim")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 NEEDED = {
@@ -121,7 +121,7 @@ def test_every_command_is_on_a_page():
 
 @pytest.mark.parametrize("model", [RobotContents, CampaignConfig, Scenario])
 def test_every_key_is_on_the_page_of_files(model):
-    page = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reference/files.md").read_text(encoding="utf-8")
     missing = [key for key in keys_of(model) if not re.search(rf"\b{key}\b", page)]
     assert missing == []
 
@@ -148,7 +148,7 @@ def test_links_lead_somewhere(page):
 def test_every_page_and_heading_that_the_software_names_exists():
     sources = (path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
     named = {each for path in sources for each in NAMED.findall(path.read_text(encoding="utf-8"))}
-    assert ("docs/files.md", "plancsv") in named
+    assert ("docs/reference/files.md", "plancsv") in named
     for path, heading in named:
         assert (ROOT / path).is_file(), path
         assert not heading or heading in headings_of(ROOT / path), f"{path}#{heading}"
@@ -157,10 +157,10 @@ def test_every_page_and_heading_that_the_software_names_exists():
 @pytest.mark.parametrize(
     ("file", "page"),
     [
-        ("campaign.yaml", "docs/files.md#campaignyaml"),
-        ("robot.yaml", "docs/files.md#robotyaml"),
-        ("cell.yaml", "docs/files.md#cellyaml"),
-        ("plan.csv", "docs/files.md#plancsv"),
+        ("campaign.yaml", "docs/reference/files.md#campaignyaml"),
+        ("robot.yaml", "docs/reference/files.md#robotyaml"),
+        ("cell.yaml", "docs/reference/files.md#cellyaml"),
+        ("plan.csv", "docs/reference/files.md#plancsv"),
     ],
 )
 def test_an_error_about_a_file_ends_with_the_page_that_explains_it(file, page, tmp_path, capsys):

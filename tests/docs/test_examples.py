@@ -158,7 +158,7 @@ def test_loops_over_corrected_poses_write_each_in_three_languages(
     monkeypatch.chdir(tmp_path)
     written = []
     for block in blocks("python"):
-        if block.where.startswith("docs/closed-controllers"):
+        if block.where.startswith("docs/how-to/closed-controllers"):
             exec(compile(block.text, block.where, "exec"), {})
             moved = [line.split() for line in capsys.readouterr().out.splitlines()]
             written.append(next(words for words in moved if "1.5" in " ".join(words)))

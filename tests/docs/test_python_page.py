@@ -10,7 +10,9 @@ from pages import ROOT, blocks
 
 from pkmcal import identify
 
-EXAMPLES = [block for block in blocks("python") if block.where.startswith("docs/python.md")]
+EXAMPLES = [
+    block for block in blocks("python") if block.where.startswith("docs/reference/python.md")
+]
 MOST_LINES = 10
 SHOTS = ROOT / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 
@@ -32,7 +34,11 @@ def test_examples_run(tmp_path, monkeypatch, capsys):
 
 def test_calibration_in_thirty_lines_finds_what_identify_finds(tmp_path, monkeypatch, capsys):
     """`identify` estimates some micrometres of scatter beside the tracker's noise as well."""
-    (block,) = (block for block in blocks("python") if block.where.startswith("docs/how-it-works"))
+    (block,) = (
+        block
+        for block in blocks("python")
+        if block.where.startswith("docs/explanation/how-it-works")
+    )
     code = [line for line in block.text.splitlines() if line and "import" not in line]
     assert len(code) <= 40
     monkeypatch.chdir(tmp_path)

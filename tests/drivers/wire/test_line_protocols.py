@@ -18,8 +18,8 @@ from drivers.wire.lines import Answer, Nothing, Question, Refused
 
 ROOT = Path(__file__).parents[3]
 GOLDEN = json.loads((ROOT / "tests/data/robotline-golden.json").read_text())
-ROBOTLINE_PAGE = (ROOT / "docs/robotline.md").read_text(encoding="utf-8")
-POINTLINE_PAGE = (ROOT / "docs/pointline.md").read_text(encoding="utf-8")
+ROBOTLINE_PAGE = (ROOT / "docs/reference/robotline.md").read_text(encoding="utf-8")
+POINTLINE_PAGE = (ROOT / "docs/reference/pointline.md").read_text(encoding="utf-8")
 POINT = (2510.0123, -35.4871, -75.0019)
 QUESTIONS = {
     "201 HELLO": lines.Hello(1),
