@@ -17,6 +17,7 @@ from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
 from campaigns.settings.sections import BY_HAND, SIMULATED
 from campaigns.shots import point_files
+from campaigns.shots.point_header import PointFormat
 from drivers import bounded_files, errors
 from drivers.by_hand import HandSettings
 from drivers.byte_log import logged
@@ -351,7 +352,7 @@ def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
     if not tracker.url.startswith(FILE):
         return tracker.serial or BY_HAND
     path, watch = campaign.folder / tracker.url.removeprefix(FILE), tracker.watch
-    form = point_files.PointFormat(
+    form = PointFormat(
         unit=watch.unit,
         columns=watch.columns.split(",") if watch.columns else None,
         coordinates=watch.coordinates,

@@ -21,13 +21,13 @@ from campaigns.files.text_file import read_text
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
-from campaigns.shots.point_files import (
+from campaigns.shots.point_files import read_points
+from campaigns.shots.point_header import (
     MM_PER_UNIT,
     Coordinates,
     DecimalSign,
     LengthUnit,
     PointFormat,
-    read_points,
 )
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_rows

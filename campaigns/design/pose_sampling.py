@@ -8,7 +8,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.design import restricted_space
-from campaigns.fit.point_sets import distances_mm
+from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.kinematics.feasibility import Limits, search_extent
 from campaigns.kinematics.mechanism import Kinematics
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.fit.point_sets import SHOTS_FOR_A_FRAME, distances_mm
-from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, distances_mm, fit_transform
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 

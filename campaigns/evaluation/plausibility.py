@@ -20,7 +20,7 @@ from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.kinematics.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
-from campaigns.shots.point_files import MM_PER_UNIT, LengthUnit
+from campaigns.shots.point_header import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 

@@ -12,8 +12,8 @@ from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
 from campaigns.evaluation.decision import COVERAGE
-from campaigns.fit import point_sets
-from campaigns.fit.point_sets import length_with_std
+from campaigns.fit import rigid_transforms
+from campaigns.fit.rigid_transforms import away_from_mean, length_with_std
 from campaigns.fit.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
 from campaigns.shots.shot_sets import PairRows, ShotSet
 from campaigns.shots.shots import Shots
@@ -137,7 +137,7 @@ class RepeatabilityTest:
     @property
     def away_mm(self) -> Array:
         """From their mean, (N, 3)."""
-        return point_sets.away_from_mean(self.points_mm)
+        return away_from_mean(self.points_mm)
 
     @property
     def scatter_mm(self) -> float:
@@ -334,8 +334,8 @@ def evaluate_validation(
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
     whole = shots.whole_pairs(ShotSet.VALIDATION)
     common = common_distance_variance_mm2(points, instrument, *whole.rows.T)
-    of_pairs = point_sets.fitted_frame(points[pairs], commanded[pairs, :3])
-    frame = of_pairs or point_sets.fitted_frame(points, commanded[:, :3])
+    of_pairs = rigid_transforms.fitted_frame(points[pairs], commanded[pairs, :3])
+    frame = of_pairs or rigid_transforms.fitted_frame(points, commanded[:, :3])
     if frame is not None:
         points = frame.apply(points)
         covariance = frame.rotation @ covariance @ frame.rotation.T
@@ -383,12 +383,12 @@ def distance_test(
     if not pairs.numbers:
         return None
     first, second = pairs.rows.T
-    direction = point_sets.directions(points_mm, first, second)
+    direction = rigid_transforms.directions(points_mm, first, second)
     covariance = covariance_mm2[first] + covariance_mm2[second]
     return DistanceTest(
         pairs.numbers,
-        point_sets.distances_mm(commanded[:, :3], first, second),
-        point_sets.distances_mm(points_mm, first, second),
+        rigid_transforms.distances_mm(commanded[:, :3], first, second),
+        rigid_transforms.distances_mm(points_mm, first, second),
         np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction) + common_mm2),
     )
 
@@ -399,7 +399,7 @@ def line_tests(commanded: Array, points_mm: Array, covariance_mm2: Array) -> tup
     for place, axis in enumerate(AXES):
         rows = np.flatnonzero(along == place)
         if len(rows) >= SHOTS_OF_A_LINE:
-            away = point_sets.away_from_best_line(points_mm[rows])
+            away = rigid_transforms.away_from_best_line(points_mm[rows])
             straightness = _longest(away, covariance_mm2[rows])
             line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness)
             found.append(line)
@@ -410,10 +410,10 @@ def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> 
     """Return the motion of the point while only the platform turns; None for one shot."""
     if len(points_mm) < 2:
         return None
-    first, second = point_sets.farthest_apart(points_mm)
+    first, second = rigid_transforms.farthest_apart(points_mm)
     together = covariance_mm2[first] + covariance_mm2[second]
     moved = MeasuredLength(*length_with_std(points_mm[first] - points_mm[second], together))
-    return RotationTest(np.asarray(commanded[:, -1]), point_sets.away_from_mean(points_mm), moved)
+    return RotationTest(np.asarray(commanded[:, -1]), away_from_mean(points_mm), moved)
 
 
 def repeatability_test(
@@ -422,7 +422,7 @@ def repeatability_test(
     """Return the sphere about the mean of points at one commanded pose; None for fewer than two."""
     if len(points_mm) < 2:
         return None
-    radius = _longest(point_sets.away_from_mean(points_mm), covariance_mm2)
+    radius = _longest(rigid_transforms.away_from_mean(points_mm), covariance_mm2)
     at_mm, instrument_mm2 = commanded[:, :3].mean(axis=0), covariance_mm2.mean(axis=0)
     return RepeatabilityTest(at_mm, points_mm, radius, instrument_mm2, in_base)
 

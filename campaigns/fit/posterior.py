@@ -212,10 +212,9 @@ class _State:
         with np.errstate(all="ignore"):
             at = model.linearise(observations, x, frames, near, changes)
         fixed, deviation = _fixed_prior(model, x, 6 * len(frames), prior)
-        slope = fixed @ deviation
         noise = noise_parts(model, observations, at.by_joint)
         groups = {} if prior.precision is not None else model.learned
-        linear = LinearModel(at.residual, at.jacobian, noise, kept, deviation, fixed, slope, groups)
+        linear = LinearModel(at.residual, at.jacobian, noise, kept, deviation, fixed, groups)
         return cls(at, linear)
 
     def solve(self, components: Components) -> tuple[Array, Array, float]:

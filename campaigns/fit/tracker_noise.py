@@ -6,7 +6,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.fit.error_sources import SOURCES, tracker_columns
-from campaigns.fit.point_sets import directions
+from campaigns.fit.rigid_transforms import directions
 
 LIMIT_PER_STD = 3**0.5
 """A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""

@@ -55,8 +55,6 @@ class LinearModel:
     """Unknowns less their prior's mean, (Q,)."""
     fixed: Array
     """Precision (Q, Q) of priors that are not learned, of known lengths or a former result."""
-    fixed_slope: Array
-    """Gradient (Q,) of those priors at the deviation."""
     groups: dict[str, Index]
     """Places of the unknowns of each learned group."""
 
@@ -83,8 +81,7 @@ class LinearModel:
     ) -> tuple[Array, Array, float]:
         """Return the posterior covariance (Q, Q), the Gauss-Newton step (Q,) and its gain in χ²."""
         precision = self.precision(sizes)
-        learned = np.diag(precision - self.fixed) * self.deviation
-        slope = normal[1] + self.fixed_slope + learned
+        slope = normal[1] + precision @ self.deviation
         covariance = np.asarray(np.linalg.inv(normal[0] + precision), dtype=np.float64)
         step = -covariance @ slope
         return covariance, step, float(-slope @ step)

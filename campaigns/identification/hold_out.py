@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
-from campaigns.fit.point_sets import directions, distances_mm
 from campaigns.fit.posterior import Posterior, noise_parts
+from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.identification.findings import HoldOut
 from campaigns.identification.observations import observations_of
 from campaigns.identification.options import IdentificationOptions

@@ -10,7 +10,7 @@ import scipy
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsMissing
 from campaigns.evaluation.decision import Decision
-from campaigns.fit.point_sets import directions, distances_mm
+from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.identification.hold_out import distance_errors
 from campaigns.identification.options import IdentificationOptions, matching
 from campaigns.identification.result import (

@@ -1,7 +1,6 @@
 """Imports into the journal, and exports from it, of shots in files."""
 
 import hashlib
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,41 +10,23 @@ from pydantic import JsonValue
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import number_text
 from campaigns.journal import records
 from campaigns.journal.journal import Journal
 from campaigns.journal.views import AcceptedShot, Series
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
-from campaigns.shots.columns import POINT_COLUMNS
-from campaigns.shots.shot_sets import ShotSet, pair_rows
+from campaigns.shots.shot_sets import pair_rows
+from campaigns.shots.shots import IMPORTED, import_note, noted, rows_of_shots, shots_of_journal
 from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.version import VERSION
 from drivers.bounded_files import CSV_BYTES, FileRefused, read_bounded
 
-IMPORTED = "imported"
 FILES = "imported_files"
 """Key in an import's settings: what campaign.yaml does not say of it."""
-NOTE = re.compile(
-    rf"{IMPORTED}(?:, air (?P<air>[-+.e\d]+) °C)?(?:, measured (?P<time>.*))?", re.DOTALL
-)
 TOLD_EVERY = 250
 DIGITS = 9
 """Decimals of rad and mm that files keep of joints and points."""
-
-
-def import_note(temperature_degC: float | None, time: str | None) -> str:
-    """Note that stands where a tracker's answer would: what no other field of a journal holds."""
-    air = "" if temperature_degC is None else f", air {number_text(temperature_degC)} °C"
-    return f"{IMPORTED}{air}" + ("" if time is None else f", measured {time}")
-
-
-def noted(note: str) -> tuple[float | None, str | None]:
-    """Temperature in °C and time of a note; None for what it does not say."""
-    found = NOTE.fullmatch(note)
-    if found is None:
-        return None, None
-    return None if found["air"] is None else float(found["air"]), found["time"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,41 +170,19 @@ def _outcome(number: int, row: ShotRow) -> records.Outcome:
 
 
 def exported_shots(
-    series: Series, shots: Sequence[AcceptedShot], approach: Array | None = None
+    series: Series, shots: Sequence[AcceptedShot], mechanism: ClosedChain
 ) -> tuple[tuple[ShotRow, ...], tuple[int, ...]]:
-    """A series' accepted shots as rows of a file, and the numbers of those that were left out.
+    """Return a series' accepted shots as rows of a file, and the numbers of those left out.
 
-    These are shots whose pair has no second one: the file's readers refuse half a pair. A turn is
-    that of the commanded pose; an import knows none. `approach` (N, n): sides of the joints.
+    These are shots whose pair has no second one: the file's readers refuse half a pair.
     """
     halves = pair_rows([shot.intent.pair for shot in shots]).halves
-    whole = [shot for row, shot in enumerate(shots) if row not in halves]
-    is_import = series.started.stage == "import"
-    rows = tuple(_row(shot, is_import=is_import) for shot in whole)
-    if series.sessions > 1:
-        sessions = [shot.session for shot in whole]
-        rows = tuple(replace(row, session=n) for row, n in zip(rows, sessions, strict=True))
-    if approach is not None and approach.any():
-        sides = [tuple(map(int, each)) for each in np.delete(approach, halves, axis=0).tolist()]
-        rows = tuple(replace(row, approach=own) for row, own in zip(rows, sides, strict=True))
+    whole = np.delete(np.arange(len(shots)), halves)
+    rows = rows_of_shots(shots_of_journal(shots, mechanism).rows(whole))
+    if series.started.stage == "import":  # the journal has its own time, and a computed pose
+        notes = [noted(shots[row].outcome.raw_tracker) for row in whole.tolist()]
+        rows = tuple(
+            replace(row, turn=(), temperature_degC=air, time=time)
+            for row, (air, time) in zip(rows, notes, strict=True)
+        )
     return rows, tuple(shots[row].intent.shot for row in halves)
-
-
-def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
-    intent, outcome = shot.intent, shot.outcome
-    air = None if outcome.weather is None else outcome.weather.temperature_degC
-    time: str | None = shot.measured_utc
-    if is_import:  # the journal's own time is that of the import
-        air, time = noted(outcome.raw_tracker)
-    return ShotRow(
-        pair=intent.pair,
-        joints=outcome.joints if ShotSet(intent.purpose).on_robot else (),
-        point_in_tracker_mm=outcome.point_in_tracker_mm,
-        purpose=ShotSet(intent.purpose),
-        turn=() if is_import else intent.target.coordinates[len(POINT_COLUMNS) :],
-        covariance_mm2=outcome.covariance_mm2,
-        temperature_degC=air,
-        time=time,
-        nest=intent.nest,
-        part_temperature_degC=outcome.part_temperature_degC,
-    )

@@ -1,10 +1,9 @@
 """Shots from two files: points of tracker software, and the joints at which they were measured.
 
-The joints file is a CSV file `name,q0_deg,q1_deg,…`, optionally with `pair` and `set`; its rows are
+The joints file is a shots.csv without points, but with names: `name,q0_deg,q1_deg,…`. Its rows are
 the shots. Each gets its point by name or by its place in the file.
 """
 
-import math
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
@@ -14,28 +13,20 @@ from pathlib import Path
 from typing import Literal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
+from campaigns.files.csv_file import CsvRow
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
 from campaigns.kinematics.closed_chain import ClosedChain
-from campaigns.shots.columns import (
-    axis_columns,
-    check_pairs,
-    columns_of,
-    joint_values,
-    pair_number,
-    shot_set,
-)
+from campaigns.shots.columns import axis_columns, check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
-from campaigns.shots.shots_csv import SESSION, ShotRow
+from campaigns.shots.shots_csv import ShotRow, joints_rows
 from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
 LISTED = 5
 """Number of names that an error line lists."""
-NOWHERE_MM = (math.nan, math.nan, math.nan)
 
 
 JointsRow = tuple[CsvRow, ShotRow]
@@ -56,7 +47,9 @@ def join_shots(
     """
     remedy = "check the name of the joints file"
     text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
-    rows = _joints_rows(text, str(joints), mechanism, default)
+    rows = [*joints_rows(text, str(joints), mechanism, default)]
+    if not rows:
+        raise ShotsInvalid(f"{joints}: holds no joints", remedy="check that it is the right file")
     matching = _by_order if join == "order" else _by_name
     matched = matching(points.points, points.name, rows)
     pairs, pair_note = _pairs(rows)
@@ -65,8 +58,8 @@ def join_shots(
             shot,
             pair=pair,
             point_in_tracker_mm=point.point_mm,
-            covariance_mm2=point.covariance_mm2,
-            time=point.time,
+            covariance_mm2=point.covariance_mm2 or shot.covariance_mm2,
+            time=point.time or shot.time,
         )
         for (_, shot), point, pair in zip(rows, matched, pairs, strict=True)
     )
@@ -80,31 +73,6 @@ def holds_joints(path: Path, mechanism: ClosedChain) -> bool:
         first = data.decode(codec_of(data), errors="replace").lstrip().partition("\n")[0]
         return any(name in first for name in ("pair", *axis_columns(mechanism.joints)))
     return True  # whose reader says what is wrong with it
-
-
-def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet) -> list[JointsRow]:
-    form = CsvForm(
-        (
-            *columns_of(mechanism.joints),
-            CsvColumn("name"),
-            whole_column("pair"),
-            CsvColumn("set"),
-            whole_column(SESSION),
-        ),
-        ShotsInvalid,
-    )
-    rows = [(row, _joints_row(row, mechanism, default)) for row in parse_csv(text, name, form)]
-    if not rows:
-        raise ShotsInvalid(f"{name}: holds no joints", remedy="check that it is the right file")
-    return rows
-
-
-def _joints_row(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
-    purpose = shot_set(row, default)
-    pair = pair_number(row, purpose) if "pair" in row.texts else None
-    joints = joint_values(row, mechanism.joints, purpose)
-    session = row.value(SESSION) if row.text(SESSION) else 0
-    return ShotRow(pair, joints, NOWHERE_MM, purpose, session=session)
 
 
 def _by_order(

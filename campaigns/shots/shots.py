@@ -1,5 +1,6 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -12,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from campaigns.arrays import AXES, Array, Index, batch
 from campaigns.errors import ShotsInvalid
-from campaigns.fit.point_sets import distances_mm
+from campaigns.files.csv_file import number_text
+from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
@@ -20,11 +22,14 @@ from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
-from campaigns.shots.import_export import noted
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, PairRows, ShotSet, pair_rows
 from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s
 from drivers.values import Matrix3, Pose, is_positive_definite, vector
 
+IMPORTED = "imported"
+NOTE = re.compile(
+    rf"{IMPORTED}(?:, air (?P<air>[-+.e\d]+) °C)?(?:, measured (?P<time>.*))?", re.DOTALL
+)
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
 """A joint that went this far, or what compares, has taken up its gear's lost motion."""
 AT_REST_RAD = float(np.radians(0.005))
@@ -308,6 +313,20 @@ def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
     return replace(shots, part_temperature_degC=np.where(np.isnan(own), between, own))
 
 
+def import_note(temperature_degC: float | None, time: str | None) -> str:
+    """Note that stands where a tracker's answer would: what no other field of a journal holds."""
+    air = "" if temperature_degC is None else f", air {number_text(temperature_degC)} °C"
+    return f"{IMPORTED}{air}" + ("" if time is None else f", measured {time}")
+
+
+def noted(note: str) -> tuple[float | None, str | None]:
+    """Temperature in °C and time of a note; None for what it does not say."""
+    found = NOTE.fullmatch(note)
+    if found is None:
+        return None, None
+    return None if found["air"] is None else float(found["air"]), found["time"]
+
+
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
     """Shots of the accepted ones of a series."""
     asked = [shot.intent for shot in shots]
@@ -371,10 +390,11 @@ def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
     def known(value: float) -> float | None:
         return value if np.isfinite(value) else None
 
+    has_sides, has_sessions = bool(shots.approach.any()), len({*shots.session.tolist()}) > 1
     return tuple(
         ShotRow(
             shots.pairs[row],
-            () if np.isnan(joints).any() else tuple(joints.tolist()),
+            tuple(joints.tolist()) if purpose.on_robot and np.isfinite(joints).all() else (),
             vector(shots.points_in_tracker_mm[row]),
             purpose,
             turn=tuple(shots.commanded[row, 3:].tolist()),
@@ -382,8 +402,9 @@ def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
             temperature_degC=known(shots.temperature_degC[row]),
             time=shots.measured_utc[row] or None,
             nest=shots.nests[row] if shots.nests else "",
-            approach=tuple(shots.approach[row].astype(int).tolist()),
+            approach=tuple(shots.approach[row].astype(int).tolist()) if has_sides else (),
             part_temperature_degC=known(shots.part_temperature_degC[row]),
+            session=int(shots.session[row]) if has_sessions else 0,
         )
         for row, (purpose, joints) in enumerate(zip(shots.purposes, shots.joints, strict=True))
     )

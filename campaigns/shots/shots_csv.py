@@ -1,5 +1,6 @@
 """shots.csv: measured shots, from and to other software."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -28,6 +29,7 @@ from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
+NOWHERE_MM = (math.nan, math.nan, math.nan)
 SESSION = "session"
 """Column of the tracker's station, a number."""
 TEMPERATURES = ("temperature_degC", "part_temperature_degC")
@@ -140,17 +142,31 @@ def parse_shots(
     return shots
 
 
+def joints_rows(
+    text: str, name: str, mechanism: ClosedChain, default: ShotSet
+) -> Iterator[tuple[CsvRow, ShotRow]]:
+    """Yield the rows of a file of named joints, and their shots without points.
+
+    The pair is None where the file has no column `pair`. Raise `ShotsInvalid` with the line.
+    """
+    for row in parse_csv(text, name, _form(mechanism, with_points=False)):
+        yield row, _shot_of(row, mechanism, default)
+
+
 def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
     """Text of a file of shots, with the optional columns that any of them fills."""
     return _form(mechanism).text([_values_of(shot, mechanism) for shot in shots])
 
 
-def _form(mechanism: ClosedChain) -> CsvForm:
+def _form(mechanism: ClosedChain, *, with_points: bool = True) -> CsvForm:
+    """Return the columns of shots.csv, or of a file of named joints."""
+    points = [number_column(name, required=True) for name in columns.POINT_COLUMNS]
     return CsvForm(
         (
-            whole_column("pair", required=True),
+            *(() if with_points else (CsvColumn("name"),)),
+            whole_column("pair", required=with_points),
             *columns.columns_of(mechanism.joints),
-            *(number_column(name, required=True) for name in columns.POINT_COLUMNS),
+            *(points if with_points else ()),
             CsvColumn("set"),
             *columns.columns_of(_turns(mechanism), required=False),
             *map(side_column, columns.approach_columns(mechanism.joints)),
@@ -171,10 +187,11 @@ def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
 
 def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
     purpose = columns.shot_set(row, default)
-    x_mm, y_mm, z_mm = row.values(columns.POINT_COLUMNS)
+    has_point = columns.POINT_COLUMNS[0] in row.texts
+    x_mm, y_mm, z_mm = row.values(columns.POINT_COLUMNS) if has_point else NOWHERE_MM
     turns = columns.axis_columns(_turns(mechanism))
     return ShotRow(
-        pair=columns.pair_number(row, purpose),
+        pair=columns.pair_number(row, purpose) if "pair" in row.texts else None,
         joints=columns.joint_values(row, mechanism.joints, purpose),
         point_in_tracker_mm=(x_mm, y_mm, z_mm),
         purpose=purpose,

@@ -30,7 +30,6 @@ from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotDocument, RobotFile, compensated
 from campaigns.shots.import_export import ImportedFile, exported_shots
-from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
@@ -187,7 +186,6 @@ def export_shots(
     with campaign.journal_reader() as journal:
         series = campaign.measured_series(journal)
         accepted = journal.shots(series.number)
-        approach = shots_of_journal(accepted, campaign.robot.mechanism).approach
-        rows, halves = exported_shots(series, accepted, approach)
+        rows, halves = exported_shots(series, accepted, campaign.robot.mechanism)
     write_shots(path, rows, campaign.robot.mechanism, overwrite=overwrite)
     return path, halves

@@ -50,8 +50,10 @@ def imported(folder) -> tuple[Series, ...]:
 
 def test_points_are_joined_with_the_joints_that_plan_wrote(pkmcal, folder):
     points = write_points(folder)
-    ended = pkmcal("import", folder, points, "--unit", "mm")
+    ended = pkmcal("import", folder, points, "--unit", "mm", "--json")
     assert ended.code == 0, ended.err
+    taken = {"series": 1, "shots": len(JOINTS), "next": f"pkmcal identify {folder}"}
+    assert ended.document == ended.document | taken
     assert "1 header line skipped: 'Name;X;Y;Z'" in ended.err
     assert len(imported(folder)[-1].shots) == len(JOINTS)
 

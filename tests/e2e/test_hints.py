@@ -101,7 +101,7 @@ def elsewhere(person, robot, scenario, made, tmp_path):
     campaign, after = open_campaign(person.folder), tmp_path / "after.csv"
     with campaign.journal_reader() as journal:
         series = journal.series("after")[-1]
-        rows, _ = exported_shots(series, journal.shots(series.number))
+        rows, _ = exported_shots(series, journal.shots(series.number), into.mechanism)
     write_shots(after, rows, into.mechanism, overwrite=False)
     words[words.index("FILE")] = str(after)
     return other, other.types(*words)

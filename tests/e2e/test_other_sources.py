@@ -43,32 +43,6 @@ def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured,
     assert "Simulated" not in page
 
 
-@pytest.mark.long
-def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tmp_path):
-    rows = [row for row in rows_of(shots) if row["pair"]]
-    points, joints = tmp_path / "points.txt", tmp_path / "joints.csv"
-    in_metres = [
-        [f"{float(row[axis]) / 1000.0:.9f}" for axis in ("x_mm", "y_mm", "z_mm")] for row in rows
-    ]
-    lines = [f"Main p{number} {' '.join(point)}" for number, point in enumerate(in_metres)]
-    points.write_text("// export\n" + "\n".join(reversed(lines)) + "\n", encoding="utf-8")
-    table = [["name", *HEAD], *([f"p{n}", *(row[c] for c in HEAD)] for n, row in enumerate(rows))]
-    joints.write_text("\n".join(",".join(line) for line in table) + "\n", encoding="utf-8")
-    other = tmp_path / "other"
-    assert pkmcal("new", other).code == 0
-    taking = ("import", other, points, "--format", "ascii", "--joints", joints)
-    for unit, words in (((), "--unit"), (("--unit", "mm"), "the points look like metres")):
-        refused = pkmcal(*taking, *unit)
-        assert refused.code == 2
-        assert words in refused.error_line
-    assert not (other / "campaign.db").exists()
-    ended = pkmcal(*taking, "--unit", "m", "--json")
-    assert ended.code == 0, ended.err
-    following = {"next": f"pkmcal identify {other}", "before_next": None}
-    assert ended.document == {"series": 1, "shots": len(rows)} | following
-    assert pkmcal("identify", other, "--json").document["verdict"] == "pass"
-
-
 def test_another_tracker_answers_too_and_every_byte_is_written_down(pkmcal, planned, tmp_path):
     change(planned / "campaign.yaml", {"tracker.driver": "pointline"})
     log = tmp_path / "bytes.txt"

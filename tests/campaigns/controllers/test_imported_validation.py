@@ -202,7 +202,9 @@ def test_what_was_measured_before_is_replaced_only_with_consent(paper: PaperCamp
 
 def test_what_was_measured_once_proves_nothing_of_itself(paper: PaperCampaign) -> None:
     with paper.campaign.journal_reader() as journal:
-        kept, _ = exported_shots(journal.latest_series("run"), journal.shots(1))
+        kept, _ = exported_shots(
+            journal.latest_series("run"), journal.shots(1), paper.campaign.robot.mechanism
+        )
     seen = [replace(row, purpose=ShotSet.VALIDATION) for row in kept if row.pair is not None]
     for anyway in (False, True):
         with pytest.raises(ShotsInvalid, match=r"shot 0 is a copy of shot 1 of series 1 \(run\)"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from campaigns.fit.error_sources import tracker_columns
-from campaigns.fit.point_sets import directions, distances_mm
+from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.fit.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,

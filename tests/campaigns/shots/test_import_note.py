@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.shots.import_export import import_note, noted
+from campaigns.shots.shots import import_note, noted
 
 AIRS = st.none() | st.floats(allow_nan=False, allow_infinity=False)
 

@@ -207,7 +207,7 @@ def test_known_lengths_need_no_joints_and_come_back_out(tmp_path: Path) -> None:
     assert np.isfinite(data.joints[:-2]).all()
     pairs = data.whole_pairs(ShotSet.KNOWN_LENGTH).rows
     assert data.measured_distances_mm(pairs) == pytest.approx([1000.0])
-    assert exported_shots(series, shots)[0][-2:] == lengths
+    assert exported_shots(series, shots, ROBOT.mechanism)[0][-2:] == lengths
     assert not series.of_known_lengths
 
 
@@ -232,7 +232,7 @@ def test_sides_of_the_joints_are_read_kept_and_come_back_out(tmp_path: Path) -> 
     series, shots = imported(tmp_path, tuple(told))
     data = shots_of_journal(shots, ROBOT.mechanism)
     assert data.approach.tolist() == [list(row.approach) for row in told]
-    again, _ = exported_shots(series, shots, data.approach)
+    again, _ = exported_shots(series, shots, ROBOT.mechanism)
     assert [row.approach for row in again] == [row.approach for row in told]
     with pytest.raises(ShotsInvalid, match="q0_approach is '2'"):
         parse_shots(text.replace(",1,-1,0,1", ",2,-1,0,1"), "x", ROBOT.mechanism)

@@ -112,9 +112,6 @@ def test_broken_row_is_answered_with_its_line(old, new, line, words):
     [
         ("4e-4,", ",", "covariance without sxx"),
         ("4e-4", "0", "not positive definite"),
-        ("4e-4,1e-5", "4e-4,1", "not positive definite"),
-        ("4e-4,1e-5,0,3e-4,0", "4e-4,3e-4,-2.5e-4,3e-4,2e-4", "not positive definite"),
-        ("4e-4,1e-5", "1e-320,1e300", "not positive definite"),
         (
             "validation,12.5",
             "vaildation,12.5",

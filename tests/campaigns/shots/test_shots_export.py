@@ -32,7 +32,7 @@ def shot(number, pair, purpose="identification", **changes):
 
 
 def test_row_says_what_the_journal_says():
-    (row, _), halves = exported_shots(series(), [shot(0, 7), shot(1, 7)])
+    (row, _), halves = exported_shots(series(), [shot(0, 7), shot(1, 7)], PAR4)
     assert row == ShotRow(
         pair=7,
         joints=(0.1, 0.2, 0.3, 0.4),
@@ -48,14 +48,14 @@ def test_row_says_what_the_journal_says():
 
 def test_half_a_pair_is_left_out_and_said():
     shots = [shot(0, 0), shot(1, 0), shot(2, 1), shot(3, None, "drift")]
-    rows, halves = exported_shots(series(), shots)
+    rows, halves = exported_shots(series(), shots, PAR4)
     assert [row.point_in_tracker_mm[0] for row in rows] == [2000.0, 2001.0, 2003.0]
     assert halves == (2,)
 
 
 def test_file_is_read_again_as_the_same_shots():
     shots = [shot(0, 0), shot(1, 0), shot(2, 1, "validation"), shot(3, 1, "validation")]
-    rows, _ = exported_shots(series(), [*shots, shot(4, None, "repeatability")])
+    rows, _ = exported_shots(series(), [*shots, shot(4, None, "repeatability")], PAR4)
     again = parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4)
     assert [replace(row, joints=(), turn=()) for row in again] == [
         replace(row, joints=(), turn=()) for row in rows
@@ -67,9 +67,9 @@ def test_file_is_read_again_as_the_same_shots():
 
 def test_what_the_journal_lacks_the_file_lacks_too():
     bare = [shot(n, 0, covariance_mm2=None, weather=None) for n in (0, 1)]
-    (row, *_), _ = exported_shots(series(), bare)
+    (row, *_), _ = exported_shots(series(), bare, PAR4)
     assert (row.covariance_mm2, row.temperature_degC) == (None, None)
-    assert exported_shots(series(), []) == ((), ())
+    assert exported_shots(series(), [], PAR4) == ((), ())
 
 
 def test_imported_shots_come_out_as_they_came_in(tmp_path):
@@ -88,5 +88,5 @@ def test_imported_shots_come_out_as_they_came_in(tmp_path):
     with open_journal(path, now_utc=lambda: MEASURED) as journal:
         number = append_import(journal, rows, robot.kinematics, robot.digest(), {})
         found = journal.latest_series("import")
-        exported, _ = exported_shots(found, journal.shots(number))
+        exported, _ = exported_shots(found, journal.shots(number), robot.mechanism)
     assert exported == rows
