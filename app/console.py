@@ -44,7 +44,7 @@ def is_yes(typed: str) -> bool:
 
 
 class Terminal:
-    """With `as_json` everything for people goes to stderr, and one document to stdout."""
+    """Terminal of a command; with `as_json` all for people goes to stderr, a document to stdout."""
 
     def __init__(self, *, as_json: bool, verbose: bool = False, command: str = "") -> None:
         self._as_json = as_json

@@ -1,4 +1,4 @@
-"""What can be wrong with what was asked for at the door."""
+"""Errors of the command line, and the exit codes."""
 
 from enum import IntEnum
 
@@ -33,7 +33,7 @@ class Exit(IntEnum):
 
 
 def exit_code(error: Exception) -> Exit:
-    """The code of a designed error; the most particular class in the table decides."""
+    """Return the code of a designed error; its most specific class in the table decides."""
     table: dict[type[Exception], Exit] = {
         AppError: Exit.BAD_INPUT,
         AnswerLost: Exit.JOURNAL,

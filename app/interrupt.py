@@ -20,7 +20,7 @@ what nobody could wake again is not suspended."""
 
 
 class StopRequest:
-    """Whether the operator has asked to stop.
+    """Request of the operator to stop.
 
     Asking again changes nothing: a stop is under way, and what it waits for has a deadline. But
     after a signal that nobody can be asked about, nobody is asked any more.
@@ -30,7 +30,7 @@ class StopRequest:
         self._asked_by: int | None = None
 
     def __call__(self) -> bool:
-        """Whether it was asked for."""
+        """Return whether a stop was asked for."""
         return self._asked_by is not None
 
     @property
@@ -67,7 +67,7 @@ def stop_on_signals(wish: StopRequest) -> Iterator[None]:
 
 @contextmanager
 def asking() -> Iterator[None]:
-    """Within `stop_on_signals`, a time in which Ctrl-Z suspends and the others mean no.
+    """Let Ctrl-Z suspend and other signals mean no, within `stop_on_signals`.
 
     They raise `KeyboardInterrupt`, so that what is half done can still be taken back.
     """

@@ -1,6 +1,7 @@
 """The one reader of the terminal's input: lines as answers, and keys while a run is shown."""
 
 import os
+import re
 import select
 import sys
 import termios
@@ -16,6 +17,8 @@ LOOK_S = 0.1
 """How often the request to stop is looked at, and the end of a run."""
 TYPED_BYTES = 4096
 """Longest answer."""
+ESCAPE_SEQUENCE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O?.)?", re.DOTALL)
+"""Arrow, function and keypad keys, a letter with Alt, answers of the terminal: ECMA-48, 5.4."""
 
 
 class Keyboard:
@@ -84,7 +87,8 @@ class Keyboard:
                 keys = _read() if _is_typed(0.0) else None
             if keys == b"":
                 return  # the terminal was closed
-            for key in (keys or b"").decode("utf-8", errors="ignore"):
+            text = (keys or b"").decode("utf-8", errors="ignore")
+            for key in ESCAPE_SEQUENCE.sub("", text):
                 pressed(key)
 
     @contextmanager

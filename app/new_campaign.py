@@ -101,7 +101,7 @@ class NewOptions:
 
 
 def create_campaign(folder: Path, options: NewOptions) -> CampaignConfig:
-    """Campaign as its options have it; raises as the two below."""
+    """Create a campaign by its options; raise as the two functions below."""
     urls, simulated = options.urls, options.rehearsed
     drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
     controller, tracker = urls.values()
@@ -120,7 +120,7 @@ def create_for_devices(
     tracker: str,
     drivers: Mapping[str, str | None] = NO_DRIVERS,
 ) -> CampaignConfig:
-    """Campaign on real devices; raises `ConfigInvalid`, `OutputExists` or `WriteFailed`.
+    """Create a campaign on real devices; raise `ConfigInvalid`, `OutputExists` or `WriteFailed`.
 
     `drivers` of controller and tracker; None: the default.
     """
@@ -150,7 +150,7 @@ def create_simulated(
     urls: Mapping[str, str | None] = NO_DRIVERS,
     drivers: Mapping[str, str | None] = NO_DRIVERS,
 ) -> CampaignConfig:
-    """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
+    """Create a campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
     `urls`: that of the one device that is real, if one is; `drivers` of controller and tracker.
 
@@ -201,7 +201,7 @@ def create_simulated(
 
 
 def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
-    """Cell file of a scenario, for that robot; raises `ScenarioInvalid`."""
+    """Return the cell file of a scenario for a robot; raise `ScenarioInvalid`."""
     joint = robot.mechanism.joints[0]
     low, high = robot.limits.joint
     x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()
@@ -220,19 +220,19 @@ def _device(
     drivers: Mapping[str, str | None],
     simulated: str = "",
 ) -> dict[str, str]:
-    """Address, and driver as it was named, or as the address alone says it."""
+    """Return the address, and the driver as named or as the address states it."""
     url = urls[device] or simulated
     name = drivers[device] or driver_of_address(url)
     return {"url": url} if name is None else {"url": url, "driver": name}
 
 
 def _identity(folder: Path) -> dict[str, object]:
-    """Name of a campaign, and what no other has: a name may be given twice."""
+    """Return the name of a campaign, and a unique identity: a name may be given twice."""
     return {"name": text_file.resolved(folder).name, "identity": uuid4().hex}
 
 
 def _validation(robot: RobotFile) -> dict[str, object]:
-    """Middle of the robot's workspace, and the lines that fit into it."""
+    """Return the middle of the robot's workspace, and the lines that fit into it."""
     centre, usual = robot.workspace_centre, ValidationConfig().line_lengths_mm
     lengths = fitting_lines(robot.kinematics, robot.limits, centre, usual)
     lines = {} if lengths == usual else {"line_lengths_mm": list(lengths)}
@@ -240,14 +240,14 @@ def _validation(robot: RobotFile) -> dict[str, object]:
 
 
 def _limits(data_sheet: Mapping[str, float]) -> dict[str, float]:
-    """What to plan by; nothing, so the defaults, for a tracker without any noise."""
+    """Return the uncertainty to plan by; empty, so the defaults, for a tracker without noise."""
     if min(data_sheet["along_um"], data_sheet["across_um"]) <= 0.0:
         return {}
     return {name: round(limit, LIMIT_DIGITS) for name, limit in data_sheet.items()}
 
 
 def _write_unless_same(path: Path, text: str) -> None:
-    """Write a new file; one that an attempt before has left is taken as it is."""
+    """Write a new file, unless an earlier attempt has left the same one."""
     if (
         not is_there(path)
         or text_file.read_text(path, OutputExists, if_missing="try again") != text

@@ -48,7 +48,7 @@ Plain = Annotated[
 
 
 def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:
-    """The campaign's folder and a file of what was typed: one argument alone is the file.
+    """Return the campaign's folder and a file by what was typed: a single argument is the file.
 
     Raises `OptionsInvalid` where no file was named.
     """
@@ -60,7 +60,7 @@ def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:
 
 
 def picture_file(path: Path | None) -> Path | None:
-    """Refuse at once what could not be written at the end."""
+    """Return the path of a picture; raise `OptionsInvalid` for an unknown kind of file."""
     if path is not None and path.suffix.lower() not in PICTURES:
         raise OptionsInvalid(
             f"--plot {path}: the name of a picture ends in {', '.join(PICTURES)}",

@@ -68,7 +68,7 @@ def forecast_lines(
 
 
 def warnings(forecast: Forecast) -> Iterator[str]:
-    """Yield what speaks against measuring by this plan."""
+    """Yield what makes this plan a bad one to measure."""
     for joint, share in enumerate(forecast.from_below):
         if max(share, 1.0 - share) > ONE_SIDED:
             side = "smaller" if share > ONE_SIDED else "larger"
@@ -98,7 +98,7 @@ def refusals_lines(space: RestrictedSpace, refusals: Refusals) -> Iterator[str]:
 
 
 def plate_warning(space: RestrictedSpace) -> str:
-    """What speaks against walls kept off a plate that nobody has measured; empty: nothing."""
+    """Return a warning if walls are kept off a plate of unknown radius; else an empty text."""
     if not space.is_restricted or space.plate_radius_mm > 0.0:
         return ""
     return (
@@ -108,7 +108,7 @@ def plate_warning(space: RestrictedSpace) -> str:
 
 
 def plan_line(checked: CheckedPlan) -> str:
-    """What a plan holds and takes, in one line."""
+    """Return the shots of a plan and the time it takes, in one line."""
     counts = Counter(shot.purpose.value for shot in checked.shots)
     sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
     took = interval((checked.seconds, checked.seconds))

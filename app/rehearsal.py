@@ -102,7 +102,7 @@ def _beginning(campaign: Campaign, terminal: Terminal) -> Rehearsal:
 
 
 def _distance_line(found: ValidationResult) -> str:
-    """The figure that counts, in a line."""
+    """Return the mean and the largest error of distances in a line."""
     distances = found.distances
     if distances is None:
         return "no distances measured"

@@ -35,19 +35,19 @@ class LastingStream(io.RawIOBase):
         self._is_of_use = True
 
     def writable(self) -> bool:
-        """Whether it can be written to: always."""
+        """Return whether it can be written to: always."""
         return True
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Return whether it is a terminal."""
         return self._inner.isatty()
 
     def fileno(self) -> int:
-        """Number of the file behind it."""
+        """Return the descriptor of the file behind it."""
         return self._inner.fileno()
 
     def write(self, data: "ReadableBuffer", /) -> int | None:
-        """Write, or drop; gives how many bytes are done with."""
+        """Write or drop the bytes, and return their number."""
         size = memoryview(data).nbytes
         if not self._is_of_use:
             return size
@@ -64,7 +64,7 @@ class LastingStream(io.RawIOBase):
 
 
 def lasting(stream: TextIO, name: str, borne: Container[int] | None) -> TextIO:
-    """The same stream, but lasting, in UTF-8; one that has no bytes behind it stays as it is."""
+    """Return a lasting stream in UTF-8; one that has no bytes behind it stays as it is."""
     buffered = getattr(stream, "buffer", None)
     raw = getattr(buffered, "raw", buffered)  # Python's own streams may be unbuffered
     if not isinstance(raw, io.RawIOBase):

@@ -49,7 +49,7 @@ StopRequested = Callable[[], bool]
 
 
 def scenario_of(campaign_folder: Path, url: str) -> Scenario:
-    """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
+    """Return the scenario of a sim:// URL: a file of the campaign's folder, or a shipped one."""
     return load_scenario(_scenario_source(campaign_folder, url))
 
 
@@ -66,7 +66,7 @@ def connected_cell(
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
 ) -> Iterator[Devices]:
-    """Both devices, connected; closed at the end of the block.
+    """Connect both devices for the time of the block.
 
     Once a stop is requested, nothing is waited for any more. `alarm` is told what the operator has
     to read at once. Raises a driver's error when one is not there or not the expected one.
@@ -114,7 +114,7 @@ class DeviceConnections:
 
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
-        """The controller."""
+        """Connect the controller for the time of the block."""
         driver = CONTROLLERS[self.campaign.config.controller.driver]
         robot = driver.make(
             RobotSurroundings(
@@ -141,7 +141,7 @@ class DeviceConnections:
 
     @contextmanager
     def tracker(self) -> Iterator[LaserTracker]:
-        """The tracker."""
+        """Connect the tracker for the time of the block."""
         config, place = self.campaign.config.tracker, self.tracker_place
         driver = TRACKERS[config.driver]
         tracker = driver.make(
@@ -165,7 +165,7 @@ class DeviceConnections:
             tracker.close()
 
     def awake(self, clock: Clock) -> Clock:
-        """A clock whose sleep ends once a stop is requested."""
+        """Return a clock whose sleep ends once a stop is requested."""
         return WakefulClock(clock, self.stop_requested)
 
 
@@ -181,7 +181,7 @@ def connections(
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
 ) -> Iterator[DeviceConnections]:
-    """Ways to each device; a simulated cell lives for the time of the block."""
+    """Give the ways to each device; a simulated cell lives for the time of the block."""
     campaign.require_devices()
     made = partial(DeviceConnections, campaign, stop_requested, alarm, prompt)
     urls = campaign.config.controller.url, campaign.config.tracker.url
@@ -216,7 +216,7 @@ def connections(
 
 @contextmanager
 def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterator[RobotController]:
-    """The controller alone."""
+    """Connect the controller alone for the time of the block."""
     with connections(campaign, prompt=prompt) as to, to.robot() as robot:
         yield robot
 
@@ -268,7 +268,7 @@ def _followed(robot: RobotController, followed: SimulatedController) -> RobotCon
 
 @contextmanager
 def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCell]:
-    """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
+    """Start a simulated cell; keep its memory, as a real one has, in the campaign's folder."""
     path = campaign.path(CELL_MEMORY)
     require_same_mechanism(campaign, scenario)
     memory = _remembered(path)
@@ -289,7 +289,7 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
 
 
 def _records(campaign: Campaign) -> int:
-    """Number of records of the journal: no place was measured more often."""
+    """Return the number of records of the journal: no place was measured more often."""
     try:
         with campaign.journal_reader() as journal:
             return journal.last_number()

@@ -116,7 +116,7 @@ def _unwritable(path: object, error: BaseException | None) -> WriteFailed:
 def _asked(
     door: Callable[[], AbstractContextManager[Device]], facts_of: Callable[[Device], Facts]
 ) -> Facts | DriverError:
-    """What a device says, or why it says nothing."""
+    """Return what a device states, or the error for which it states nothing."""
     try:
         with door() as device:
             return facts_of(device)
@@ -125,7 +125,7 @@ def _asked(
 
 
 def of_controller(campaign: Campaign, robot: RobotController) -> Facts:
-    """What the controller says of itself."""
+    """Return what the controller states."""
     identity, state = robot.identity(), robot.state()
     axes = campaign.robot.mechanism.joints
     joints = zip(axes, state.joints, strict=bool(state.joints))  # by hand: none until asked
@@ -140,7 +140,7 @@ def of_controller(campaign: Campaign, robot: RobotController) -> Facts:
 
 
 def of_tracker(tracker: LaserTracker) -> Facts:
-    """What the tracker says of itself and of the air."""
+    """Return what the tracker states, and the weather."""
     identity, state, air = tracker.identity(), tracker.state(), tracker.weather()
     return {
         "identity": str(identity),

@@ -85,7 +85,7 @@ def command(
 
 
 def _show(terminal: Terminal, plain: exporting.PlainExport) -> dict[str, dict[str, float]]:
-    """Show what plain parameters leave of position beside others; gives it for programs."""
+    """Show and return the errors of position that plain and other parameters leave."""
     left = {
         "nominal parameters": (plain.nominal.lost_mean_mm, plain.nominal.lost_max_mm),
         "these values": (plain.form.lost_mean_mm, plain.form.lost_max_mm),

@@ -118,7 +118,7 @@ def command(
 
 @contextmanager
 def _watched(wish: StopRequest, display: RunLines) -> Iterator[None]:
-    """Signals are a wish to stop meanwhile, and what is measured is shown."""
+    """Take signals for a wish to stop, and show what is measured, during the block."""
     with stop_on_signals(wish), display:
         yield
 
@@ -155,5 +155,5 @@ def _tell(terminal: Terminal, done: LoadResult) -> None:
 
 
 def show(terminal: Terminal, found: tuple[Change, ...]) -> None:
-    """Table of the parameters that would change."""
+    """Show the parameters that would change."""
     terminal.rows("Controller (mm, deg)", CHANGES, [each for each in found if each.delta != 0.0])

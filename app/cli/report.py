@@ -100,7 +100,7 @@ def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
 
 
 def _is_report(path: Path) -> bool:
-    """Whether the file begins as our reports do; what cannot be read does not."""
+    """Return whether a file can be read and begins as our reports do."""
     if not is_file(path):
         return False
     try:

@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
@@ -21,8 +21,7 @@ LONGEST_MM = 100_000.0
 
 
 def _length(what: str) -> typer.models.OptionInfo:
-    option: typer.models.OptionInfo = typer.Option(metavar="MM", help=what)
-    return option
+    return cast("typer.models.OptionInfo", typer.Option(metavar="MM", help=what))
 
 
 Kind = Annotated[str, typer.Argument(metavar="MECHANISM", help=f"One of {', '.join(MECHANISMS)}.")]

@@ -96,17 +96,11 @@ def command(
 
 def run_answer(ran: RunResult) -> RunAnswer:
     """Return a run's result for programs."""
-    goal = (
-        None
-        if ran.goal_mm is None
-        else {
-            "std_mm": ran.goal_mm,
-            "met": ran.good,
-            "reached_mm": ran.known and ran.known.position_std_mm,
-            "left_out": ran.left_out,
-        }
-    )
-    settling = None
+    goal = settling = None
+    if ran.goal_mm is not None:
+        reached_mm = ran.known and ran.known.position_std_mm
+        goal = {"std_mm": ran.goal_mm, "met": ran.good, "reached_mm": reached_mm}
+        goal["left_out"] = ran.left_out
     if ran.settling is not None:
         settling = {"visits": ran.settling.shots, "says": ran.settling.text}
     return RunAnswer(
@@ -129,6 +123,7 @@ def show_preview(
     anew: bool,
 ) -> None:
     """Say what a run would do, and the predicted uncertainty if there is a goal."""
+    predicted = None
     if ran is None:
         predicted = predicted_end(campaign, work)
         preview = run_preview(campaign, checked.seconds, work, anew=anew)
@@ -143,7 +138,6 @@ def show_preview(
             seconds_left_estimated=preview.seconds,
         )
     else:
-        predicted = None
         answer = RunPreviewAnswer(
             shots=len(checked.shots),
             seconds_estimated=checked.seconds,

@@ -26,7 +26,7 @@ def command(terminal: Terminal, campaign: Campaign) -> None:
 
 
 def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
-    """Lines of the answer, and how each looks."""
+    """Yield the lines of the answer with their styles."""
     yield f"{found.name} ({found.robot}): {found.phase}", "bold"
     if found.measuring is not None:
         yield f"now: {found.measuring.says}", WARNING

@@ -66,7 +66,7 @@ class LiveServer(ThreadingHTTPServer):
 
     @override
     def handle_error(self, request: object, client_address: object) -> None:
-        """A visitor who left is nobody's error."""
+        """Report no error for a visitor who left."""
 
 
 def _files(folder: Path) -> list[tuple[str, int, int]]:

@@ -52,12 +52,6 @@ def test_what_a_long_work_is_at_is_shown_on_a_terminal_and_nowhere_else(is_termi
     assert ("2 of 3" in screen.getvalue()) is is_terminal
 
 
-def test_details_are_for_those_who_asked(capsys):
-    Terminal(as_json=False).detail("quiet")
-    Terminal(as_json=False, verbose=True).detail("told")
-    assert capsys.readouterr().err == "told\n"
-
-
 def test_without_a_terminal_nobody_says_yes(capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
     terminal = Terminal(as_json=False)
@@ -77,11 +71,6 @@ def test_only_yes_is_yes(capsys, monkeypatch, typed, is_yes):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == "Sure? [y/N] "
-
-
-def test_a_yes_given_before_is_not_asked_for_again(capsys):
-    Terminal(as_json=False).require_yes("Sure?", yes=True)
-    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("variables", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "with styles"])

@@ -192,10 +192,6 @@ def test_debug_shows_where_it_arose(pkmcal, failing, error):
     assert err.splitlines()[-1].startswith("pkmcal: ")
 
 
-def test_an_option_of_a_command_is_not_taken_for_debug(pkmcal, failing):
-    assert "Traceback" not in pkmcal(*failing(LinkDown("a", remedy="b")), "--json")[2]
-
-
 IMPORTED = """
 import sys
 from app.main import run_command

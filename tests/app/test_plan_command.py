@@ -10,9 +10,8 @@ from par4_space import SPACE
 
 from app.main import run_command
 from app.new_campaign import create_simulated
-from app.plan_text import forecast_lines, group_rows, plate_warning, warnings
+from app.plan_text import warnings
 from campaigns.campaign import open_campaign
-from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import OptionsInvalid, PlanInvalid, WriteFailed
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.options import PlanOptions
@@ -99,12 +98,6 @@ def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign, asked_of
     assert usual.identification_shots == 120
 
 
-@pytest.mark.parametrize("until", ["0", "nothing", "11"])
-def test_a_goal_that_is_no_uncertainty_of_positions_is_refused(campaign, until):
-    with pytest.raises(OptionsInvalid, match=rf"--until is '{until}'"):
-        plan(campaign, PlanOptions(until=until))
-
-
 @pytest.mark.slow
 def test_the_data_sheet_in_the_settings_is_what_is_planned_with(campaign, plan_of):
     stated, told = campaign.instrument, TrackerUncertainty.of_limits(15, 0, 15, 0)
@@ -179,20 +172,6 @@ def test_a_joint_that_comes_from_one_side_is_warned_of():
     assert "backlash" in second
 
 
-def test_positions_the_goal_and_the_weakest_of_each_group_are_named_with_their_units():
-    positions, goal, weakest = forecast_lines(NOTHING_ODD, SPACE, 0.005)
-    assert positions.endswith("±0.0020 mm on average, ±0.0030 mm at most (1 σ)")
-    assert goal == "--until 0.005: ±0.0020 mm by 40 shots"
-    assert weakest == (
-        "weakest: arm1.x_mm ±0.0200 mm (places of motors and rails), "
-        "arm0.joint_offset_deg ±0.0057° (joint offsets)"
-    )
-    assert group_rows(NOTHING_ODD, SPACE) == [
-        ("places of motors and rails", "arm1.x_mm", "0.0200 mm"),
-        ("joint offsets", "arm0.joint_offset_deg", "0.0057°"),
-    ]
-
-
 @pytest.mark.slow
 def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
     texts = []
@@ -226,10 +205,3 @@ def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_ow
     monkeypatch.setattr("campaigns.design.pose_sampling.FOUND", 10**6)
     planned = plan(campaign, PlanOptions(shots=44))
     assert len(planned.forecast.position_std_mm) == len(planned.checked.shots)
-
-
-def test_a_plate_whose_size_nobody_said_is_warned_of():
-    floor = Zone("floor", Rectangle(), (-800.0, 0.0), keeps_in=True)
-    assert "space.plate_radius_mm" in plate_warning(RestrictedSpace((floor,)))
-    assert plate_warning(RestrictedSpace((floor,), 100.0)) == ""
-    assert plate_warning(UNRESTRICTED) == ""

@@ -102,12 +102,6 @@ def test_the_screen_says_state_end_figures_and_keys():
     ]
 
 
-def test_a_large_residual_is_called_so_once_others_show_what_is_usual():
-    shots = measured((0.004, 0.006, 0.005, 0.004, 0.006, 0.016))
-    assert any("0.016 mm: large, 0.005 mm is usual" in line for line in lines_on(screen_of(*shots)))
-    assert not any("usual" in line for line in lines_on(screen_of(*measured((0.016,)))))
-
-
 @pytest.mark.parametrize(
     ("progress", "first", "to_do"),
     [
@@ -200,10 +194,6 @@ def test_every_state_is_said_to_those_who_asked_and_events_are_never_cut():
         f"run: {summary(AT_WORK)}",
         f"run: {certainty(KNOWN)}",
     ]
-
-
-def test_a_run_that_never_began_says_nothing_at_its_end():
-    assert lines_of() == []
 
 
 def test_a_stop_that_was_not_confirmed_stands_first():

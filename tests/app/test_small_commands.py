@@ -11,7 +11,7 @@ from app.cli.dry_run import prepared
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
-from sim.scenarios.scenario import load_scenario, scenario_text
+from sim.scenarios.scenario import load_scenario
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
 
@@ -87,12 +87,6 @@ def test_new_with_a_name_that_is_not_known(pkmcal, tmp_path, option, value, hint
     assert not (tmp_path / "try").exists()
 
 
-def test_new_keeps_the_scenario_and_its_seed_with_the_campaign(tmp_path):
-    new_campaign.create_simulated(tmp_path / "try", "par4-prototype", "realistic", seed=17)
-    assert "seed: 17" in (tmp_path / "try" / "cell.yaml").read_text()
-    assert open_campaign(tmp_path / "try").is_simulated
-
-
 @pytest.mark.parametrize(
     ("scenario", "limits"),
     [("paper-simulation", (15.0, 0.0, 15.0, 0.0)), ("realistic", (10.0, 0.3, 15.0, 6.0))],
@@ -119,20 +113,6 @@ def test_a_dry_run_has_a_controller_that_computes_plate_tilt_and_gears(tmp_path)
     assert cell.controller.computes_plate_tilt
     assert cell.controller.computes_transmission
     assert cell.robot.kind.name == "delta"
-
-
-@pytest.mark.parametrize(
-    ("scenario", "own", "speed_up"),
-    [("realistic", False, 10_000.0), ("realistic", True, 100.0)],
-    ids=["shipped", "a file of somebody's own"],
-)
-def test_a_dry_run_does_not_wait_for_a_cell_at_which_nobody_looks(
-    tmp_path, scenario, own, speed_up
-):
-    if own:
-        (tmp_path / "own.yaml").write_text(scenario_text(scenario), encoding="utf-8")
-    prepared(tmp_path / "try", str(tmp_path / "own.yaml") if own else scenario, None)
-    assert load_scenario(str(tmp_path / "try" / "cell.yaml")).speed_up == speed_up
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):

@@ -20,11 +20,6 @@ def wish():
     return interrupt.StopRequest()
 
 
-def test_all_signals_of_an_operator_and_of_a_terminal_are_watched():
-    names = {number.name for number in interrupt.WATCHED}
-    assert names == {"SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"}
-
-
 @pytest.mark.parametrize("number", interrupt.WATCHED)
 def test_a_signal_becomes_a_wish(wish, number):
     with interrupt.stop_on_signals(wish):

@@ -108,8 +108,3 @@ def test_text_that_finds_no_room_is_missed_once():
         print("σ", file=stream, flush=True)
     print("σ", file=stream, flush=True)
     stream.close()
-
-
-def test_stream_without_bytes_behind_it_stays_as_it_is():
-    text = io.StringIO()
-    assert lasting(text, "standard output", READER_GONE) is text

@@ -92,14 +92,6 @@ def test_table_of_another_study_is_refused_and_left_alone(folder, pkmcal, studie
     assert table_of(folder) == before
 
 
-@pytest.mark.parametrize(
-    "words", [("--effects", "all"), ("--estimator", "distances"), ("--free", "plate_mm")]
-)
-def test_removed_option_is_refused_with_a_remedy(folder, refused, words):
-    line = refused(folder, "--campaigns", 3, *words)
-    assert f"{words[0]}' was removed → " in line
-
-
 @pytest.fixture
 def small_parts(monkeypatch):
     monkeypatch.setattr("app.study.running.CAMPAIGNS_A_PART", 4)
@@ -188,11 +180,6 @@ def test_what_cannot_be_studied_is_refused_before_anything_is_written(
 def test_campaign_for_real_devices_needs_a_scenario(folder, refused):
     (folder / "cell.yaml").unlink()
     assert "--scenario paper-simulation" in refused(folder, "--campaigns", 5)
-
-
-def test_campaign_without_a_plan_is_refused(folder, refused):
-    (folder / "plan.csv").unlink()
-    assert "pkmcal plan" in refused(folder, "--campaigns", 5)
 
 
 def test_shot_at_which_the_robot_cannot_be_assembled_is_named(folder, refused):

@@ -38,10 +38,6 @@ def rows(results):
     return [row for result in results for row in result.rows]
 
 
-def test_one_worker_works_in_this_process():
-    assert rows(simulated_parts(work, range(FAULT), None)) == [0, 1, 2]
-
-
 def test_failed_task_costs_itself_alone_and_says_why():
     results = list(simulated_parts(work, range(5), None))
     assert results[FAULT] == Part(FAULT, lost="ZeroDivisionError: by nothing")
