@@ -17,6 +17,7 @@ from campaigns.settings.option import Option
 from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
+from drivers.texts import printable
 from sim.scenarios.adaptation import adapted, computing_all
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
@@ -228,7 +229,7 @@ def _device(
 
 def _identity(folder: Path) -> dict[str, object]:
     """Return the name of a campaign, and a unique identity: a name may be given twice."""
-    return {"name": text_file.resolved(folder).name, "identity": uuid4().hex}
+    return {"name": printable(text_file.resolved(folder).name), "identity": uuid4().hex}
 
 
 def _validation(robot: RobotFile) -> dict[str, object]:

@@ -4,6 +4,7 @@
 applies to it. The command of a row changes what made the row apply, so no advice leads back.
 """
 
+import os
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,6 +27,9 @@ LOOK = "look through campaign.yaml (tracker.place_mm!)"
 MEASURE = "run program-{} on the controller, and measure at each of its stops"
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
+
+_PLAIN = frozenset(range(0x20, 0x7F)) - frozenset(b"'\\")
+"""Bytes that stand for themselves in `$'…'`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,19 @@ class NextStep:
         if self.before:
             yield f"{'first' if self.first else 'because'}: {self.before}"
         yield f"next: {self.text}"
+
+
+def quoted(word: str) -> str:
+    r"""Quote a word as a shell reads it, bytes that are no UTF-8 as bash and zsh take them.
+
+    So `\374` stands in `$'…'` for the ü of a folder from an older share.
+    """
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        signs = (chr(byte) if byte in _PLAIN else f"\\{byte:03o}" for byte in os.fsencode(word))
+        return f"$'{''.join(signs)}'"
+    return shlex.quote(word)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,10 +223,10 @@ def next_step(state: CampaignState) -> NextStep | None:
     row = next((row for row in ROWS if row.applies(state)), None)
     if row is None:
         return None
-    folder, again = shlex.quote(state.folder), "import {folder} FILE"
+    folder, again = quoted(state.folder), "import {folder} FILE"
     if state.measured != "import":
         again = "run {folder} --anew"
-    file = "" if state.file == FILE_NAME else shlex.quote(f"{state.folder}/{state.file}")
+    file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")
     words = {
         "folder": folder,
         "again": again.format(folder=folder),

@@ -88,12 +88,21 @@ def _write_to_disk(path: Path, text: str) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the new name last through a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
+    """Make the new name last through a power cut, where the file system can do that.
+
+    Shares of Windows and VirtualBox and several file systems in user space cannot (EINVAL, ENOTSUP,
+    ENOSYS, EBADF), and a folder may be one to write but not to read (EACCES).
+    """
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        unable = {errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF, errno.EACCES}
+        if error.errno not in unable:
+            raise
 
 
 def _not_written(path: Path, error: OSError) -> WriteFailed:

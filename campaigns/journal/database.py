@@ -3,11 +3,12 @@
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from campaigns.errors import JournalFailed
+from campaigns.files.lock import NO_LOCKS, has_record_locks
 from campaigns.journal.journal_files import FROM_BACKUP, close_untouched, log_of
 
 APPLICATION_ID = 0x706B6D63  # "pkmc"
@@ -15,6 +16,8 @@ VERSION = 2
 CHAINED = 2
 """Version from which records have digests."""
 LOCK_TIMEOUT_S = 2.0
+SETTINGS_FILE = "campaign.yaml"
+"""File beside the journal, on the same file system, of which nobody locks records."""
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
 _OTHER_PROGRAM = "close the other program that has the journal open, then start again: it resumes"
@@ -55,6 +58,8 @@ def sqlite_errors_explained(path: Path, what: str) -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         remedy = _REMEDIES.get(_primary_code(error), _AGAIN)
+        if remedy == _OTHER_PROGRAM and not has_record_locks(path.with_name(SETTINGS_FILE)):
+            remedy = NO_LOCKS  # of which SQLite says that the database is locked
         raise JournalFailed(f"{path}: {what}: {error}", remedy=remedy) from error
     except OSError as error:
         raise JournalFailed(f"{path}: {what}: {error.strerror or error}", remedy=_RIGHTS) from error
@@ -168,10 +173,14 @@ def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
     unfinished = path.with_name(f"{path.name}.new")
     with sqlite_errors_explained(path, "the journal cannot be made"):
         unfinished.unlink(missing_ok=True)
-        with closing(sqlite3.connect(unfinished, isolation_level=None)) as connection:
-            connection.execute("PRAGMA synchronous = FULL")
-            _create_tables(connection, records)
-        unfinished.replace(path)
+        try:
+            with closing(sqlite3.connect(unfinished, isolation_level=None)) as connection:
+                connection.execute("PRAGMA synchronous = FULL")
+                _create_tables(connection, records)
+            unfinished.replace(path)
+        finally:
+            with suppress(OSError):  # after success there is none
+                unfinished.unlink()
 
 
 def _create_tables(connection: sqlite3.Connection, records: Sequence[StoredRecord]) -> None:

@@ -1,6 +1,7 @@
 """What single commands decide before any device is asked."""
 
 import json
+import os
 import shutil
 
 import numpy as np
@@ -187,3 +188,12 @@ def test_a_result_that_must_not_be_used_is_a_document_too(pkmcal, whole, tmp_pat
     error = {"problem": problem, "remedy": remedy, "exit_code": 1}
     assert ended.document == {"schema": "pkmcal/error/1", "error": error}
     assert pkmcal(name, folder, *options).out == ""
+
+
+def test_folder_whose_name_is_no_utf_8_holds_a_campaign(tmp_path, pkmcal):
+    folder = tmp_path / os.fsdecode(b"M\374ller")
+    for command in (["new", folder, "--scenario", "paper-simulation"], ["plan", folder]):
+        ended = pkmcal(*command, "--json")
+        assert ended.code == 0, ended.err
+    assert r"M\374ller'" in ended.document["next"]
+    assert pkmcal("status", folder, "--json").document["name"] == "M?ller"

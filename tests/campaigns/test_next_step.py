@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
@@ -23,7 +24,15 @@ from campaigns.identification.result import IdentifiedParameter
 from campaigns.journal.records import Event
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
-from campaigns.next_step import LOOK, CampaignState, NextStep, next_step, remedy_for, state_of
+from campaigns.next_step import (
+    LOOK,
+    CampaignState,
+    NextStep,
+    next_step,
+    quoted,
+    remedy_for,
+    state_of,
+)
 from campaigns.options import CheckOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
@@ -401,3 +410,15 @@ def told(evidence: Evidence, check: RecordedCheck) -> str:
     found = [each.holds for each in evaluation.checks if each.statement == changed]
     assert found == ([False] if answer and check.decision == "fail" else [])
     return answer
+
+
+def test_folder_whose_name_is_no_utf_8_is_typed_as_a_shell_takes_it() -> None:
+    name = os.fsdecode(b"it's M\374ller \\")
+    step = f"pkmcal plan {quoted(name)}"
+    assert step.isprintable()
+    echoed = subprocess.run(
+        ["bash", "-c", step.replace("pkmcal plan", "printf %s")],
+        stdout=subprocess.PIPE,
+        check=False,
+    )
+    assert echoed.stdout == os.fsencode(name)

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import stat
 from functools import partial
 
 import pytest
@@ -39,6 +40,26 @@ def test_full_disk_is_said_and_leaves_the_old_file_intact(tmp_path, monkeypatch)
     with pytest.raises(WriteFailed, match=r"no space left on device\) → free space"):
         replace_text(path, "new\n")
     assert path.read_text() == "old\n"
+    assert names_in(tmp_path) == ["plan.csv"]
+
+
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP, errno.EIO])
+def test_file_system_that_cannot_sync_a_folder_is_written_all_the_same(
+    tmp_path, monkeypatch, number
+):
+    sync = os.fsync
+
+    def refusing(descriptor):
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(number, os.strerror(number))
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", refusing)
+    if number == errno.EIO:
+        with pytest.raises(WriteFailed, match="input/output error"):
+            replace_text(tmp_path / "plan.csv", "new\n")
+    else:
+        replace_text(tmp_path / "plan.csv", "new\n")
     assert names_in(tmp_path) == ["plan.csv"]
 
 

@@ -1,5 +1,7 @@
 """Full disks, locks, torn files, killed processes: nothing half written, nothing lost."""
 
+import errno
+import os
 import shutil
 import signal
 import sqlite3
@@ -13,7 +15,8 @@ from journal_story import SESSION, beginning, intent, outcome, ticking, write_st
 from small_files import files_no_larger_than
 
 from campaigns.errors import CampaignLocked, JournalFailed
-from campaigns.files.lock import campaign_lock
+from campaigns.files.lock import NO_LOCKS, campaign_lock
+from campaigns.journal import database
 from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import Event
 
@@ -64,6 +67,28 @@ def test_a_journal_that_another_program_keeps_locked_fails_with_what_to_do(
         other.execute("BEGIN IMMEDIATE")
         with pytest.raises(JournalFailed, match="close the other program"):
             journal.append(Event("operator note", "mine"))
+
+
+def test_a_file_system_without_locks_of_records_is_named_and_nothing_is_left(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite takes ENOLCK for a lock that another program holds."""
+
+    def refusing(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    def busy(*_: object) -> None:
+        error = sqlite3.OperationalError("database is locked")
+        error.sqlite_errorcode = sqlite3.SQLITE_BUSY
+        raise error
+
+    path.with_name("campaign.yaml").touch()
+    monkeypatch.setattr("fcntl.lockf", refusing)
+    monkeypatch.setattr(database, "_create_tables", busy)
+    with pytest.raises(JournalFailed, match="database is locked") as failed:
+        open_journal(path, now_utc=ticking())
+    assert failed.value.remedy == NO_LOCKS
+    assert [file.name for file in path.parent.iterdir()] == ["campaign.yaml"]
 
 
 def test_a_journal_that_became_write_protected_fails_with_what_to_do(journal: Journal) -> None:
