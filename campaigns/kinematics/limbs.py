@@ -25,6 +25,8 @@ from campaigns.kinematics.parameters import (
 Fields = Mapping[str, Array]
 STEP = 1e-200
 """Complex step of derivatives: without cancellation, so as small as numbers go."""
+DOWNWARD = -0.26
+"""Rise of a rail per mm below which its readings count downward: 15° below the horizontal."""
 EXTENSION, TRANSMISSION = Role.EXTENSION, Role.TRANSMISSION
 
 FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
@@ -204,8 +206,10 @@ class Crank(Limb):
 class Carriage(Limb):
     """Carriage on a straight rail: upper end = P + (q + offset) e.
 
-    e points along azimuth and elevation; beyond that the rail may lean sideways, out of the
-    vertical plane of its azimuth, and the carriage's bar out of the horizontal.
+    e points along azimuth and elevation, where the readings grow; beyond that the rail may lean
+    sideways, out of the vertical plane of its azimuth, and the carriage's bar out of the
+    horizontal. The platform hangs below its carriages: of the two places from which a forearm
+    reaches, a carriage takes the upper one, on rails that are about level the one further along.
     """
 
     fields = (
@@ -214,7 +218,10 @@ class Carriage(Limb):
         ParameterField("z_mm", f"z of the rail's zero {PLACE}", "place", "places"),
         ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle", "azimuths"),
         ParameterField(
-            "elevation_deg", "the rail's direction above the horizontal, deg", "angle", "rails"
+            "elevation_deg",
+            "the direction above the horizontal in which its readings grow, deg",
+            "angle",
+            "rails",
         ),
         ParameterField(
             "joint_offset_mm", "the carriage's place minus the reading, mm", "place", "offsets"
@@ -248,23 +255,26 @@ class Carriage(Limb):
 
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
-        """Solve for the place further along the rail, of the two from which a forearm reaches."""
-        to_target = targets - _place(fields)
-        part = dot(to_target, rail_directions(fields))
+        """Solve for the upper place on the rail, of the two from which a forearm reaches."""
+        to_target, rails = targets - _place(fields), rail_directions(fields)
+        part = dot(to_target, rails)
         root2 = part**2 - dot(to_target, to_target) + fields["forearm"] ** 2
         root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan))
-        return part + root - fields["joint_offset"], np.all(root2 >= 0.0, axis=-1)
+        joints = part + _upward(rails) * root - fields["joint_offset"]
+        return joints, np.all(root2 >= 0.0, axis=-1)
 
     @override
     def swing_rad(self, fields: Fields, forearms: Array) -> Array:
-        part = dot(forearms, rail_directions(fields)) / fields["forearm"]
+        rails = rail_directions(fields)
+        part = _upward(rails) * dot(forearms, rails) / fields["forearm"]
         return np.asarray(np.arccos(np.clip(-part, -1.0, 1.0)))
 
     @override
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
         """Return a box of what forearms within their swing reach from carriages on their rails."""
         ends = np.concatenate([self.upper_ends(fields, np.array([[end]])) for end in joint], axis=1)
-        off_axis = np.arccos(np.clip(-rail_directions(fields), -1.0, 1.0))
+        rails = rail_directions(fields)
+        off_axis = np.arccos(np.clip(-along(_upward(rails), rails), -1.0, 1.0))
         lowest = np.cos(np.minimum(off_axis + swing_rad, np.pi))
         highest = np.cos(np.maximum(off_axis - swing_rad, 0.0))
         forearm = fields["forearm"]
@@ -290,13 +300,18 @@ def crank_frames(azimuth: Array, axis_tilt: Array) -> tuple[Array, Array, Array]
 
 
 def rail_directions(fields: Fields) -> Array:
-    """Return the unit vectors (…, 3, 1, n) in which rails count upward."""
+    """Return the unit vectors (…, 3, 1, n) along rails, in which their readings grow."""
     cos, sin = np.cos(fields["azimuth"]), np.sin(fields["azimuth"])
     level, rise = np.cos(fields["elevation"]), np.sin(fields["elevation"])
     upright, tilt = np.cos(fields["rail_tilt"]), np.sin(fields["rail_tilt"])
     return vectors(
         upright * level * cos - tilt * sin, upright * level * sin + tilt * cos, upright * rise
     )
+
+
+def _upward(rails: Array) -> Array:
+    """Return 1 for rails (…, 1, n) whose readings grow upward or about level, -1 for downward."""
+    return np.where(rails[..., 2, :, :].real < DOWNWARD, -1.0, 1.0)
 
 
 def vectors(x: Array, y: Array, z: Array | float) -> Array:

@@ -41,6 +41,8 @@ INNER_OF = {"mm": 1.0, "deg": math.pi / 180.0, "ppm": 1e-6}
 """Factors from units of tolerances to those of the fit."""
 EXPANSION, EXPANSIONS = "_expansion_ppm", "expansion_ppm_per_degC"
 REFERENCE = "reference_temperature_degC"
+LONGEST_IN_METRES = 5.0
+"""Lengths up to this many m are those of robots; up to this many mm of none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +279,22 @@ def checked_parameters(
     return Parameters.of(space, values, std)
 
 
+def require_millimetres(parameters: Parameters, where: str) -> None:
+    """Raise `ConfigInvalid` for a robot whose lengths look like metres: all are a few mm at most.
+
+    No laser tracker's reflector would fit on so small a robot.
+    """
+    table = parameters.table
+    lengths = [name for name in table.of_robot if table[name].field.quantity == "length"]
+    longest = max(lengths, key=parameters.__getitem__)
+    if parameters[longest] < LONGEST_IN_METRES:
+        raise ConfigInvalid(
+            f"{where}: {longest} is {parameters[longest]:g}, and no length is above "
+            f"{LONGEST_IN_METRES:g} mm: metres?",
+            remedy=f"give places and lengths in mm, such as {1000.0 * parameters[longest]:g}",
+        )
+
+
 def _shipped_robots() -> dict[str, Traversable]:
     """Return the robot files that come with the software, by name."""
     folder = resources.files("campaigns.robots")
@@ -302,6 +320,7 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     values = _by_name(mechanism.parameters, contents.geometry)
     values[rate] = getattr(contents, rate) or 0.0
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
+    require_millimetres(parameters, f"{document.place_of('geometry')}")
     robot = RobotFile(
         contents.name,
         _drawn(mechanism, parameters, contents),

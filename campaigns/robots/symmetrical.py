@@ -15,8 +15,9 @@ from campaigns.kinematics.axes import Interval
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reach import middle_of_reach_mm
-from campaigns.robots.robot import RobotDocument, parse_robot, shipped_of
+from campaigns.robots.robot import RobotDocument, parse_robot, require_millimetres, shipped_of
 from campaigns.robots.schema import SCHEMA
 
 UPRIGHT_DEG = 90.0
@@ -57,6 +58,7 @@ def symmetrical_robot(
     """
     _check_lengths(mechanism, sizes.lengths_mm)
     flat = _symmetrical(mechanism, sizes)
+    require_millimetres(Parameters.of(mechanism.parameters, flat), f"{name}.yaml")
     like = shipped_of(mechanism).robot
     limits = like.limits if joint is None else replace(like.limits, joint=joint)
     kinematics = Kinematics.of(mechanism, flat)

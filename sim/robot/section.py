@@ -1,17 +1,23 @@
 """The robot's and the controller's part of a scenario. Every default means "ideal"."""
 
+import json
 import math
 from collections.abc import Mapping
+from functools import cache
+from importlib import resources
 from types import MappingProxyType
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
+from ruamel.yaml import YAML
 
-from sim.geometry import KINDS, NOMINAL_ROBOTS, PAR4, Kind, problem_with
+from sim.geometry import KINDS, PAR4, Kind, problem_with
 from sim.robot.rods import Growth
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
 PPM = 1e-6
+ROBOTS = "campaigns.robots"
+"""Package of the robot files that are shipped."""
 ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
     {
         "rod_errors_mm": 2,
@@ -36,6 +42,21 @@ def changed(flat: Mapping[str, float], deltas: Mapping[str, float]) -> dict[str,
         if name not in flat:
             raise ValueError(f"{name} is no parameter; {nearest(name, flat)}")
     return {name: value + deltas.get(name, 0.0) for name, value in flat.items()}
+
+
+@cache
+def nominal_robot(name: str) -> tuple[str, Mapping[str, float]]:
+    """Return mechanism and parameters of a shipped robot; raises `ValueError` for another name.
+
+    The robot files are data of the work, whose code the simulated cell does not know.
+    """
+    files = {file.name.removesuffix(".yaml"): file for file in resources.files(ROBOTS).iterdir()}
+    names = sorted(name for name, file in files.items() if file.name.endswith(".yaml"))
+    if name not in names:
+        raise ValueError(f"nominal '{name}' is not known; {nearest(name, names)}")
+    tree = YAML(typ="safe", pure=True).load(files[name].read_text(encoding="utf-8"))
+    geometry = GeometrySection.model_validate_json(json.dumps(tree["geometry"]))
+    return tree["mechanism"], MappingProxyType(geometry.flat(KINDS[tree["mechanism"]]))
 
 
 class GeometrySection(Section):
@@ -195,11 +216,12 @@ class RobotSection(Section):
             raise ValueError(f"mechanism '{self.mechanism}' is not known; {hint}")
         if (self.nominal is None) == (self.geometry is None):
             raise ValueError("give either nominal (a name) or geometry (arms and plate_mm)")
-        if self.nominal is not None and self.nominal not in NOMINAL_ROBOTS:
-            hint = nearest(self.nominal, NOMINAL_ROBOTS)
-            raise ValueError(f"nominal '{self.nominal}' is not known; {hint}")
-        if self.nominal is not None and self.kind is not PAR4:
-            raise ValueError(f"nominal '{self.nominal}' is no {self.kind.name}; give geometry")
+        if self.nominal is not None:
+            mechanism, _ = nominal_robot(self.nominal)
+            if mechanism != self.mechanism:
+                raise ValueError(
+                    f"nominal '{self.nominal}' is no {self.mechanism}; give mechanism: {mechanism}"
+                )
         if problem := problem_with(self.true_flat(), self.kind):
             raise ValueError(f"with its errors, {problem}")
         return self
@@ -235,7 +257,7 @@ class RobotSection(Section):
         """Return the robot as it was meant to be."""
         if self.geometry is not None:
             return self.geometry.flat(self.kind)
-        return dict(NOMINAL_ROBOTS[str(self.nominal)])
+        return dict(nominal_robot(str(self.nominal))[1])
 
     def true_flat(self) -> dict[str, float]:
         """Return the robot with its errors, before tolerances are drawn."""

@@ -69,6 +69,12 @@ def test_only_the_difference_of_the_radii_counts(made):
         ("delta", "--base 200 --platform 45 --forearm 800", "--arm is missing"),
         ("delta", f"{SIZES['delta']} --plate 10", "delta has no --plate"),
         ("delta", f"{SIZES['delta']} --travel 10", "delta has cranks, and no --travel"),
+        (
+            "delta",
+            "--base 0.2 --platform 0.045 --arm 0.3 --forearm 0.8",
+            "forearm_mm is 0.8, and no",
+        ),
+        ("linear-delta", "--base 0.25 --platform 0.03 --forearm 2.9 --travel 0.9", "mm: metres?"),
         ("h4", "--base 300 --platform 60 --arm 350 --forearm 700", "--plate is missing"),
         ("delta", "--base 200 --platform 45 --arm 30 --forearm 80", "reaches nothing below"),
         ("delta", "--base nan --platform 45 --arm 300 --forearm 800", "--base is nan mm"),

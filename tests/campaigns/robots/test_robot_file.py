@@ -1,7 +1,9 @@
 """Robot files: read, checked, compensated, written."""
 
 import math
+import re
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -346,7 +348,7 @@ def test_a_ripple_without_its_period_and_a_joint_that_turns_round_are_refused(tm
         geared(tmp_path, ripple_sin_deg=1.0, ripples_per_turn=30.0)
 
 
-lengths = st.floats(min_value=1e-6, max_value=1e5)
+lengths = st.floats(min_value=5.0, max_value=1e5)
 places = st.floats(min_value=-1e5, max_value=1e5)
 turns = st.floats(min_value=-360.0, max_value=360.0)
 
@@ -437,3 +439,23 @@ def test_a_tolerance_of_an_unknown_group_or_that_is_not_positive_is_refused(text
     with pytest.raises(ConfigInvalid) as caught:
         toleranced(text)
     assert words in str(caught.value)
+
+
+def test_robot_in_metres_is_refused_and_told_so(tmp_path):
+    text = PROTOTYPE.document.text.replace("arm_mm: 350.0", "arm_mm: 0.35")
+    text = text.replace("forearm_mm: 700.0", "forearm_mm: 0.7").replace(": 100.0", ": 0.1")
+    said = refusal(ConfigInvalid, read_robot, written(tmp_path, text), begins=str(tmp_path))
+    assert "arm0.forearm_mm is 0.7, and no length is above 5 mm: metres?" in said
+    assert "such as 700" in said
+
+
+def test_robots_described_in_the_docs_stand_in_their_workspaces():
+    page = Path(__file__).parents[3] / "docs" / "mechanisms.md"
+    blocks = re.findall(r"```yaml\n(schema: pkmcal/robot/1\n.*?)```", page.read_text("utf-8"), re.S)
+    assert len(blocks) == 2
+    for block in blocks:
+        robot = parse_robot(block, "docs.yaml").robot
+        around = np.tile(robot.workspace_centre, (7, 1))
+        around[1:4, :3] += 50.0 * np.eye(3)
+        around[4:, :3] -= 50.0 * np.eye(3)
+        assert robot.kinematics.feasibility(robot.limits, around).feasible.all()

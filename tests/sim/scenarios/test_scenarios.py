@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
 
+from campaigns.robots.robot import find_robot
 from sim.cell import Cell
 from sim.errors import ScenarioInvalid
 from sim.factory import transmission
@@ -104,6 +105,22 @@ def test_a_minimal_scenario_is_an_ideal_robot_and_is_read_from_a_file(tmp_path):
     assert cell.true_geometry == dict(NOMINAL_ROBOTS["par4-prototype"])
     assert cell.controller.geometry() == cell.true_geometry
     assert cell.tracker.serial == "390001"
+
+
+@pytest.mark.parametrize("name", ["delta", "linear-delta", "h4", "i4r", "i4l", "par4-table1"])
+def test_any_shipped_robot_is_a_nominal_one(name):
+    robot = find_robot(name).robot
+    section = f"mechanism: {robot.mechanism.name}, nominal: {name}"
+    text = MINIMAL.replace("nominal: par4-prototype", section)
+    flat = parse_scenario(text, "mine").robot.nominal_flat()
+    assert flat == {each: robot.parameters[each] for each in flat}
+
+
+def test_a_nominal_robot_of_another_mechanism_or_name_is_refused():
+    said = explained(MINIMAL.replace("par4-prototype", "delta"))
+    assert "nominal 'delta' is no par4; give mechanism: delta" in said
+    said = explained(MINIMAL.replace("par4-prototype", "linear_delta"))
+    assert "nominal 'linear_delta' is not known; did you mean linear-delta?" in said
 
 
 def test_a_robot_can_be_written_out_in_full():
