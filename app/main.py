@@ -80,8 +80,6 @@ LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_TH
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
 
-FOLDERS_OF_USER = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")
-
 LONGEST_LINE = 950
 """Characters of an error line: what a file or option says in it is cut in the middle."""
 
@@ -173,9 +171,9 @@ def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
-    for variable in FOLDERS_OF_USER:  # a relative one is to be ignored, says their specification
+    for variable in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
         if not os.environ.get(variable, "/").startswith("/"):
-            del os.environ[variable]
+            del os.environ[variable]  # Matplotlib would make that folder wherever it is started
     unblock_signals()
     make_streams_last()
     with interrupted_by_signals():

@@ -28,9 +28,6 @@ MEASURE = "run program-{} on the controller, and measure at each of its stops"
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
-_PLAIN = frozenset(range(0x20, 0x7F)) - frozenset(b"'\\")
-"""Bytes that stand for themselves in `$'…'`."""
-
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
@@ -60,16 +57,10 @@ class NextStep:
 
 
 def quoted(word: str) -> str:
-    r"""Quote a word as a shell reads it, bytes that are no UTF-8 as bash and zsh take them.
-
-    So `\374` stands in `$'…'` for the ü of a folder from an older share.
-    """
-    try:
-        word.encode()
-    except UnicodeEncodeError:
-        signs = (chr(byte) if byte in _PLAIN else f"\\{byte:03o}" for byte in os.fsencode(word))
-        return f"$'{''.join(signs)}'"
-    return shlex.quote(word)
+    r"""Quote a word for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`."""
+    if word.isprintable():
+        return shlex.quote(word)
+    return "$'" + "".join(f"\\x{byte:02x}" for byte in os.fsencode(word)) + "'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

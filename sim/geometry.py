@@ -215,21 +215,6 @@ class Geometry:
         return shares * apart, shares * rate
 
 
-def _prototype() -> dict[str, float]:
-    """Return Table I as a robot that works: radial arms and forearms of 700 mm."""
-    corners = ((-1.0, -1.0, 225.0), (1.0, -1.0, 315.0), (1.0, 1.0, 45.0), (-1.0, 1.0, 135.0))
-    flat = {}
-    for arm, (x, y, azimuth_deg) in enumerate(corners):
-        values = (172.5 * x, 222.5 * y, 0.0, azimuth_deg, 0.0, 350.0, 700.0)
-        flat.update({f"arm{arm}.{f.key}": v for f, v in zip(CRANK_FIELDS, values, strict=True)})
-    return {**flat, "plate_mm": 100.0}
-
-
-NOMINAL_ROBOTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {"par4-prototype": MappingProxyType(_prototype())}
-)
-
-
 def problem_with(
     flat: Mapping[str, float], kind: Kind = PAR4, *, extensions: Collection[str] = ()
 ) -> str:

@@ -11,10 +11,6 @@ from typing import Any
 from campaigns.errors import CampaignError
 from campaigns.files.wording import shown, suggestion
 
-ANGLE_DECIMALS = 12
-"""Decimals of a degree: far below what any encoder tells, far above what converting to rad and back
-loses. So a file that was read and written again is the same file."""
-ANGLE_LIMIT_DEG = 360.0
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Matches in a time that grows with the text's length, not with its square."""
 _WHOLE_NUMBER = re.compile(r"\+?\d{1,18}", re.ASCII)
@@ -22,7 +18,6 @@ WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 SIDES = {"0": 0, "1": 1, "+1": 1, "-1": -1}
 _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet would calculate, or of one that was marked as text."""
-_MARK = "'"
 MOST_LINES = 50_000
 """Of a file, so that it is refused within a second: more than twice what a campaign can plan."""
 
@@ -40,8 +35,12 @@ def fixed_text(value: float, decimals: int) -> str:
 
 
 def angle_text(angle_rad: float) -> str:
-    """Write an angle in deg, to `ANGLE_DECIMALS`."""
-    return number_text(round(math.degrees(angle_rad), ANGLE_DECIMALS))
+    """Write an angle in deg.
+
+    Its 12 decimals are fewer than converting to rad and back loses, and more than any encoder has:
+    a file that was read and written again is the same file.
+    """
+    return number_text(round(math.degrees(angle_rad), 12))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +64,7 @@ def number_column(name: str, *, required: bool = False) -> CsvColumn:
 
 def angle_column(name: str, *, required: bool = False) -> CsvColumn:
     """Return a column of angles, in degrees in the file and in rad outside of it."""
-    wanted = f"a number within ±{ANGLE_LIMIT_DEG:g}"
-    return CsvColumn(name, required, wanted, _angle_rad, angle_text)
+    return CsvColumn(name, required, "a number within ±360", _angle_rad, angle_text)
 
 
 def whole_column(name: str, *, required: bool = False) -> CsvColumn:
@@ -88,7 +86,7 @@ def _finite(text: str) -> float | None:
 
 def _angle_rad(text: str) -> float | None:
     value = _finite(text)
-    return None if value is None or abs(value) > ANGLE_LIMIT_DEG else math.radians(value)
+    return None if value is None or abs(value) > 360.0 else math.radians(value)
 
 
 def _whole(text: str) -> int | None:
@@ -117,12 +115,11 @@ class CsvForm:
             for column in self.columns
             if column.required or any(row.get(column.name) not in (None, "") for row in rows)
         ]
-        texts = [[_text_of(row.get(column.name), column) for column in columns] for row in rows]
+        texts = [
+            ["" if (value := row.get(c.name)) is None else c.write(value) for c in columns]
+            for row in rows
+        ]
         return csv_text([column.name for column in columns], texts)
-
-
-def _text_of(value: object, column: CsvColumn) -> str:
-    return "" if value is None else column.write(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,13 +216,13 @@ def _filled_lines(
 
 def _marked(text: str) -> str:
     is_text = _TEXT_OF_FORMULA.match(text) and not NUMBER.fullmatch(text)
-    return f"{_MARK}{text}" if is_text else text
+    return f"'{text}" if is_text else text
 
 
 def _unmarked(text: str) -> str:
-    if not text.startswith(_MARK):
+    if not text.startswith("'"):
         return text
-    bare = text.removeprefix(_MARK)
+    bare = text.removeprefix("'")
     return bare if _TEXT_OF_FORMULA.match(text) and not NUMBER.fullmatch(bare) else text
 
 
@@ -235,8 +232,9 @@ def _one_line(text: str) -> str:
 
 
 def _check_header(header: list[str], where: str, form: CsvForm) -> None:
+    remedy = f"the first line must name {','.join(form.required)}"
     if not header:
-        raise form.invalid(f"{where}: the file is empty", remedy=_header_remedy(form))
+        raise form.invalid(f"{where}: the file is empty", remedy=remedy)
     _check_separator(header, where, form.invalid)
     known = [column.name for column in form.columns]
     for column in header:
@@ -254,11 +252,7 @@ def _check_header(header: list[str], where: str, form: CsvForm) -> None:
             raise form.invalid(f"{where}: column {column} stands twice", remedy="keep one")
     for column in form.required:
         if column not in header:
-            raise form.invalid(f"{where}: column {column} is missing", remedy=_header_remedy(form))
-
-
-def _header_remedy(form: CsvForm) -> str:
-    return f"the first line must name {','.join(form.required)}"
+            raise form.invalid(f"{where}: column {column} is missing", remedy=remedy)
 
 
 def _check_separator(header: list[str], where: str, invalid: type[CampaignError]) -> None:

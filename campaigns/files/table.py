@@ -77,7 +77,7 @@ def html_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
 
 
 def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:
-    """Number with a true minus sign; a dash for None."""
+    """Write a number with a true minus sign; a dash for None."""
     if value is None:
         return NOTHING
     rounded = round(value, decimals) or 0.0  # what is nothing when rounded has no sign

@@ -110,8 +110,5 @@ def _not_written(path: Path, error: OSError) -> WriteFailed:
         remedy = "free space on the disk, then try again"
     else:
         remedy = "check that the folder exists and that this user may write there"
-    return WriteFailed(f"{path}: cannot be written ({_reason(error)})", remedy=remedy)
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+    reason = (error.strerror or str(error)).lower()
+    return WriteFailed(f"{path}: cannot be written ({reason})", remedy=remedy)

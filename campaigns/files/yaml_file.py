@@ -25,9 +25,6 @@ from drivers.bounded_files import FileRefused, bounded, loaded_yaml
 Location = Sequence[int | str]
 
 BROKEN_RULE = "broken_rule"
-UNBROKEN_LINE = 4096
-"""Columns; long texts stay on their line."""
-INDENT = 2
 
 WORDS: Mapping[str, str] = {
     "missing": "is missing",
@@ -98,7 +95,9 @@ def key_path(location: Location) -> str:
 
 def _problem(found: ErrorDetails) -> str:
     words = WORDS.get(found["type"], "is {input}: {message}")
-    known = {"input": _shown(found["input"]), "message": found["msg"], **found.get("ctx", {})}
+    text = shown(json.dumps(found["input"], ensure_ascii=False, default=str))
+    value = "empty" if found["input"] is None else text
+    known = {"input": value, "message": found["msg"], **found.get("ctx", {})}
     return f"{key_path(found['loc'])} {words.format_map(known)}".strip()
 
 
@@ -131,10 +130,6 @@ def _fields_towards(
             annotation = entries[0 if entries[-1] is Ellipsis else min(key, len(entries) - 1)]
         else:
             annotation = None
-
-
-def _shown(value: object) -> str:
-    return "empty" if value is None else shown(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def _line(tree: CommentedMap, location: Location) -> int:
@@ -224,14 +219,6 @@ def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
         raise explained(error, model, document.name, document.tree) from error
 
 
-def checked_settings(settings: Mapping[str, object], name: str, model: type[Model]) -> Model:
-    """Check what was not read from a file but said otherwise; `name` says where, for messages."""
-    try:
-        return model.model_validate_json(json.dumps(settings))
-    except ValidationError as error:
-        raise explained(error, model, name) from error
-
-
 def _loaded(text: str, name: str) -> object:
     try:
         return loaded_yaml(_yaml(), text, name)
@@ -242,7 +229,7 @@ def _loaded(text: str, name: str) -> object:
 def _yaml() -> YAML:
     yaml = bounded(YAML())
     yaml.preserve_quotes = True
-    yaml.width = UNBROKEN_LINE
+    yaml.width = 4096  # long texts stay on their line
     yaml.indent(mapping=2, sequence=4, offset=2)
     return yaml
 
@@ -290,7 +277,7 @@ def commented_yaml(schema: str, settings: FileModel) -> str:
 
 def _add(tree: CommentedMap, settings: FileModel, column: int) -> None:
     for name, field in type(settings).model_fields.items():
-        tree[name] = _value(getattr(settings, name), column + INDENT)
+        tree[name] = _value(getattr(settings, name), column + 2)
         gap = "\n" if column == 0 else ""
         tree.yaml_set_comment_before_after_key(
             name, before=f"{gap}{field.description}", indent=column
@@ -303,7 +290,10 @@ def _value(value: object, column: int) -> object:
         _add(section, value, column)
         return section
     if isinstance(value, tuple) and any(isinstance(entry, FileModel) for entry in value):
-        return CommentedSeq(_plain(entry) for entry in value)
+        rows = CommentedSeq(CommentedMap(entry.model_dump(mode="json")) for entry in value)
+        for row in rows:  # of many alike each is on one line, without comments
+            row.fa.set_flow_style()
+        return rows
     if isinstance(value, tuple):
         entries = CommentedSeq(value)
         entries.fa.set_flow_style()
@@ -311,10 +301,3 @@ def _value(value: object, column: int) -> object:
     if isinstance(value, str) and not value.isprintable():
         return DoubleQuotedScalarString(value)  # with escapes, so that no sign gets lost
     return value
-
-
-def _plain(entry: FileModel) -> CommentedMap:
-    """One of many alike: on one line, without comments."""
-    section = CommentedMap(entry.model_dump(mode="json"))
-    section.fa.set_flow_style()
-    return section

@@ -16,8 +16,6 @@ VERSION = 2
 CHAINED = 2
 """Version from which records have digests."""
 LOCK_TIMEOUT_S = 2.0
-SETTINGS_FILE = "campaign.yaml"
-"""File beside the journal, on the same file system, of which nobody locks records."""
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
 _OTHER_PROGRAM = "close the other program that has the journal open, then start again: it resumes"
@@ -57,15 +55,15 @@ def sqlite_errors_explained(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        remedy = _REMEDIES.get(_primary_code(error), _AGAIN)
-        if remedy == _OTHER_PROGRAM and not has_record_locks(path.with_name(SETTINGS_FILE)):
+        remedy = _REMEDIES.get(primary_code(error), _AGAIN)
+        if remedy == _OTHER_PROGRAM and not has_record_locks(path.with_name("campaign.yaml")):
             remedy = NO_LOCKS  # of which SQLite says that the database is locked
         raise JournalFailed(f"{path}: {what}: {error}", remedy=remedy) from error
     except OSError as error:
         raise JournalFailed(f"{path}: {what}: {error.strerror or error}", remedy=_RIGHTS) from error
 
 
-def _primary_code(error: sqlite3.Error) -> int:
+def primary_code(error: sqlite3.Error) -> int:
     """Return the family of SQLite's extended code; 0 for an error of Python's own."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
@@ -161,8 +159,6 @@ BEGIN INSERT OR REPLACE INTO chain_end VALUES (1, NEW.id, NEW.digest); END""",
 CREATE TRIGGER the_end_of_the_chain_is_never_removed BEFORE DELETE ON chain_end
 BEGIN SELECT RAISE(ABORT, 'the journal is append-only: the chain keeps its end'); END""",
 )
-
-_BY_VERSION_2 = (_DIGESTS, *_CHAIN)
 
 
 def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
@@ -281,7 +277,7 @@ def prepare_to_write(connection: sqlite3.Connection, path: Path, *, waits_for_di
         connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache
         if version_of(connection) < CHAINED:
             with transaction(connection, "WRITE"):
-                for statement in (*_BY_VERSION_2, f"PRAGMA user_version = {VERSION}"):
+                for statement in (_DIGESTS, *_CHAIN, f"PRAGMA user_version = {VERSION}"):
                     connection.execute(statement)
 
 
@@ -303,22 +299,11 @@ def transaction(connection: sqlite3.Connection, kind: Literal["READ", "WRITE"]) 
         yield
 
 
-def damaged_pages(connection: sqlite3.Connection) -> str:
-    """Return what SQLite finds wrong with the file's pages and indexes; "" if nothing."""
-    text: str = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
-    return "" if text == "ok" else " ".join(text.split())
-
-
 def stated_end(connection: sqlite3.Connection) -> tuple[int, str]:
     """Return number and digest of the last record with a digest, as the file states them."""
     if version_of(connection) < CHAINED:
         return 0, ""
     return connection.execute("SELECT record, digest FROM chain_end").fetchone() or (0, "")
-
-
-def is_corrupt(error: sqlite3.DatabaseError) -> bool:
-    """Whether an error says that pages of the file are broken."""
-    return _primary_code(error) == sqlite3.SQLITE_CORRUPT
 
 
 def records_after(connection: sqlite3.Connection, number: int) -> Iterator[StoredRecord]:
@@ -334,5 +319,4 @@ def records_after(connection: sqlite3.Connection, number: int) -> Iterator[Store
 def insert(connection: sqlite3.Connection, record: StoredRecord) -> None:
     """Write a record."""
     # No RETURNING here: with it the commit waits until the row has been fetched to the end.
-    columns = "id, at_utc, kind, series, shot, attempt, body, digest"
-    connection.execute(f"INSERT INTO record ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", record)  # noqa: S608 - columns above
+    connection.execute("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?)", record)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import Connection
-from types import TracebackType
 from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
@@ -66,12 +65,7 @@ class JournalReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -269,7 +263,7 @@ class Journal(JournalReader):
             raise JournalFailed(changed.problem, remedy=kept or changed.remedy) from changed
 
     def _insert(self, record: kinds.Record, series: int | None) -> None:
-        shot, attempt = _shot_and_attempt(record)
+        shot, attempt = (getattr(record, name, None) for name in ("shot", "attempt"))
         kind = kinds.KIND_OF_TYPE[type(record)]
         label = kind if shot is None else f"{kind} of shot {shot}, attempt {attempt}"
         number, at_utc = len(self._stored) + 1, self._now_utc()
@@ -285,9 +279,3 @@ class Journal(JournalReader):
         with database.sqlite_errors_explained(self._path, f"the record {label} cannot be written"):
             database.insert(self._connection, stored)
         self._stored.append(stored)
-
-
-def _shot_and_attempt(record: kinds.Record) -> tuple[int | None, int | None]:
-    if isinstance(record, kinds.Intent | kinds.Outcome | kinds.Rejected):
-        return record.shot, record.attempt
-    return None, None

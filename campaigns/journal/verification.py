@@ -115,19 +115,19 @@ def verify(connection: sqlite3.Connection, path: Path) -> Verification:
 
     Behind a broken page nothing is read: what comes before may still verify.
     """
-    damage, stored, stated = set[str](), list[StoredRecord](), (0, "")
+    stored, stated = list[StoredRecord](), (0, "")
     explained = database.sqlite_errors_explained(path, "the journal cannot be read")
     with explained, database.transaction(connection, "READ"):
-        damage.add(database.damaged_pages(connection))
+        damage = {connection.execute("PRAGMA integrity_check(1)").fetchone()[0]} - {"ok"}
         try:
             stored.extend(database.records_after(connection, 0))
             stated = database.stated_end(connection)
         except sqlite3.DatabaseError as error:
-            if not database.is_corrupt(error):
+            if database.primary_code(error) != sqlite3.SQLITE_CORRUPT:
                 raise
             damage.add(str(error))
     chain = verify_chain(stored, *stated)
-    broken = [Problem(f"the file is damaged: {text}") for text in sorted(damage) if text]
+    broken = [Problem(f"the file is damaged: {' '.join(text.split())}") for text in sorted(damage)]
     chained = sum(record.digest is not None for record in stored)
     return Verification(chain.records, (*chain.problems, *broken), chained)
 

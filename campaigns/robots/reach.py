@@ -8,11 +8,6 @@ from campaigns.kinematics.feasibility import Limits, search_extent
 from campaigns.kinematics.mechanism import Kinematics
 from drivers.values import Vector3, vector
 
-HEIGHTS = 200
-REACHES = 40
-AROUND = 8
-ROUND_MM = 10.0
-
 
 def middle_of_reach_mm(kinematics: Kinematics, limits: Limits) -> Vector3:
     """Place on the base's axis from which the robot reaches furthest, (x, y, z) mm.
@@ -23,7 +18,7 @@ def middle_of_reach_mm(kinematics: Kinematics, limits: Limits) -> Vector3:
     origin = np.zeros(len(kinematics.mechanism.task))
     origin[:3] = base_mm(kinematics).mean(axis=0)
     extent = search_extent(kinematics.mechanism, kinematics.p, limits, origin)
-    below_mm = np.linspace(0.0, 2.0 * float(extent[2]), HEIGHTS)
+    below_mm = np.linspace(0.0, 2.0 * float(extent[2]), 200)
     reaches = np.array([_reach_mm(kinematics, limits, origin, each, extent) for each in below_mm])
     if not (reaches > 0.0).any():
         raise ConfigInvalid(
@@ -31,7 +26,7 @@ def middle_of_reach_mm(kinematics: Kinematics, limits: Limits) -> Vector3:
             remedy="check the sizes: the forearms must span from the arms' ends to the platform",
         )
     origin[2] -= below_mm[reaches >= 0.95 * reaches.max()].mean()
-    return vector(ROUND_MM * np.round(origin[:3] / ROUND_MM) + 0.0)
+    return vector(10.0 * np.round(origin[:3] / 10.0) + 0.0)
 
 
 def base_mm(kinematics: Kinematics) -> Array:
@@ -47,13 +42,13 @@ def _reach_mm(
     kinematics: Kinematics, limits: Limits, origin: Array, below_mm: float, extent: Array
 ) -> float:
     """Largest ball about a place on the axis whose surroundings can all be reached; 0 for none."""
-    around = 2.0 * np.pi * np.arange(AROUND) / AROUND
-    level = np.column_stack([np.cos(around), np.sin(around), np.zeros(AROUND)])
+    around = 2.0 * np.pi * np.arange(8) / 8
+    level = np.column_stack([np.cos(around), np.sin(around), np.zeros(8)])
     directions = np.vstack([level, [[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]])
-    reaches = np.linspace(0.0, float(extent[0]), REACHES)
-    poses = np.tile(origin, (REACHES, len(directions), 1))
+    reaches = np.linspace(0.0, float(extent[0]), 40)
+    poses = np.tile(origin, (len(reaches), len(directions), 1))
     poses[:, :, 2] -= below_mm
     poses[:, :, :3] += reaches[:, None, None] * directions
     feasible = kinematics.feasibility(limits, poses.reshape(-1, len(extent))).feasible
-    whole = np.logical_and.accumulate(feasible.reshape(REACHES, -1).all(axis=1))
+    whole = np.logical_and.accumulate(feasible.reshape(len(reaches), -1).all(axis=1))
     return float(reaches[whole][-1]) if whole.any() else 0.0

@@ -22,8 +22,7 @@ from campaigns.kinematics.catalog import PYTHON, find_mechanism
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.kinematics.parameters import Parameters, ParameterTable
-from campaigns.kinematics.platforms import PlateGeometry
+from campaigns.kinematics.parameters import Parameters
 from campaigns.kinematics.transmission import STEEPEST
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
@@ -126,7 +125,7 @@ class RobotDocument:
         file, colon, own = str(self.document.tree["mechanism"]).rpartition(":")
         if not colon:
             return {folder / name: self.document.text}
-        module, tree = _folder_of(self.document) / file, self.document.editable_tree()
+        module, tree = Path(self.document.name).parent / file, self.document.editable_tree()
         tree["mechanism"] = f"{module.name}:{own}"
         code = read_text(module, ConfigInvalid, if_missing="give the mechanism's file again")
         return {folder / module.name: code, folder / name: yaml_file.yaml_text(tree)}
@@ -134,11 +133,8 @@ class RobotDocument:
 
 def read_robot(path: Path) -> RobotDocument:
     """Read and check a robot file; raises `ConfigInvalid`."""
-    return _robot_of(
-        yaml_file.read_document(
-            path, if_missing="give a robot file, or the name of a shipped robot"
-        )
-    )
+    remedy = "give a robot file, or the name of a shipped robot"
+    return _robot_of(yaml_file.read_document(path, if_missing=remedy))
 
 
 def find_robot(name_or_path: str) -> RobotDocument:
@@ -149,7 +145,7 @@ def find_robot(name_or_path: str) -> RobotDocument:
     shipped = _shipped_robots()
     if name_or_path in shipped:
         text = shipped[name_or_path].read_text(encoding="utf-8")
-        return _robot_of(yaml_file.parse_document(text, f"{name_or_path}.yaml"))
+        return parse_robot(text, f"{name_or_path}.yaml")
     if name_or_path.rpartition(":")[0].endswith(PYTHON):
         return _typical_of(name_or_path)
     if is_there(Path(name_or_path)):
@@ -185,7 +181,7 @@ def _typical_of(word: str) -> RobotDocument:
         if shipped.robot.mechanism.parameters.names == names:
             tree = shipped.document.editable_tree()
             tree |= {"mechanism": Path(word).name, "name": mechanism.name}
-            return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), word))
+            return parse_robot(yaml_file.yaml_text(tree), word)
     raise ConfigInvalid(
         f"{word}: no shipped robot has its parameters, so nothing says its sizes",
         remedy=f"write a robot file with `mechanism: {word}`, and give that",
@@ -220,15 +216,15 @@ def compensated(
     tree["uncertainty"] = known or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = own.digest()
-    where = str(_folder_of(nominal.document) / name)
-    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), where))
+    where = str(Path(nominal.document.name).parent / name)
+    return parse_robot(yaml_file.yaml_text(tree), where)
 
 
 def with_ripples_per_turn(robot: RobotDocument, ripples_per_turn: float) -> RobotDocument:
-    """The same robot with its gears' rate in the document."""
+    """Return the same robot with its gears' rate in the document."""
     tree = robot.document.editable_tree()
     tree["ripples_per_turn"] = ripples_per_turn
-    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), robot.document.name))
+    return parse_robot(yaml_file.yaml_text(tree), robot.document.name)
 
 
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
@@ -297,14 +293,13 @@ def require_millimetres(parameters: Parameters, where: str) -> None:
 
 def _shipped_robots() -> dict[str, Traversable]:
     """Return the robot files that come with the software, by name."""
-    folder = resources.files("campaigns.robots")
-    files = {file.name.removesuffix(".yaml"): file for file in folder.iterdir()}
-    return {name: files[name] for name in sorted(files) if files[name].name.endswith(".yaml")}
+    files = [f for f in resources.files("campaigns.robots").iterdir() if f.name.endswith(".yaml")]
+    return {f.name.removesuffix(".yaml"): f for f in sorted(files, key=lambda file: file.name)}
 
 
 def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
-    folder = _folder_of(document)
+    folder = Path(document.name).parent
     model = contents_model(document.tree.get("mechanism"), folder)
     contents = yaml_file.checked(document, SCHEMA, model)
     mechanism = find_mechanism(contents.mechanism, folder)
@@ -317,8 +312,12 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
                 f"{document.place_of('reflector_half')}: {error}", remedy="delete the line"
             ) from error
     rate = mechanism.parameters.rate.name
-    values = _by_name(mechanism.parameters, contents.geometry)
-    values[rate] = getattr(contents, rate) or 0.0
+    of_all = contents.geometry.model_dump()
+    of_arms = of_all.pop("arms")
+    values = {rate: getattr(contents, rate) or 0.0}
+    for each in map(mechanism.parameters.__getitem__, mechanism.parameters.of_robot):
+        holder = of_all if each.arm is None else of_arms[each.arm]
+        values[each.name] = holder[each.field.name]
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     require_millimetres(parameters, f"{document.place_of('geometry')}")
     robot = RobotFile(
@@ -342,18 +341,18 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     return RobotDocument(robot, document)
 
 
-def _folder_of(document: yaml_file.YamlDocument) -> Path:
-    """Return the folder from which a document's file names are seen."""
-    return Path(document.name).parent
-
-
 def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotContents) -> ClosedChain:
     """Mechanism with the file's plate and drives; raises `ConfigInvalid` for ripples that are none.
 
     A ripple needs its period, and no error of a joint may turn its motion round.
     """
-    drawn = mechanism.with_plate(_plate(mechanism, parameters, contents))
-    drawn = drawn.with_ripples(parameters.rate)
+    typical = mechanism.plate_of(mechanism.geometry(parameters.vector))
+    plate = replace(
+        typical,
+        joints_mm=contents.plate_joints_mm or typical.joints_mm,
+        reflector_mm=contents.reflector_mm or typical.reflector_mm,
+    )
+    drawn = mechanism.with_plate(plate).with_ripples(parameters.rate)
     ripples = [
         name for name in parameters.extended_by if parameters.table[name].field.group == "ripple"
     ]
@@ -372,44 +371,17 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
     return drawn
 
 
-def _plate(
-    mechanism: ClosedChain, parameters: Parameters, contents: RobotContents
-) -> PlateGeometry:
-    """Drawing of the plate, typical where the file does not say."""
-    typical = mechanism.plate_of(mechanism.geometry(parameters.vector))
-    return replace(
-        typical,
-        joints_mm=contents.plate_joints_mm or typical.joints_mm,
-        reflector_mm=contents.reflector_mm or typical.reflector_mm,
-    )
-
-
-def _by_name(space: ParameterTable, geometry: yaml_file.FileModel) -> dict[str, float]:
-    """Values by name, as the file has them."""
-    values = geometry.model_dump()
-    arms = values.pop("arms")
-    return {
-        each.name: (values if each.arm is None else arms[each.arm])[each.field.name]
-        for each in map(space.__getitem__, space.of_robot)
-    }
-
-
 def _limits(mechanism: ClosedChain, limits: yaml_file.FileModel) -> Limits:
     values = limits.model_dump()
     joint = mechanism.joints[0]
-    low, high = map(joint.from_file, values[f"joint_{joint.unit}"])
-    return Limits(
-        (low, high),
-        tuple(_task_limit(axis, values.get(axis.column)) for axis in mechanism.task),
-        math.radians(values["forearm_swing_deg"]),
-    )
 
+    def interval_of(axis: Axis, ends: Interval | None) -> Interval | None:
+        return ends and (axis.from_file(ends[0]), axis.from_file(ends[1]))
 
-def _task_limit(axis: Axis, interval: Interval | None) -> Interval | None:
-    if interval is None:
-        return None
-    low, high = map(axis.from_file, interval)
-    return low, high
+    of_joints = interval_of(joint, values[f"joint_{joint.unit}"])
+    assert of_joints is not None, "the schema requires it"
+    of_task = tuple(interval_of(axis, values.get(axis.column)) for axis in mechanism.task)
+    return Limits(of_joints, of_task, math.radians(values["forearm_swing_deg"]))
 
 
 def pose_row(pose: Pose) -> Array:

@@ -4,8 +4,7 @@ Which keys geometry and limits have follows from the mechanism.
 """
 
 import json
-from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -192,7 +191,7 @@ def contents_model(word: object, folder: Path) -> type[RobotContents]:
 @cache
 def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
     space = mechanism.parameters
-    arm = _fields_model("ArmContents", space.arm_fields, space.fields(*OPTIONAL))
+    arm = _made("ArmContents", **_definitions(space.arm_fields, space.fields(*OPTIONAL)))
     count, keys = COUNTS[space.arms], len(space.arm_fields)
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _made(
@@ -208,7 +207,7 @@ def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
         points | None,
         Field(default=None, description=f"{count} places, {JOINTS_ON_PLATE}"),
     )
-    deviations = Annotated[Deviations, AfterValidator(_naming(space.of_robot))]
+    deviations = Annotated[Deviations, AfterValidator(partial(_named, names=space.of_robot))]
     return create_model(
         "RobotContents",
         __base__=RobotContents,
@@ -248,21 +247,15 @@ def _range_of(axis: Axis, what: str) -> Definition:
     return kind, Field(description=f"{what}, {axis.unit}")
 
 
-def _fields_model(
-    name: str, fields: tuple[ParameterField, ...], optional: tuple[ParameterField, ...]
-) -> type[FileModel]:
-    return _made(name, **_definitions(fields, optional))
-
-
 def _definitions(
     fields: tuple[ParameterField, ...], optional: tuple[ParameterField, ...]
 ) -> dict[str, Definition]:
     """Return the keys of fields that every file has, and of those that one may leave out."""
-    definitions = {field.name: _definition(field) for field in fields}
-    for field in optional:
-        default = Field(default=0.0, description=field.description)
-        definitions[field.name] = (VALUE_OF[field.quantity], default)
-    return definitions
+    return {
+        field.name: (VALUE_OF[field.quantity], Field(default, description=field.description))
+        for some_fields, default in ((fields, ...), (optional, 0.0))
+        for field in some_fields
+    }
 
 
 def _made(name: str, **definitions: Definition) -> type[FileModel]:
@@ -271,18 +264,10 @@ def _made(name: str, **definitions: Definition) -> type[FileModel]:
     return made
 
 
-def _definition(field: ParameterField) -> Definition:
-    return VALUE_OF[field.quantity], Field(description=field.description)
-
-
-def _naming(known: tuple[str, ...]) -> Callable[[Deviations], Deviations]:
-    """Check that deviations are of known parameters."""
-
-    def checked(uncertainty: Deviations) -> Deviations:
-        for name in uncertainty:
-            if name not in known:
-                hint = suggestion(name, known)
-                raise broken_rule(f"names {shown(name)}, which is not a parameter ({hint})")
-        return uncertainty
-
-    return checked
+def _named(uncertainty: Deviations, names: tuple[str, ...]) -> Deviations:
+    """Check that deviations are of parameters of these names."""
+    for name in uncertainty:
+        if name not in names:
+            hint = suggestion(name, names)
+            raise broken_rule(f"names {shown(name)}, which is not a parameter ({hint})")
+    return uncertainty

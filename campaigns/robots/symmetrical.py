@@ -20,10 +20,6 @@ from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.robot import RobotDocument, parse_robot, require_millimetres, shipped_of
 from campaigns.robots.schema import SCHEMA
 
-UPRIGHT_DEG = 90.0
-FIRST_OF_THREE_DEG = 0.0
-FIRST_OF_FOUR_DEG = 225.0
-COMMENT_WIDTH = 97
 CONTRACTED = (
     "The platform keeps its direction, so where its joints sit on it cannot be told from where the "
     "arms stand: the platform is contracted. x_mm and y_mm below are the arm's place on the base "
@@ -102,7 +98,7 @@ def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in textwrap.wrap(text, COMMENT_WIDTH)]
+    return [f"# {line}" for line in textwrap.wrap(text, 97)]
 
 
 def _body(
@@ -137,7 +133,7 @@ def _body(
 def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
     """Parameters by name, mm and deg; raises `KeyError` for a length that is missing."""
     space = mechanism.parameters
-    usual = FIRST_OF_FOUR_DEG if space.platform_fields else FIRST_OF_THREE_DEG
+    usual = 225.0 if space.platform_fields else 0.0
     first = usual if sizes.first_deg is None else sizes.first_deg
     flat: dict[str, float] = {}
     for arm in range(space.arms):
@@ -148,7 +144,7 @@ def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
             "x_mm": x_mm,
             "y_mm": y_mm,
             "azimuth_deg": 0.0 if on_rail else direction_deg,
-            "elevation_deg": UPRIGHT_DEG,
+            "elevation_deg": 90.0,
         } | dict(sizes.lengths_mm)
         for field in space.arm_fields:
             at = values[field.name] if field.quantity == "length" else values.get(field.name, 0.0)

@@ -1,10 +1,11 @@
 """campaign.yaml (`pkmcal/campaign/1`): what a campaign works with and by which rules."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
@@ -16,7 +17,6 @@ from drivers.bounded_files import is_file
 
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
-ENDS = 2
 
 
 class CampaignConfig(yaml_file.FileModel):
@@ -102,7 +102,7 @@ class CampaignConfig(yaml_file.FileModel):
     ) -> tuple[sections.KnownLengthConfig, ...]:
         names = [nest.name for nest in known.data.get("nests", ())]
         for bar in lengths:
-            if bar.nests and (len(set(bar.nests)) < ENDS or not set(bar.nests) <= set(names)):
+            if bar.nests and (len(set(bar.nests)) < 2 or not set(bar.nests) <= set(names)):
                 ends = f"has {bar.name} between {list(bar.nests)}"
                 raise yaml_file.broken_rule(f"{ends}, must be two of the nests {names}")
         return lengths
@@ -124,7 +124,10 @@ def new_config(settings: Mapping[str, object]) -> CampaignConfig:
 
     Needs at least `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
     """
-    return yaml_file.checked_settings(settings, "new campaign", CampaignConfig)
+    try:
+        return CampaignConfig.model_validate_json(json.dumps(settings))
+    except ValidationError as error:
+        raise yaml_file.explained(error, CampaignConfig, "new campaign") from error
 
 
 def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocument) -> None:
@@ -136,10 +139,6 @@ def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocu
     refuse_existing(path)
     make_folder(directory)
     for file, text in robot.files_in(directory, config.robot).items():
-        if not (is_file(file) and _text_of(file) == text):
+        if not (is_file(file) and read_text(file, ConfigInvalid, if_missing="start again") == text):
             write_new_text(file, text)
     write_new_text(path, yaml_file.commented_yaml(SCHEMA, config))
-
-
-def _text_of(robot_path: Path) -> str:
-    return read_text(robot_path, ConfigInvalid, if_missing="start again")

@@ -107,7 +107,7 @@ def typed_words(options: "DataclassInstance") -> list[str]:
 
 
 def _typed(value: object) -> str:
-    """A value as it is typed; a range by its ends."""
+    """Write a value as it is typed; a range by its ends."""
     if isinstance(value, tuple):
         return "-".join("" if end is None else str(end) for end in value)
     return str(value.value if isinstance(value, Enum) else value)

@@ -33,7 +33,7 @@ def joints_for(geometry: Geometry, position_mm: Array, theta_rad: float) -> Arra
 def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     """Return the joint of a carriage above the foot of the plate joint on its rail.
 
-    On a rail about level the carriage stands further along.
+    On a rail that falls by less than 15° the carriage stands further along.
     By how much follows from the right triangle of carriage, foot and plate joint.
     """
     rail = geometry.rails[arm]
@@ -42,8 +42,8 @@ def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     squared_above = float(geometry.forearms_mm[arm]) ** 2 - squared_off_rail
     if squared_above < 0.0:
         raise OutOfReach(arm)
-    above_mm = math.copysign(math.sqrt(squared_above), float(rail[2]) + math.sin(LEVEL_RAD))
-    return foot_mm + above_mm - float(geometry.joint_offsets[arm])
+    side = math.copysign(1.0, float(rail[2]) + math.sin(math.radians(15.0)))
+    return foot_mm + side * math.sqrt(squared_above) - float(geometry.joint_offsets[arm])
 
 
 def _crank(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
@@ -67,8 +67,6 @@ def _crank(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 
-LEVEL_RAD = math.radians(15.0)
-"""Rails that fall by more count downward."""
 STEP_RAD = math.radians(5.0)
 """Of cranks; of carriages the travel that compares with it."""
 SMALLEST_STEP_RAD = math.radians(0.05)

@@ -16,8 +16,6 @@ from sim.robot.rods import Growth
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
 PPM = 1e-6
-ROBOTS = "campaigns.robots"
-"""Package of the robot files that are shipped."""
 ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
     {
         "rod_errors_mm": 2,
@@ -50,11 +48,11 @@ def nominal_robot(name: str) -> tuple[str, Mapping[str, float]]:
 
     The robot files are data of the work, whose code the simulated cell does not know.
     """
-    files = {file.name.removesuffix(".yaml"): file for file in resources.files(ROBOTS).iterdir()}
-    names = sorted(name for name, file in files.items() if file.name.endswith(".yaml"))
-    if name not in names:
-        raise ValueError(f"nominal '{name}' is not known; {nearest(name, names)}")
-    tree = YAML(typ="safe", pure=True).load(files[name].read_text(encoding="utf-8"))
+    files = [f for f in resources.files("campaigns.robots").iterdir() if f.name.endswith(".yaml")]
+    texts = {file.name.removesuffix(".yaml"): file.read_text(encoding="utf-8") for file in files}
+    if name not in texts:
+        raise ValueError(f"nominal '{name}' is not known; {nearest(name, sorted(texts))}")
+    tree = YAML(typ="safe", pure=True).load(texts[name])
     geometry = GeometrySection.model_validate_json(json.dumps(tree["geometry"]))
     return tree["mechanism"], MappingProxyType(geometry.flat(KINDS[tree["mechanism"]]))
 

@@ -262,14 +262,8 @@ def test_signals_that_whoever_started_us_has_blocked_are_delivered():
 
 def test_a_relative_folder_for_the_users_caches_is_ignored(tmp_path):
     code = "from app import main; main.run_command = lambda _: print(main.os.environ); main.main()"
-    folders = dict.fromkeys(main.FOLDERS_OF_USER[1:], "rel")
-    out = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=REPOSITORY,
-        env=os.environ | folders | {"XDG_CACHE_HOME": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stdout
-    assert "'rel'" not in out
-    assert f"'XDG_CACHE_HOME': '{tmp_path}'" in out
+    environment = os.environ | {"XDG_CONFIG_HOME": "rel", "XDG_CACHE_HOME": str(tmp_path)}
+    words = [sys.executable, "-c", code]
+    ended = subprocess.run(words, cwd=REPOSITORY, env=environment, stdout=-1, text=True, check=True)
+    assert "'rel'" not in ended.stdout
+    assert f"'XDG_CACHE_HOME': '{tmp_path}'" in ended.stdout

@@ -178,12 +178,6 @@ def test_a_record_that_does_not_fit_is_refused_and_so_is_every_later_one(
     assert journal.records() == before
 
 
-def test_events_and_findings_may_stand_outside_a_series(journal: Journal) -> None:
-    journal.append(Event("operator note", "cell cleaned"))
-    journal.append(Finding("load", {"verified": True}))
-    assert [entry.series for entry in journal.records()] == [None, None]
-
-
 def test_the_digest_is_the_last_records_and_can_be_taken_back_in_time(
     journal: Journal, run: int
 ) -> None:

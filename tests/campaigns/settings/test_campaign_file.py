@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
 
-from campaigns.errors import ConfigInvalid, OutputExists, WriteFailed
+from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.files.yaml_file import FileModel, checked, commented_yaml, parse_document
 from campaigns.robots.robot import find_robot, read_robot
 from campaigns.settings.config import (
@@ -130,19 +130,6 @@ def test_campaign_that_broke_off_after_its_robot_file_can_be_made(tmp_path):
     assert read_campaign(tmp_path).name == "spring"
 
 
-def test_file_in_the_folders_place_is_said(tmp_path):
-    (tmp_path / "spring").write_text("")
-    with pytest.raises(WriteFailed, match="cannot be written"):
-        write_new_campaign(tmp_path / "spring", new_config(TOLD), PROTOTYPE)
-
-
-def test_missing_robot_file_is_named(tmp_path):
-    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
-    (tmp_path / "robot.yaml").unlink()
-    with pytest.raises(ConfigInvalid, match=r"robot\.yaml: there is no such file"):
-        read_robot(tmp_path / read_campaign(tmp_path).robot)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -164,24 +151,12 @@ def test_wrong_value_is_answered_with_its_line_and_what_to_give(old, new, words)
     ("more", "words"),
     [
         ("  place_m: [2.5, 0, 0]", "write place_mm, with the value in mm"),
-        ("  place_mm: [2500, 0]", "tracker.place_mm[2] is missing"),
         ("  reflector_facing: [0, 0, 0]", "tracker.reflector_facing is [0, 0, 0], which is no"),
-        ("  serial: 390123", "tracker.serial is 390123, must be text: put it in quotes"),
         ("  driver: faro", "tracker.driver is \"faro\", must be 'emscon'"),
-        ("  acceptance_deg: 90", "must be below 90"),
-        ("  measuring_time_s: 0", "must be above 0"),
         ("plan: {shots: 121}", "plan.shots is 121, must be a multiple of 2"),
-        ("plan: {shots: 120.5}", "plan.shots is 120.5, must be a whole number"),
         ("plan: {placement: random}", "must be 'boundary' or 'optimal'"),
-        ("plan: {seed: -1}", "plan.seed is -1, must be at least 0"),
         ("settle: {timeout_s: 0.1}", "settle.timeout_s is 0.1, must be above time_s, which is 0.2"),
-        ("settle: {time_ms: 5}", "write time_s, with the value in s"),
-        ("  uncertainty: {along_um: 0.0}", "uncertainty.along_um is 0.0, must be above 0"),
-        ("  uncertainty: {across_um_per_m: -1}", "across_um_per_m is -1, must be at least 0"),
         ("  uncertainty: {along_mm: 0.01}", "write along_um"),
-        ("space: {z_lowest_mm: deep}", 'space.z_lowest_mm is "deep", must be a number'),
-        ("space: {radius_mm: 0}", "space.radius_mm is 0, must be above 0"),
-        ("space: {margin_mm: -1}", "space.margin_mm is -1, must be at least 0"),
         ("space: {z_lowest_mm: -500, z_highest_mm: -600}", "z_lowest_mm -500"),
         ("space: {keep_out: {boxes: [{name: x}]}}", "space.keep_out.boxes[0]"),
         (
@@ -192,11 +167,7 @@ def test_wrong_value_is_answered_with_its_line_and_what_to_give(old, new, words)
             "space: {keep_out: {cylinders: [{centre_mm: [0, 0]}]}}",
             "keep_out.cylinders[0].radius_mm is missing → give its radius, mm",
         ),
-        ("space: {keep_in: {boxes: [{y_mn: [0, 1]}]}}", "boxes[0].y_mn is not a known key"),
-        ("gate: {attempts: 0}", "gate.attempts is 0, must be at least 1"),
-        ("gate: {distance_mm: .inf}", "must be a finite number"),
         ("gate:\n", "gate is empty, must hold keys with values"),
-        ("acceptance: {distance_max_mm: '1'}", 'acceptance.distance_max_mm is "1", must be'),
         ("robot: ../robot.yaml", "give the name of the file in this folder"),
         (
             "controler: {}",
@@ -206,25 +177,6 @@ def test_wrong_value_is_answered_with_its_line_and_what_to_give(old, new, words)
 )
 def test_wrong_addition_is_answered_with_its_key_and_limit(more, words):
     assert words in complaint(f"{MINIMAL}{more}\n")
-
-
-def test_address_told_to_new_is_checked_like_one_in_the_file():
-    with pytest.raises(ConfigInvalid) as caught:
-        new_config(TOLD | {"controller": {"url": "nowhere"}})
-    assert str(caught.value).startswith('new campaign: controller.url is "nowhere"')
-
-
-@pytest.mark.parametrize(
-    "url",
-    [
-        "tcp://localhost:5010",
-        "tcp://[::1]:5010",
-        "serial:///dev/ttyUSB0?baud=115200",
-        "sim://paper-simulation",
-    ],
-)
-def test_all_forms_of_address_are_taken(url):
-    assert new_config(TOLD | {"controller": {"url": url}}).controller.url == url
 
 
 words = st.text(min_size=1).filter(lambda text: not re.search(r"[\ud800-\udfff]", text))

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.geometry import NOMINAL_ROBOTS, geometry_of
+from sim.geometry import geometry_of
 from sim.random_streams import Attempts, WorkedTime, target_key
 from sim.robot.assembly import assemble, follow
 from sim.robot.driven_robot import Behaviour, DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Build, RodMechanism
-from sim.robot.section import Thermal, Warmth
+from sim.robot.section import Thermal, Warmth, nominal_robot
 from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
-GEOMETRY = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+GEOMETRY = geometry_of(nominal_robot("par4-prototype")[1])
 COLD = Thermal()
 PERFECT = Transmission.perfect(4)
 ARCMIN = math.radians(1.0 / 60.0)

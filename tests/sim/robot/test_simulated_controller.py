@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sim.faults import Counted, Fault, FaultScript
-from sim.geometry import NOMINAL_ROBOTS, geometry_of
+from sim.geometry import geometry_of
 from sim.random_streams import WorkedTime
 from sim.robot.assembly import joints_for
 from sim.robot.controller import Refusal, SimulatedController
-from sim.robot.section import ControllerSection
+from sim.robot.section import ControllerSection, nominal_robot
 
 HOME = np.radians([30.0, 30.0, 20.0, 20.0])
 THERE = tuple(np.radians([40.0, 35.0, 10.0, 20.0]))
@@ -37,7 +37,7 @@ def controller(*, faults=(), axes=None, worked=None, **settings):
     return SimulatedController(
         ControllerSection(serial="SIM-C-7", **settings),
         axes or Axes(),
-        geometry=NOMINAL_ROBOTS["par4-prototype"],
+        geometry=nominal_robot("par4-prototype")[1],
         faults=FaultScript(faults, {}),
         worked=worked or WorkedTime(0.0),
     )
@@ -74,7 +74,7 @@ def test_no_joint_exceeds_its_speed_and_all_arrive_together():
 
 def test_a_pose_is_reached_by_the_controllers_own_geometry():
     robot = controller()
-    flat = dict(NOMINAL_ROBOTS["par4-prototype"]) | {"arm2.arm_mm": 353.0}
+    flat = dict(nominal_robot("par4-prototype")[1]) | {"arm2.arm_mm": 353.0}
     robot.replace_geometry(flat, 0.0)
     takes_s = robot.move_pose(50.0, -20.0, -600.0, 0.2, 1.0, 0.0)
     wanted = joints_for(geometry_of(flat), np.array([50.0, -20.0, -600.0]), 0.2)
@@ -177,7 +177,7 @@ def test_ripples_come_as_often_as_the_loaded_set_says():
         robot = SimulatedController(
             ControllerSection(),
             Axes(),
-            geometry=NOMINAL_ROBOTS["par4-prototype"] | {"arm1.ripple_sin_deg": 0.1} | told,
+            geometry=nominal_robot("par4-prototype")[1] | {"arm1.ripple_sin_deg": 0.1} | told,
             faults=FaultScript((), {}),
             worked=WorkedTime(0.0),
             ripple_rate=30.0,

@@ -7,9 +7,10 @@ import pytest
 from family_cases import PAR4_REFERENCE, flat_in
 
 from sim.errors import AssemblyLost
-from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
+from sim.geometry import UP, geometry_of
 from sim.robot.assembly import OutOfReach, assemble, follow, joints_for, plate_joints_mm, restore
 from sim.robot.rods import Build, Growth, Plate, RodMechanism
+from sim.robot.section import nominal_robot
 from sim.scenarios.scenario import load_scenario
 
 PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]])
@@ -53,7 +54,7 @@ def contracted_misfit_mm(geometry, joints, plate):
 
 @pytest.fixture
 def geometry():
-    return geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    return geometry_of(nominal_robot("par4-prototype")[1])
 
 
 @pytest.mark.parametrize("count", [40, pytest.param(500, marks=pytest.mark.long)])
@@ -128,7 +129,7 @@ def test_a_frame_and_forearms_that_grow_are_those_of_a_larger_robot(geometry):
     larger = geometry_of(
         {
             name: value * (1.0 + factors.get(name[name.find(".") :], 0.0))
-            for name, value in NOMINAL_ROBOTS["par4-prototype"].items()
+            for name, value in nominal_robot("par4-prototype")[1].items()
         }
     )
     # the plate's joints do not grow: the motors' ways beyond the contracted ones are left
@@ -144,7 +145,7 @@ def test_arms_that_grow_spread_the_elbows_and_raise_the_plate(geometry):
     longer = geometry_of(
         {
             k: v * (1 + 50e-6 * k.endswith(".arm_mm"))
-            for k, v in NOMINAL_ROBOTS["par4-prototype"].items()
+            for k, v in nominal_robot("par4-prototype")[1].items()
         }
     )
     assert abs(contracted_misfit_mm(longer, cold.joints, warm.plate)).max() < 1e-9

@@ -12,7 +12,7 @@ from campaigns.robots.robot import find_robot
 from sim.cell import Cell
 from sim.errors import ScenarioInvalid
 from sim.factory import transmission
-from sim.geometry import NOMINAL_ROBOTS
+from sim.robot.section import nominal_robot
 from sim.scenarios.scenario import load_scenario, parse_scenario, shipped_scenarios
 
 MINIMAL = """\
@@ -87,7 +87,7 @@ def test_gears_of_carriages_and_of_cranks_are_not_mistaken_for_each_other():
 
 def test_realistic_robots_differ_by_seed_as_their_tolerances_say():
     scenario = load_scenario("realistic")
-    nominal = NOMINAL_ROBOTS["par4-prototype"]
+    nominal = nominal_robot("par4-prototype")[1]
     made = [Cell(scenario, seed=seed).true_geometry for seed in range(30)]
     lengths = [flat[f"arm{arm}.arm_mm"] - 350.0 for flat in made for arm in range(4)]
     assert math.sqrt(sum(d * d for d in lengths) / len(lengths)) == pytest.approx(0.3, rel=0.25)
@@ -102,7 +102,7 @@ def test_a_minimal_scenario_is_an_ideal_robot_and_is_read_from_a_file(tmp_path):
     scenario = load_scenario(str(tmp_path / "mine.yaml"))
     assert scenario.name == "mine"
     cell = Cell(scenario)
-    assert cell.true_geometry == dict(NOMINAL_ROBOTS["par4-prototype"])
+    assert cell.true_geometry == dict(nominal_robot("par4-prototype")[1])
     assert cell.controller.geometry() == cell.true_geometry
     assert cell.tracker.serial == "390001"
 
