@@ -29,7 +29,7 @@ from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
-from drivers.values import Vector3
+from drivers.values import vector
 
 JournalT = TypeVar("JournalT", bound=JournalReader)
 
@@ -115,7 +115,8 @@ class Campaign:
         """View of the reflector from the tracker."""
         tracker = self.config.tracker
         centre_mm = self.config.validation.centre_mm
-        facing = tracker.reflector_facing or _towards(centre_mm, tracker.place_mm)
+        away_mm = np.subtract(tracker.place_mm, centre_mm)
+        facing = tracker.reflector_facing or vector(away_mm)
         return View(tracker.place_mm, facing, tracker.acceptance_rad)
 
     @property
@@ -324,8 +325,3 @@ def open_campaign(folder: Path | str) -> Campaign:
     campaign = Campaign(folder, config, read_robot(folder / config.robot))
     campaign.require_nothing_rescued()
     return campaign
-
-
-def _towards(from_mm: Vector3, to_mm: Vector3) -> Vector3:
-    x, y, z = (b - a for a, b in zip(from_mm, to_mm, strict=True))
-    return x, y, z

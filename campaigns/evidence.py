@@ -3,6 +3,7 @@
 Only reads. The report and the live page show it; neither judges anything itself.
 """
 
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -387,7 +388,9 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
             records=journal.last_number(),
             digest=journal.digest(),
             identified_digest=identified_digest,
-            unended_load=_unended_load(journal, unreadable),
+            unended_load=_unended_load(journal, unreadable).replace(
+                "DIR", shlex.quote(str(campaign.folder))
+            ),
         ),
         before=_measured(campaign, _chosen(all_series, STAGES["before"])),
         run=run[0] if run else None,

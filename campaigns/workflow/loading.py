@@ -281,9 +281,7 @@ class _Loading:
         nothing = "nothing was written: the controller holds the old parameters"
         try:
             return self._measured("verify before", held, shots)
-        except RobotStateUnknown as error:
-            raise RobotStateUnknown(f"{error.problem}; {nothing}", remedy=error.remedy) from error
-        except (errors.LoadNotVerified, errors.TargetOutOfReach) as error:
+        except (RobotStateUnknown, errors.LoadNotVerified, errors.TargetOutOfReach) as error:
             raise type(error)(f"{error.problem}; {nothing}", remedy=error.remedy) from error
         except STOPPED as error:
             raise _stopped(nothing) from error
