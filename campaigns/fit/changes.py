@@ -111,7 +111,8 @@ def part_columns(posterior: Posterior) -> dict[str, Array]:
     table = mechanism.parameters
     count = len(jacobian)
     columns = {SHOT: np.broadcast_to(WRONG_SHOT_MM * np.eye(3), (count, 3, 3))}
-    frame = sum(jacobian[..., first : first + 6] for first in _frame_places(posterior))
+    frames = range(len(posterior.at.x), jacobian.shape[2], 6)
+    frame = sum(jacobian[..., first : first + 6] for first in frames)
     scale = np.array([TURN_MRAD] * 3 + [STEP_MM] * 3)
     columns[FRAME] = np.asarray(frame) * scale
     revolute = mechanism.joints[0].is_revolute
@@ -128,11 +129,6 @@ def part_columns(posterior: Posterior) -> dict[str, Array]:
                 unit = STEP_MM / model.tolerance[places]
                 columns[f"{part} {arm}"] = jacobian[..., places] * unit
     return columns
-
-
-def _frame_places(posterior: Posterior) -> range:
-    """Return the places of the first unknown of each frame."""
-    return range(len(posterior.at.x), posterior.at.jacobian.shape[2], 6)
 
 
 def misfits(posterior: Posterior) -> Array:

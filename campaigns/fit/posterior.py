@@ -69,8 +69,6 @@ class Posterior:
     """Inverse covariance of each shot, (N, 3, 3); zero where it did not count."""
     kept: Mask
     """Shots that counted, (N,)."""
-    changes: Array | None
-    """Columns (N, 3, k) of changes in time that were added."""
     arrived: bool
     rounds: int
     measured: tuple[str, ...] = ()
@@ -86,12 +84,6 @@ class Posterior:
         """Covariance of the model's unknowns in tolerances, (P, P)."""
         size = len(self.model.names)
         return self.covariance[:size, :size]
-
-    @property
-    def covariance_without_changes(self) -> Array:
-        """Covariance of the model's unknowns and the frames, of shots that no change touches."""
-        own = np.r_[: len(self.model.names), len(self.at.x) : len(self.covariance)]
-        return np.asarray(self.covariance[np.ix_(own, own)])
 
     @property
     def std(self) -> Array:
@@ -180,7 +172,6 @@ def fit(
         noise=state.linear.noise,
         weights=state.linear.weights(components.factors),
         kept=kept,
-        changes=changes,
         arrived=gain < NEAR_GAIN,
         rounds=rounds,
         measured=tuple(prior.lengths),

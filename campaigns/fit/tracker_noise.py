@@ -26,8 +26,6 @@ class TrackerUncertainty:
     along_per_mm: float = 0.3e-6 / 3**0.5
     across_mm: float = 0.015 / 3**0.5
     across_per_mm: float = 6e-6 / 3**0.5
-    robot_scatter_mm: float = 0.0
-    """Scatter of the robot's point, the same in every direction; known for plans."""
     scale: float = SOURCES["scale"].of_angles
     """Error of all lengths, a ratio: the tracker's and the air's."""
     axes_per_mm: float = SOURCES["transit"].of_angles
@@ -66,7 +64,7 @@ class TrackerUncertainty:
 def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> Array:
     """Return the covariance (…, 3, 3) of points (…, 3) seen from the tracker, in its axes."""
     along, across = covariance_by_direction_mm2(points_from_tracker_mm, uncertainty)
-    return along + across + uncertainty.robot_scatter_mm**2 * np.eye(3)
+    return along + across
 
 
 def covariance_by_direction_mm2(
@@ -82,12 +80,6 @@ def covariance_by_direction_mm2(
     along = (uncertainty.along_mm + uncertainty.along_per_mm * distance) ** 2
     across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
     return along[..., None, None] * outer, across[..., None, None] * (np.eye(3) - outer)
-
-
-def common_shifts_mm(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> list[Array]:
-    """Return shifts of points, (N, 3) each, by 1 σ of each error that all shots have in common."""
-    columns = tracker_columns(points_from_tracker_mm)
-    return [uncertainty.common[source] * column for source, column in columns.items()]
 
 
 def distance_variance_mm2(
@@ -108,6 +100,7 @@ def common_distance_variance_mm2(
     """
     direction = directions(points_mm, first, second)
     variance = np.zeros(len(first))
-    for shift in common_shifts_mm(points_mm, uncertainty):
+    for source, column in tracker_columns(points_mm).items():
+        shift = uncertainty.common[source] * column
         variance += ((shift[second] - shift[first]) * direction).sum(axis=1) ** 2
     return variance

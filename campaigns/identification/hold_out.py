@@ -107,7 +107,9 @@ def _tested(
     by_points[pair, first] -= along
     errors = (by_points * at.residual).sum(axis=(1, 2))
     by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
-    covariance = by_unknowns @ posterior.covariance_without_changes @ by_unknowns.T
+    changes = range(len(model.names), len(posterior.at.x))  # they touch no pair
+    unknowns = np.delete(np.delete(posterior.covariance, changes, axis=0), changes, axis=1)
+    covariance = by_unknowns @ unknowns @ by_unknowns.T
     covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
     chi2 = float(errors @ np.linalg.solve(covariance, errors))
     p = float(scipy.special.chdtrc(len(rows), chi2))

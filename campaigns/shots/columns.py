@@ -38,7 +38,7 @@ def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
 
 
 def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:
-    """Joints of a shot; () of one that may be measured without the robot, and was."""
+    """Read the joints of a shot; () of one that was measured without the robot."""
     names = axis_columns(axes)
     if not purpose.on_robot and not any(map(row.text, names)):
         return ()
@@ -46,17 +46,17 @@ def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[f
 
 
 def approach_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
-    """Columns of the sides from which joints came, as `q0_approach`."""
+    """Return the columns of the sides from which joints came, as `q0_approach`."""
     return tuple(f"{axis.name}_approach" for axis in axes)
 
 
 def side_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
-    """The same as other software calls them, as `side0`."""
+    """Return the names that other software gives these columns, as `side0`."""
     return tuple(f"side{place}" for place in range(len(axes)))
 
 
 def approach_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[int, ...]:
-    """Sides of a row, +1, -1 or 0, which an empty place stands for; () where it says none."""
+    """Read the sides of a row, +1, -1 or 0, also for an empty place; () where all are empty."""
     for names in (approach_columns(axes), side_columns(axes)):
         if any(row.text(name) for name in names):
             return tuple(row.value(name) if row.text(name) else 0 for name in names)
@@ -64,7 +64,7 @@ def approach_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[int, ...]:
 
 
 def shot_set(row: CsvRow, if_empty: ShotSet | None = None) -> ShotSet:
-    """Set of a row, by its column `set`."""
+    """Read the set of a row, by its column `set`."""
     word = row.text("set")
     if not word and if_empty is not None:
         return if_empty
@@ -74,7 +74,7 @@ def shot_set(row: CsvRow, if_empty: ShotSet | None = None) -> ShotSet:
 
 
 def nest_name(row: CsvRow, purpose: ShotSet) -> str:
-    """Nest of a row, by its column `nest`: empty for the robot's reflector, and may be of a bar."""
+    """Read the nest of a row, by its column `nest`: empty for the robot's reflector."""
     name = row.text(NEST)
     if name and purpose.on_robot:
         raise row.wrong(
@@ -87,7 +87,7 @@ def nest_name(row: CsvRow, purpose: ShotSet) -> str:
 
 
 def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:
-    """Pair of a row, by its column `pair`, which is empty for a set without pairs."""
+    """Read the pair of a row, by its column `pair`, which is empty for a set without pairs."""
     if purpose.in_pairs:
         pair: int = row.value("pair")
         return pair

@@ -38,7 +38,7 @@ class ImportedFile:
 
     @classmethod
     def of(cls, path: Path) -> "ImportedFile":
-        """File as it is now; raises `ShotsInvalid` when it cannot be read."""
+        """Describe a file as it is now; raise `ShotsInvalid` when it cannot be read."""
         try:
             return cls(path.name, hashlib.sha256(read_bounded(path, CSV_BYTES)).hexdigest())
         except FileRefused as error:
@@ -46,7 +46,7 @@ class ImportedFile:
 
 
 def imported_files(started: records.SeriesStarted) -> tuple[ImportedFile, ...]:
-    """Files of an import; none where older software did not keep them."""
+    """Return the files of an import; none where older software did not keep them."""
     kept = started.configuration.get(FILES)
     return tuple(
         ImportedFile(str(each.get("name", "")), str(each.get("sha256", "")))
@@ -132,12 +132,12 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
 
 
 def _digits(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, ...]:
-    """Digits that files have of both."""
+    """Round both to the digits that files have."""
     return tuple(round(value, DIGITS) for value in (*joints, *point_mm))
 
 
 def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
-    """Poses (N, t); zeros of shots without the robot."""
+    """Return poses (N, t); zeros of shots without the robot."""
     poses = np.zeros((len(rows), len(held.mechanism.task)))
     own = [place for place, row in enumerate(rows) if row.joints]
     if not own:

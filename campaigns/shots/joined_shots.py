@@ -124,7 +124,7 @@ def _check_named(points: Sequence[NamedPoint], points_name: str, rows: Sequence[
 
 
 def _names(points: Sequence[NamedPoint]) -> dict[str, list[NamedPoint]]:
-    """Points by their whole name and by what is left without its first parts."""
+    """Index points by their whole name and by its last parts."""
     index: defaultdict[str, list[NamedPoint]] = defaultdict(list)
     for point in points:
         parts = point.name.split(NAME_JOINT)
@@ -160,7 +160,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _pairs(rows: Sequence[JointsRow]) -> tuple[Sequence[int | None], str]:
-    """The pairs as numbered, or else each two shots of a set that follow one another."""
+    """Return the pairs as numbered, or else each two shots of a set that follow one another."""
     lines, sets = [row for row, _ in rows], [shot.purpose for _, shot in rows]
     pairs, note = [shot.pair for _, shot in rows], "pairs as numbered"
     if "pair" not in lines[0].texts:

@@ -50,7 +50,7 @@ class PairRows:
 
 
 def pair_rows(pairs: Sequence[int | None]) -> PairRows:
-    """Pairs of the shots' pair numbers in their order; None stands for a shot without one."""
+    """Return the pairs by the shots' pair numbers; None stands for a shot without a pair."""
     rows: dict[int, list[int]] = {}
     for row, pair in enumerate(pairs):
         if pair is not None:

@@ -64,8 +64,6 @@ class Shots:
     """Which session of the series each was measured in, (N,); 0 where nobody told."""
     part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
     """Temperature of the robot's parts, (N,); NaN where it is not known."""
-    warmth: Array = field(default_factory=lambda: np.zeros(0))
-    """Regressor by which parts grow, (N,), as `Course` has it; 0 where parameters are stated."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
@@ -73,7 +71,6 @@ class Shots:
         unsaid = {
             "session": np.zeros(count, dtype=np.intp),
             "part_temperature_degC": np.full(count, np.nan),
-            "warmth": np.zeros(count),
         }
         for name, column in unsaid.items():
             if not len(getattr(self, name)):
@@ -103,7 +100,7 @@ class Shots:
         approach: ArrayLike | None = None,
         times: Sequence[str] | None = None,
     ) -> "Shots":
-        """Shots of a robot from arrays: joints (N, n), rad or mm, and points (N, 3).
+        """Make shots of a robot from arrays: joints (N, n), rad or mm, and points (N, 3).
 
         `covariance_mm2` is of the points, (N, 3, 3), or (3, 3) of each; without it the instrument's
         is taken, and for each that is NaN. `sets` are words of shots.csv, one or one a shot; pairs
@@ -145,7 +142,7 @@ class Shots:
         return f"<Shots: {len(self)} ({counts}) of {self.joints.shape[1]} joints>"
 
     def to_frame(self, robot: RobotFile) -> Any:
-        """DataFrame with the columns of shots.csv, mm and deg; raises `ImportError` without pandas.
+        """Return a DataFrame with the columns of shots.csv; raise `ImportError` without pandas.
 
         Any: pandas is not among our dependencies.
         """
@@ -154,9 +151,9 @@ class Shots:
         )
 
     def order_of_time(self) -> Index:
-        """Rows as they were measured, by the journal's records: a clock may be set back.
+        """Return the rows as they were measured, by the journal's records: clocks may be set back.
 
-        Outside of a journal by time; as they stand where not each has a time of its own.
+        Outside of a journal by time; in their own order unless each has a time.
         """
         if self.records:
             return np.argsort(self.records, kind="stable")
@@ -164,14 +161,12 @@ class Shots:
         return np.arange(len(self)) if order is None else order
 
     def elapsed_s(self) -> Array | None:
-        """Time since the earliest shot, (N,); None where times do not tell it."""
+        """Return the time since the earliest shot, (N,); None where not all times are known."""
         seconds, _ = times_s(self.measured_utc)
         return None if seconds is None else seconds - seconds.min()
 
     def rows(self, rows: Index) -> "Shots":
-        """Shots of these rows; the same where these are all, as they stand."""
-        if len(rows) == len(self) and np.array_equal(rows, np.arange(len(self))):
-            return self
+        """Return the shots of these rows."""
         chosen = rows.tolist()
 
         def taken(column: Array | Index | tuple[object, ...]) -> object:
@@ -184,28 +179,28 @@ class Shots:
         return Shots(**cut)
 
     def of_set(self, *purposes: ShotSet) -> "Shots":
-        """Shots of some sets."""
+        """Return the shots of these sets."""
         return self.rows(self.rows_of(*purposes))
 
     def on_robot(self) -> "Shots":
-        """Shots with the reflector on the robot, none of nests or known lengths."""
+        """Return the shots with the reflector on the robot, none of nests or known lengths."""
         return self.of_set(*(purpose for purpose in ShotSet if purpose.on_robot))
 
     def rows_of(self, *purposes: ShotSet) -> Index:
-        """Rows of some sets."""
+        """Return the rows of these sets."""
         return np.flatnonzero([purpose in purposes for purpose in self.purposes])
 
     def covariance_mm2(self, model: TrackerUncertainty) -> Array:
-        """Covariance stated of each point, or `model` where nothing was stated, (N, 3, 3)."""
+        """Return the stated covariance of each point, by `model` where none is, (N, 3, 3)."""
         return _completed_mm2(self.stated_covariance_mm2, self.points_in_tracker_mm, model)
 
     def whole_pairs(self, purpose: ShotSet) -> PairRows:
-        """Whole pairs of a set, and rows whose partner is missing."""
+        """Return the whole pairs of a set, and the rows whose partner is missing."""
         own = zip(self.purposes, self.pairs, strict=True)
         return pair_rows([pair if kind is purpose else None for kind, pair in own])
 
     def measured_distances_mm(self, rows: Index) -> Array:
-        """Distances between the two shots of each row of (M, 2), (M,)."""
+        """Return the distances between the two shots of each row of (M, 2), (M,)."""
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
 
 
@@ -260,7 +255,7 @@ def _require_pairs(purposes: Sequence[ShotSet], pairs: Sequence[int | None]) -> 
 
 
 def between(shots: Shots, first: int | None, last: int | None) -> Shots:
-    """Shots without those for identification whose numbers are outside of a range."""
+    """Leave out the shots for identification whose numbers are outside of a range."""
     low, high = (
         first if first is not None else -1,
         last if last is not None else max(shots.numbers, default=0),
@@ -273,9 +268,9 @@ def between(shots: Shots, first: int | None, last: int | None) -> Shots:
 
 
 def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
-    """Shots of which a share of the identification pairs is for validation, spread over the series.
+    """Make a share of the identification pairs validation pairs, spread over the series.
 
-    Whole pairs: one of each run of neighbouring ones is drawn.
+    One pair of each run of neighbouring ones is drawn.
     """
     rows = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     count = round(share * len(rows))
@@ -314,13 +309,13 @@ def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
 
 
 def import_note(temperature_degC: float | None, time: str | None) -> str:
-    """Note that stands where a tracker's answer would: what no other field of a journal holds."""
+    """Write the note that stands where a tracker's answer would: air and time of an import."""
     air = "" if temperature_degC is None else f", air {number_text(temperature_degC)} °C"
     return f"{IMPORTED}{air}" + ("" if time is None else f", measured {time}")
 
 
 def noted(note: str) -> tuple[float | None, str | None]:
-    """Temperature in °C and time of a note; None for what it does not say."""
+    """Read temperature in °C and time of a note; None for what it lacks."""
     found = NOTE.fullmatch(note)
     if found is None:
         return None, None
@@ -328,7 +323,7 @@ def noted(note: str) -> tuple[float | None, str | None]:
 
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
-    """Shots of the accepted ones of a series."""
+    """Return the accepted shots of a series."""
     asked = [shot.intent for shot in shots]
     return shots_of_outcomes(
         [shot.outcome for shot in shots],
@@ -355,7 +350,7 @@ def shots_of_outcomes(
     nests: Sequence[str] = (),
     sessions: Sequence[int] = (),
 ) -> Shots:
-    """Shots of what was measured for these sets, pairs and poses.
+    """Return the shots that were measured for these sets, pairs and poses.
 
     `records` are places in the journal; without them outcomes stand in the order of time.
     """
@@ -385,7 +380,7 @@ def shots_of_outcomes(
 
 
 def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
-    """Rows of a file of shots."""
+    """Return the rows of a file of shots."""
 
     def known(value: float) -> float | None:
         return value if np.isfinite(value) else None
@@ -418,9 +413,9 @@ def _matrix(covariance: Array) -> Matrix3 | None:
 
 
 def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
-    """Shots of a file's rows, numbered from 0; how their joints came is not known.
+    """Return the shots of a file's rows, numbered from 0.
 
-    The nominal robot's poses stand for those commanded; NaN where it has none.
+    The nominal robot's poses stand for the commanded ones; NaN where it has none.
     """
     joints = _with_gaps([row.joints for row in rows], len(nominal.mechanism.joints))
     poses = np.full((len(rows), len(nominal.mechanism.task)), np.nan)
@@ -445,14 +440,14 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
 
 
 def _with_gaps(joints: Sequence[tuple[float, ...]], count: int) -> Array:
-    """Joints (N, count); NaN of shots without the robot, which have ()."""
+    """Return joints (N, count); NaN of shots without the robot, which have ()."""
     return np.array([each or (np.nan,) * count for each in joints]).reshape(-1, count)
 
 
 def approach_directions(
     outcomes: Sequence[Outcome], order: Iterable[int], axes: Sequence[Axis]
 ) -> Array:
-    """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n).
+    """Return +1 where a joint last moved to larger values, -1 smaller, 0 if unknown, (N, n).
 
     A joint that hardly moved on the last leg keeps the direction of the shot before, if it stood
     there when the leg began and was not turned round. Before means before in the `order` of time: a
@@ -476,14 +471,14 @@ def approach_directions(
 
 
 def _direction(moved_rad: Array, before: Array) -> Array:
-    """Direction of each joint after a leg, (n,), from its length and the direction before it."""
+    """Return each joint's direction after a leg, (n,), by its length and the direction before."""
     way = np.sign(moved_rad)
     kept = (np.abs(moved_rad) < AT_REST_RAD) | (way == before)
     return np.where(np.abs(moved_rad) > TAKEN_UP_RAD, way, np.where(kept, before, 0.0))
 
 
 def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertainty) -> Array:
-    """Covariance stated of each point, or `model` where nothing was stated, (N, 3, 3)."""
+    """Return the stated covariance of each point, by `model` where none is, (N, 3, 3)."""
     return _completed_mm2(_stated_covariance_mm2(outcomes), _points_mm(outcomes), model)
 
 
@@ -492,12 +487,12 @@ def _points_mm(outcomes: Sequence[Outcome]) -> Array:
 
 
 def _or_nan(values: Iterable[float | None]) -> Array:
-    """Values (N,), NaN for those that are not known."""
+    """Return values (N,), NaN for unknown ones."""
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def _stated_covariance_mm2(shots: Sequence[Outcome] | Sequence[ShotRow]) -> Array:
-    """Covariance that the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
+    """Return the covariance that the tracker stated of each point, (N, 3, 3); NaN for none."""
     unknown = np.full((3, 3), np.nan)
     stated = [unknown if each.covariance_mm2 is None else each.covariance_mm2 for each in shots]
     return np.array(stated, dtype=np.float64).reshape(-1, 3, 3)
@@ -506,7 +501,7 @@ def _stated_covariance_mm2(shots: Sequence[Outcome] | Sequence[ShotRow]) -> Arra
 def _completed_mm2(
     stated_mm2: Array, points_in_tracker_mm: Array, model: TrackerUncertainty
 ) -> Array:
-    """Stated covariances, and those of `model` where they are NaN, (N, 3, 3)."""
+    """Return stated covariances, and those of `model` where they are NaN, (N, 3, 3)."""
     unstated = np.flatnonzero(np.isnan(stated_mm2).all(axis=(1, 2)))
     completed = stated_mm2.copy()
     completed[unstated] = point_covariance_mm2(points_in_tracker_mm[unstated], model)

@@ -64,16 +64,16 @@ class ShotRow:
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
-    """Rows (N,) in the order of their times, ISO 8601 or numbers; None where these do not tell it.
+    """Return the rows (N,) in the order of their times, ISO 8601 or numbers; None if unknown.
 
-    With the reason in words, empty where they do. Equal times keep the order of rows.
+    With the reason in words, empty if known. Equal times keep the order of rows.
     """
     seconds, lacking = times_s(times)
     return None if seconds is None else np.argsort(seconds, kind="stable"), lacking
 
 
 def times_s(times: Sequence[str]) -> tuple[Array | None, str]:
-    """Seconds (N,) from any beginning of times, ISO 8601 or numbers; None where they are not all.
+    """Return times in seconds (N,) from any beginning; None unless all are ISO 8601 or numbers.
 
     With the reason in words, empty where they are.
     """
@@ -94,7 +94,7 @@ def _numbers(times: Sequence[str]) -> list[float]:
 
 
 def _moments(times: Sequence[str]) -> list[float]:
-    """Seconds of dates and times; raises `ValueError` for others, and where some have no zone."""
+    """Return seconds of dates and times; raise `ValueError` for others, and for mixed zones."""
     read = [datetime.fromisoformat(text) for text in times]
     if len({each.tzinfo is None for each in read}) > 1:
         raise ValueError("some times have a zone")
@@ -102,7 +102,7 @@ def _moments(times: Sequence[str]) -> list[float]:
 
 
 def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
-    """Rows whose lengths were written in a unit of so many mm."""
+    """Convert rows whose lengths were written in a unit of so many mm."""
     for row in rows:
         covariance = row.covariance_mm2
         if covariance is not None:
@@ -115,7 +115,7 @@ def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
 def read_shots(
     path: Path, mechanism: ClosedChain, default: ShotSet = ShotSet.IDENTIFICATION
 ) -> tuple[ShotRow, ...]:
-    """Measured shots of a robot, in the file's order; raises `ShotsInvalid`.
+    """Read measured shots of a robot, in the file's order; raise `ShotsInvalid`.
 
     `default` is the set of rows that name none.
     """
@@ -133,7 +133,7 @@ def write_shots(
 def parse_shots(
     text: str, name: str, mechanism: ClosedChain, default: ShotSet = ShotSet.IDENTIFICATION
 ) -> tuple[ShotRow, ...]:
-    """Shots of a file's text; raises `ShotsInvalid` with the line."""
+    """Read the shots of a file's text; raise `ShotsInvalid` with the line."""
     rows = list(parse_csv(text, name, _form(mechanism)))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
@@ -154,7 +154,7 @@ def joints_rows(
 
 
 def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
-    """Text of a file of shots, with the optional columns that any of them fills."""
+    """Write the text of a file of shots, with the optional columns that any of them fills."""
     return _form(mechanism).text([_values_of(shot, mechanism) for shot in shots])
 
 
@@ -181,7 +181,7 @@ def _form(mechanism: ClosedChain, *, with_points: bool = True) -> CsvForm:
 
 
 def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
-    """Task axes that a tracker does not see."""
+    """Return the task axes that a tracker does not see."""
     return mechanism.task[len(columns.POINT_COLUMNS) :]
 
 
@@ -225,7 +225,7 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
 
 
 def _values_of(shot: ShotRow, mechanism: ClosedChain) -> dict[str, object]:
-    """Values of a shot by column."""
+    """Return the values of a shot by column."""
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()
     values: dict[str, object] = {
