@@ -5,7 +5,7 @@ result, and the loop goes on by it:
 
     Accepted          the next group
     Skipped           the next group; the operator did not want this one
-    Refused           `Remeasure` the earlier shots that were wrong, and this one again; or `DEFER`
+    Refused           groups that took another reflector and this one again; else it is deferred
     Lost              the group is deferred
 
 Deferred groups are tried once more at the end. After each group come the operator's wishes, and
@@ -14,10 +14,8 @@ groups that are not needed any more, the goal being met, are left out.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from math import dist, inf
-from typing import Literal, TypeAlias
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.evaluation.time_series import FEWEST_VISITS
@@ -40,7 +38,7 @@ from campaigns.measuring.resume import ResumeState
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Wish
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shots import Shots
-from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
+from campaigns.measuring.stability_check import ANEW, change_of, drift_text
 from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_identifies
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
@@ -56,16 +54,6 @@ MOST_DEFERRED = 0.2
 """Share of a plan's groups that cannot be measured and still let the run go on."""
 
 
-@dataclass(frozen=True, slots=True)
-class Remeasure:
-    """Measure a refused group again, after other groups, whose shots were wrong."""
-
-    before: tuple[Group, ...] = ()
-
-
-Recovery: TypeAlias = Remeasure | Literal["DEFER"]
-
-
 class Engine:
     """Measures groups of steps: pairs whole or again, and everything watched."""
 
@@ -76,14 +64,13 @@ class Engine:
         self._session, self._work = session, session.work
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._beam = Beam(session, starts)
-        self._shots = shots = Shots(session, self._beam, NestPointer(session, kept.kept))
+        self._shots = Shots(session, self._beam, NestPointer(session, kept.kept))
         self._plan = groups(session.work.steps)
         self._first_drift_mm = kept.first_drift_mm()
         self._air = TemperatureMonitor(self._work.gate.temperature_change_degC, air)
         planned = [step.planned for step in self._work.steps]
         kinematics = self._work.robot.kinematics
         self._station = StationMonitor(self._work.station, kinematics, planned)
-        self._stability = StabilityCheck(session, shots)
         self._references: tuple[ReferencePose, ...] = ()
         self._deferred: list[Group] = []
         self._failed_in_a_row = 0
@@ -185,11 +172,7 @@ class Engine:
                 case Lost() as lost:
                     self._defer(group, lost)
                 case Refused() as refused:
-                    match self._recover(refused):
-                        case Remeasure(before):
-                            left = (*before, group, *left)
-                        case "DEFER":
-                            self._defer(group, refused)
+                    left = (*self._recover(group, refused), *left)
             left = self.leave_out_superfluous(self._apply_wishes(left))
 
     def _measure_group(self, group: Group) -> ShotResult:
@@ -261,21 +244,26 @@ class Engine:
             report(Event("settling", text, settled))
         self._at_rest = settled
 
-    def _recover(self, refused: Refused) -> Recovery:
-        """Find out whether the beam is on a reflector that stands elsewhere, or is to be found.
+    def _recover(self, group: Group, refused: Refused) -> tuple[Group, ...]:
+        """Look for the robot's reflector; return what is to be measured now, () once deferred.
 
         Raise `GateRefused` when the beam cannot be brought back onto the robot's reflector.
         """
         outcome = refused.outcome
         if standing := self._gate.find_standing(outcome):
-            return self._recover_from_standing(outcome, standing)
-        if refused.relocked or self._looked_back[outcome.shot] >= self._work.gate.attempts - 1:
-            return "DEFER"
-        self._looked_back[outcome.shot] += 1
-        return Remeasure() if self._beam.look_back() else "DEFER"
+            return (*self._void_standing(outcome, standing), group)
+        if not refused.relocked and self._looked_back[outcome.shot] < self._work.gate.attempts - 1:
+            self._looked_back[outcome.shot] += 1
+            if self._beam.look_back():
+                return (group,)
+        self._defer(group, refused)
+        return ()
 
-    def _recover_from_standing(self, refused: Outcome, standing: Sequence[Outcome]) -> Recovery:
-        """Void shots of a reflector that stands elsewhere, and look for the robot's."""
+    def _void_standing(self, refused: Outcome, standing: Sequence[Outcome]) -> tuple[Group, ...]:
+        """Void shots of a reflector that stands elsewhere, and look for the robot's.
+
+        Return the groups of the voided shots.
+        """
         one_point = (*standing, refused)
         why = f"{of_one_point(one_point)}: a reflector that stands elsewhere"
         voided: dict[Group, None] = {}
@@ -284,7 +272,7 @@ class Engine:
                 voided[self._void_first(shot, why)] = None
         if not self._beam.look_back(refused.point_in_tracker_mm):
             raise one_point_refused(one_point)
-        return Remeasure(tuple(voided))
+        return tuple(voided)
 
     def _defer(self, group: Group, failure: Refused | Lost) -> None:
         """Leave a group for the end; raise what was wrong when it is more than single poses."""
@@ -383,7 +371,7 @@ class Engine:
         references = reference_poses(self._work.steps, self._gate.accepted)
         if not references:
             return
-        change = self._stability.after_restart(references)
+        change = change_of("after the restart", references, self._session, self._shots)
         if change and not self._work.override:
             raise GateRefused(change, remedy=ANEW)
         if change:
@@ -400,7 +388,14 @@ class Engine:
         if not references and self._work.compared_at_end:
             spread = reference_poses(self._work.steps, self._gate.accepted)
             references = spread if len(spread) > 1 else ()
-        if references and (change := self._stability.at_end(references)):
+        if not references:
+            return
+        try:
+            change = change_of("at the end", references, self._session, self._shots)
+        except GateRefused as error:
+            change = f"at the end a pose could not be compared: {error.problem}"
+            self._log.write(Event("drift check", change))
+        if change:
             self._log.tell(change)
 
     def _fit_shots(self) -> None:

@@ -1,6 +1,6 @@
 """Work of a session: what is to be measured, by which rules, and what all that do it share."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -141,10 +141,6 @@ class Work:
     def known_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
         """Fit the accepted shots of a series, and return the uncertainty that they give."""
         return self.uncertainty_monitor.fitted(shot.outcome for shot in shots)
-
-    def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
-        """Return the noise of poses measured twice, by a fit of accepted shots."""
-        return self.noise_by(self.uncertainty_monitor.posterior(outcomes))
 
     def noise_by(self, posterior: Posterior | None) -> ReferenceNoise:
         """Return the noise of poses measured twice: the tracker's, and the robot's own scatter.
