@@ -73,8 +73,7 @@ def run_study(study: Study, table: StudyTable, wanted: range, executor: Executor
     lost, reasons = 0, dict[str, None]()
     table.write()
     console = Console(stderr=True, highlight=False)
-    done = len(wanted) - len(missing)
-    with CountedWork(console, "campaigns", len(wanted), done=done) as counted:
+    with CountedWork(console, "campaigns", len(wanted), done=len(wanted) - len(missing)) as counted:
         for part in simulated_parts(study.simulate, parts, executor):
             if part.lost:
                 lost += len(part.numbers)
