@@ -196,10 +196,10 @@ def test_golden_answer_of_pointline_is_written_and_read(key):
         (POINTLINE_PAGE, pointline.GRAMMAR, pointline.VERBS),
     ],
 )
-def test_every_line_of_the_page_is_read_and_its_checksum_program_is_right(page, grammar, verbs):
+def test_every_line_of_the_page_is_read_and_has_robotlines_checksum(page, grammar, verbs):
     quoted = re.findall(r"^[<>]\d+ .* \*[0-9A-F]{4}$", page, flags=re.MULTILINE)
     assert len(quoted) > 20
-    (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", ROBOTLINE_PAGE, flags=re.DOTALL)
     program = {}
     exec(code, program)
     for line in quoted:
