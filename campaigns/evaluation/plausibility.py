@@ -18,7 +18,6 @@ from campaigns.errors import ShotsInvalid
 from campaigns.fit.rigid_transforms import best_rotation, fit_transform
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.parameters import ParameterTable
-from campaigns.kinematics.platforms import TwoPartPlatform
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.point_header import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
@@ -233,7 +232,7 @@ def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) 
     And the other way about. Of two halves `_half_words` tells.
     """
     controlled = nominal.mechanism.seen_from(None)
-    if controlled.platform.arms_at_point or not isinstance(controlled.platform, TwoPartPlatform):
+    if controlled.platform.arms_at_point or not controlled.platform.has_two_parts:
         return
     said = nominal.mechanism.platform.arms_at_point
     costs = {said: cost}
@@ -334,7 +333,7 @@ def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3
         order = tuple((arm - step) % arms for arm in range(arms))
         cause, remedy = " and ".join(_joint_words(axes_order=order, sign=(1.0,) * arms)), COLUMNS
         platform = nominal.mechanism.platform
-        if isinstance(platform, TwoPartPlatform) and platform.arms_at_point:
+        if platform.has_two_parts and platform.arms_at_point:
             half, remedy = _on_other_half(nominal)
             cause = f"{half} and columns swapped"
         elif min(each.cost for each in _readings(nominal, joints[:, order], points, "")) > NEAR:

@@ -32,16 +32,9 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 from campaigns.kinematics import transmission
 from campaigns.kinematics.axes import MM_PER_RAD, Axis
-from campaigns.kinematics.limbs import STEP, Limb, dot, vectors
+from campaigns.kinematics.limbs import STEP, Fields, Limb, dot, vectors
 from campaigns.kinematics.parameters import ParameterTable, Role
-from campaigns.kinematics.platforms import (
-    SAG,
-    PlateGeometry,
-    Platform,
-    TurnScale,
-    sag_basis,
-    sag_slopes,
-)
+from campaigns.kinematics.platforms import SAG, PlateGeometry, Platform, sag_basis
 
 HALF_WIDTH_MM = 45.0
 """Half width of the parallelograms, which weights differences of rods: a drawing's value is near
@@ -49,10 +42,11 @@ enough (30 and 70 mm give the same poses within 0.2 µm)."""
 CHUNK = 4096
 """Rows solved at a time, so that they stay in the processor's cache."""
 ITERATIONS = 40
-CONVERGED_MM = 1e-7
+CONVERGED_MM = 1e-8
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
-STEP_MM = 120.0
-"""Longest step of a search."""
+STEP_MM, TURN_STEP_MM = 120.0, 35.0
+"""Longest steps of a search: of the position, and of the turn times its lever."""
+TILTING = ("parallelogram_skew", "axis_tilt", "bar_turn")
 WELL_BELOW_MM = 100.0
 """Height below the usual guess at which the assembly mode at home is read off."""
 READ_ROUNDS = 30
@@ -68,24 +62,22 @@ GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), 
 class Geometry:
     """Parameters of one robot by field: of all arms (…, 1, n) by stem, and of the platform."""
 
-    arms: Mapping[str, Array]
+    arms: Fields
     length: Array
     """Platform's own length, (…, 1, 1)."""
     sag: Array
     """Parameters of the sag, (4,)."""
-    transmission: Mapping[str, Array]
-    """Parameters of joints' gears and encoders (1, n) by stem."""
+    plate: PlateGeometry
 
     @property
     def tilts(self) -> bool:
         """Whether an imperfect part tilts the plate."""
-        own = (self.arms[stem] for stem in ("parallelogram_skew", "axis_tilt", "bar_turn"))
-        return any(values.any() for values in own)
+        return any(self.arms[stem].any() for stem in TILTING)
 
     @property
     def compliance(self) -> Array:
         """Yield of joints to a load of 1, (1, n), rad or mm."""
-        return self.transmission.get("compliance", np.zeros((1, 1)))
+        return self.arms["compliance"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,12 +174,11 @@ class ClosedChain:
 
     def geometry(self, p: Array) -> Geometry:
         """Sort a vector (P,) by fields; parameters beyond its end are 0."""
-        table, whole = self.parameters, self.parameters.whole(p)
+        whole = self.parameters.whole(p)
         named = {stem: whole[places][None] for stem, places in self._columns.items()}
         length = named.get(self._own_length, np.zeros((1, 1)))
-        gears = [field.stem for field in table.fields(Role.TRANSMISSION)]
         sag = np.concatenate([named[field.stem][0] for field in SAG])
-        return Geometry(named, length, sag, {stem: named[stem] for stem in gears})
+        return Geometry(named, length, sag, self.plate or self._typical_plate(named))
 
     @cached_property
     def _columns(self) -> Mapping[str, Index]:
@@ -201,15 +192,13 @@ class ClosedChain:
         own = (f.stem for f in self.parameters.fields(Role.GEOMETRY, of_arms=False))
         return next(own, "")
 
-    def plate_of(self, geometry: Geometry) -> PlateGeometry:
-        """Return the places on the plate: the robot's own, or typical ones."""
-        follow = self.limb.bars_follow_azimuths
-        outward = np.real(self.limb.outward_rad(geometry.arms)).reshape(-1)
-        return self.plate or PlateGeometry.typical(outward, bars_follow_azimuths=follow)
+    def _typical_plate(self, fields: Fields) -> PlateGeometry:
+        outward = self.limb.outward_rad(fields).reshape(-1)
+        return PlateGeometry.typical(outward, bars_follow_azimuths=self.limb.bars_follow_azimuths)
 
     # --- the closures and their derivatives ---------------------------------------------------
 
-    def closures(self, geometry: Geometry, plate: PlateGeometry, ends: Array, y: Array) -> Array:
+    def closures(self, geometry: Geometry, ends: Array, y: Array) -> Array:
         """Return by how much the rods do not close, (…, N, n) or (…, N, 2 n), in mm.
 
         `ends` (…, 3, N, n) are the forearms' upper ends, `y` (…, N, t) a level plate's pose or
@@ -221,8 +210,8 @@ class ClosedChain:
         if y.shape[-1] == size:
             return (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
         tilt = as_vectors(y[..., size:])
-        forearm = forearm + rotation_less_identity(tilt, offsets + plate.from_reflector_mm)
-        fixed = plate.outward_rad
+        forearm = forearm + rotation_less_identity(tilt, offsets + geometry.plate.from_reflector_mm)
+        fixed = geometry.plate.outward_rad
         across = fields["azimuth"] if fixed is None else np.array([fixed])
         turned = across + fields["bar_turn"]
         level = vectors(-np.sin(turned), np.cos(turned), 0.0)
@@ -236,12 +225,10 @@ class ClosedChain:
         turn = y[..., 3 : len(self.task)] if len(self.task) > 3 else np.zeros((1, 1))
         return self.platform.offsets(geometry.length, turn)
 
-    def _by_unknowns(
-        self, geometry: Geometry, plate: PlateGeometry, ends: Array, y: Array
-    ) -> tuple[Array, Array]:
+    def _by_unknowns(self, geometry: Geometry, ends: Array, y: Array) -> tuple[Array, Array]:
         """Return the closures (N, m) and their derivatives by y, (N, m, k)."""
         steps = STEP * np.eye(y.shape[1])[:, None]
-        stepped = self.closures(geometry, plate, ends, y + 1j * steps)
+        stepped = self.closures(geometry, ends, y + 1j * steps)
         return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
 
     def jacobian(
@@ -253,34 +240,30 @@ class ClosedChain:
         singular pose.
         """
         geometry, table = self.geometry(p), self.parameters
-        plate, true = self.plate_of(geometry), self._true_joints(geometry, joints, approach)
-        size = len(self.task)
-        loads = self._loads(geometry, plate, true, poses[:, :size])
+        true, size = self._true_joints(geometry, joints, approach), len(self.task)
+        loads = self._loads(geometry, true, poses[:, :size])
         true = true + geometry.compliance * loads
         ends = self.limb.upper_ends(geometry.arms, true)
-        y = poses if poses.shape[1] > size else self._with_tilt(geometry, plate, ends, poses)
-        _, by_y = self._by_unknowns(geometry, plate, ends, y)
+        y = poses if poses.shape[1] > size else self._with_tilt(geometry, ends, poses)
+        _, by_y = self._by_unknowns(geometry, ends, y)
         by_closures = _by_closures(by_y)[:, :size]
         columns = np.zeros((len(joints), size, len(table.of_robot)))
-        by_fields = self._by_fields(geometry, plate, true, y)
+        by_fields = self._by_fields(geometry, true, y)
         for stem, own in by_fields.items():  # a field of arm i touches the closures of arm i alone
             both = by_closures * own[:, None]
             columns[..., self._columns[stem]] = both.reshape(*both.shape[:2], 2, -1).sum(axis=2)
         if self._own_length:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
-            by_length = self.closures(longer, plate, ends, y).imag / STEP
+            by_length = self.closures(longer, ends, y).imag / STEP
             columns[..., self._columns[self._own_length]] = by_closures @ by_length[..., None]
         by_offset = columns[..., table.offsets]
         for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
-            if stem in geometry.transmission:
+            if stem in self._columns:
                 columns[..., self._columns[stem]] = by_offset * factor[:, None]
-        if "compliance" in self._columns:
-            columns[..., self._columns["compliance"]] = by_offset * loads[:, None]
+        columns[..., self._columns["compliance"]] = by_offset * loads[:, None]
         return self._with_sag(geometry, y, columns)
 
-    def _by_fields(
-        self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array
-    ) -> dict[str, Array]:
+    def _by_fields(self, geometry: Geometry, joints: Array, y: Array) -> dict[str, Array]:
         """Return the derivatives of the closures (N, 2 n) by each field of their own arm."""
         stems = [f.stem for f in self.parameters.fields(Role.GEOMETRY, Role.EXTENSION)]
         steps = 1j * STEP * np.eye(len(stems))[..., None, None]
@@ -289,10 +272,10 @@ class ClosedChain:
             **{stem: geometry.arms[stem] + step for stem, step in zip(stems, steps, strict=True)},
         }
         ends = self.limb.upper_ends(arms, joints)
-        stepped = self.closures(replace(geometry, arms=arms), plate, ends, y).imag / STEP
+        stepped = self.closures(replace(geometry, arms=arms), ends, y).imag / STEP
         return dict(zip(stems, stepped, strict=True))
 
-    def _loads(self, geometry: Geometry, plate: PlateGeometry, joints: Array, y: Array) -> Array:
+    def _loads(self, geometry: Geometry, joints: Array, y: Array) -> Array:
         """Return the loads (N, n) of joints by the plate's weight at poses (N, t) of a level plate.
 
         By virtual work a load is the weight times the plate's rise by the joint's motion; counted
@@ -300,9 +283,9 @@ class ClosedChain:
         0.2 mm it is 0.1 µm, and of derivatives 1 in 1000.
         """
         ends = self.limb.upper_ends(geometry.arms, joints)
-        _, by_pose = self._by_unknowns(geometry, plate, ends, y)
+        _, by_pose = self._by_unknowns(geometry, ends, y)
         moved = self.limb.upper_ends(geometry.arms, np.asarray(joints + 1j * STEP))
-        by_joint = self.closures(geometry, plate, moved, y).imag / STEP
+        by_joint = self.closures(geometry, moved, y).imag / STEP
         return np.asarray(
             _by_closures(by_pose)[:, 2] * by_joint * -self.joints[0].scale / MM_PER_RAD
         )
@@ -310,7 +293,8 @@ class ClosedChain:
     def _with_sag(self, geometry: Geometry, y: Array, columns: Array) -> Array:
         """Add the sag's own columns to those of a plate that does not sag, and its slopes."""
         if geometry.sag.any():
-            slopes = np.einsum("s,skn->nk", geometry.sag, sag_slopes(y[:, 0], y[:, 1]))
+            stepped = sag_basis(*(y[:, :3].T + 1j * STEP * np.eye(3)[:, :, None]).swapaxes(0, 1))
+            slopes = np.einsum("s,skn->nk", geometry.sag, stepped.imag / STEP)
             columns[:, 2] += (slopes[:, None] @ columns[:, :3])[:, 0]
         for field, lifted in zip(SAG, sag_basis(*y[:, :3].T), strict=True):
             columns[:, 2, self._columns[field.stem][0]] = lifted
@@ -329,7 +313,7 @@ class ClosedChain:
             travel = self._true_joints(geometry, joints, None) + p[places["joint_offset"]]
             arms = np.einsum("nkj,nj->nk", by_p[..., places["joint_offset"]], travel)
         forearms = by_p[..., places["forearm"]] @ p[places["forearm"]]
-        on_plate = np.array(self.plate_of(geometry).joints_mm).T
+        on_plate = np.array(geometry.plate.joints_mm).T
         frame = sum(
             by_p[..., places[axis]] @ (p[places[axis]] + own)
             for axis, own in zip(("x", "y", "z"), on_plate, strict=True)
@@ -369,7 +353,7 @@ class ClosedChain:
         self, geometry: Geometry, joints: Array, near: Array | None
     ) -> tuple[Array, Mask]:
         """Solve one chunk: a level plate from each start until one is right, then tilt and load."""
-        plate, sign, size = self.plate_of(geometry), self.assembly_sign(geometry), len(self.task)
+        sign, size = self.assembly_sign(geometry), len(self.task)
         starts = [] if near is None else [near[:, :size]]
         ends = self.limb.upper_ends(geometry.arms, joints)
         y, found = np.empty((len(joints), size)), np.zeros(len(joints), dtype=bool)
@@ -381,51 +365,51 @@ class ClosedChain:
                 start = starts[number]
             else:
                 start = self._guess(geometry, ends[:, rows], *GUESSES[number - len(starts)])
-            y[rows], settled = self._newton(geometry, plate, ends[:, rows], start)
-            wanted = self._is_wanted(geometry, plate, ends[:, rows], y[rows], sign)
+            y[rows], settled = self._newton(geometry, ends[:, rows], start)
+            wanted = self._is_wanted(geometry, ends[:, rows], y[rows], sign)
             found[rows] = settled & wanted
         ends = ends[:, found]
         if geometry.compliance.any():
-            loads = self._loads(geometry, plate, joints[found], y[found])
+            loads = self._loads(geometry, joints[found], y[found])
             yielded = joints[found] + geometry.compliance * loads
             ends = self.limb.upper_ends(geometry.arms, yielded)
         if geometry.tilts:
             y = np.pad(y, ((0, 0), (0, 3)))
         if geometry.tilts or geometry.compliance.any():
-            y[found], found[found] = self._newton(geometry, plate, ends, y[found])
+            y[found], found[found] = self._newton(geometry, ends, y[found])
         return y, found
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def _newton(
-        self, geometry: Geometry, plate: PlateGeometry, ends: Array, start: Array
-    ) -> tuple[Array, Mask]:
+    def _newton(self, geometry: Geometry, ends: Array, start: Array) -> tuple[Array, Mask]:
         """Return unknowns from starts (N, k) by limited Gauss-Newton steps, and which settled."""
         y, settled, size = start.copy(), np.zeros(len(start), dtype=bool), len(self.task)
-        turn = self._turn_scale(geometry)
-        active = np.arange(len(start))
+        lever_mm, active = self._lever_mm(geometry), np.arange(len(start))
         for _ in range(ITERATIONS):
-            residual, by_y = self._by_unknowns(geometry, plate, ends[:, active], y[active])
-            transposed = by_y.swapaxes(1, 2)
-            normal = transposed @ by_y + 1e-14 * np.eye(y.shape[1])  # no exception where singular
-            step = -np.linalg.solve(normal, transposed @ residual[..., None])[..., 0]
+            step, misfit = self._gauss_newton_step(geometry, ends[:, active], y[active])
             way = np.abs(step[:, :3]).max(axis=1)
-            angles = np.abs(step[:, 3:size]).sum(axis=1)
-            shorter = np.maximum(np.maximum(way / STEP_MM, angles / turn.step_rad), 1.0)
+            turned = lever_mm * np.abs(step[:, 3:size]).sum(axis=1)
+            shorter = np.maximum(np.maximum(way / STEP_MM, turned / TURN_STEP_MM), 1.0)
             y[active] += step / shorter[:, None]
-            size_mm = way + turn.lever_mm * angles + 50.0 * np.abs(step[:, size:]).sum(axis=1)
-            misfit = np.abs(residual[:, : ends.shape[2]]).max(axis=1)
-            settled[active] = (size_mm < CONVERGED_MM) & (
-                misfit < 1.0
-            )  # 1 mm: a minimum farther off is no assembly
+            size_mm = way + turned + 50.0 * np.abs(step[:, size:]).sum(axis=1)
+            # a minimum that leaves 1 mm is no assembly
+            settled[active] = (size_mm < CONVERGED_MM) & (misfit < 1.0)
             active = active[(size_mm >= CONVERGED_MM) & np.isfinite(size_mm)]
             if not len(active):
                 break
         return y, settled
 
-    def _turn_scale(self, geometry: Geometry) -> TurnScale:
-        """Return the scales of the platform's turn for this robot's sizes."""
+    def _gauss_newton_step(self, geometry: Geometry, ends: Array, y: Array) -> tuple[Array, Array]:
+        """Return the whole steps (N, k) from unknowns y, and the largest misfits there, mm."""
+        residual, by_y = self._by_unknowns(geometry, ends, y)
+        transposed = by_y.swapaxes(1, 2)
+        normal = transposed @ by_y + 1e-14 * np.eye(y.shape[1])  # no exception where singular
+        step = -np.linalg.solve(normal, transposed @ residual[..., None])[..., 0]
+        return np.asarray(step), np.abs(residual[:, : ends.shape[2]]).max(axis=1)
+
+    def _lever_mm(self, geometry: Geometry) -> float:
+        """Return the lever that makes the platform's turn a length, for this robot's sizes."""
         forearm_mm = float(np.mean(geometry.arms["forearm"]))
-        return self.platform.turn_scale(float(geometry.length[0, 0]), forearm_mm)
+        return self.platform.lever_mm(float(geometry.length[0, 0]), forearm_mm)
 
     def _guess(self, geometry: Geometry, ends: Array, turn_rad: float, lift_mm: float) -> Array:
         """Return poses (N, t) of a platform that hangs under the middle of its upper ends."""
@@ -441,27 +425,23 @@ class ClosedChain:
         """Return the sign of the closures' determinant at home: joints 0, platform well below."""
         ends = self.limb.upper_ends(geometry.arms, np.zeros((1, self.platform.arms)))
         pose = self._guess(geometry, ends, 0.0, -WELL_BELOW_MM)
-        _, by_pose = self._by_unknowns(geometry, self.plate_of(geometry), ends, pose)
+        _, by_pose = self._by_unknowns(geometry, ends, pose)
         return float(np.sign(np.linalg.det(by_pose))[0])
 
     @np.errstate(invalid="ignore", over="ignore")
-    def _is_wanted(
-        self, geometry: Geometry, plate: PlateGeometry, ends: Array, poses: Array, sign: float
-    ) -> Mask:
+    def _is_wanted(self, geometry: Geometry, ends: Array, poses: Array, sign: float) -> Mask:
         """Return which poses (N, t) hang below their upper ends, in the assembly mode of home."""
-        _, by_pose = self._by_unknowns(geometry, plate, ends, poses)
+        _, by_pose = self._by_unknowns(geometry, ends, poses)
         wanted = (poses[:, 2] < ends[2].mean(axis=-1)) & (np.linalg.det(by_pose) * sign > 0.0)
-        scale = self._turn_scale(geometry)
-        return np.asarray(wanted & (np.abs(poses[:, 3:]) < scale.limit_rad).all(axis=1))
+        turned_over = np.abs(poses[:, 3:]) >= self.platform.turn_limit_rad
+        return np.asarray(wanted & ~turned_over.any(axis=1))
 
-    def _with_tilt(
-        self, geometry: Geometry, plate: PlateGeometry, ends: Array, poses: Array
-    ) -> Array:
+    def _with_tilt(self, geometry: Geometry, ends: Array, poses: Array) -> Array:
         """Return the unknowns (N, t + 3) of poses (N, t) of forearms with these upper ends."""
         y = np.pad(poses, ((0, 0), (0, 3)))
         if geometry.sag.any():
             y[:, 2] -= geometry.sag @ sag_basis(*y[:, :3].T)
-        return self._newton(geometry, plate, ends, y)[0] if geometry.tilts else y
+        return self._newton(geometry, ends, y)[0] if geometry.tilts else y
 
     # --- inverse and transmission -------------------------------------------------------------
 
@@ -475,27 +455,27 @@ class ClosedChain:
         geometry, goal = self.geometry(p), poses.copy()
         joints, found = self._level_inverse(geometry, goal)
         is_level = not (geometry.tilts or geometry.compliance.any() or geometry.sag.any())
+        y = np.pad(poses, ((0, 0), (0, 3))) if geometry.tilts else poses.copy()
         rows = np.flatnonzero(found)
         for _ in range(0 if is_level else READ_ROUNDS):
-            error = poses[rows] - self._reached(geometry, joints[rows], poses[rows])
+            # one step of the forward model a round: both settle together
+            true = joints[rows]
+            if geometry.compliance.any():
+                true = true + geometry.compliance * self._loads(geometry, true, goal[rows])
+            ends = self.limb.upper_ends(geometry.arms, true)
+            step, _ = self._gauss_newton_step(geometry, ends, y[rows])
+            y[rows] += step
+            error = poses[rows] - self._sagged(geometry, y[rows])
             goal[rows] += error
             joints[rows], held = self._level_inverse(geometry, goal[rows])
             found[rows] = held & np.isfinite(error).all(axis=1)
-            rows = rows[found[rows] & (np.abs(error).max(axis=1) > READ_TO_MM)]
+            moving = np.maximum(np.abs(error).max(axis=1), np.abs(step).max(axis=1))
+            rows = rows[found[rows] & (moving > READ_TO_MM)]
             if not len(rows):
                 break
         joints[~found] = np.nan
-        read = transmission.encoder_readings(
-            geometry.transmission, joints, approach, self.phase_rate
-        )
+        read = transmission.encoder_readings(geometry.arms, joints, approach, self.phase_rate)
         return read, found
-
-    def _reached(self, geometry: Geometry, joints: Array, poses: Array) -> Array:
-        """Return the poses (N, t) of true joints (N, n) near poses; NaN where there are none."""
-        y, found = self._assembled(geometry, joints, poses)
-        reached = self._sagged(geometry, y)
-        reached[~found] = np.nan
-        return reached
 
     def _level_inverse(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
         targets = as_vectors(poses[:, :3]) + self._offsets(geometry, poses)
@@ -509,15 +489,14 @@ class ClosedChain:
         Of a level plate: tilts of milliradians change no margin that counts.
         """
         geometry = self.geometry(p)
-        plate, fields = self.plate_of(geometry), geometry.arms
-        true = self._true_joints(geometry, joints, None)
+        fields, true = geometry.arms, self._true_joints(geometry, joints, None)
         ends = self.limb.upper_ends(fields, true)
         forearms = as_vectors(poses[:, :3]) + self._offsets(geometry, poses) - ends
         singular_value = np.full(len(poses), np.nan)
         rows = np.isfinite(joints).all(axis=1)
-        _, by_pose = self._by_unknowns(geometry, plate, ends[:, rows], poses[rows])
-        scale = self._turn_scale(geometry)
-        by_pose[..., 3:] /= scale.lever_mm
+        _, by_pose = self._by_unknowns(geometry, ends[:, rows], poses[rows])
+        if by_pose.shape[-1] > 3:
+            by_pose[..., 3:] /= self._lever_mm(geometry)
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
         singular_value[rows] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
         return Margins(
@@ -528,21 +507,23 @@ class ClosedChain:
         )
 
     def _true_joints(self, geometry: Geometry, joints: Array, approach: Array | None) -> Array:
-        return transmission.true_joints(geometry.transmission, joints, approach, self.phase_rate)
+        return transmission.true_joints(geometry.arms, joints, approach, self.phase_rate)
 
     def steepest_error(self, p: Array) -> float:
         """Return a bound of the change of any joint's error over its motion."""
-        values = self.geometry(p).transmission
+        fields = self.geometry(p).arms
         by_phase = {"backlash": 0.0, "ripple_sin": self.phase_rate, "ripple_cos": self.phase_rate}
-        bounds = [abs(by_phase.get(stem, 1.0)) * np.abs(own) for stem, own in values.items()]
+        bounds = [
+            abs(by_phase.get(stem, 1.0)) * np.abs(fields[stem])
+            for stem in transmission.STEMS
+            if stem in fields
+        ]
         return float(np.sum(bounds, axis=0).max())
 
     def joint_slopes(self, p: Array, joints: Array) -> Array:
         """Return the change of true joints over that of encoder readings (N, n), (N, n)."""
-        slopes = transmission.term_slopes(joints, self.phase_rate)
-        values = self.geometry(p).transmission
-        own = (values[stem] * slope for stem, slope in slopes.items() if stem in values)
-        return np.asarray(1.0 + sum(own))
+        stepped = self._true_joints(self.geometry(p), np.asarray(joints + 1j * STEP), None)
+        return np.asarray(stepped.imag / STEP)
 
 
 def _by_closures(by_y: Array) -> Array:

@@ -25,52 +25,54 @@ from campaigns.kinematics.parameters import (
 Fields = Mapping[str, Array]
 STEP = 1e-200
 """Complex step of derivatives: without cancellation, so as small as numbers go."""
-DOWNWARD = -0.26
-"""Rise of a rail per mm below which its readings count downward: 15° below the horizontal."""
-EXTENSION, TRANSMISSION = Role.EXTENSION, Role.TRANSMISSION
-
-FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
-PLACE = "in the base frame, less the plate joint's place, mm"
-OF_ANY_LIMB = (
-    ParameterField(
-        "parallelogram_skew_deg",
-        "the difference of the forearm's two rods over their distance, deg; may be left out",
-        "small angle",
-        "rods",
-        EXTENSION,
-    ),
-    ParameterField(
-        "bar_turn_deg",
-        "the plate's bar turned about z out of its direction, deg; may be left out",
-        "small angle",
-        "bars",
-        EXTENSION,
-    ),
-    ParameterField(
-        "encoder_gain_ppm",
-        "the joint's motion beyond its reading's, ppm; may be left out",
-        "ratio",
-        "ratio",
-        TRANSMISSION,
-    ),
-)
+LEVEL_RISE = 0.26
+"""Rise of a rail per mm up to which it counts as level: 15°."""
 
 
-def _of_joint(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
-    """Make the fields of ripple, backlash and yield of a gear (deg) or a drive (mm)."""
+def _places(of: str) -> tuple[ParameterField, ...]:
+    """Make the fields of a limb's place."""
+    words = f"of {of} in the base frame, less the plate joint's place, mm"
+    return tuple(ParameterField(f"{c}_mm", f"{c} {words}", "place", "places") for c in "xyz")
+
+
+def _extension(name: str, description: str, group: str) -> ParameterField:
+    """Make a field of an imperfect part, a small angle in deg."""
+    return ParameterField(name, f"{description}, deg", "small angle", group, Role.EXTENSION)
+
+
+def _transmission(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
+    """Make the fields of the encoder and of the gear (deg) or the drive (mm)."""
     quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
+    eccentricity = (
+        ("eccentricity_sin", "the encoder's eccentricity by the reading's sine", "eccentricity"),
+        ("eccentricity_cos", "the encoder's eccentricity by the reading's cosine", "eccentricity"),
+    )
     rows = (
+        *(eccentricity if unit == "deg" else ()),
         ("ripple_sin", f"the {part}'s ripple by the sine of its phase", "ripple"),
         ("ripple_cos", f"the {part}'s ripple by the cosine of its phase", "ripple"),
         ("backlash", f"the {part}'s lost motion", "backlash"),
         ("compliance", f"the {part}'s yield to the plate's weight, at 300 mm", "compliance"),
     )
-    return tuple(
-        ParameterField(
-            f"{stem}_{unit}", f"{words}, {unit}; may be left out", quantity, group, TRANSMISSION
-        )
-        for stem, words, group in rows
+    ratio = "the joint's motion beyond its reading's, ppm"
+    return (
+        ParameterField("encoder_gain_ppm", ratio, "ratio", "ratio", Role.TRANSMISSION),
+        *(
+            ParameterField(f"{stem}_{unit}", f"{words}, {unit}", quantity, group, Role.TRANSMISSION)
+            for stem, words, group in rows
+        ),
     )
+
+
+FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
+OF_ANY_LIMB = (
+    _extension(
+        "parallelogram_skew_deg",
+        "the difference of the forearm's two rods over their distance",
+        "rods",
+    ),
+    _extension("bar_turn_deg", "the plate's bar turned about z out of its direction", "bars"),
+)
 
 
 class Limb(ABC):
@@ -125,9 +127,7 @@ class Crank(Limb):
     """
 
     fields = (
-        ParameterField("x_mm", f"the motor centre's x {PLACE}", "place", "places"),
-        ParameterField("y_mm", f"the motor centre's y {PLACE}", "place", "places"),
-        ParameterField("z_mm", f"the motor centre's z {PLACE}", "place", "places"),
+        *_places("the motor's centre"),
         ParameterField(
             "azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle", "azimuths"
         ),
@@ -137,25 +137,9 @@ class Crank(Limb):
         ),
         ParameterField("arm_mm", "the arm's length, mm", "length", "lengths"),
         FOREARM,
-        ParameterField(
-            "axis_tilt_deg",
-            "the motor's axis out of the horizontal, deg; may be left out",
-            "small angle",
-            "axes",
-            EXTENSION,
-        ),
+        _extension("axis_tilt_deg", "the motor's axis out of the horizontal", "axes"),
         *OF_ANY_LIMB,
-        *(
-            ParameterField(
-                f"eccentricity_{part}_deg",
-                f"the encoder's eccentricity by the reading's {words}, deg; may be left out",
-                "small angle",
-                "eccentricity",
-                TRANSMISSION,
-            )
-            for part, words in (("sin", "sine"), ("cos", "cosine"))
-        ),
-        *_of_joint("deg", "gear"),
+        *_transmission("deg", "gear"),
     )  # fmt: skip
     joint = "revolute"
     rate = RIPPLES_PER_TURN
@@ -213,9 +197,7 @@ class Carriage(Limb):
     """
 
     fields = (
-        ParameterField("x_mm", f"x of the rail's zero {PLACE}", "place", "places"),
-        ParameterField("y_mm", f"y of the rail's zero {PLACE}", "place", "places"),
-        ParameterField("z_mm", f"z of the rail's zero {PLACE}", "place", "places"),
+        *_places("the rail's zero"),
         ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle", "azimuths"),
         ParameterField(
             "elevation_deg",
@@ -227,22 +209,10 @@ class Carriage(Limb):
             "joint_offset_mm", "the carriage's place minus the reading, mm", "place", "offsets"
         ),
         FOREARM,
-        ParameterField(
-            "rail_tilt_deg",
-            "the rail out of the vertical plane of its azimuth, deg; may be left out",
-            "small angle",
-            "rails",
-            EXTENSION,
-        ),
-        ParameterField(
-            "axis_tilt_deg",
-            "the carriage's bar out of the horizontal, deg; may be left out",
-            "small angle",
-            "axes",
-            EXTENSION,
-        ),
+        _extension("rail_tilt_deg", "the rail out of the vertical plane of its azimuth", "rails"),
+        _extension("axis_tilt_deg", "the carriage's bar out of the horizontal", "axes"),
         *OF_ANY_LIMB,
-        *_of_joint("mm", "drive"),
+        *_transmission("mm", "drive"),
     )
     joint = "prismatic"
     rate = DRIVE_PERIOD
@@ -255,26 +225,24 @@ class Carriage(Limb):
 
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
-        """Solve for the upper place on the rail, of the two from which a forearm reaches."""
-        to_target, rails = targets - _place(fields), rail_directions(fields)
-        part = dot(to_target, rails)
+        """Solve for the upper of the two places from which a forearm reaches, or the outer one."""
+        to_target = targets - _place(fields)
+        part = dot(to_target, rail_directions(fields))
         root2 = part**2 - dot(to_target, to_target) + fields["forearm"] ** 2
-        root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan))
-        joints = part + _upward(rails) * root - fields["joint_offset"]
-        return joints, np.all(root2 >= 0.0, axis=-1)
+        root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan)) * self._upward(fields)
+        return part + root - fields["joint_offset"], np.all(root2 >= 0.0, axis=-1)
 
     @override
     def swing_rad(self, fields: Fields, forearms: Array) -> Array:
-        rails = rail_directions(fields)
-        part = _upward(rails) * dot(forearms, rails) / fields["forearm"]
-        return np.asarray(np.arccos(np.clip(-part, -1.0, 1.0)))
+        part = dot(forearms, rail_directions(fields)) / fields["forearm"]
+        return np.asarray(np.arccos(np.clip(-self._upward(fields) * part, -1.0, 1.0)))
 
     @override
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
         """Return a box of what forearms within their swing reach from carriages on their rails."""
         ends = np.concatenate([self.upper_ends(fields, np.array([[end]])) for end in joint], axis=1)
-        rails = rail_directions(fields)
-        off_axis = np.arccos(np.clip(-along(_upward(rails), rails), -1.0, 1.0))
+        upward = rail_directions(fields) * self._upward(fields)
+        off_axis = np.arccos(np.clip(-upward, -1.0, 1.0))
         lowest = np.cos(np.minimum(off_axis + swing_rad, np.pi))
         highest = np.cos(np.maximum(off_axis - swing_rad, 0.0))
         forearm = fields["forearm"]
@@ -286,6 +254,13 @@ class Carriage(Limb):
     def outward_rad(self, fields: Fields) -> Array:
         x, y = fields["x"][0], fields["y"][0]
         return np.asarray(np.arctan2(y - y.mean(), x - x.mean()))
+
+    def _upward(self, fields: Fields) -> Array:
+        """Return 1 for rails (1, n) whose readings grow upward, of level ones outward; else -1."""
+        rise = np.sin(np.real(fields["elevation"]))
+        outward = np.cos(np.real(fields["azimuth"] - self.outward_rad(fields)))
+        way = np.where(np.abs(rise) > LEVEL_RISE, rise, outward)
+        return np.where(way > -1e-9, 1.0, -1.0)
 
 
 def crank_frames(azimuth: Array, axis_tilt: Array) -> tuple[Array, Array, Array]:
@@ -307,11 +282,6 @@ def rail_directions(fields: Fields) -> Array:
     return vectors(
         upright * level * cos - tilt * sin, upright * level * sin + tilt * cos, upright * rise
     )
-
-
-def _upward(rails: Array) -> Array:
-    """Return 1 for rails (…, 1, n) whose readings grow upward or about level, -1 for downward."""
-    return np.where(rails[..., 2, :, :].real < DOWNWARD, -1.0, 1.0)
 
 
 def vectors(x: Array, y: Array, z: Array | float) -> Array:

@@ -18,14 +18,9 @@ from campaigns.kinematics.parameters import ParameterField, Role
 Place = tuple[float, float, float]
 TYPICAL_JOINT_MM = 50.0
 """Distance of a plate joint from the plate's middle where a robot file gives none."""
+RISE = "the rise of the plate"
 SAG = tuple(
-    ParameterField(
-        f"sag_{part}_mm",
-        f"the rise of the plate {words}, mm; may be left out",
-        "place",
-        "sag",
-        Role.EXTENSION,
-    )
+    ParameterField(f"sag_{part}_mm", f"{RISE} {words}, mm", "place", "sag", Role.EXTENSION)
     for part, words in (
         ("x", "over 400 mm of x"),
         ("y", "over 400 mm of y"),
@@ -38,16 +33,7 @@ SAG = tuple(
 def sag_basis(x: Array, y: Array, z: Array) -> Array:
     """Return by how much each of the parameters `SAG` lifts the plate, (4, …)."""
     x, y = x / 400.0, y / 400.0
-    return np.stack([x, y, x * x + y * y, z / 200.0])
-
-
-def sag_slopes(x: Array, y: Array) -> Array:
-    """Return the derivatives of `sag_basis` by x, y and z, (4, 3, …)."""
-    zero = np.zeros_like(x)
-    by_x = [zero + 1 / 400, zero, 2 * x / 400**2, zero]
-    by_y = [zero, zero + 1 / 400, 2 * y / 400**2, zero]
-    by_z = [zero, zero, zero, zero + 1 / 200]
-    return np.stack([np.stack(rows) for rows in (by_x, by_y, by_z)], axis=1)
+    return np.stack(np.broadcast_arrays(x, y, x * x + y * y, z / 200.0))
 
 
 @dataclass(frozen=True)
@@ -77,19 +63,9 @@ class PlateGeometry:
 
 
 @dataclass(frozen=True)
-class TurnScale:
-    """Scales of a platform's turn: a lever that makes it a length, and how far a search may go."""
-
-    lever_mm: float
-    step_rad: float
-    limit_rad: float
-
-
-@dataclass(frozen=True)
 class Platform:
     """Platform that is a point: all forearms end in it, and it only translates."""
 
-    arms: int = 3
     shares: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Where each arm ends: its share of the way between the parts, from the controlled point."""
 
@@ -97,74 +73,74 @@ class Platform:
     fields: ClassVar[tuple[ParameterField, ...]] = SAG
     bars_along_x: ClassVar[bool] = False
     """Whether the base frame's x axis is a direction of the platform."""
+    turn_limit_rad: ClassVar[float] = math.inf
+    """Turn beyond which the platform has turned over."""
+
+    @property
+    def arms(self) -> int:
+        """Number of arms."""
+        return len(self.shares)
 
     @property
     def arms_at_point(self) -> tuple[int, ...]:
         """Arms that end in the controlled point however the platform is turned."""
         return tuple(arm for arm, share in enumerate(self.shares) if share == 0.0)
 
+    @property
+    def has_two_parts(self) -> bool:
+        """Whether arms 0 and 1 hold one part, 2 and 3 the other."""
+        return len(self.task) > len(POSITION)
+
     def seen_from(self, part: int) -> Self:
         """Return this platform with the measured point on part 1 or 2; raise `ValueError`."""
-        raise ValueError(f"a platform of one part has no part {part}")
-
-    def offsets(self, length: Array, turn: Array) -> Array:  # noqa: ARG002 - a point has none
-        """Return the lower ends seen from the controlled point, (…, 3, N, n), of a level plate.
-
-        `length` (…, 1, 1) is of the platform's own field, `turn` (…, N, 1) in rad.
-        """
-        return np.zeros((3, 1, self.arms))
-
-    def turn_scale(self, length: float, forearm: float) -> TurnScale:  # noqa: ARG002 - none turns
-        """Return the scales of a turn; a point has none."""
-        return TurnScale(0.0, math.inf, math.inf)
-
-
-@dataclass(frozen=True)
-class TwoPartPlatform(Platform):
-    """Platform whose arms 0 and 1 hold one part, 2 and 3 the other."""
-
-    arms: int = 4
-    task = (*POSITION, TURN)
-
-    @override
-    def seen_from(self, part: int) -> Self:
+        if not self.has_two_parts:
+            raise ValueError(f"a platform of one part has no part {part}")
         if part not in {1, 2}:
             raise ValueError(f"the platform has parts 1 and 2, no part {part}")
         origin = self.shares[0 if part == 1 else -1]
         return replace(self, shares=tuple(share - origin for share in self.shares))
 
-    @override
     def offsets(self, length: Array, turn: Array) -> Array:
+        """Return the lower ends seen from the controlled point, (…, 3, N, n), of a level plate.
+
+        `length` (…, 1, 1) is of the platform's own field, `turn` (…, N, 1) in rad.
+        """
         return np.array(self.shares) * (length[..., None, :, :] * self._apart(turn))
 
-    def _apart(self, turn: Array) -> Array:
+    def _apart(self, turn: Array) -> Array:  # noqa: ARG002 - a point has no parts
         """Return the way from part 1 to part 2 at turns for a length of 1, (…, 3, N, 1)."""
-        raise NotImplementedError
+        return np.zeros((3, 1, 1))
+
+    def lever_mm(self, length: float, forearm: float) -> float:  # noqa: ARG002 - a point turns not
+        """Return the lever that makes a turn a length, by the own field and a forearm's length."""
+        return 0.0
 
 
-class HingedPlate(TwoPartPlatform):
+class HingedPlate(Platform):
     """Articulated plate of Par4 and H4 (paper eq. 9): part 2 lies along (-sin θ, cos θ, 0)."""
 
+    task = (*POSITION, TURN)
     fields = (
         ParameterField(
             "plate_mm", "the distance between the halves of the plate, mm", "length", "plate"
         ),
         *SAG,
     )
+    turn_limit_rad = 0.5 * math.pi
 
     @override
     def _apart(self, turn: Array) -> Array:
         return np.stack([-np.sin(turn), np.cos(turn), 0.0 * turn], axis=-3)
 
     @override
-    def turn_scale(self, length: float, forearm: float) -> TurnScale:
-        """Return scales by the forearm's length; beyond 90° a hinged plate has turned over."""
-        return TurnScale(forearm / 7.0, 0.35, 0.5 * math.pi)
+    def lever_mm(self, length: float, forearm: float) -> float:
+        return forearm / 7.0
 
 
-class SlidingBars(TwoPartPlatform):
+class SlidingBars(Platform):
     """I4's bars that slide along x, where a rack turns the tool: part 2 is r θ behind part 1."""
 
+    task = (*POSITION, TURN)
     fields = (
         ParameterField(
             "pinion_mm", "travel of the bars for a turn of 1 rad, mm", "length", "plate"
@@ -178,6 +154,5 @@ class SlidingBars(TwoPartPlatform):
         return np.stack([-turn, 0.0 * turn, 0.0 * turn], axis=-3)
 
     @override
-    def turn_scale(self, length: float, forearm: float) -> TurnScale:
-        """Return scales by the slide for a turn of 1 rad; no turn is too far."""
-        return TurnScale(length, 120.0 / length, math.inf)
+    def lever_mm(self, length: float, forearm: float) -> float:
+        return length

@@ -18,7 +18,6 @@ from campaigns.arrays import Array
 
 LEFT_BEHIND = -0.5
 """Share of the backlash by which a joint lies from its reading, in the direction of approach."""
-ROUNDS = 60
 STEEPEST = 0.5
 """Largest change of a joint's error over its motion that a robot may have: the rounds converge."""
 STANDS = 1e-9
@@ -41,17 +40,8 @@ def terms(joints: Array, approach: Array | None, phase_rate: float) -> dict[str,
     }
 
 
-def term_slopes(joints: Array, phase_rate: float) -> dict[str, Array]:
-    """Return the derivatives of `terms` by the readings, (N, n) each, by stem."""
-    phase = phase_rate * joints
-    return {
-        "encoder_gain": np.ones_like(joints),
-        "eccentricity_sin": np.cos(joints),
-        "eccentricity_cos": -np.sin(joints),
-        "ripple_sin": phase_rate * np.cos(phase),
-        "ripple_cos": -phase_rate * np.sin(phase),
-        "backlash": np.zeros_like(joints),
-    }
+STEMS = tuple(terms(np.zeros(1), None, 0.0))
+"""Stems of the parameters that `terms` has factors of."""
 
 
 def true_joints(
@@ -59,13 +49,13 @@ def true_joints(
 ) -> Array:
     """Return the joints (N, n), less their offsets, at which encoders read `joints`.
 
-    `values` are parameters of the transmission (1, n) by stem.
+    `values` are parameters (1, n) by stem.
     """
-    if not any(value.any() for value in values.values()):
+    if not any(values[stem].any() for stem in STEMS if stem in values):
         return joints
-    factors = terms(joints, approach, phase_rate)
+    factors = terms(joints, approach, phase_rate).items()
     return np.asarray(
-        joints + sum(values[stem] * own for stem, own in factors.items() if stem in values)
+        joints + sum(values[stem] * factor for stem, factor in factors if stem in values)
     )
 
 
@@ -77,7 +67,7 @@ def encoder_readings(
     Solved by rounds of the error at the last readings: errors are small and change slowly.
     """
     readings = joints
-    for _ in range(ROUNDS):
+    for _ in range(60):
         error = true_joints(values, readings, approach, phase_rate) - joints
         readings = readings - error
         if not np.nanmax(np.abs(error), initial=0.0) > 1e-14 * (

@@ -346,7 +346,7 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
 
     A ripple needs its period, and no error of a joint may turn its motion round.
     """
-    typical = mechanism.plate_of(mechanism.geometry(parameters.vector))
+    typical = mechanism.geometry(parameters.vector).plate
     plate = replace(
         typical,
         joints_mm=contents.plate_joints_mm or typical.joints_mm,

@@ -252,8 +252,8 @@ def _definitions(
 ) -> dict[str, Definition]:
     """Return the keys of fields that every file has, and of those that one may leave out."""
     return {
-        field.name: (VALUE_OF[field.quantity], Field(default, description=field.description))
-        for some_fields, default in ((fields, ...), (optional, 0.0))
+        field.name: (VALUE_OF[field.quantity], Field(default, description=field.description + end))
+        for some_fields, default, end in ((fields, ..., ""), (optional, 0.0, "; may be left out"))
         for field in some_fields
     }
 

@@ -33,7 +33,7 @@ def joints_for(geometry: Geometry, position_mm: Array, theta_rad: float) -> Arra
 def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     """Return the joint of a carriage above the foot of the plate joint on its rail.
 
-    On a rail that falls by less than 15° the carriage stands further along.
+    On a rail within 15° of level the carriage stands farther outward.
     By how much follows from the right triangle of carriage, foot and plate joint.
     """
     rail = geometry.rails[arm]
@@ -42,7 +42,9 @@ def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     squared_above = float(geometry.forearms_mm[arm]) ** 2 - squared_off_rail
     if squared_above < 0.0:
         raise OutOfReach(arm)
-    side = math.copysign(1.0, float(rail[2]) + math.sin(math.radians(15.0)))
+    is_level = abs(float(rail[2])) < math.sin(math.radians(15.0))
+    way = float(rail @ geometry.outward[arm] if is_level else rail[2])
+    side = 1.0 if way > -1e-9 else -1.0
     return foot_mm + side * math.sqrt(squared_above) - float(geometry.joint_offsets[arm])
 
 

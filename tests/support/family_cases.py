@@ -154,7 +154,7 @@ def closures_at(robot, joints, poses):
     chain = robot.mechanism
     geometry = chain.geometry(robot.p)
     ends = chain.limb.upper_ends(geometry.arms, joints)
-    return chain.closures(geometry, chain.plate_of(geometry), ends, poses)
+    return chain.closures(geometry, ends, poses)
 
 
 def closures_by_pose(robot, joints, poses):

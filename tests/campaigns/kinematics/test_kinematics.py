@@ -1,5 +1,7 @@
 """Every mechanism: both ways against reference models, derivatives by differences, ranks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from family_cases import (
@@ -370,3 +372,28 @@ def test_the_searched_box_holds_the_workspace(member):
     feasible = wide[member.nominal.feasibility(member.limits, wide).feasible]
     assert len(feasible) > 10
     assert (np.abs(feasible - centre) <= extent).all()
+
+
+@pytest.mark.parametrize("elevation_deg", [90.0, 60.0, 30.0, 0.0])
+@of_members("linear-delta")
+def test_rails_that_count_the_other_way_are_the_same_robot(member, elevation_deg):
+    """Rails from upright over inclined to level, which count up and outward, or down and inward."""
+    columns, draw = member.space.columns, np.random.default_rng(5)
+    p = member.nominal.p.copy()
+    p[columns["azimuth"]] = np.arctan2(p[columns["y"]], p[columns["x"]])
+    p[columns["elevation"]], p[columns["forearm"]] = np.radians(elevation_deg), 520.0
+    turned = p.copy()
+    turned[columns["azimuth"]] += np.pi
+    turned[columns["elevation"]] *= -1.0
+    robot, other = member.robot_of(p), member.robot_of(turned)
+    poses = np.array([0.0, 0.0, -420.0]) + draw.uniform(-60.0, 60.0, (200, 3))
+    joints = robot.inverse(poses).values_or_raise()
+    assert np.abs(other.inverse(poses).values_or_raise() + joints).max() < 1e-9
+    assert np.abs(other.forward(-joints).values_or_raise() - poses).max() < 1e-9
+    limits = replace(member.limits, joint=(-600.0, 600.0))
+    both = [each.feasibility(limits, poses) for each in (robot, other)]
+    assert both[0].feasible.mean() > 0.9
+    assert np.abs(both[0].swing_rad - both[1].swing_rad).max() < 1e-9
+    assert (both[0].violations == both[1].violations).all()
+    boxes = [search_extent(each.mechanism, each.p, limits, poses[0]) for each in (robot, other)]
+    assert boxes[0] == pytest.approx(boxes[1])

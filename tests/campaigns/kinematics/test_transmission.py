@@ -90,7 +90,7 @@ def test_a_warm_robot_grows_as_its_lengths_do(member):
         rows = []
         for row, pose in zip(joints[:, None], poses[:, None], strict=True):
             own, geometry = p.copy(), chain.geometry(robot.p)
-            travel = true_joints(geometry.transmission, row, None, chain.phase_rate)[0]
+            travel = true_joints(geometry.arms, row, None, chain.phase_rate)[0]
             own[places["joint_offset"]] += shares[0] * (travel + p[places["joint_offset"]])
             rows.append(type(robot)(chain, own).forward(row, pose).values_or_raise()[0, :3])
         return np.array(rows)
