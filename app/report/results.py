@@ -15,7 +15,7 @@ def limits_section(evaluation: Evaluation) -> Section:
     """Return the section on the decision."""
     section = Section("limits", "Decision, limit by limit")
     section.table(
-        "Limits asked for",
+        "Specified limits",
         tables.limits("after calibration"),
         evaluation.verdict.requirements,
         "U includes the tracker's stated uncertainty of each shot; the robot's own scatter is part "
@@ -39,9 +39,9 @@ def gain_section(evaluation: Evaluation) -> Section:
         "The commanded robot, test by test",
         tables.GAINS,
         evaluation.gains,
-        "U: k = 2, with the tracker's uncertainty in both stages and, where repeated visits show "
-        "it, the robot's own scatter: no two visits are the same. A difference that is not larger "
-        "than its U shows no change.",
+        "U: of the difference (k = 2), with the tracker's uncertainty in both stages and, where "
+        "repeated visits show it, the robot's own scatter: no two visits are the same. A "
+        "difference that is not larger than its U shows no change.",
     )
     for name, stage in (("Before", evaluation.before), ("After", evaluation.after)):
         if stage is not None and stage.series_in_words:
@@ -194,5 +194,9 @@ def budget_section(evaluation: Evaluation) -> Section:
         "from the scatter of these shots; B: stated or known before. The rows add up in squares to "
         "the combined σ.",
     )
-    section.text(*tables.positions_in_words(found))
+    section.text(
+        *tables.positions_in_words(found),
+        "U of a position is 2 σ of this table, of a point by the identified model; U of a distance "
+        "in the tables of limits is that of the tracker between two measured points",
+    )
     return section

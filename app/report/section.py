@@ -71,13 +71,8 @@ class Section:
 
 
 def moment(utc: str) -> str:
-    """Return a time of the journal as people read it: `2026-03-02 08:15 UTC (09:15 CET)`.
-
-    The local time stands beside it where the machine that writes the page has another.
-    """
-    shown = f"{utc[:10]} {utc[11:16]} UTC"
+    """Return a time of the journal as local time with its zone: `2026-03-02 09:15 CET`."""
     try:
-        local = datetime.fromisoformat(utc).astimezone()
+        return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M %Z}"
     except ValueError:
-        return shown
-    return shown if not local.utcoffset() else f"{shown} ({local:%H:%M} {local.tzname()})"
+        return utc

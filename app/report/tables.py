@@ -14,7 +14,7 @@ from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, words
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
-from campaigns.identification.findings import Finding, HoldOut
+from campaigns.identification.findings import HOLD_OUT_LEVEL, Finding, HoldOut
 from campaigns.identification.result import (
     Correlation,
     IdentificationResult,
@@ -55,8 +55,8 @@ GAINS: tuple[Column[Gain], ...] = (
     words("", lambda gain: gain.name),
     Column("before", lambda gain: _mm(gain.before), "mm"),
     Column("after", lambda gain: _mm(gain.after), "mm"),
-    Column("U of the difference", lambda gain: gain.expanded_uncertainty_mm, "mm"),
-    Column("gain", lambda gain: _percent_gained(gain)),
+    words("gain", lambda gain: change(gain)),
+    Column("U", lambda gain: gain.expanded_uncertainty_mm, "mm"),
 )
 IsoRows = tuple[IsoRow | None, IsoRow | None]
 """Figure of ISO 9283 before and after; at least one of them was formed."""
@@ -169,9 +169,10 @@ def error_rows(evaluation: Evaluation) -> Iterator[tuple[str, str, ErrorSummary]
 def key_figure_rows(evaluation: Evaluation) -> list[Row]:
     """Return the figures of the commanded robot for readers who read no further.
 
-    Mean and largest error of distance, rotation and the worst line: name, before, after, and
-    whether a change is shown.
+    Mean and largest error of distance, rotation and the worst line: name, before, after with the
+    U of its measurement, and whether a change is shown.
     """
+    expanded_mm = {r.name: r.expanded_uncertainty for r in evaluation.verdict.requirements}
     names = ("distances, mean error", "distances, largest error", "rotation")
     chosen = [gain for gain in evaluation.gains if gain.name in names]
     lines = [gain for gain in evaluation.gains if gain.name.startswith("straightness")]
@@ -181,6 +182,7 @@ def key_figure_rows(evaluation: Evaluation) -> list[Row]:
             gain.name,
             number(_mm(gain.before)),
             number(_mm(gain.after)),
+            number(expanded_mm.get(gain.name)) if gain.after else "",
             NO_CHANGE if gain.shown is False else "",
         )
         for gain in chosen
@@ -203,14 +205,23 @@ def _figure(row: IsoRow | None) -> MeasuredLength | None:
     return None if row is None else row.figure
 
 
-def _percent_gained(gain: Gain) -> str:
-    """Return by how much a figure has become smaller, unless the difference is within its U."""
+def change(gain: Gain) -> str:
+    """Return the factor of a change in two digits, unless the difference is within its U.
+
+    Where U is not smaller than the smaller value, only a lower bound of the factor is known.
+    """
     if gain.before is None or gain.after is None:
         return NOTHING
     if not gain.shown:
         return NO_CHANGE
-    before_mm, after_mm = gain.before.value_mm, gain.after.value_mm
-    return f"{number(100.0 * (1.0 - after_mm / before_mm), 0)} %" if before_mm else NOTHING
+    least, most = sorted((gain.before.value_mm, gain.after.value_mm))
+    word = "less" if gain.after.value_mm < gain.before.value_mm else "more"
+    expanded_mm = gain.expanded_uncertainty_mm or 0.0
+    if least > 0.0 and expanded_mm < least:
+        return f"{float(f'{most / least:.2g}'):g} × {word}"
+    bound = most / (least + expanded_mm)
+    step = 10.0 ** (math.floor(math.log10(bound)) - 1)
+    return f"> {math.floor(bound / step) * step:.6g} × {word}"
 
 
 def _latest(both: IsoRows) -> IsoRow:
@@ -279,7 +290,7 @@ def hold_out_in_words(test: HoldOut) -> str:
     verdict = "agrees with" if test.believable else "contradicts"
     return (
         f"{test.pairs} hold-out pairs are {test.ratio:.2f} times as far off as their σ predict "
-        f"(χ² {test.chi2:.1f}, p = {test.p:.2g}): that {verdict} these σ"
+        f"(χ² {test.chi2:.1f}, p = {test.p:.2g}, α = {HOLD_OUT_LEVEL:g}): that {verdict} these σ"
     )
 
 

@@ -15,7 +15,6 @@ from campaigns.evaluation.decision import NO_LIMIT, Verdict
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
-from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
 from campaigns.identification.result import RecordedIdentification
@@ -29,11 +28,6 @@ ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
     Column("after", lambda row: row[1].after.mean_abs),
     Column("max before", lambda row: row[1].before.max_abs),
     Column("after", lambda row: row[1].after.max_abs),
-)
-GAIN: tuple[Column[Gain], ...] = (
-    *tables.GAINS[:3],
-    Column("U", lambda gain: gain.expanded_uncertainty_mm),
-    words("", lambda gain: _change(gain)),
 )
 
 
@@ -164,12 +158,12 @@ def _show(terminal: Terminal, found: Validated) -> None:
 
 def show_gain(terminal: Terminal, found: Evaluation) -> None:
     """Show before and after side by side; U (k = 2) is that of the difference."""
-    rows = texts(GAIN, found.gains)
+    rows = texts(tables.GAINS, found.gains)
     if found.before is not None and found.after is not None:
         old, new = found.before.further_figures_mm(), found.after.further_figures_mm()
         further = ((name, number(old[name]), number(value)) for name, value in new.items())
-        rows += tuple((*both, NOTHING, "") for both in further)
-    terminal.table("Gain (mm)", [column.head for column in GAIN], rows)
+        rows += tuple((*both, "", NOTHING) for both in further)
+    terminal.table("Gain (mm; U of the difference)", [column.head for column in tables.GAINS], rows)
     for stage, result in (("before", found.before), ("after", found.after)):
         _show_series(terminal, stage, result)
 
@@ -177,14 +171,3 @@ def show_gain(terminal: Terminal, found: Evaluation) -> None:
 def _show_series(terminal: Terminal, stage: str, result: ValidationResult | None) -> None:
     if result is not None and result.series_in_words:
         terminal.say(f"{stage}: {result.series_in_words}")
-
-
-def _change(gain: Gain) -> str:
-    """Return the factor of the change, unless the difference is within its uncertainty."""
-    if gain.shown is False:
-        return NO_CHANGE
-    if gain.before is None or gain.after is None:
-        return ""
-    least, most = sorted((gain.before.value_mm, gain.after.value_mm))
-    word = "less" if gain.after.value_mm < gain.before.value_mm else "more"
-    return f"{most / least:.1f} × {word}" if least > 0.0 else word

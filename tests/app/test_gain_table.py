@@ -9,8 +9,10 @@ from rich.cells import cell_len
 from typer import Exit
 
 from app.console import Terminal
-from app.report.tables import GAINS
+from app.report.tables import GAINS, change
 from app.report.terminal_text import show_gain, show_validation
+from campaigns.evaluation.validation import MeasuredLength
+from campaigns.evaluation.verdict import Gain
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts
 from campaigns.workflow.validation import Validated
@@ -36,10 +38,10 @@ def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, 
     rows = rows_of(capsys, evaluation)
     page = {row[0]: row for row in texts(GAINS, evaluation.gains)}
     assert set(page) <= set(rows)
-    for name, (_, *_, on_page) in page.items():
-        assert (rows[name][3] == "no change shown") is (on_page == "no change shown"), name
-    assert rows["repeatability, radius of the sphere"][3] == "no change shown"
-    assert rows["distances, mean error"][3].endswith(" × less")
+    for name, (*_, on_page, _) in page.items():
+        assert (rows[name][2] == "no change shown") is (on_page == "no change shown"), name
+    assert rows["repeatability, radius of the sphere"][2] == "no change shown"
+    assert rows["distances, mean error"][2].endswith(" × less")
 
 
 @pytest.mark.parametrize("stage", ["before", "after"])
@@ -61,4 +63,10 @@ def test_the_uncertainty_of_each_difference_stands_beside_it(capsys, evaluation)
     rows = rows_of(capsys, evaluation)
     for gain in evaluation.gains:
         expanded_mm = float(np.round(gain.expanded_uncertainty_mm, 3))
-        assert float(rows[gain.name][2]) == expanded_mm
+        assert float(rows[gain.name][3]) == expanded_mm
+
+
+def test_a_factor_has_two_digits_and_below_its_uncertainty_only_a_bound():
+    before = MeasuredLength(18.153, 0.0)
+    assert change(Gain("", before, MeasuredLength(0.119, 0.005))) == "150 × less"
+    assert change(Gain("", before, MeasuredLength(0.016, 0.025))) == "> 270 × less"

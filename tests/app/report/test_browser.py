@@ -146,7 +146,7 @@ def test_every_printed_page_names_the_record_and_its_place(
 
 def test_no_table_and_no_figure_is_cut_by_a_page(pdf_pages: list[str]) -> None:
     for first, last in (
-        ("Limits asked for", "repeatability, radius of the sphere"),
+        ("Specified limits", "repeatability, radius of the sphere"),
         ("Errors of distance and position", "commanded positions"),
         ("Uncertainty budget of positions", "combined"),
         ("Before and after calibration", "repeatability RP"),

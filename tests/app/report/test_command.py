@@ -12,14 +12,6 @@ from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
 
 
-def test_it_writes_report_html_into_the_campaign(pkmcal, tmp_path: Path) -> None:
-    paper = new_campaign(tmp_path / "paper")
-    ended = pkmcal("report", paper.folder)
-    assert ended.code == 0
-    assert (paper.folder / "report.html").exists()
-    assert "verdict: not decided" in ended.out
-
-
 def test_json_is_one_document_on_stdout(pkmcal, whole: PaperCampaign, tmp_path: Path) -> None:
     path = tmp_path / "elsewhere.html"
     said = pkmcal("report", whole.folder, "--to", path, "--json")
