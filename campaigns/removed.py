@@ -38,6 +38,8 @@ INSTEAD: Mapping[str, str] = {
     "--format klipper-delta": "export a robot file; examples/klipper.py converts it",
     "--format urdf": "export a robot file; examples/urdf.py converts it",
     "--format sdf": "export a robot file; examples/urdf.py converts it to URDF",
+    "import --check-frame": "use `pkmcal import`: it names swapped joints, units, signs and "
+    "mirrored frames, and imports nothing then",
     "correct --gcode": "examples/correct_gcode.py corrects straight moves",
     "correct --program": "use --poses; docs/how-to/closed-controllers.md writes a program of them",
     "correct --format": "leave it out: --poses takes a CSV file",

@@ -1,7 +1,6 @@
 """pkmcal import: shots measured with other software."""
 
 import shlex
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,11 +12,9 @@ from app.next import tell_next
 from app.options import Folder, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.errors import OptionsInvalid, ShotsInvalid
-from campaigns.evaluation.controller_frame import check_frame, parse_displayed
+from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.plausibility import check_unit
 from campaigns.evidence import evaluate
-from campaigns.files.text_file import read_text
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
@@ -45,16 +42,6 @@ class ImportAnswer:
 
     series: int
     shots: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameAnswer:
-    """Answer of `import --check-frame`: how a controller may count, and what contradicts it."""
-
-    readings: Sequence[Mapping[str, object]]
-    problems: Sequence[str]
-    scale: float | None
-    points_misfit_mm: float | None
 
 
 def command(
@@ -121,13 +108,6 @@ def command(
             help="Import although it is already imported or measured, or the wrong stage.",
         ),
     ] = False,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check-frame",
-            help="Import nothing: compare a controller's own numbers with ours, see below.",
-        ),
-    ] = False,
 ) -> None:
     """Import shots measured with other software.
 
@@ -155,16 +135,9 @@ def command(
     same meaning as for `pkmcal validate`.
 
     The journal keeps the files' names and sha256, and the report shows them.
-
-    With --check-frame, FILE has the poses and joints that the controller displays at three or more
-    places, in its own units and order, x,y,z,theta,q0,q1,…, and, if measured,
-    point_x_mm,point_y_mm,point_z_mm. Prints its units, frame and handedness, and the arms' order.
     """
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)
-    if check:
-        _check_frame(terminal, campaign, file)
-        return
     if stage is None and with_ is not None:
         raise OptionsInvalid(
             "--with is for a validation, but no --stage is given",
@@ -255,19 +228,3 @@ def _read(
         on_robot = [row for row in rows if row.joints]
         check_unit(robot.kinematics, shots_of_rows(on_robot, robot.kinematics), str(file), unit)
     return rows, notes
-
-
-def _check_frame(terminal: Terminal, campaign: Campaign, file: Path) -> None:
-    """Say how a controller counts; exit code 1 where nothing explains what it displays."""
-    nominal, remedy = campaign.robot.kinematics, "name a CSV file of what the controller displays"
-    text = read_text(file, ShotsInvalid, if_missing=remedy)
-    found = check_frame(nominal, parse_displayed(text, str(file), nominal), str(file))
-    for line in found.says:
-        terminal.say(line)
-    answer = FrameAnswer(
-        readings=[reading.document for reading in found.found],
-        problems=found.problems,
-        scale=found.scale,
-        points_misfit_mm=found.tracker_misfit_mm,
-    )
-    terminal.conclude(answer, is_good=bool(found.found) and not found.problems)

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 
-import numpy as np
 import pytest
 
 from app import new_campaign
@@ -155,25 +154,6 @@ def test_options_of_import_that_do_not_go_together_are_refused_with_what_to_do(
     code, _, err = pkmcal("import", tmp_path, "shots.csv", *words)
     assert code == 2
     assert line in err
-
-
-def test_frame_check_reads_a_controllers_display_and_takes_nothing_in(pkmcal, tmp_path):
-    folder, path = tmp_path / "cell", tmp_path / "three.csv"
-    new_campaign.create_for_devices(folder, "delta", "offline", "offline")
-    robot = open_campaign(folder).robot
-    poses = robot.workspace_centre + np.array(
-        [[0, 0, 0], [90, 40, -60], [-90, 30, 20], [0, -99, 9]]
-    )
-    joints = np.degrees(robot.kinematics.inverse(poses).values_or_raise())
-    table = np.hstack([poses, joints, poses + 2000.0]).tolist()
-    head = "x,y,z,q0,q1,q2,point_x_mm,point_y_mm,point_z_mm"
-    path.write_text("\n".join([head, *(",".join(map(repr, row)) for row in table)]) + "\n")
-    ended = pkmcal("import", folder, path, "--check-frame")
-    assert ended.code == 0
-    assert "arms: ours 0, 1, 2 are its joints 1, 2, 3" in ended.out
-    assert not (folder / "campaign.db").exists()
-    path.write_text(f"{head}\n")
-    assert "at least 3" in pkmcal("import", folder, path, "--check-frame").error_line
 
 
 @pytest.mark.parametrize("command", ["export", "check", "export --format plain"])
