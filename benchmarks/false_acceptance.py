@@ -194,7 +194,7 @@ def parameter_errors(result: Any, robot: Any, known: dict[str, float]) -> float:
         return 0.0
     names = [name for name in posterior.names if name in result.parameters]
     tolerance, units = np.array(posterior.tolerances), np.ones(len(posterior.names))
-    units[: len(names)] = table.units(names)
+    units[: len(names)] = table.file_unit[table.places(names)]
     nominal = {name: result.parameters[name].nominal for name in names}
     true = np.zeros(len(posterior.names))
     true[: len(names)] = [known.get(name, nominal[name]) - nominal[name] for name in names]

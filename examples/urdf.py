@@ -57,7 +57,7 @@ def urdf(robot):
     if len(mechanism.task) > 3:
         limits = robot.limits.task[3] or ANY_RAD
         parts.append(joint("theta", "z", "revolute", axis=Z, limits=limits))
-    length = np.array([[sum(own[field.name] for field in mechanism.parameters.platform_fields)]])
+    length = np.array([[sum(own[field.name] for field in mechanism.parameters.platform_fields())]])
     turns = np.array([[0.0], [1.0]])  # rad: joints of the platform turn with it, or slide along x
     places = mechanism.platform.offsets(length, turns)
     stills, turned = np.broadcast_to(places, (3, 2, len(mechanism.joints))).transpose(1, 2, 0)

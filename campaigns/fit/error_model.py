@@ -197,7 +197,7 @@ class ErrorModel:
         mechanism, table = robot.mechanism, robot.mechanism.parameters
         by_p = mechanism.jacobian(robot.p, observations.joints, unknowns, observations.approach)
         by_p = by_p[:, :3]
-        by_joint = by_p[..., table.offsets]
+        by_joint = by_p[..., table.columns["joint_offset"]]
         if self.with_growth:
             grown = mechanism.growth_columns(robot.p, by_p, observations.joints)
             by_p = np.concatenate([by_p, grown * observations.warmth[:, None, None]], axis=2)

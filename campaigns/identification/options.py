@@ -128,7 +128,7 @@ class IdentificationOptions:
 
 def matching(pattern: str, table: ParameterTable) -> tuple[str, ...]:
     """Return the parameters that a name, pattern or group means; raise `OptionsInvalid`."""
-    names = (*table.model, *TRACKER_SOURCES)
+    names = (*table.select(), *TRACKER_SOURCES)
     if pattern in TRACKER_SOURCES:
         return (pattern,)
     if pattern in SOURCES:

@@ -43,7 +43,8 @@ def identify_as_paper(
     """Identify from the distances of the identification pairs; raise `ShotsMissing` for too few."""
     names = free_names(nominal, options)
     table = nominal.mechanism.parameters
-    places, units = table.places(names), table.units(names)
+    places = table.places(names)
+    units = table.file_unit[places]
     rows, excluded = _pairs(shots, at_nominal, ShotSet.IDENTIFICATION, options)
     if len(rows) < len(names):
         raise ShotsMissing(

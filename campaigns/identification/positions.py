@@ -77,7 +77,8 @@ def std_of_positions(
     both = np.vstack([poses, about])
     joints = robot.inverse(both).values_or_raise()
     table = robot.mechanism.parameters
-    by = robot.jacobian(joints, both)[:, :3, table.places(known.names)] * table.units(known.names)
+    places = table.places(known.names)
+    by = robot.jacobian(joints, both)[:, :3, places] * table.file_unit[places]
     std = position_std_mm(without_frame(by, both[:, :3]), known.array)
     return known.hold_out_ratio * std[: len(poses)]
 

@@ -12,9 +12,10 @@ rotation vector about the measured point. Perfect parts keep the plate level: th
 are solved. Three arms have as many closures as unknowns. Four have one more: all rods are taken as
 equally stiff, which minimises the sum of squares and weights a difference by half the width.
 
-`closures` says all this once, for level and tilted plates. Newton's steps and all derivatives are
-complex steps of it. Arm i's fields touch arm i's closures alone, so one evaluation for a field
-serves all arms; the implicit function theorem makes derivatives of the pose of them.
+`closures` says all this once, for level and tilted plates. Derivatives are complex steps of it,
+except those of a level plate, which are the forearms' directions. Arm i's fields touch arm i's
+closures alone, so one evaluation for a field serves all arms; the implicit function theorem makes
+derivatives of the pose of them.
 
 For given joints there is more than one real assembly. The wanted one hangs below its elbows, turns
 less than the platform's limit, and has the sign of the closures' determinant that it has at home.
@@ -90,20 +91,6 @@ class Assembly:
     """(N, t)"""
     found: Mask
     """(N,)"""
-
-
-@dataclass(frozen=True, eq=False)
-class Margins:
-    """Margins of poses, from which feasibility is judged."""
-
-    swing_rad: Array
-    """Angle of each forearm out of its arm's plane, or off its rail, (N, n)."""
-    leverage: Array
-    """Share of each forearm along which its joint moves it, (N, n)."""
-    singular_value: Array
-    """Smallest singular value of the closures' scaled Jacobian, (N,)."""
-    elbow_height: Array
-    """Mean height of the forearms' upper ends, (N,)."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +176,7 @@ class ClosedChain:
     @cached_property
     def _own_length(self) -> str:
         """Stem of the platform's own field: `plate`, `pinion`, or nothing."""
-        own = (f.stem for f in self.parameters.fields(Role.GEOMETRY, of_arms=False))
+        own = (f.stem for f in self.parameters.platform_fields())
         return next(own, "")
 
     def _typical_plate(self, fields: Fields) -> PlateGeometry:
@@ -205,20 +192,25 @@ class ClosedChain:
         (…, N, t + 3) a tilted one's. Sums of all arms come first, then weighted differences.
         """
         fields, size = geometry.arms, len(self.task)
-        offsets = self._offsets(geometry, y)
-        forearm, forearm_mm = as_vectors(y[..., :3]) + offsets - ends, fields["forearm"]
+        forearm = self.lower_ends(geometry, y) - ends
         if y.shape[-1] == size:
-            return (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
+            return _sums(forearm, fields["forearm"])
         tilt = as_vectors(y[..., size:])
-        forearm = forearm + rotation_less_identity(tilt, offsets + geometry.plate.from_reflector_mm)
+        on_plate = self._offsets(geometry, y) + geometry.plate.from_reflector_mm
+        forearm = forearm + rotation_less_identity(tilt, on_plate)
         fixed = geometry.plate.outward_rad
         across = fields["azimuth"] if fixed is None else np.array([fixed])
         turned = across + fields["bar_turn"]
         level = vectors(-np.sin(turned), np.cos(turned), 0.0)
         bars = level + rotation_less_identity(tilt, level) - self.limb.upper_bars(fields, across)
-        sums = (dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm)
-        differences = dot(forearm, bars) / forearm_mm - fields["parallelogram_skew"]
-        return np.concatenate([sums, HALF_WIDTH_MM * differences], axis=-1)
+        differences = dot(forearm, bars) / fields["forearm"] - fields["parallelogram_skew"]
+        return np.concatenate(
+            [_sums(forearm, fields["forearm"]), HALF_WIDTH_MM * differences], axis=-1
+        )
+
+    def lower_ends(self, geometry: Geometry, y: Array) -> Array:
+        """Return the lower ends of the forearms on a level plate, (…, 3, N, n)."""
+        return as_vectors(y[..., :3]) + self._offsets(geometry, y)
 
     def _offsets(self, geometry: Geometry, y: Array) -> Array:
         """Return the lower ends of a level plate seen from the controlled point, (…, 3, N, n)."""
@@ -226,10 +218,21 @@ class ClosedChain:
         return self.platform.offsets(geometry.length, turn)
 
     def _by_unknowns(self, geometry: Geometry, ends: Array, y: Array) -> tuple[Array, Array]:
-        """Return the closures (N, m) and their derivatives by y, (N, m, k)."""
-        steps = STEP * np.eye(y.shape[1])[:, None]
-        stepped = self.closures(geometry, ends, y + 1j * steps)
-        return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
+        """Return the closures (N, m) and their derivatives by y, (N, m, k).
+
+        A level plate's closures change by its motion along the forearms.
+        """
+        if y.shape[1] > len(self.task):
+            steps = STEP * np.eye(y.shape[1])[:, None]
+            stepped = self.closures(geometry, ends, y + 1j * steps)
+            return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
+        forearm = self.lower_ends(geometry, y) - ends
+        along_forearm = forearm / geometry.arms["forearm"]
+        columns = [*along_forearm]
+        if self.platform.has_two_parts:
+            by_turn = self._offsets(geometry, np.asarray(y + 1j * STEP)).imag / STEP
+            columns.append(dot(along_forearm, by_turn))
+        return _sums(forearm, geometry.arms["forearm"]), np.stack(columns, axis=-1)
 
     def jacobian(
         self, p: Array, joints: Array, poses: Array, approach: Array | None = None
@@ -240,7 +243,7 @@ class ClosedChain:
         singular pose.
         """
         geometry, table = self.geometry(p), self.parameters
-        true, size = self._true_joints(geometry, joints, approach), len(self.task)
+        true, size = self.true_joints(geometry, joints, approach), len(self.task)
         loads = self._loads(geometry, true, poses[:, :size])
         true = true + geometry.compliance * loads
         ends = self.limb.upper_ends(geometry.arms, true)
@@ -256,7 +259,7 @@ class ClosedChain:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
             by_length = self.closures(longer, ends, y).imag / STEP
             columns[..., self._columns[self._own_length]] = by_closures @ by_length[..., None]
-        by_offset = columns[..., table.offsets]
+        by_offset = columns[..., table.columns["joint_offset"]]
         for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
             if stem in self._columns:
                 columns[..., self._columns[stem]] = by_offset * factor[:, None]
@@ -265,7 +268,7 @@ class ClosedChain:
 
     def _by_fields(self, geometry: Geometry, joints: Array, y: Array) -> dict[str, Array]:
         """Return the derivatives of the closures (N, 2 n) by each field of their own arm."""
-        stems = [f.stem for f in self.parameters.fields(Role.GEOMETRY, Role.EXTENSION)]
+        stems = [f.stem for f in self.parameters.arm_fields(Role.GEOMETRY, Role.EXTENSION)]
         steps = 1j * STEP * np.eye(len(stems))[..., None, None]
         arms = {
             **geometry.arms,
@@ -310,7 +313,7 @@ class ClosedChain:
         if "arm" in places:
             arms = by_p[..., places["arm"]] @ p[places["arm"]]
         else:
-            travel = self._true_joints(geometry, joints, None) + p[places["joint_offset"]]
+            travel = self.true_joints(geometry, joints) + p[places["joint_offset"]]
             arms = np.einsum("nkj,nj->nk", by_p[..., places["joint_offset"]], travel)
         forearms = by_p[..., places["forearm"]] @ p[places["forearm"]]
         on_plate = np.array(geometry.plate.joints_mm).T
@@ -332,7 +335,7 @@ class ClosedChain:
         signs of the joints' last motions.
         """
         geometry = self.geometry(p)
-        true, size = self._true_joints(geometry, joints, approach), len(self.task)
+        true, size = self.true_joints(geometry, joints, approach), len(self.task)
         y = np.empty((len(joints), size + 3 if geometry.tilts else size))
         found = np.empty(len(joints), dtype=bool)
         for first in range(0, len(joints), CHUNK):
@@ -443,7 +446,7 @@ class ClosedChain:
             y[:, 2] -= geometry.sag @ sag_basis(*y[:, :3].T)
         return self._newton(geometry, ends, y)[0] if geometry.tilts else y
 
-    # --- inverse and transmission -------------------------------------------------------------
+    # --- inverse --------------------------------------------------------------------------------
 
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
         """Return the encoder readings (N, n) of poses (N, t), and in which rows there are any.
@@ -478,35 +481,24 @@ class ClosedChain:
         return read, found
 
     def _level_inverse(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
-        targets = as_vectors(poses[:, :3]) + self._offsets(geometry, poses)
-        return self.limb.inverse(geometry.arms, targets)
+        return self.limb.inverse(geometry.arms, self.lower_ends(geometry, poses))
 
-    # --- margins ------------------------------------------------------------------------------
+    # --- singularities and transmission -------------------------------------------------------
 
-    def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
-        """Return how far poses (N, t) at encoder readings (N, n) are from what a robot cannot do.
+    def singular_values(self, geometry: Geometry, ends: Array, poses: Array) -> Array:
+        """Return the smallest singular value of the closures' Jacobian, (N,), of a level plate.
 
-        Of a level plate: tilts of milliradians change no margin that counts.
+        Rows are of unit length, columns of angles divided by a lever first.
         """
-        geometry = self.geometry(p)
-        fields, true = geometry.arms, self._true_joints(geometry, joints, None)
-        ends = self.limb.upper_ends(fields, true)
-        forearms = as_vectors(poses[:, :3]) + self._offsets(geometry, poses) - ends
-        singular_value = np.full(len(poses), np.nan)
-        rows = np.isfinite(joints).all(axis=1)
-        _, by_pose = self._by_unknowns(geometry, ends[:, rows], poses[rows])
-        if by_pose.shape[-1] > 3:
-            by_pose[..., 3:] /= self._lever_mm(geometry)
+        _, by_pose = self._by_unknowns(geometry, ends, poses)
+        by_pose[..., 3:] /= self._lever_mm(geometry)
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
-        singular_value[rows] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
-        return Margins(
-            self.limb.swing_rad(fields, forearms),
-            self.limb.leverage(fields, true, forearms),
-            singular_value,
-            ends[2].mean(axis=-1),
-        )
+        return np.asarray(np.linalg.svd(by_pose, compute_uv=False)[:, -1])
 
-    def _true_joints(self, geometry: Geometry, joints: Array, approach: Array | None) -> Array:
+    def true_joints(
+        self, geometry: Geometry, joints: Array, approach: Array | None = None
+    ) -> Array:
+        """Return where joints are, less their offsets, at encoder readings (N, n)."""
         return transmission.true_joints(geometry.arms, joints, approach, self.phase_rate)
 
     def steepest_error(self, p: Array) -> float:
@@ -522,8 +514,12 @@ class ClosedChain:
 
     def joint_slopes(self, p: Array, joints: Array) -> Array:
         """Return the change of true joints over that of encoder readings (N, n), (N, n)."""
-        stepped = self._true_joints(self.geometry(p), np.asarray(joints + 1j * STEP), None)
+        stepped = self.true_joints(self.geometry(p), np.asarray(joints + 1j * STEP))
         return np.asarray(stepped.imag / STEP)
+
+
+def _sums(forearm: Array, forearm_mm: Array) -> Array:
+    return np.asarray((dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm))
 
 
 def _by_closures(by_y: Array) -> Array:

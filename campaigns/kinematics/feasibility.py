@@ -132,26 +132,33 @@ def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> F
 def path_feasibility(
     chain: ClosedChain, p: Array, limits: Limits, joints: Array, poses: Array
 ) -> Feasibility:
-    """Judge poses (N, t) passed at known joints (N, n), whose limits do not count."""
-    state = chain.margins(p, joints, poses)
-    too_near = (state.singular_value < limits.singularity_margin) | (
-        state.leverage.min(axis=1) < limits.elbow_margin
-    )
+    """Judge poses (N, t) passed at known joints (N, n), whose limits do not count.
+
+    Margins are of a level plate: tilts of milliradians change none that counts.
+    """
+    geometry = chain.geometry(p)
+    true = chain.true_joints(geometry, joints)
+    ends = chain.limb.upper_ends(geometry.arms, true)
+    forearms = chain.lower_ends(geometry, poses) - ends
+    swing_rad = chain.limb.swing_rad(geometry.arms, forearms)
+    elbow = chain.limb.leverage(geometry.arms, true, forearms).min(axis=1)
+    rows = np.isfinite(joints).all(axis=1)
+    singular_value = np.full(len(poses), np.nan)
+    singular_value[rows] = chain.singular_values(geometry, ends[:, rows], poses[rows])
     beyond = np.zeros(len(poses), dtype=bool)
     for column, interval in zip(poses.T, limits.task, strict=True):
         if interval is not None:
             beyond |= outside(column, interval)
-    swings = (np.abs(state.swing_rad) > limits.forearm_swing_rad).any(axis=1)
+    too_near = (singular_value < limits.singularity_margin) | (elbow < limits.elbow_margin)
     violations = (
         beyond * int(Violation.TASK_LIMIT)
-        | (poses[:, 2] >= state.elbow_height) * int(Violation.ABOVE_ELBOWS)
-        | swings * int(Violation.SWING_LIMIT)
+        | (poses[:, 2] >= ends[2].mean(axis=-1)) * int(Violation.ABOVE_ELBOWS)
+        | (np.abs(swing_rad) > limits.forearm_swing_rad).any(axis=1) * int(Violation.SWING_LIMIT)
         | too_near * int(Violation.SINGULAR)
     )
     return Feasibility(
-        chain, limits, poses, joints, state.swing_rad, state.singular_value,
-        state.leverage.min(axis=1), violations.astype(np.uint8),
-    )  # fmt: skip
+        chain, limits, poses, joints, swing_rad, singular_value, elbow, violations.astype(np.uint8)
+    )
 
 
 def search_extent(chain: ClosedChain, p: Array, limits: Limits, centre: Array) -> Array:

@@ -106,7 +106,8 @@ class Kinematics:
         self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
     ) -> Array:
         """Return d(pose)/d(encoder readings) (N, t, n); raise `LinAlgError` at a singular pose."""
-        by_offsets = self.jacobian(joints, poses, approach)[..., self.mechanism.parameters.offsets]
+        columns = self.mechanism.parameters.columns
+        by_offsets = self.jacobian(joints, poses, approach)[..., columns["joint_offset"]]
         slopes = self.mechanism.joint_slopes(self.p, self._joints(joints))
         return np.asarray(by_offsets * slopes[:, None])
 

@@ -162,10 +162,10 @@ class ParameterTable:
 
     def __getitem__(self, name: str) -> Parameter:
         """Return the parameter of a name; raise `KeyError` for an unknown one."""
-        return self.rate if name == self.rate.name else self._by_name[name]
+        return self.rate if name == self.rate.name else self.every[self._places[name]]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._by_name
+        return name in self._places
 
     def select(
         self, *roles: Role, field: str | None = None, group: str | None = None
@@ -182,30 +182,26 @@ class ParameterTable:
             and group in (None, parameter.field.group)
         )
 
-    def fields(self, *roles: Role, of_arms: bool = True) -> tuple[ParameterField, ...]:
-        """Return the fields of each arm, or of the platform, in some roles."""
-        arm = 0 if of_arms else None
-        own = (parameter for parameter in self.every if parameter.arm == arm)
-        return tuple(parameter.field for parameter in own if parameter.field.role in roles)
+    def arm_fields(self, *roles: Role) -> tuple[ParameterField, ...]:
+        """Return the fields of each arm in some roles; no role given: those every file has."""
+        return self._fields(0, roles)
+
+    def platform_fields(self, *roles: Role) -> tuple[ParameterField, ...]:
+        """Return the fields of the platform in some roles; no role given: those every file has."""
+        return self._fields(None, roles)
+
+    def _fields(self, arm: int | None, roles: tuple[Role, ...]) -> tuple[ParameterField, ...]:
+        fields = (parameter.field for parameter in self.every if parameter.arm == arm)
+        return tuple(field for field in fields if field.role in (roles or (Role.GEOMETRY,)))
 
     @cached_property
-    def _by_name(self) -> dict[str, Parameter]:
-        return {parameter.name: parameter for parameter in self.every}
+    def _places(self) -> dict[str, int]:
+        return {parameter.name: place for place, parameter in enumerate(self.every)}
 
-    @cached_property
-    def arm_fields(self) -> tuple[ParameterField, ...]:
-        """Fields of each arm that every file has."""
-        return self.fields(Role.GEOMETRY)
-
-    @cached_property
-    def platform_fields(self) -> tuple[ParameterField, ...]:
-        """Fields of the platform that every file has."""
-        return self.fields(Role.GEOMETRY, of_arms=False)
-
-    @cached_property
+    @property
     def arms(self) -> int:
         """Number of arms."""
-        return 1 + max(parameter.arm for parameter in self.every if parameter.arm is not None)
+        return len(self.columns["joint_offset"])
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -223,11 +219,6 @@ class ParameterTable:
         return (*self.select(*OPTIONAL), self.rate.name)
 
     @cached_property
-    def model(self) -> tuple[str, ...]:
-        """Names of all that a fit may determine, (M,)."""
-        return tuple(parameter.name for parameter in self.every)
-
-    @cached_property
     def file_unit(self) -> Array:
         """Factors (M,) from the units of files to those of vectors."""
         return np.array([INNER[parameter.unit] for parameter in self.every])
@@ -241,23 +232,12 @@ class ParameterTable:
     @cached_property
     def columns(self) -> Mapping[str, Index]:
         """Places in a vector by stem of the field: of all arms, (n,), or of the platform, (1,)."""
-        stems = [parameter.field.stem for parameter in self.every]
-        return {
-            stem: np.flatnonzero([own == stem for own in stems]) for stem in dict.fromkeys(stems)
-        }
-
-    @property
-    def offsets(self) -> Index:
-        """Places of the joint offsets in a vector, (n,)."""
-        return self.columns["joint_offset"]
+        stems = np.array([parameter.field.stem for parameter in self.every])
+        return {stem: np.flatnonzero(stems == stem) for stem in dict.fromkeys(stems.tolist())}
 
     def places(self, names: Sequence[str]) -> Index:
-        """Return the places of parameters in a vector; raise `ValueError` for an unknown name."""
-        return np.array([self.model.index(name) for name in names], dtype=np.intp)
-
-    def units(self, names: Sequence[str]) -> Array:
-        """Return the factors from the units of files to those of vectors for some names."""
-        return self.file_unit[self.places(names)]
+        """Return the places of parameters in a vector; raise `KeyError` for an unknown name."""
+        return np.array([self._places[name] for name in names], dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)

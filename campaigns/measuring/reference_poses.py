@@ -199,5 +199,5 @@ def _positions(nominal: Kinematics, joints: Array) -> Array:
 def _by_joints(nominal: Kinematics, joints: Array) -> Array:
     """Return ∂position/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
     poses = nominal.forward(joints).values_or_raise()
-    offsets = nominal.mechanism.parameters.offsets
+    offsets = nominal.mechanism.parameters.columns["joint_offset"]
     return np.asarray(nominal.jacobian(joints, poses)[:, :3][:, :, offsets])

@@ -191,15 +191,15 @@ def contents_model(word: object, folder: Path) -> type[RobotContents]:
 @cache
 def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
     space = mechanism.parameters
-    arm = _made("ArmContents", **_definitions(space.arm_fields, space.fields(*OPTIONAL)))
-    count, keys = COUNTS[space.arms], len(space.arm_fields)
+    arm = _made("ArmContents", **_definitions(space.arm_fields(), space.arm_fields(*OPTIONAL)))
+    count, keys = COUNTS[space.arms], len(space.arm_fields())
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _made(
         "GeometryContents",
         arms=(tuple[(arm,) * space.arms], arms),  # type: ignore[misc]
-        **_definitions(space.platform_fields, space.fields(*OPTIONAL, of_arms=False)),
+        **_definitions(space.platform_fields(), space.platform_fields(*OPTIONAL)),
     )
-    named = ", ".join(("arms", *(field.name for field in space.platform_fields)))
+    named = ", ".join(("arms", *(field.name for field in space.platform_fields())))
     limits = _limits_model(mechanism)
     described = ", ".join(limits.model_fields)
     points: Any = tuple[(Point,) * space.arms]  # type: ignore[misc]

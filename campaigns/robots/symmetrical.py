@@ -68,7 +68,7 @@ def symmetrical_robot(
 
 def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> None:
     space = mechanism.parameters
-    fields = (*space.arm_fields, *space.platform_fields)
+    fields = (*space.arm_fields(), *space.platform_fields())
     needed = [field.name for field in fields if field.quantity == "length"]
     options = {field: f"--{field.removesuffix('_mm')}" for field in (*needed, *lengths_mm)}
     for field in needed:
@@ -88,7 +88,7 @@ def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:
     )
     stand = "motor centres" if mechanism.joints[0].is_revolute else "rails"
     joints = "the radius of its joints"
-    if mechanism.parameters.platform_fields:
+    if mechanism.parameters.platform_fields():
         joints = "half of the way between the two joints of each of its parts"
     made = (
         f"{name}, made by `pkmcal robot` from its sizes: base {sizes.base_mm:g} mm (the radius of "
@@ -106,7 +106,9 @@ def _body(
 ) -> list[str]:
     space, joint = mechanism.parameters, mechanism.joints[0]
     arms = [
-        ", ".join(f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in space.arm_fields)
+        ", ".join(
+            f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in space.arm_fields()
+        )
         for arm in range(space.arms)
     ]
     task = zip(mechanism.task, limits.task, strict=True)
@@ -122,7 +124,7 @@ def _body(
         "geometry:",
         "  arms:",
         *(f"    - {{{arm}}}" for arm in arms),
-        *(f"  {field.name}: {flat[field.name]!r}" for field in space.platform_fields),
+        *(f"  {field.name}: {flat[field.name]!r}" for field in space.platform_fields()),
         "limits:",
         f"  joint_{joint.unit}: {[round(joint.to_file(end), 9) for end in limits.joint]}",
         *turns,
@@ -133,12 +135,14 @@ def _body(
 def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
     """Parameters by name, mm and deg; raises `KeyError` for a length that is missing."""
     space = mechanism.parameters
-    usual = 225.0 if space.platform_fields else 0.0
+    usual = 225.0 if space.platform_fields() else 0.0
     first = usual if sizes.first_deg is None else sizes.first_deg
     flat: dict[str, float] = {}
     for arm in range(space.arms):
         direction_deg = (first + 360.0 * arm / space.arms) % 360.0
-        x_mm, y_mm = _contracted_mm(math.radians(direction_deg), sizes, bool(space.platform_fields))
+        x_mm, y_mm = _contracted_mm(
+            math.radians(direction_deg), sizes, bool(space.platform_fields())
+        )
         on_rail = mechanism.joints[arm].unit == "mm"
         values = {
             "x_mm": x_mm,
@@ -146,10 +150,10 @@ def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
             "azimuth_deg": 0.0 if on_rail else direction_deg,
             "elevation_deg": 90.0,
         } | dict(sizes.lengths_mm)
-        for field in space.arm_fields:
+        for field in space.arm_fields():
             at = values[field.name] if field.quantity == "length" else values.get(field.name, 0.0)
             flat[f"arm{arm}.{field.name}"] = at
-    return flat | {each.name: sizes.lengths_mm[each.name] for each in space.platform_fields}
+    return flat | {each.name: sizes.lengths_mm[each.name] for each in space.platform_fields()}
 
 
 def _contracted_mm(direction_rad: float, sizes: Sizes, of_two_parts: bool) -> tuple[float, float]:  # noqa: FBT001

@@ -81,7 +81,8 @@ def test_a_pose_beyond_a_limit_or_outside_the_space_is_refused_with_value_and_li
 def test_the_uncertainty_is_that_of_positions_after_the_best_fit_of_the_frame(member):
     """Against the moves of points by the columns of a covariance's root, the frame fitted anew."""
     robot, poses, names = member.perturbed, member.poses(60), member.free
-    units, places = member.space.units(names), member.space.places(names)
+    places = member.space.places(names)
+    units = member.space.file_unit[places]
     root = 1e-3 * np.random.default_rng(3).standard_normal((len(names), 4))
     matrix = tuple(map(tuple, (root @ root.T).tolist()))
     known = ParameterCovariance(names, matrix, hold_out_ratio=1.5)

@@ -64,7 +64,7 @@ def test_kinematics_module_names_its_pins_after_the_parameters(name):
     space = mechanism.parameters
     of_arms = {f"arm{arm}.{field}" for arm in range(space.arms) for field in fields}
     drawing = {key for key in drawing_flat(mechanism) if key.startswith("arm")}
-    platform = {field.name for field in space.platform_fields}
+    platform = {field.name for field in space.platform_fields()}
     sag = {*space.select(group="sag")}
     known = {*space.of_robot} - {*space.select(group="backlash")} - sag
     assert of_arms | platform == known | drawing

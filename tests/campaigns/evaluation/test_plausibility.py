@@ -47,7 +47,7 @@ def measured(name, seed=1, share=0.3, half=None):
             for each in space.names
         ]
     )
-    limits *= space.units(space.names)
+    limits *= space.file_unit[: len(space.names)]
     limits = np.pad(limits, (0, len(space.of_robot) - len(limits)))
     off = Kinematics(
         robot.mechanism.seen_from(half),

@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from family_cases import BY_NAME, all_members, closures_by_pose
-from par4_cases import CENTRE, LIMITS, NOMINAL
+from par4_cases import LIMITS, NOMINAL
 from scipy.optimize import brentq
 
 from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.feasibility import Violation, search_extent
 from campaigns.kinematics.limbs import crank_frames
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.robots.robot import RobotFile, find_robot
-from sim.geometry import KINDS, geometry_of
-from sim.robot.assembly import joints_for
+from campaigns.robots.robot import find_robot
 
 TURNED = np.array([[100.0, -150.0, -600.0, 0.5]])
 """Joints 13.8…60.9°, forearm 0 swings 31.8° out of its arm's plane."""
@@ -204,13 +202,6 @@ def test_a_platform_above_its_elbows_is_another_assembly():
     assert not hung.found[0] or hung.values[0, 2] < -100.0
 
 
-def test_the_workspace_s_centre_is_far_from_every_limit():
-    judged = NOMINAL.feasibility(LIMITS, CENTRE[None])
-    assert judged.feasible[0]
-    assert judged.singular_value[0] > 0.4
-    assert judged.elbow[0] > 0.5
-
-
 @pytest.mark.parametrize("name", ["par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l"])
 @pytest.mark.parametrize("times", [1.0 / 3.0, 3.0])
 def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name, times):
@@ -232,33 +223,3 @@ def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name, tim
     assert 20 < wanted.feasible.sum() < 380
     assert found.violations.tolist() == wanted.violations.tolist()
     np.testing.assert_allclose(found.singular_value, wanted.singular_value, atol=1e-9)
-
-
-def on_rails(first_deg, elevation_deg, sign):
-    """A linear Delta whose rails rise outward; `sign` -1: readings grow the other way."""
-    shipped = find_robot("linear-delta").robot
-    values = dict(shipped.parameters)
-    for arm in range(3):
-        direction = np.radians(first_deg + 120.0 * arm)
-        turned_deg = 180.0 if sign < 0 else 0.0
-        values |= {
-            f"arm{arm}.x_mm": 250.0 * np.cos(direction),
-            f"arm{arm}.y_mm": 250.0 * np.sin(direction),
-            f"arm{arm}.azimuth_deg": np.degrees(direction) + turned_deg,
-            f"arm{arm}.elevation_deg": sign * elevation_deg,
-        }
-    return RobotFile.of(shipped.mechanism, values, name="rails", limits=shipped.limits)
-
-
-@pytest.mark.parametrize(("first_deg", "elevation_deg"), [(0.0, 90.0), (77.0, 60.0), (210.0, 30.0)])
-def test_rails_whose_readings_grow_downward_make_the_same_robot(first_deg, elevation_deg):
-    up, down = (on_rails(first_deg, elevation_deg, sign) for sign in (1.0, -1.0))
-    poses = up.workspace_centre + np.array([[0.0, 0.0, 0.0], [60.0, -30.0, 20.0], [-50.0, 0, 40]])
-    assert np.allclose(up.workspace_centre, down.workspace_centre)
-    for robot in (up, down):
-        assert robot.kinematics.feasibility(robot.limits, poses).feasible.all()
-    joints = [robot.kinematics.inverse(poses).values_or_raise() for robot in (up, down)]
-    assert np.allclose(joints[0], -joints[1])
-    assert np.allclose(down.kinematics.forward(joints[1]).values_or_raise(), poses)
-    geometry = geometry_of(dict(down.parameters), KINDS["linear-delta"])
-    assert np.allclose([joints_for(geometry, pose, 0.0) for pose in poses], joints[1])

@@ -12,7 +12,6 @@ from sim.robot.rods import Build, Plate, RodMechanism
 
 OFFSET_MM = np.array([20.0, -30.0, -45.0])
 POSES = 20
-LARGE_RAD = 0.02
 
 
 def kind_of(member):
@@ -100,60 +99,6 @@ def test_it_follows_its_joints_over_the_workspace_and_back(member):
         assert np.abs(there.plate.position_mm - pose[:3]).max() < 1e-8
         back = follow(rods, there, home.joints)
         assert np.abs(back.plate.position_mm - centre[:3]).max() < 1e-8
-
-
-@all_members
-def test_unequal_rods_and_tilts_tilt_the_plate_and_move_the_reflector(member):
-    robot = member.nominal
-    poses = member.reachable_poses(robot, 20, seed=44, limits=member.well_inside)
-    joints = robot.inverse(poses).values_or_raise()
-    for imperfect in (twin(member, robot, rods_mm=0.05), twin(member, robot, tilts_rad=5e-4)):
-        plates = settled(member, imperfect, joints, poses)
-        tilts = [np.abs(plate.unknowns[3:6]).max() for plate in plates]
-        assert 1e-4 < np.median(tilts) < 1e-2
-        moved = [
-            np.linalg.norm(imperfect.reflector_mm(plate, OFFSET_MM) - pose[:3] - OFFSET_MM)
-            for plate, pose in zip(plates, poses, strict=True)
-        ]
-        assert np.median(moved) > 0.02
-
-
-@pytest.mark.parametrize(
-    "member",
-    [each for each in ALL_MEMBERS if not kind_of(each).on_rails],
-    ids=lambda each: each.name,
-)
-def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
-    robot, arms = member.nominal, member.space.arms
-    tilts = LARGE_RAD * np.random.default_rng(5).standard_normal(arms)
-    p, flat = robot.p.copy(), robot.parameters
-    p[member.space.columns["axis_tilt"]] = tilts
-    geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
-    rods = RodMechanism(geometry, Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts))
-    joints = robot.inverse(member.reachable_poses(robot, 20, seed=45)).values_or_raise()
-    fields = member.mechanism.geometry(p).arms
-    elbows = member.mechanism.limb.upper_ends(fields, joints).transpose(1, 2, 0)
-    for row, place in zip(joints, elbows, strict=True):
-        middle = rods.elbows_mm(row).reshape(arms, 2, 3).mean(axis=1)
-        assert np.abs(middle - place).max() < 1e-9
-
-
-@pytest.mark.parametrize(
-    "member", [each for each in ALL_MEMBERS if kind_of(each).on_rails], ids=lambda each: each.name
-)
-def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
-    geometry = geometry_of(member.nominal.parameters, kind_of(member))
-    arms = member.space.arms
-    tilts, leans = np.full(arms, LARGE_RAD), np.full(arms, -0.5 * LARGE_RAD)
-    build = Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts, leans)
-    rods = RodMechanism(geometry, build)
-    low, high = (rods.elbows_mm(np.full(arms, q)).reshape(arms, 2, 3) for q in (-300.0, 300.0))
-    way = (high - low).mean(axis=1) / 600.0
-    assert np.linalg.norm(way, axis=1) == pytest.approx(np.ones(arms))
-    assert np.sum(way * geometry.sideways, axis=1) == pytest.approx(-LARGE_RAD, abs=1e-3)
-    assert np.sum(way * geometry.outward, axis=1) == pytest.approx(-0.5 * LARGE_RAD, abs=1e-3)
-    bars = low[:, 1] - low[:, 0]
-    assert np.sum(way * bars, axis=1) == pytest.approx(np.zeros(arms), abs=1e-9)
 
 
 @pytest.mark.parametrize("half", [1, 2])

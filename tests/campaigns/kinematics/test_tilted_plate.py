@@ -10,7 +10,6 @@ from par4_space import SKEWS, TILTS, places_of
 from scipy.spatial.transform import Rotation
 
 from campaigns.kinematics.catalog import PAR4
-from campaigns.kinematics.closed_chain import rotation_less_identity
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.platforms import PlateGeometry
 from campaigns.robots.robot import find_robot
@@ -70,15 +69,6 @@ def test_the_reflector_s_place_matters_as_much_as_the_plate_turns():
     turn = tilts_of(robot, joints)
     turn -= turn.mean(axis=0)
     assert rms(apart) < 1.2 * 18.0 * rms(turn)
-
-
-@pytest.mark.parametrize("size", 10.0 ** -np.arange(2, 12))
-def test_a_rotation_vector_turns_to_second_order(size):
-    axes, vectors = np.random.default_rng(8).normal(size=(2, 3, 5, 1))
-    turns = size * axes / np.linalg.norm(axes, axis=0)
-    exact = Rotation.from_rotvec(turns[..., 0].T).apply(vectors[..., 0].T) - vectors[..., 0].T
-    moved = rotation_less_identity(turns, vectors)[..., 0].T
-    assert np.abs(moved - exact).max() < size**3 + 1e-15
 
 
 def test_a_drawing_is_read_from_the_robot_s_file_and_typical_without_one():

@@ -10,7 +10,7 @@ from par4_cases import NOMINAL, central_differences
 from campaigns.fit.error_model import ErrorModel, Observations, first_frames, moved_frames
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.kinematics.parameters import Role
-from campaigns.kinematics.transmission import approach_along, true_joints
+from campaigns.kinematics.transmission import approach_along
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
 from sim.geometry import KINDS, geometry_of
@@ -71,53 +71,24 @@ def test_derivatives_by_every_parameter_are_those_of_differences(member, loads, 
     assert (np.abs(exact[:, :, gears]).max(axis=(0, 1)) > 1e-3).all()
 
 
+@pytest.mark.parametrize("part", [0, 1, 2], ids=["arms", "forearms", "frame"])
 @all_members
-def test_a_warm_robot_grows_as_its_lengths_do(member):
-    """Arms or scales of rails, forearms, and frame from its origin to where the limbs are."""
-    robot, poses, _ = geared(member, compliance=0.0)
-    chain, places = robot.mechanism, robot.mechanism.parameters.columns
-    joints = robot.inverse(poses).values_or_raise()
-
-    def grown(shares):
-        p = robot.p.copy()
-        if "arm" in places:
-            p[places["arm"]] *= 1.0 + shares[0]
-        p[places["forearm"]] *= 1.0 + shares[1]
-        for axis, own in zip("xyz", np.transpose(chain.plate.joints_mm), strict=True):
-            p[places[axis]] += shares[2] * (p[places[axis]] + own)
-        if "arm" in places:
-            return type(robot)(chain, p).forward(joints, poses).values_or_raise()[:, :3]
-        rows = []
-        for row, pose in zip(joints[:, None], poses[:, None], strict=True):
-            own, geometry = p.copy(), chain.geometry(robot.p)
-            travel = true_joints(geometry.arms, row, None, chain.phase_rate)[0]
-            own[places["joint_offset"]] += shares[0] * (travel + p[places["joint_offset"]])
-            rows.append(type(robot)(chain, own).forward(row, pose).values_or_raise()[0, :3])
-        return np.array(rows)
-
-    differences = central_differences(grown, np.zeros(3), np.full(3, 1e-5))
-    by_p = robot.jacobian(joints, poses)[:, :3]
-    columns = chain.growth_columns(robot.p, by_p, joints)
-    assert np.abs(columns - differences).max() < 1e-5 * np.abs(differences).max()
-
-
-@all_members
-def test_a_frame_that_grows_beside_a_cold_plate_moves_points_as_independent_rods_do(member):
+def test_warm_parts_move_points_as_independent_rods_do(member, part):
+    """Arms or scales of rails, forearms, and the frame from its origin to where the limbs are."""
     robot, share = member.nominal.controlled, 1e-5
     kind, flat, level = KINDS[member.name], robot.parameters, np.zeros(member.space.arms)
     build = Build(np.array(robot.mechanism.plate.joints_mm), 80.0, np.zeros((len(level), 2)), level)
-    geometry = geometry_of({name: flat[name] for name in kind.names}, kind)
-    rods = RodMechanism(geometry, build)
+    rods = RodMechanism(geometry_of({name: flat[name] for name in kind.names}, kind), build)
     poses = member.reachable_poses(robot, 5, seed=6, limits=member.well_inside)
     joints = robot.inverse(poses).values_or_raise()
     starts = [Plate.level(kind, row[:3], float(row[3:].sum())) for row in poses]
-    growth = Growth(frame=share)
+    growth = Growth(*(share * np.eye(3)[part]))
     true = [rods.settle(*each, growth)[0].position_mm for each in zip(joints, starts, strict=True)]
     by_p = robot.jacobian(joints, poses)[:, :3]
     columns = robot.mechanism.growth_columns(robot.p, by_p, joints)
     moved = np.array(true) - poses[:, :3]
     assert np.abs(moved).max() > 1e-3
-    assert np.abs(moved - share * columns[..., 2]).max() < 1e-4 * np.abs(moved).max()
+    assert np.abs(moved - share * columns[..., part]).max() < 1e-4 * np.abs(moved).max()
 
 
 def shots(case):
@@ -151,11 +122,11 @@ def test_all_terms_are_found_as_an_independent_model_has_them(case, answer, with
     gears = [name for name in table.select(Role.TRANSMISSION) if name in expected]
     free = {*BY_NAME["par4"].free, *gears}
     assert len(free) == 42
-    held = {*table.model, *TRACKER_SOURCES} - free
+    held = {*table.select(), *TRACKER_SOURCES} - free
     found = least_squares(ErrorModel(nominal, held), data)
     for name, value in zip(found.parameters.table.of_robot, found.p, strict=True):
         if name in free:
-            apart = value / table.units([name])[0] - expected[name]
+            apart = value / table.file_unit[table.places([name])[0]] - expected[name]
             assert abs(apart) < within[table[name].unit], name
 
 
