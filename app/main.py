@@ -24,7 +24,6 @@ from app.streams import make_streams_last, print_document
 from campaigns.errors import OptionsInvalid
 from campaigns.removed import removed_in_command
 from campaigns.version import VERSION, commit
-from drivers.bounded_files import is_file
 from drivers.errors import ExplainedError
 from drivers.texts import printable, shortened
 
@@ -217,10 +216,12 @@ def _explained(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
 
 
 def _with_folder(text: str, arguments: list[str]) -> str:
-    """Replace DIR in the commands of a text by the folder of the command that failed."""
+    """Replace DIR in the commands of a text by the failed command's folder, but in `new DIR`."""
+    from drivers.bounded_files import is_file  # with the YAML reader, which no --help needs
+
     words = (word for word in (*arguments, ".") if is_file(Path(word) / "campaign.yaml"))
     folder = shlex.quote(next(words, "DIR"))
-    return re.sub("(`pkmcal [a-z-]+ )DIR", lambda match: match[1] + folder, text)
+    return re.sub("(`pkmcal (?!new )[a-z-]+ )DIR", lambda match: match[1] + folder, text)
 
 
 def _tell_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:
