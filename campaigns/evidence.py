@@ -14,7 +14,6 @@ from typing import Literal, TypeVar
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
@@ -44,7 +43,6 @@ from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, Rejected, Stage
 from campaigns.journal.views import Series
 from campaigns.kinematics.closed_chain import ClosedChain
-from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
@@ -502,8 +500,8 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         solution, after = nominal.forward(shots.joints), None
         rows = np.flatnonzero(solution.found)
         shots, before = shots.rows(rows), solution.values[rows]
-    elif found.modelled is None:  # of the paper's method
-        shots, before, after = _by_parameters(shots, found, nominal.mechanism)
+    elif found.modelled is None:  # by the paper's method in an older version
+        return None
     else:
         table, places = found.modelled, {number: row for row, number in enumerate(shots.numbers)}
         shots = shots.rows(np.array([places[number] for number in table.numbers], dtype=np.intp))
@@ -512,22 +510,6 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     return model_errors.ModelledShots(
         shots=shots, before=before, after=after, sessions=found is not None and bool(found.sessions)
     )
-
-
-def _by_parameters(
-    shots: Shots, found: RecordedIdentification, mechanism: ClosedChain
-) -> tuple[Shots, Array, Array]:
-    """Return the shots that were not excluded, with the poses of both models worked out again."""
-    before, after = (
-        Kinematics.of(mechanism, parameters).forward(shots.joints, approach=shots.approach)
-        for parameters in (found.nominal_flat(), found.flat())
-    )
-    excluded = {left.shot for left in found.excluded} - {None}
-    excluded_pairs = {left.pair for left in found.excluded} - {None}
-    numbers = zip(shots.numbers, shots.pairs, strict=True)
-    kept = [shot not in excluded and pair not in excluded_pairs for shot, pair in numbers]
-    rows = np.flatnonzero(before.found & after.found & np.array(kept, dtype=bool))
-    return shots.rows(rows), before.values[rows], after.values[rows]
 
 
 def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:
@@ -564,8 +546,6 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
     """
     plan, mechanism = evidence.plan, evidence.campaign.robot.mechanism
     measured = None if evidence.run is None else evidence.run.series.started.plan_digest
-    if measured is not None and evidence.has_plan(measured):
-        return measured, measured
     now = None if plan is None else plan_digest(plan, mechanism)
     if evidence.run is None:
         return now, None

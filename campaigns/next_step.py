@@ -22,9 +22,10 @@ from campaigns.journal.views import Series
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
 from campaigns.planning.plan_match import plan_difference
+from campaigns.shots.import_export import imported_files
 
 LOOK = "look through campaign.yaml (tracker.place_mm!)"
-MEASURE = "run program-{} on the controller, and measure at each of its stops"
+MEASURE = "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt"
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
@@ -83,6 +84,8 @@ class CampaignState:
     before: bool = False
     """Whether the robot was validated before calibration."""
     measured: Literal["", "run", "import"] = ""
+    imported: str = "FILE"
+    """Name of the file that was imported last."""
     left: Literal["", "run", "anew"] = ""
     """Whether plan.csv has shots that are not measured yet, and takes a new series."""
     verdict: Decision | None = None
@@ -146,10 +149,10 @@ ROWS = (
     Row(lambda s: not (s.measured or s.program) and s.offline, "plan {folder} --program csv"),
     Row(
         lambda s: not (s.measured or s.before) and s.offline,
-        "import {folder} FILE --stage before",
+        "import {folder} before.txt --stage before",
         MEASURE.format("before"),
     ),
-    Row(lambda s: not s.measured and s.offline, "import {folder} FILE", MEASURE.format("run")),
+    Row(lambda s: not s.measured and s.offline, "import {folder} run.txt", MEASURE.format("run")),
     Row(lambda s: not (s.measured or s.before), "validate {folder} --stage before"),
     Row(lambda s: not s.measured or s.left == "run", "run {folder}"),
     Row(lambda s: s.left == "anew", "run {folder} --anew"),
@@ -185,8 +188,9 @@ ROWS = (
     ),
     Row(
         lambda s: not s.after and s.measured == "import",
-        "import {folder} FILE --stage after",
-        "put the exported file into the controller, or correct the targets, and measure pairs",
+        "import {folder} after.txt --stage after",
+        "put the exported file into the controller, or correct the targets; measure pairs, and "
+        "save them as after.txt",
     ),
     Row(lambda s: not (s.after or s.holds), "load {folder} {file}"),
     Row(lambda s: not s.after, "validate {folder} --stage after"),
@@ -214,7 +218,7 @@ def next_step(state: CampaignState) -> NextStep | None:
     row = next((row for row in ROWS if row.applies(state)), None)
     if row is None:
         return None
-    folder, again = quoted(state.folder), "import {folder} FILE"
+    folder, again = quoted(state.folder), f"import {{folder}} {quoted(state.imported)} --anyway"
     if state.measured != "import":
         again = "run {folder} --anew"
     file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")
@@ -263,6 +267,7 @@ def state_of(
     state = replace(
         state,
         measured="import" if is_imported else "run",
+        imported=next((file.name for file in imported_files(latest.started)), "FILE"),
         left="" if is_imported else _left(evidence, latest),
     )
     known_lengths = (shot for each in series if each.of_known_lengths for shot in each.shots)

@@ -189,8 +189,10 @@ def command(
     terminal.say(f"imported: {len(rows)} shots, as series {series}")
     found = evaluate(campaign)
     if found.before is None:
-        again = shlex.join(["pkmcal", "import", str(campaign.folder), "FILE", "--stage", "before"])
-        terminal.note(f"to import pairs measured with the controller's own parameters: {again}")
+        again = shlex.join(["pkmcal", "import", str(campaign.folder), f"before{file.suffix}"])
+        terminal.note(
+            f"to import pairs measured with the controller's own parameters: {again} --stage before"
+        )
     following = tell_next(terminal, campaign, evaluation=found)
     terminal.conclude(ImportAnswer(series, len(rows)), following)
 

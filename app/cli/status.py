@@ -5,6 +5,7 @@ from dataclasses import fields
 
 from app.console import DECISIONS, WARNING, Terminal
 from campaigns.campaign import Campaign
+from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.workflow.status import CampaignStatus, campaign_status
 
 NOTHING_LEFT = ("nothing is left to do", "")
@@ -34,5 +35,9 @@ def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
     yield from ((f"open: {text}", WARNING) for text in found.open)
     yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)
     if found.decision is not None:
-        yield f"verdict: {found.decision}", DECISIONS[found.decision]
+        if found.decision == NO_LIMIT and not found.validated:
+            text = "none: the robot has not been validated after calibration"
+        else:
+            text = found.decision
+        yield f"verdict: {text}", DECISIONS[found.decision]
     yield from ((line, "") for line in found.next.lines) if found.next else [NOTHING_LEFT]

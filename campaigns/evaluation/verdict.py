@@ -260,11 +260,11 @@ def campaign_verdict(
     reasons = [str(identification or "Nothing has been identified yet.")]
     if identification is not None:
         reasons += [f"Accepted all the same: {doubt}." for doubt in identification.accepted]
+    if not validated:
+        reasons.append("The robot has not been validated after calibration.")
     if not limited:
         reasons.append("No limit is set under `acceptance` in campaign.yaml.")
-    elif not validated:
-        reasons.append("The robot has not been validated after calibration: no limit is decided.")
-    else:
+    elif validated:
         for word in ("fail", "not decided", "pass"):
             names = [each.name for each in limited if each.decision == word]
             reasons += [f"{word.capitalize()}: {'; '.join(names)}."] if names else []

@@ -17,6 +17,7 @@ from campaigns.identification.result import (
     Excluded,
     IdentificationResult,
     IdentifiedParameter,
+    ModelledTable,
     ParameterCovariance,
     ResidualTable,
 )
@@ -63,11 +64,14 @@ def identify_as_paper(
     identified = problem.robot(solved.x)
     validation, unusable = _pairs(shots, at_nominal, ShotSet.VALIDATION, options)
     nominal_poses = at_nominal.values
-    poses = identified.forward(shots.joints, nominal_poses, shots.approach).values
+    solution = identified.forward(shots.joints, nominal_poses, shots.approach)
+    poses = solution.values
     fitted = distance_errors(shots, rows, nominal_poses, poses)
     unseen = None
     if len(validation):
         unseen = distance_errors(shots, validation, nominal_poses, poses)
+    counted = np.union1d(rows, validation)
+    counted = counted[solution.found[counted]]
     decision, reason = _verdict(unseen, converged=bool(solved.success))
     return IdentificationResult(
         model="paper",
@@ -78,6 +82,7 @@ def identify_as_paper(
         unseen_mm=None if unseen is None else unseen.summary(),
         fitted=fitted,
         unseen=unseen,
+        modelled=ModelledTable.of(shots.rows(counted), nominal_poses[counted], poses[counted]),
         excluded=(*excluded, *unusable),
         covariance=ParameterCovariance(names, tuple(map(tuple, covariance.tolist()))),
         verdict=decision,

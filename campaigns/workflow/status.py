@@ -50,6 +50,8 @@ class CampaignStatus:
     """Every one, the latest last."""
     decision: Verdict | None
     """Of the verdict on the whole; None before anything was identified."""
+    validated: bool
+    """Whether the robot was ever validated after calibration."""
     open: tuple[str, ...]
     """What was begun and not ended."""
     doubtful: tuple[str, ...]
@@ -79,6 +81,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         phase=phase(state),
         series=series,
         decision=verdict.decision if verdict else None,
+        validated=evaluation.after is not None,
         open=tuple(_open(evidence, series)),
         doubtful=tuple(doubtful(evaluation)),
         next=next_step(replace(state, worker=worker.says if worker else "")),

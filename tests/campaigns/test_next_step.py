@@ -71,7 +71,7 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
     """All that may come of typing the step; nothing once somebody measures anew by hand."""
     words = step.text.split()[1:]
     match words[0], tuple(words[2:]):
-        case ("import", ("FILE",)) | ("run", ("--anew",)) if step.first and state.verdict:
+        case ("import" | "run", (*_, "--anyway") | ("--anew",)) if step.first and state.verdict:
             return
         case "report", _ if step.first:
             return
@@ -98,8 +98,8 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("plan", "--program", "csv"): {"program": True},
     ("plan", "--program", "csv", "--stage"): {"program_after": True},
     ("validate", "--stage", "before"): {"before": True},
-    ("import", "FILE", "--stage", "before"): {"before": True},
-    ("import", "FILE"): {"measured": "import"},
+    ("import", "before.txt", "--stage", "before"): {"before": True},
+    ("import", "run.txt"): {"measured": "import"},
     ("run",): {"measured": "run", "left": ""},
     ("run", "--anew"): {"measured": "run", "left": ""},
     ("export",): {"to_export": ""},

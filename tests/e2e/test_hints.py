@@ -94,7 +94,7 @@ def elsewhere(person, robot, scenario, made, tmp_path):
     other.types("new", other.folder, "--robot", robot, "--scenario", scenario)
     taken = other.types("import", other.folder, shots)
     words, _ = other.follows(taken, until=lambda words: words[0] == "import")
-    assert words[-3:] == ["FILE", "--stage", "after"]
+    assert words[-3:] == ["after.txt", "--stage", "after"]
     into = read_robot(other.folder / "robot-compensated.yaml").robot
     person.types("load", person.folder, "--file", into_file(other), "--force")
     person.types("validate", person.folder, "--stage", "after", "--anyway")
@@ -103,7 +103,7 @@ def elsewhere(person, robot, scenario, made, tmp_path):
         series = journal.series("after")[-1]
         rows, _ = exported_shots(series, journal.shots(series.number), into.mechanism)
     write_shots(after, rows, into.mechanism, overwrite=False)
-    words[words.index("FILE")] = str(after)
+    words[words.index("after.txt")] = str(after)
     return other, other.types(*words)
 
 

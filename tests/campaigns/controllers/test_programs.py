@@ -116,7 +116,7 @@ def test_program_of_an_older_plan_is_asked_for_again(campaign, tmp_path):
     assert run_command(["plan", str(folder), "--program", "csv"]) == 0
     assert (folder / "plan.csv").read_bytes() == before
     step = next_step(state_of(evaluate(open_campaign(folder))))
-    assert step.text == f"pkmcal import {folder} FILE --stage before"
+    assert step.text == f"pkmcal import {folder} before.txt --stage before"
     text = (folder / "plan.csv").read_text().splitlines()
     (folder / "plan.csv").write_text("\n".join([*text[:-1], ""]))
     step = next_step(state_of(evaluate(open_campaign(folder))))

@@ -16,7 +16,7 @@ from campaigns.evaluation.summary import summary
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification import findings
 from campaigns.identification.identify import identify
-from campaigns.identification.result import Excluded, RecordedIdentification
+from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import AcceptedShot
 from campaigns.robots.robot import pose_row
@@ -84,17 +84,6 @@ def test_a_validation_says_what_its_shots_say(
     straight = np.split(points_mm(accepted(whole, stage, ShotSet.STRAIGHTNESS)), 3)
     for axis, line in zip("xyz", straight, strict=True):
         assert found.line(axis).straightness.value_mm == pytest.approx(away_from_line(line))
-
-
-def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
-    evidence = gather(whole.campaign)
-    left_out = (Excluded("wrong", shot=9), Excluded("half", pair=3))
-    excluded = replace(evidence.identification, excluded=left_out, modelled=None)
-    found = Evaluation(replace(evidence, identification=excluded)).errors
-    numbers = dict(zip(evidence.run.shots.numbers, evidence.run.shots.pairs, strict=True))
-    assert 3 not in found.fitted.numbers
-    assert numbers[9] not in found.fitted.numbers
-    assert len(found.fitted.numbers) == 38
 
 
 def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCampaign) -> None:
