@@ -37,7 +37,7 @@ Yes = Annotated[
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
 Dry = Annotated[bool, typer.Option("--dry", help="Show what would happen, and do nothing.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 Anew = Annotated[
     bool, typer.Option("--anew", help="Start a new series instead of resuming an unfinished one.")
 ]

@@ -20,7 +20,6 @@ from campaigns.shots import point_files
 from campaigns.shots.point_header import PointFormat
 from drivers import bounded_files, errors
 from drivers.by_hand import HandSettings
-from drivers.byte_log import logged
 from drivers.catalog import CONTROLLERS, FILE, TRACKERS
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
@@ -118,7 +117,7 @@ class DeviceConnections:
         driver = CONTROLLERS[self.campaign.config.controller.driver]
         robot = driver.make(
             RobotSurroundings(
-                open_transport=logged(self.controller.open_transport, "controller"),
+                open_transport=self.controller.open_transport,
                 clock=self.controller.clock,
                 cancelled=self.stop_requested,
                 first_number=self.controller.first_number,
@@ -146,7 +145,7 @@ class DeviceConnections:
         driver = TRACKERS[config.driver]
         tracker = driver.make(
             Surroundings(
-                open_transport=logged(place.open_transport, "tracker"),
+                open_transport=place.open_transport,
                 clock=self.awake(place.clock),
                 cancelled=self.stop_requested,
                 first_number=place.first_number,

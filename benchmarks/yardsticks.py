@@ -38,7 +38,7 @@ FORMS: dict[str, tuple[str, ...]] = {"": (), "-standard": ("--model", "standard"
 REAL_SHOTS = ("table1-tracker-noise", "table2-repeatability")
 """Shots that are identified in all forms, the others in the first one."""
 EXPORTS = (
-    "--shots",
+    "--format shots",
     *(
         f"--format {form}"
         for form in (
@@ -75,7 +75,7 @@ run DIR --dry
 load DIR --dry
 load DIR --rollback --yes
 load DIR --yes
-validate DIR --stage after --only rotation --anyway --yes --retry 5
+validate DIR --stage after --only rotation --force --yes --retry 5
 check DIR --dry
 check DIR --yes --retry 5
 study DIR --campaigns 4 --workers 1
@@ -187,7 +187,7 @@ def record_dry_run(recorder: Recorder, robot: str, scenario: str) -> None:
 def record_export(recorder: Recorder, folder: Path, name: str, words: Sequence[str]) -> None:
     """Record every file that an export writes, or its refusal."""
     old = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
-    answer = recorder.run("export", str(folder), *words, "--overwrite", "--json")
+    answer = recorder.run("export", str(folder), *words, "--force", "--json")
     texts = [f"exit {answer.code}\n{answer.case()['error']}"]
     for path in sorted(folder.iterdir()):
         if path.stat().st_mtime_ns != old.get(path) and not path.name.startswith("campaign."):

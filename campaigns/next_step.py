@@ -227,8 +227,8 @@ def next_step(state: CampaignState) -> NextStep | None:
         "again": again.format(folder=folder),
         "remedy": (state.remedy or again).format(folder=folder),
         "remedy_first": state.remedy_first,
-        "overwrite": "--overwrite" if state.overwrite else "",
-        "file": f"--file {file}" if file else "",
+        "overwrite": "--force" if state.overwrite else "",
+        "file": f"--robot {file}" if file else "",
         "worker": state.worker,
         "misplaced": state.misplaced,
         "reasons": state.reasons,
@@ -351,10 +351,10 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
     match name:
         case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:
             first = "correct units, joints or robot.yaml; if the robot is built so"
-            return "identify {folder} --accept-large-change", first
+            return "identify {folder} --force", first
         case findings.CHANGE if "last_shot" not in numbers:
             first = "mend what changed; the shots after it may be enough"
-            return f"identify {{folder}} --shots {float(numbers['before_shot']):.0f}-", first
+            return f"identify {{folder}} --only-shots {float(numbers['before_shot']):.0f}-", first
         case findings.NOTHING_UNSEEN:
             return "identify {folder} --hold-out 20%", ""
         case findings.EXTRAPOLATION:

@@ -111,7 +111,7 @@ class RunOptions:
     ] = None
     skip: Skip = ()
     retry: Retry = None
-    anyway: Annotated[
+    force: Annotated[
         bool,
         Option(
             "Continue although poses have moved since the last session; the journal records it."
@@ -132,7 +132,7 @@ class ValidationOptions:
             metavar="TEST",
         ),
     ] = ()
-    anyway: Annotated[
+    force: Annotated[
         bool, Option("Measure although it is the wrong stage, or 'before' is already measured.")
     ] = False
     by: Annotated[
@@ -174,7 +174,11 @@ class LoadOptions:
 
     file: Annotated[
         Path | None,
-        Option("Robot file to load, instead of DIR/robot-compensated.yaml.", metavar="FILE"),
+        Option(
+            "Robot file to load, instead of DIR/robot-compensated.yaml.",
+            metavar="FILE",
+            name="--robot",
+        ),
     ] = None
     rollback: Annotated[bool, Option("Restore the parameters that the latest load replaced.")] = (
         False
@@ -191,7 +195,7 @@ class LoadOptions:
     force: Annotated[bool, Option("Load even if refused; the journal records the reasons.")] = False
 
     def __post_init__(self) -> None:
-        for option, given in (("--file", self.file is not None), ("--verify", self.verify > 0)):
+        for option, given in (("--robot", self.file is not None), ("--verify", self.verify > 0)):
             if self.rollback and given:
                 raise OptionsInvalid(
                     f"--rollback and {option} contradict each other", remedy="give one"

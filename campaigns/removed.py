@@ -16,6 +16,14 @@ _BRIDGE = "use driver robotline with the bridge that runs beside LinuxCNC (docs/
 _ONE_MODEL = "leave it out: one model has every source of error, each as large as the shots say"
 INSTEAD: Mapping[str, str] = {
     "--tracker-driver geocom": _POINTLINE,
+    "--anyway": "use --force",
+    "--overwrite": "use --force",
+    "identify --accept-large-change": "use --force",
+    "identify --shots": "use --only-shots",
+    "export --shots": "use --format shots",
+    "load --file": "use --robot",
+    "import --with": "use --robot",
+    "devices --spy": "record the connection with tcpdump or Wireshark",
     "check --repair": "use `pkmcal identify DIR --update` after the check",
     "plan --where-tracker": "put the tracker as near as the robot allows, and plan from there",
     "plan --criterion": "leave it out: shots are chosen for positions all over the workspace",
@@ -63,7 +71,7 @@ INSTEAD: Mapping[str, str] = {
     "--model rods": _ONE_MODEL,
     "--model auto": _ONE_MODEL,
     "--model extended": _ONE_MODEL,
-    "identify --outliers": "leave it out, or leave shots out with --shots",
+    "identify --outliers": "leave it out, or leave shots out with --only-shots",
     "identify --accept-scale": "enter the air's and the reflector's constants in the tracker",
     "plan --model": "leave it out; hold parameters with --fix",
     "plan --free": "leave it out: all parameters are fitted",

@@ -9,7 +9,7 @@ import typer
 
 from app.console import Terminal
 from app.next import tell_next
-from app.options import Overwrite
+from app.options import Force
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME
 from campaigns.workflow.correction import correct_file
@@ -50,7 +50,7 @@ def command(
     robot: Robot = None,
     poses: Poses,
     to: To = None,
-    overwrite: Overwrite = False,
+    force: Force = False,
 ) -> None:
     """Correct targets for a controller that keeps its nominal parameters.
 
@@ -58,7 +58,7 @@ def command(
     identified parameters loaded. A line is refused if its pose is out of reach or not allowed.
     """
     path = to or poses.parent / f"{poses.stem}{WORD}{poses.suffix}"
-    found = correct_file(campaign, poses, path, robot, overwrite=overwrite)
+    found = correct_file(campaign, poses, path, robot, overwrite=force)
     mean_mm, max_mm = found.correction_mm
     terminal.say(f"written: {path}")
     terminal.say(
@@ -82,5 +82,5 @@ def _sigma(std_mm: float | None, campaign: Campaign, robot: Path | None) -> str:
     again += " without --robot takes it" if robot else " again"
     return (
         f"; its uncertainty is unknown: {file} holds no set that an identification in the journal "
-        f"found → `pkmcal export {campaign.folder} --overwrite` writes such a {FILE_NAME}, {again}"
+        f"found → `pkmcal export {campaign.folder} --force` writes such a {FILE_NAME}, {again}"
     )

@@ -1,25 +1,15 @@
 """pkmcal devices: who answers, and in what state."""
 
-import logging
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Annotated, TypeVar
-
-import typer
-from typing_extensions import override
+from typing import TypeVar
 
 from app.console import Terminal
 from app.next import tell_next
 from app.wiring import connections
 from campaigns.campaign import Campaign
-from campaigns.errors import WriteFailed
-from campaigns.files.text_file import refuse_existing
-from drivers.byte_log import LOGGER
 from drivers.errors import DriverError
 from drivers.ports import LaserTracker, RobotController
 
@@ -35,15 +25,7 @@ class DevicesAnswer:
     tracker: Facts
 
 
-def command(
-    terminal: Terminal,
-    campaign: Campaign,
-    *,
-    spy: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Log every byte, as text or hexadecimal, to a new file."),
-    ] = None,
-) -> None:
+def command(terminal: Terminal, campaign: Campaign) -> None:
     """Connect to both devices and show their state; nothing moves.
 
     Connects to controller and tracker, one after the other, and shows identities, joints, faults,
@@ -51,7 +33,7 @@ def command(
     numbers and the reflector's name. If one device fails, the other is still asked. Refused while
     a run is under way, which it would disturb.
     """
-    with campaign.held(), _byte_log(spy), connections(campaign) as to:
+    with campaign.held(), connections(campaign) as to:
         controller = _asked(to.robot, partial(of_controller, campaign))
         tracker = _asked(to.tracker, of_tracker)
     _show(terminal, f"controller at {campaign.config.controller.url}", controller)
@@ -70,47 +52,6 @@ def _show(terminal: Terminal, title: str, facts: Facts | DriverError) -> None:
     else:
         words = {name.replace("_", " "): _text(value) for name, value in facts.items()}
         terminal.listing(title, words)
-
-
-class _LogFile(logging.FileHandler):
-    """A new file of log records with their time in UTC."""
-
-    @override
-    def handleError(self, record: logging.LogRecord) -> None:
-        """End the command: nothing moves by it."""
-        raise _unwritable(self.baseFilename, sys.exception())
-
-
-@contextmanager
-def _byte_log(path: Path | None) -> Iterator[None]:
-    """Log every byte into a new file for the time of the block, if one is named.
-
-    Raises `OutputExists` or `WriteFailed`.
-    """
-    if path is None:
-        yield
-        return
-    refuse_existing(path)
-    try:
-        file = _LogFile(path, mode="x", encoding="utf-8")
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    form = logging.Formatter("{asctime}.{msecs:03.0f}Z {message}", "%Y-%m-%dT%H:%M:%S", style="{")
-    form.converter = time.gmtime
-    file.setFormatter(form)
-    LOGGER.addHandler(file)
-    LOGGER.setLevel(logging.DEBUG)
-    try:
-        yield
-    finally:
-        LOGGER.setLevel(logging.NOTSET)
-        LOGGER.removeHandler(file)
-        with suppress(OSError):  # the same as that of the last record
-            file.close()
-
-
-def _unwritable(path: object, error: BaseException | None) -> WriteFailed:
-    return WriteFailed(f"{path}: cannot be written ({error})", remedy="name another file")
 
 
 def _asked(

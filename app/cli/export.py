@@ -9,12 +9,12 @@ import typer
 
 from app.console import Terminal
 from app.next import tell_next
-from app.options import Overwrite
+from app.options import Force
 from campaigns.campaign import Campaign
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.workflow import exporting
 
-Format = Literal["yaml", "linuxcnc", "plain"]
+Format = Literal["yaml", "linuxcnc", "plain", "shots"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +41,16 @@ def command(
             metavar="FILE", help="Default, in DIR: robot-compensated.yaml, calib.hal, shots.csv …"
         ),
     ] = None,
-    shots: Annotated[
-        bool, typer.Option("--shots", help="Write the measured shots as shots.csv instead.")
-    ] = False,
     format_: Annotated[
         Format,
         typer.Option(
             "--format",
             metavar="FORMAT",
             help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. plain: a robot file "
-            "without tilts, skews and gears, of the nearest values.",
+            "without tilts, skews and gears, of the nearest values. shots: the measured shots.",
         ),
     ] = "yaml",
-    overwrite: Overwrite = False,
+    force: Force = False,
 ) -> None:
     """Write the identified parameters as a robot file.
 
@@ -66,17 +63,17 @@ def command(
     parameters.
     """
     left_mm = None
-    if shots:
-        path, halves = exporting.export_shots(campaign, to, overwrite=overwrite)
+    if format_ == "shots":
+        path, halves = exporting.export_shots(campaign, to, overwrite=force)
         if halves:
             terminal.note(f"left out because their pair is incomplete: shots {halves}")
     elif format_ == "plain":
-        plain = exporting.export_plain(campaign, to, overwrite=overwrite)
+        plain = exporting.export_plain(campaign, to, overwrite=force)
         path, left_mm = plain.path, _show(terminal, plain)
     elif format_ == "linuxcnc":
-        path = exporting.export_hal(campaign, to, overwrite=overwrite)
+        path = exporting.export_hal(campaign, to, overwrite=force)
     else:
-        path, robot = exporting.export(campaign, to, overwrite=overwrite)
+        path, robot = exporting.export(campaign, to, overwrite=force)
         if robot.is_extended:
             terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")

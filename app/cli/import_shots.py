@@ -92,20 +92,18 @@ def command(
         ValidationStage | None,
         typer.Option(help="Shots of a validation before or after calibration, measured elsewhere."),
     ] = None,
-    with_: Annotated[
+    robot: Annotated[
         Path | None,
         typer.Option(
-            "--with",
             metavar="FILE",
             help="With --stage: the controller's parameters, a robot file or a file of export. "
             "Default: before, the nominal ones; after, what export or correct wrote last.",
         ),
     ] = None,
-    anyway: Annotated[
+    force: Annotated[
         bool,
         typer.Option(
-            "--anyway",
-            help="Import although it is already imported or measured, or the wrong stage.",
+            help="Import although it is already imported or measured, or the wrong stage."
         ),
     ] = False,
 ) -> None:
@@ -138,10 +136,10 @@ def command(
     """
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)
-    if stage is None and with_ is not None:
+    if stage is None and robot is not None:
         raise OptionsInvalid(
-            "--with is for a validation, but no --stage is given",
-            remedy="give --stage before or after, or leave --with out",
+            "--robot is for a validation, but no --stage is given",
+            remedy="give --stage before or after, or leave --robot out",
         )
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
     of_points = PointFormat(
@@ -175,12 +173,12 @@ def command(
         name, tell = str(file), terminal.note
         if stage is None:
             series = import_shots(
-                campaign, rows, name, files, tell=tell, advance=advance, anyway=anyway
+                campaign, rows, name, files, tell=tell, advance=advance, anyway=force
             )
         else:
-            held = declared_set(campaign, stage, with_)
+            held = declared_set(campaign, stage, robot)
             done = import_validation(
-                campaign, rows, stage, held, name, files, tell=tell, advance=advance, anyway=anyway
+                campaign, rows, stage, held, name, files, tell=tell, advance=advance, anyway=force
             )
     if stage is not None:
         terminal.say(f"imported: {len(rows)} shots as '{stage}'")

@@ -66,12 +66,12 @@ def command(
         terminal.note(NO_LIMITS, WARNING)
     again = validation.replaced(campaign, stage, options.tests)
     asked = f"{again.problem}. Measure it again?" if again else ""
-    if again and not options.anyway and not terminal.asks(asked):
+    if again and not options.force and not terminal.asks(asked):
         raise again
     with connected_robot(campaign) as controller:
         held = controller.read_geometry()
     wrong = validation.wrong_stage(campaign, held, stage, terminal.note, by=options.by)
-    if wrong is not None and not options.anyway:
+    if wrong is not None and not options.force:
         raise wrong
     objections = [*filter(None, (again, wrong))]
     for each in objections:

@@ -145,7 +145,7 @@ def parameters_section(evaluation: Evaluation) -> Section:
         "Findings of the identification",
         tables.FINDINGS,
         found.findings,
-        "Accepted: somebody took the result with it (`--accept-large-change`).",
+        "Accepted: somebody took the result with it (`--force`).",
     )
     table = evaluation.evidence.campaign.robot.mechanism.parameters
     section.table(

@@ -33,7 +33,7 @@ def write_new_text(path: Path, text: str) -> None:
 def write_text_unless_there(path: Path, text: str, *, overwrite: bool) -> None:
     """Write a file, over an older one only if that was asked; raises as `write_new_text`."""
     if not overwrite:
-        refuse_existing(path, "replace it with --overwrite, or name another with --to")
+        refuse_existing(path, "replace it with --force, or name another with --to")
     replace_text(path, text)
 
 

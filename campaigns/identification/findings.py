@@ -42,7 +42,7 @@ WORSE = "unseen-worse"
 NOT_ARRIVED = "not-arrived"
 KNOWN_LENGTH = "known-length"
 ACCEPTABLE = (BEYOND_TOLERANCE,)
-"""Findings with which a result may be taken all the same, by `--accept-large-change`."""
+"""Findings with which a result may be taken all the same, by `--force`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +173,11 @@ def _changed(change: Change, numbers: Sequence[int], *, revolute: bool) -> Findi
     where = f"between shots {before} and {first}"
     if ends:
         where = f"from shot {first} to {numbers[change.until - 1]}"
-    remedy = f"mend it, and identify from the shots after it alone, --shots {first}-"
+    remedy = f"mend it, and identify from the shots after it alone, --only-shots {first}-"
     if change.part == FRAME:
         remedy = (
             "measure these shots again" if ends else
-            f"if it was between two sessions, --sessions; else --shots {first}-"
+            f"if it was between two sessions, --sessions; else --only-shots {first}-"
         )  # fmt: skip
     says = f"{parts} changed {where}, by {size}: {remedy}"
     numbers_of: dict[str, float | str] = {

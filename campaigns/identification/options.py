@@ -57,7 +57,7 @@ def range_of(text: str) -> tuple[int | None, int | None]:
     """Read a range of numbers such as `0-60`, `-60` or `61-`; raise `OptionsInvalid`."""
     ends = RANGE.fullmatch(text)
     if ends is None:
-        raise OptionsInvalid(f"--shots is '{text}'", remedy="give a range, 0-60, -60 or 61-")
+        raise OptionsInvalid(f"--only-shots is '{text}'", remedy="give a range, 0-60, -60 or 61-")
     first, last = (int(part) if part else None for part in ends.groups())
     return first, last
 
@@ -84,6 +84,7 @@ class IdentificationOptions:
         Option(
             "Use only these shots, by number: 0-60, -60 or 61-; after a change.",
             metavar="A-B",
+            name="--only-shots",
             read=range_of,
         ),
     ] = (None, None)
@@ -100,7 +101,7 @@ class IdentificationOptions:
         ),
     ] = 0.0
     accept_large_change: Annotated[
-        bool, Option("Accept parameters far outside of their tolerance.")
+        bool, Option("Accept parameters far outside of their tolerance.", name="--force")
     ] = False
 
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)

@@ -13,7 +13,7 @@ from campaigns.planning.steps import Step
 
 ANEW = (
     "shots before and after it have no common frame: mend it, then begin anew with "
-    "--anew; or `pkmcal run DIR --anyway` goes on all the same"
+    "--anew; or `pkmcal run DIR --force` goes on all the same"
 )
 
 

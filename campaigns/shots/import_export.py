@@ -127,7 +127,7 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
                 f"{name}: shot {place} is a copy of shot {shot}{of}: its joints and its point are "
                 "equal to the last digit",
                 remedy="leave it out: what was measured once counts once, and proves nothing of "
-                "itself" + ("; --anyway lets this file replace an earlier import" if of else ""),
+                "itself" + ("; --force lets this file replace an earlier import" if of else ""),
             )
 
 

@@ -54,7 +54,7 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
         problems = "; ".join(each.problem for each in objections)
         raise ConfigInvalid(
             f"{path}: {problems}",
-            remedy=f"take the file that `pkmcal export {campaign.folder} --overwrite` writes",
+            remedy=f"take the file that `pkmcal export {campaign.folder} --force` writes",
         )
     return robot
 

@@ -90,7 +90,7 @@ def declared_set(
         raise OptionsInvalid(
             f"--stage {stage}: nothing says what the controller held: neither `pkmcal export` nor "
             "`pkmcal correct` has written anything",
-            remedy="write it with one of them, or name the robot file: `pkmcal import` --with FILE",
+            remedy="write it with one of them, or name the robot file with --robot FILE",
         )
     robot = read_parameter_file(path, campaign.folder, nominal)
     form = form_of(robot.provenance, str(path))
@@ -128,11 +128,11 @@ def import_validation(
     state = known_sets(campaign).state(held.digest)
     wrong = None if by_targets else validation.wrong_state(campaign, state, stage)
     if wrong is not None:
-        remedy = "say what it held by --with FILE; --anyway takes them in as they are"
+        remedy = "say what it held by --robot FILE; --force takes them in as they are"
         wrong = OptionsInvalid(wrong.problem, remedy=remedy)
     again = validation.replaced(campaign, stage, frozenset(row.purpose for row in rows))
     if again is not None:
-        remedy = "keep them and go on; --anyway takes these in their place"
+        remedy = "keep them and go on; --force takes these in their place"
         again = OptionsInvalid(again.problem, remedy=remedy)
     if not anyway:
         validation.require_or_record(campaign, (again, wrong), anyway=False)
@@ -165,7 +165,7 @@ def _require_first(campaign: Campaign, name: str) -> None:
             f"{name}: series {earlier[-1].number} of {len(earlier[-1].shots)} shots "
             f"({earlier[-1].started.stage}) is there already; from this import on the new shots "
             "alone would count",
-            remedy="--anyway takes them in its place; to use both, import one file with all shots "
+            remedy="--force takes them in its place; to use both, import one file with all shots "
             "and a column session, 1 or 2, for the tracker's stations",
         )
 

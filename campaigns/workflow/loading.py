@@ -122,7 +122,7 @@ def load(
 def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
     return errors.ShotsMissing(
         f"{campaign.folder}: no load is in effect that could be taken back",
-        remedy="there is nothing to roll back; name a robot file with --file",
+        remedy="there is nothing to roll back; name a robot file with --robot",
     )
 
 
@@ -214,7 +214,7 @@ class _Loading:
         """
         lacking = self.controller.lacks(robot.parameters.extended_by)
         if lacking:
-            again = " --overwrite" if self.campaign.path(PLAIN_FILE).exists() else ""
+            again = " --force" if self.campaign.path(PLAIN_FILE).exists() else ""
             command = f"pkmcal export {self.campaign.folder} --format {PLAIN}{again}"
             _, form = plain_form(self.campaign, robot)
             remedy = (

@@ -31,7 +31,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), how)
     skip = known_shots((shot.shot for shot in checked.shots), options.skip)
-    return replace(work, goal_mm=goal_mm, skip=skip, override=options.anyway, compared_at_end=True)
+    return replace(work, goal_mm=goal_mm, skip=skip, override=options.force, compared_at_end=True)
 
 
 def known_shots(

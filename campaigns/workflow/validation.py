@@ -33,7 +33,7 @@ from campaigns.workflow.identification import identification_options
 from campaigns.workflow.running import known_shots
 from campaigns.workflow.work import engine_work, known_sets
 
-AGAIN = "--anyway measures it all the same"
+AGAIN = "--force measures it all the same"
 VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(validation.SET_OF.values())
 """Of a validation."""
@@ -201,7 +201,7 @@ def wrong_state(
         return None
     if stage == "before":
         nominal_file = campaign.path(campaign.config.robot)
-        remedy = {"other": f"`pkmcal load {campaign.folder} --file {nominal_file}`"}
+        remedy = {"other": f"`pkmcal load {campaign.folder} --robot {nominal_file}`"}
         return OptionsInvalid(
             f"--stage before: the controller holds {held.says}",
             remedy=f"{remedy.get(held.kind, rolled_back)} first, or --stage after; {AGAIN}",
@@ -276,7 +276,7 @@ def validate(
     active, stage = cell.robot.read_geometry(), options.stage
     again = replaced(campaign, stage, options.tests)
     wrong = wrong_stage(campaign, active, stage, observer.event, by=options.by)
-    require_or_record(campaign, (again, wrong), anyway=options.anyway)
+    require_or_record(campaign, (again, wrong), anyway=options.force)
     work, notes = validation_work(campaign, active, options)
     for note in notes:
         observer.event(note)

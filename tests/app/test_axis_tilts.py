@@ -53,7 +53,7 @@ def test_controller_without_terms_of_gears_is_told_what_a_plain_set_loses(capsys
     path = folder / "geared.yaml"
     write_new_robot(path, compensated(nominal, "geared", nominal.robot.parameters | gears))
     capsys.readouterr()
-    assert load(folder, "--force", "--file", str(path)) == 2
+    assert load(folder, "--force", "--robot", str(path)) == 2
     said = capsys.readouterr().err
     assert f"`pkmcal export {folder} --format plain` writes the nearest set" in said
     (lost_mm,) = re.findall(r"which loses (\S+) mm on average", said)

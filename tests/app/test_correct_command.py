@@ -73,9 +73,9 @@ def test_a_set_that_no_identification_found_has_no_uncertainty(correct, poses, f
     assert json.loads(out)["position_std_mm"] is None
     written = poses.with_name("targets-corrected.csv").read_text(encoding="utf-8")
     assert all(line.endswith(",") for line in written.splitlines()[1:])
-    told = " ".join(correct("--poses", poses, "--robot", changed, "--overwrite").out.split())
+    told = " ".join(correct("--poses", poses, "--robot", changed, "--force").out.split())
     assert "other.yaml holds no set that an identification in the journal found" in told
-    assert f"`pkmcal export {folder} --overwrite` writes such a robot-compensated.yaml" in told
+    assert f"`pkmcal export {folder} --force` writes such a robot-compensated.yaml" in told
     assert f"`pkmcal correct {folder}` without --robot takes it" in told
 
 

@@ -135,7 +135,7 @@ def test_an_accepted_large_change_is_said_to_be_accepted(pkmcal, clean):
     code, out, _ = pkmcal("identify", clean.folder, *tight)
     assert code == 1
     assert "is off by" in out
-    code, out, _ = pkmcal("identify", clean.folder, *tight, "--accept-large-change")
+    code, out, _ = pkmcal("identify", clean.folder, *tight, "--force")
     assert code == 0
     assert "(accepted)" in out
 
@@ -162,7 +162,7 @@ def test_options_are_typed_as_they_were_given():
     options = IdentificationOptions(
         model="paper", fix=("arm1.*", "arm2.*"), shots=(None, 60), sessions=True
     )
-    words = "--model paper --fix arm1.* --fix arm2.* --shots -60 --sessions"
+    words = "--model paper --fix arm1.* --fix arm2.* --only-shots -60 --sessions"
     assert sorted(typed_words(options)) == sorted(words.split())
     assert typed_words(IdentificationOptions()) == []
 

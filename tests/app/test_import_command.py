@@ -93,9 +93,9 @@ def test_second_import_says_that_it_alone_would_count(pkmcal, folder, tmp_path):
     refused = pkmcal("import", folder, second)
     assert refused.code == 2
     assert "series 1 of 12 shots (import) is there already" in refused.error_line
-    assert "--anyway takes them in its place; to use both" in refused.error_line
+    assert "--force takes them in its place; to use both" in refused.error_line
     assert len(imported(folder)) == 1
-    assert pkmcal("import", folder, second, "--anyway").code == 0
+    assert pkmcal("import", folder, second, "--force").code == 0
     assert len(imported(folder)) == 2
 
 
@@ -108,4 +108,4 @@ def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):
     assert "2 stations of the tracker by column session: identify --sessions" in ended.err
     assert [shot.session for shot in imported(folder)[-1].shots] == [1] * 6 + [2] * 6
     one_station = write_shots(tmp_path / "one.csv", rows)
-    assert pkmcal("import", folder, one_station, "--anyway").code == 2
+    assert pkmcal("import", folder, one_station, "--force").code == 2

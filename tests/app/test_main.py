@@ -23,7 +23,9 @@ COMMANDS = (
     *("study", "check-journal", "sim", "dry-run"),
 )
 REPOSITORY = Path(__file__).parents[2]
-HEAVY = {*("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.fit", "sim.cell")}
+HEAVY = {
+    *("numpy", "scipy", "pydantic", "rich", "ruamel.yaml", "serial", "campaigns.fit", "sim.cell")
+}
 
 
 def test_without_arguments_it_helps(pkmcal):
@@ -106,18 +108,18 @@ def test_a_name_of_the_api_says_which_folder_hides_our_packages(tmp_path):
         (["plan", "x", "--criterion", "D"], ["'plan --criterion' was removed"]),
         (["validate", "x"], ["--stage"]),
         (["validate", "x", "--stage", "middle"], ["--stage", "middle", "before"]),
-        (["load", "x", "--rollback", "--file", "y"], ["--rollback and --file contradict"]),
+        (["load", "x", "--rollback", "--robot", "y"], ["--rollback and --robot contradict"]),
         (["load", "x", "--rollback", "--verify", "1"], ["--rollback and --verify contradict"]),
         (["new", "x", "--controller", "tcp://h:1"], ["--tracker"]),
         (["new", "x", "--controller", "tcp://h:1", "--tracker", "tcp://h:2", "--scenario", "s"],
          ["--scenario", "--controller"]),
         (["import", "."], ["FILE is missing"]),
-        (["identify", "x", "--shots", "all"], ["--shots is 'all'", "0-60, -60 or 61-"]),
+        (["identify", "x", "--only-shots", "all"], ["--only-shots is 'all'", "0-60, -60 or 61-"]),
         (["identify", "x", "--hold-out", "80%"], ["--hold-out is 0.8", "20% is usual"]),
         (["identify", "x", "--estimator", "guess"], ["--estimator' was removed", "--model paper"]),
         (["identify", "x", "--loss", "huber"], ["--loss' was removed", "left out by name"]),
         (["identify", "x", "--weights", "equal"], ["--weights' was removed", "--model paper"]),
-        (["identify", "x", "--outliers", "forget"], ["--outliers' was removed", "--shots"]),
+        (["identify", "x", "--outliers", "forget"], ["--outliers' was removed", "--only-shots"]),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("json", [[], ["--json"]])

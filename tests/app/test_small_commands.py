@@ -53,7 +53,7 @@ def test_new_offline_leads_to_a_plan_and_what_needs_devices_says_what_to_do_inst
         ("devices", folder),
         ("validate", folder, "--stage", "before"),
         ("load", folder, "--rollback"),
-        ("load", folder, "--file", folder / "robot.yaml", "--force"),
+        ("load", folder, "--robot", folder / "robot.yaml", "--force"),
     ):
         refused = pkmcal(*words)
         assert refused.code == 2, words
@@ -142,7 +142,7 @@ def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--with", "held.yaml"], "no --stage is given → give --stage before or after, or leave"),
+        (["--robot", "held.yaml"], "no --stage is given → give --stage before or after, or leave"),
         (["--columns", "name,x,y,z"], "point files of other software → add --format ascii, or"),
         (["--format", "ascii"], "where the joints were → give --joints FILE, a file with each"),
     ],

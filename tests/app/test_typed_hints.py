@@ -26,7 +26,7 @@ SMALL = {"plan.shots": 40, "plan.validation_pairs": 1, **SMALL_TESTS}
 def test_every_command_of_the_table_is_taken_by_the_command_line(row, monkeypatch):
     state = CampaignState(
         folder="a b",
-        remedy="identify {folder} --shots 60-",
+        remedy="identify {folder} --only-shots 60-",
         overwrite=True,
         file="robot-plain.yaml",
     )

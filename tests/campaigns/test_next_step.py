@@ -105,7 +105,7 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("export",): {"to_export": ""},
     ("export", "--format", "plain"): {"to_export": "", "file": PLAIN_FILE},
     ("load",): {"holds": True},
-    ("load", "--file", f"DIR/{PLAIN_FILE}"): {"holds": True},
+    ("load", "--robot", f"DIR/{PLAIN_FILE}"): {"holds": True},
     ("load", "--rollback"): {"holds": False, "by_targets": True},
     ("report",): {"reported": True},
 }
@@ -156,7 +156,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
             "wait, or look on by `watch DIR` (process 7 works on this campaign), then: status DIR",
         ),
         (MEASURED, "identify DIR"),
-        ({**PASSED, "to_export": "yaml", "overwrite": True}, "export DIR --overwrite"),
+        ({**PASSED, "to_export": "yaml", "overwrite": True}, "export DIR --force"),
         (
             {**PASSED, "to_export": "plain"},
             "the controller does not have all parameters, then: export DIR --format plain",
@@ -167,7 +167,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
             {**PASSED, "check": "anew"},
             "look for what changed since the shots, and measure again, then: run DIR --anew",
         ),
-        ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --file DIR/elsewhere.yaml"),
+        ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --robot DIR/elsewhere.yaml"),
         (
             {**PASSED, "holds": True, "after": "worse"},
             "the robot became worse by what it was loaded with, then: load DIR --rollback",
@@ -186,7 +186,10 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, Any], says: str
     [
         (
             identified(findings.CHANGE),
-            "mend what changed; the shots after it may be enough, then: identify DIR --shots 60-",
+            (
+                "mend what changed; the shots after it may be enough, then: "
+                "identify DIR --only-shots 60-"
+            ),
         ),
         (identified(findings.CHANGE, ("--fix", "a")), ANEW),
         (identified(findings.CHANGE, last_shot=80.0), ANEW),
@@ -195,7 +198,7 @@ def test_step_names_a_command_that_can_be_typed(state: dict[str, Any], says: str
         (identified(findings.BEYOND_TOLERANCE, parameter="scale"), ANEW),
         (
             identified(findings.BEYOND_TOLERANCE, parameter="arm1.arm_mm"),
-            f"{BUILT_SO}, then: identify DIR --accept-large-change",
+            f"{BUILT_SO}, then: identify DIR --force",
         ),
     ],
 )
@@ -240,7 +243,7 @@ def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
     nominal = replace(evidence.loaded, digest=digest, at_utc=since)
     for changed, said in (
         ({"loaded": nominal}, "load"),
-        ({"parameter_file": None, "spoilt_parameter_file": True}, "export --overwrite"),
+        ({"parameter_file": None, "spoilt_parameter_file": True}, "export --force"),
     ):
         now = Evaluation(replace(evidence, **changed))  # type: ignore[arg-type]
         step = next_step(state_of(now, reported=True))
@@ -354,10 +357,10 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
 
     for forms, said in (
         ((), "export --format plain"),
-        ((form("older"),), "export --format plain --overwrite"),
+        ((form("older"),), "export --format plain --force"),
         ((form("older", "elsewhere.yaml"),), "export --format plain"),
-        ((form(),), "load --file robot-plain.yaml"),
-        ((form(file="elsewhere.yaml"), form()), "load --file elsewhere.yaml"),
+        ((form(),), "load --robot robot-plain.yaml"),
+        ((form(file="elsewhere.yaml"), form()), "load --robot elsewhere.yaml"),
     ):
         step = next_step(state_of(Evaluation(replace(told, forms=forms))))
         assert step is not None

@@ -247,7 +247,7 @@ def test_one_test_alone_needs_no_plan_and_a_broken_limit_is_not_good(pkmcal, pla
     refused = pkmcal(*command)
     assert refused.code == 2
     assert "--stage before: measured already (series 1): rotation;" in refused.error_line
-    ended = pkmcal(*command, "--anyway")
+    ended = pkmcal(*command, "--force")
     assert ended.code == 1
     assert "rotation" in ended.out
     assert "limit 0.001 mm" in ended.out

@@ -29,7 +29,7 @@ def test_a_calibration_is_checked_and_updated_after_an_encoder_has_slipped(pkmca
     new = updated.document["parameters"][name]
     assert abs(new["delta"]) > 0.0
     assert updated.document["pedigree"]["shots"] == bad.document["shots"]
-    assert pkmcal("export", exported, "--overwrite").code == 0
+    assert pkmcal("export", exported, "--force").code == 0
     assert pkmcal("load", exported, "--yes").code == 0
     again = pkmcal("check", exported, "--yes", "--json")
     assert (again.code, again.document["decision"]) == (0, "pass"), again.err

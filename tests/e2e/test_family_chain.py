@@ -67,7 +67,7 @@ def test_a_reflector_on_half_2_is_said_in_the_robot_file(pkmcal, new, member):
     assert max(after["distances_mm"]["max_abs"], after["frame_mm"]["max"]) < 0.1
     assert after["rotation_mm"] < 0.1
     assert pkmcal("load", folder, "--rollback", "--yes").code == 0
-    by = ("--stage", "after", "--by", "targets", "--anyway", "--yes")
+    by = ("--stage", "after", "--by", "targets", "--force", "--yes")
     by_targets = pkmcal("validate", folder, *by, "--json").document
     assert by_targets["distances_mm"]["max_abs"] < 0.1
     assert by_targets["rotation_mm"] < 0.1

@@ -176,7 +176,7 @@ def test_a_deltas_exported_robot_is_the_true_one_and_the_nominal_of_a_next_campa
     pkmcal, passed, tmp_path
 ):
     assert pkmcal("export", passed).code == 0
-    assert pkmcal("export", passed, "--shots").code == 0
+    assert pkmcal("export", passed, "--format", "shots").code == 0
     robot = find_robot(str(passed / "robot-compensated.yaml")).robot
     assert robot.mechanism.name == DELTA.name
     assert robot.limits == DELTA.limits

@@ -80,7 +80,7 @@ def no_robot_file_fits(monkeypatch):
 @pytest.mark.usefixtures("no_robot_file_fits")
 def test_export_leaves_the_older_file(pkmcal, exported):
     before = contents(exported)
-    ended = pkmcal("export", exported, "--overwrite")
+    ended = pkmcal("export", exported, "--force")
     assert ended.code == 4
     assert "robot-compensated.yaml: cannot be written" in ended.error_line
     assert contents(exported) == before
@@ -97,19 +97,19 @@ def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported):
 
 
 @pytest.mark.parametrize(
-    ("options", "file"), [((), "robot-compensated.yaml"), (("--shots",), "shots.csv")]
+    ("options", "file"), [((), "robot-compensated.yaml"), (("--format", "shots"), "shots.csv")]
 )
 def test_what_is_there_is_not_overwritten_unasked(pkmcal, exported, options, file):
     pkmcal("export", exported, *options)
     before = contents(exported)
     ended = pkmcal("export", exported, *options)
     assert ended.code == 2
-    assert f"{file} already exists → replace it with --overwrite" in ended.error_line
+    assert f"{file} already exists → replace it with --force" in ended.error_line
     ended = pkmcal("new", exported)
     assert ended.code == 2
     assert "campaign.yaml already exists" in ended.error_line
     assert contents(exported) == before
-    assert pkmcal("export", exported, *options, "--overwrite").code == 0
+    assert pkmcal("export", exported, *options, "--force").code == 0
 
 
 def test_a_folder_that_may_not_be_written(pkmcal, exported):

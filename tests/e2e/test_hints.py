@@ -89,15 +89,15 @@ def elsewhere(person, robot, scenario, made, tmp_path):
     """Shots measured with other software: the first campaign's run, and pairs after its load."""
     other = Person(person._pkmcal, person.folder.with_name("elsewhere"))
     person.follows(made, until=lambda words: words[0] == "identify")
-    person.types("export", person.folder, "--shots")
+    person.types("export", person.folder, "--format", "shots")
     shots = shutil.copy(person.folder / "shots.csv", tmp_path / "run.csv")
     other.types("new", other.folder, "--robot", robot, "--scenario", scenario)
     taken = other.types("import", other.folder, shots)
     words, _ = other.follows(taken, until=lambda words: words[0] == "import")
     assert words[-3:] == ["after.txt", "--stage", "after"]
     into = read_robot(other.folder / "robot-compensated.yaml").robot
-    person.types("load", person.folder, "--file", into_file(other), "--force")
-    person.types("validate", person.folder, "--stage", "after", "--anyway")
+    person.types("load", person.folder, "--robot", into_file(other), "--force")
+    person.types("validate", person.folder, "--stage", "after", "--force")
     campaign, after = open_campaign(person.folder), tmp_path / "after.csv"
     with campaign.journal_reader() as journal:
         series = journal.series("after")[-1]

@@ -28,7 +28,7 @@ def test_load_verifies_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
     back = pkmcal("load", exported, "--rollback", "--yes", "--json")
     assert back.document["loaded"] == str(exported / "controller-before-1.yaml")
     assert back.document["kept"] == str(exported / "controller-before-2.yaml")
-    nothing = pkmcal("load", exported, "--file", exported / "robot.yaml", "--yes")
+    nothing = pkmcal("load", exported, "--robot", exported / "robot.yaml", "--yes")
     assert "holds these already" in nothing.out
 
 

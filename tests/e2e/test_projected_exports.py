@@ -32,8 +32,8 @@ def campaign(request, tmp_path_factory):
 
 def test_plain_parameters_of_a_set_without_tilts_are_the_set(campaign, pkmcal):
     member, folder = campaign
-    assert pkmcal("export", folder, "--overwrite").code == 0
-    ended = pkmcal("export", folder, "--format", "plain", "--overwrite", "--json")
+    assert pkmcal("export", folder, "--force").code == 0
+    ended = pkmcal("export", folder, "--format", "plain", "--force", "--json")
     assert ended.document["left_mm"]["these values"]["max"] < 1e-9
     plain = read_robot(folder / "robot-plain.yaml").robot
     full = read_robot(folder / "robot-compensated.yaml").robot
@@ -41,13 +41,13 @@ def test_plain_parameters_of_a_set_without_tilts_are_the_set(campaign, pkmcal):
     joints = full.kinematics.inverse(poses).values_or_raise()
     np.testing.assert_allclose(plain.kinematics.inverse(poses).values_or_raise(), joints, atol=1e-9)
     assert plain.provenance["projection"]["of"] == full.digest()
-    shown = pkmcal("export", folder, "--format", "plain", "--overwrite")
+    shown = pkmcal("export", folder, "--format", "plain", "--force")
     assert "Remaining error of position (mm)" in shown.out
 
 
 def test_targets_of_every_member_are_corrected(campaign, pkmcal, tmp_path):
     member, folder = campaign
-    assert pkmcal("export", folder, "--overwrite").code == 0
+    assert pkmcal("export", folder, "--force").code == 0
     x, y, z = member.shipped.workspace_centre[:3]
     turn, column = (",0", ",theta_deg") if len(member.mechanism.task) > 3 else ("", "")
     path = tmp_path / "targets.csv"

@@ -55,7 +55,7 @@ def test_a_campaign_on_a_served_cell(served, pkmcal, cell_file, tmp_path):
     measured = pkmcal("run", folder, "--yes", "--json").document
     assert (measured["series"], measured["shots"]) == (1, 10)
     assert pkmcal("new", tmp_path / "other", "--robot", "par4-table1").code == 0
-    load = ("load", folder, "--file", tmp_path / "other" / "robot.yaml", "--yes", "--force")
+    load = ("load", folder, "--robot", tmp_path / "other" / "robot.yaml", "--yes", "--force")
     assert "loaded and verified" in pkmcal(*load).out
     assert "these already" in pkmcal(*load).out
     assert not (folder / "cell-memory.json").exists(), "the cell remembers by itself"

@@ -24,7 +24,7 @@ def load_all_the_same(pkmcal, found):
     path = pkmcal.folder / "standard.yaml"
     path.unlink(missing_ok=True)
     write_new_robot(path, compensated(nominal, "standard", flat))
-    pkmcal.load("--file", str(path), "--force")
+    pkmcal.load("--robot", str(path), "--force")
 
 
 def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_path, capsys):

@@ -56,7 +56,7 @@ def test_terms_of_gears_take_most_of_the_error_off(tmp_path, capsys):
             found[way] = measured()
 
         def measured():
-            only = ("--only", "distances", "--yes", "--anyway")
+            only = ("--only", "distances", "--yes", "--force")
             told = pkmcal("validate", "--stage", "after", *only, codes=(0, 1))
             return told["distances_mm"]["mean_abs"]
 

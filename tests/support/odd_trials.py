@@ -57,7 +57,7 @@ READS = (
     Read("robot.yaml", ("run {dir} --dry", "new {new} --robot {dir}/robot.yaml"), of_yaml, PLAN),
     Read(
         "robot-compensated.yaml",
-        ("load {dir} --dry", "load {dir} --dry --file {dir}/robot-compensated.yaml"),
+        ("load {dir} --dry", "load {dir} --dry --robot {dir}/robot-compensated.yaml"),
         of_yaml,
         ("campaign.db", "cell-memory.json"),
     ),
@@ -69,7 +69,11 @@ READS = (
     Read("joints.csv", (IMPORT.format("{dir}/joints.csv"),), of_csv, ("points.txt",)),
     Read(
         "campaign.db",
-        ("export {dir} --shots --to {new}.csv", "identify {dir}", "import {dir} {dir}/shots.csv"),
+        (
+            "export {dir} --format shots --to {new}.csv",
+            "identify {dir}",
+            "import {dir} {dir}/shots.csv",
+        ),
         of_journal,
         ("shots.csv",),
     ),
@@ -80,7 +84,7 @@ NAMED = (
     "export {name}",
     "import {dir} {name}",
     IMPORT.format("{name}"),
-    "load {dir} --dry --file {name}",
+    "load {dir} --dry --robot {name}",
     "new {new} --robot {name}",
     "new {new} --scenario {name}",
     "sim {name}",
@@ -201,7 +205,14 @@ def prepare(base: Path) -> None:
     """A campaign in which everything was done, with every file that a command may read."""
     for module, _ in COMMANDS.values():  # a child would import them anew: its time is its work's
         import_module(f"app.cli.{module}")
-    for step in ("new", "plan --shots 40", "run --yes", "identify", "export", "export --shots"):
+    for step in (
+        "new",
+        "plan --shots 40",
+        "run --yes",
+        "identify",
+        "export",
+        "export --format shots",
+    ):
         command, *options = step.split()
         done = trial([command, str(base), *options], "", "", step, PREPARED_WITHIN_S)
         if done.code != Exit.DONE:

@@ -191,7 +191,7 @@ def test_what_was_measured_before_is_replaced_only_with_consent(paper: PaperCamp
         taken_in(paper, "before", pairs[2:])
     found = replaced(paper.campaign, "before")
     assert found is not None
-    assert "--anyway" in found.remedy
+    assert "--force" in found.remedy
     both = taken_in(paper, "before", others)
     assert both.whole.distances.mean.value_mm == first, "other tests are no replacement"
     taken_in(paper, "before", pairs[2:], anyway=True)
@@ -314,7 +314,7 @@ def test_that_no_limit_is_asked_for_is_told_and_what_else_stands_against_the_who
     assert document["decision"] == "no limit asked for"
     assert document["campaign"]["decision"] == "no limit asked for"
     identify(paper.campaign, IdentificationOptions(fix=("arm3.arm_mm",)))
-    assert run_command([*words, "--anyway"]) == 1
+    assert run_command([*words, "--force"]) == 1
     ended = capsys.readouterr()
     assert "the campaign as a whole: not decided: " in ended.err
     assert json.loads(ended.out)["campaign"]["decision"] == "not decided"

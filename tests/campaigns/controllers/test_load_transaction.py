@@ -500,7 +500,7 @@ def test_a_stage_is_wrong_while_the_other_ones_parameters_are_loaded(campaign: C
     wrong = wrong_stage(campaign, neither, "before")
     assert wrong is not None
     assert "holds neither nominal nor identified parameters" in wrong.problem
-    assert f"`pkmcal load {campaign.folder} --file {campaign.path('robot.yaml')}`" in wrong.remedy
+    assert f"`pkmcal load {campaign.folder} --robot {campaign.path('robot.yaml')}`" in wrong.remedy
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ COMMANDS = (
     ["check-journal"],
     ["report"],
     ["export"],
-    ["export", "--shots"],
+    ["export", "--format", "shots"],
     ["identify"],
     ["run", "--yes"],
 )

@@ -160,7 +160,7 @@ def test_stand_that_was_bumped_ends_the_run_before_anything_is_measured(tmp_path
             each for each in kept if each.shot != 7
         ]
     assert "--anew" in said.value.remedy
-    assert "--anyway" in said.value.remedy
+    assert "--force" in said.value.remedy
     assert len(cell.named("robot.stop")) == 1
 
 
