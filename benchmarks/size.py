@@ -70,16 +70,16 @@ def sizes() -> dict[str, int]:
     }
 
 
-def ceilings() -> dict[str, int]:
+def ceilings(table: str = "size") -> dict[str, int]:
     settings = tomllib.loads(CEILINGS.read_text(encoding="utf-8"))
-    return dict(settings["tool"]["pkmcal"]["size"])
+    return dict(settings["tool"]["pkmcal"][table])
 
 
-def lower(measured: dict[str, int]) -> None:
+def lower(measured: dict[str, int], table: str = "size") -> None:
     """Bring down each ceiling in pyproject.toml that is higher than what there is."""
     text = CEILINGS.read_text(encoding="utf-8")
     for name, size in measured.items():
-        if size < ceilings()[name]:
+        if size < ceilings(table)[name]:
             text = re.sub(rf"(?m)^{name} = \d+", f"{name} = {size}", text)
     CEILINGS.write_text(text, encoding="utf-8")
 

@@ -1,0 +1,133 @@
+"""Find what our rules of style forbid in the product's code.
+
+python -m benchmarks.style [--lower]
+
+The rules stand in CONTRIBUTING.md, ceilings of their breaches in pyproject.toml; `--lower` brings
+each down to what there is. That docstrings begin with a verb is ruff's D401.
+"""
+
+import ast
+import io
+import re
+import sys
+import tokenize
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.size import PRODUCT, ROOT, files_of, lower
+
+MOST_PARAMETERS = 6
+FEWEST_UNLIKE = 3
+
+INSTEAD = {
+    r"\bt(?:old|ells?|elling)\b": "data do not speak: determine, identify, report, distinguish",
+    r"\bheed(?:s|ed)?\b": "apply, respect, react to",
+    r"\b(?:is|are) none\b": "state the condition: 'if a size is not positive'",
+    r"\bthe same(?=[.,;:)]|$)": "name what is the same: 'the same series'",
+    r"\b(?:anew|likewise|whoever|nobody)\b": "again, also, the person who, no one",
+    r"\bas (?!(?:soon|long|far|well|many|much) as\b)(?:\w+ ){1,2}as\b": "split the comparison",
+}
+"""Forbidden in docstrings and comments, and what to write."""
+
+BANNED = frozenset({"found", "each", "own", "known", "left", "told", "rest", "some", "one"})
+"""Names that say nothing of what they hold; free in comprehensions of one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """A place that breaks a rule, the words there, and what to write instead."""
+
+    rule: str
+    place: str
+    words: str
+    instead: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.words} → {self.instead}"
+
+
+def breaches() -> list[Breach]:
+    """Find every breach in the product's files."""
+    return [breach for file in sorted(files_of(*PRODUCT)) for breach in breaches_in(file)]
+
+
+def breaches_in(file: Path) -> Iterator[Breach]:
+    text = file.read_text(encoding="utf-8")
+    name = file.relative_to(ROOT) if file.is_relative_to(ROOT) else file.name
+    module = ast.parse(text)
+    findings = (*stop_words(module, text), *banned_names(module), *signatures(module))
+    for rule, line, words, instead in findings:
+        yield Breach(rule, f"{name}:{line}", words, instead)
+
+
+def prose_of(module: ast.Module, text: str) -> Iterator[tuple[int, str]]:
+    """Yield docstrings, also of fields, and comments with the line that each begins in."""
+    for node in ast.walk(module):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(words))):
+                yield node.lineno, words
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
+
+
+def stop_words(module: ast.Module, text: str) -> Iterator[tuple[str, int, str, str]]:
+    for begin, words in prose_of(module, text):
+        for pattern, instead in INSTEAD.items():
+            for hit in re.finditer(pattern, words, re.IGNORECASE | re.MULTILINE):
+                line = begin + words.count("\n", 0, hit.start())
+                yield "stop_words", line, f"'{hit[0]}'", instead
+
+
+def banned_names(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
+    """Yield bindings of names that hold anything: assigned, looped over or taken as parameters."""
+    short = {
+        id(name)
+        for node in ast.walk(module)
+        if isinstance(node, ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp)
+        and node.lineno == node.end_lineno
+        for name in ast.walk(node)
+    }
+    for node in ast.walk(module):
+        match node:
+            case (
+                ast.Name(id=name, ctx=ast.Store(), lineno=line) | ast.arg(arg=name, lineno=line)
+            ) if name in BANNED and id(node) not in short:
+                yield "banned_names", line, f"the name {name}", "say what it holds"
+
+
+def signatures(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
+    """Yield functions with too many parameters, or that return a bare tuple of unlike values."""
+    for node in ast.walk(module):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        count = len([arg for arg in given if arg.arg not in ("self", "cls")])
+        is_command = any("command" in ast.unparse(mark) for mark in node.decorator_list)
+        if count > MOST_PARAMETERS and not is_command:
+            words = f"{node.name} has {count} parameters"
+            yield "wide_functions", node.lineno, words, f"at most {MOST_PARAMETERS}: group them"
+        match node.returns:
+            case ast.Subscript(value=ast.Name(id="tuple"), slice=ast.Tuple(elts=kinds)):
+                unlike = {ast.unparse(kind) for kind in kinds} - {"..."}
+                if len(kinds) >= FEWEST_UNLIKE and len(unlike) > 1:
+                    words = f"{node.name} returns {ast.unparse(node.returns)}"
+                    yield "bare_tuples", node.lineno, words, "give the values a dataclass"
+
+
+RULES = ("stop_words", "banned_names", "wide_functions", "bare_tuples")
+
+
+def counts() -> dict[str, int]:
+    """Count the breaches of each rule."""
+    rules = [breach.rule for breach in breaches()]
+    return {rule: rules.count(rule) for rule in RULES}
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--lower"]:
+        lower(counts(), "style")
+    for breach in breaches():
+        print(breach)
+    print(counts())
