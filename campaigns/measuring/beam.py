@@ -25,7 +25,6 @@ LOOK_AT_THE_DRIVES = (
     "see whether the robot moves (couplings, brakes, drives), and put the beam onto its reflector "
     "by hand; then run again: it resumes"
 )
-LOOK_AGAIN_S = 1.0
 REPEATED_AFTER_S = (30.0, 300.0, 3000.0)
 """Times at which the operator is told again that the beam is still broken.
 
@@ -37,8 +36,6 @@ MOST_ANCHORS = 3
 As often, over a whole session, at each place where one began.
 """
 MM_PER_M = 1000.0
-SAME_DIRECTION = 1e-3
-"""Distance of unit vectors of a beam that has stayed where it was."""
 
 
 class Beam:
@@ -92,7 +89,7 @@ class Beam:
                 next_alarm_s = next(alarms, inf)
                 text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
                 self._announce("beam broken", f"{text}; {advice}")
-            self._mover.pause(LOOK_AGAIN_S)
+            self._mover.pause(1.0)
         self._run_state.see_beam(locked=True)
         lasted_s = self._clock.now_s() - since_s
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
@@ -258,7 +255,7 @@ def of_one_point(outcomes: Iterable[Outcome]) -> str:
 
 
 def _points_at(direction: Vector3, point_mm: Vector3) -> bool:
-    return dist(_at(direction, hypot(*point_mm)), point_mm) <= SAME_DIRECTION * hypot(*point_mm)
+    return dist(_at(direction, hypot(*point_mm)), point_mm) <= 1e-3 * hypot(*point_mm)
 
 
 def _at(direction: Vector3, distance_mm: float) -> Vector3:

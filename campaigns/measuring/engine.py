@@ -13,7 +13,8 @@ groups that are not needed any more, the goal being met, are left out.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from math import dist, inf
 
@@ -21,7 +22,7 @@ from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.beam import Beam, of_one_point, one_point_refused
-from campaigns.measuring.gate import next_fit
+from campaigns.measuring.gate import WRONG, next_fit
 from campaigns.measuring.monitors import StationMonitor, TemperatureMonitor
 from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reference_poses import ReferencePose, pose_settling, reference_poses
@@ -46,8 +47,6 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import RobotStateUnknown
 from drivers.values import Weather
 
-LOOK_S = 0.1
-"""How often a pause looks at faults and wishes."""
 MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
 MOST_DEFERRED = 0.2
@@ -74,6 +73,8 @@ class Engine:
         self._references: tuple[ReferencePose, ...] = ()
         self._deferred: list[Group] = []
         self._failed_in_a_row = 0
+        self._compared: set[int] = set()
+        """First shots that were measured again to compare them."""
         self._looked_back: Counter[int] = Counter()
         self._uncertainty: PositionUncertainty | None = None
         self._fit_due = 0
@@ -81,11 +82,23 @@ class Engine:
         self._fit_shots()
 
     def run(self, groups_left: Sequence[Group]) -> None:
-        """Measure all groups; raise whatever made it stop, once the robot has been stopped.
+        """Measure all groups, the deferred ones once more, and compare the reference poses.
 
+        Raise whatever made it stop, once the robot has been stopped:
         `RobotStateUnknown` when the stop could not be confirmed.
         """
-        self._guarded(lambda: self._measure_all(groups_left))
+        with self._stopping_robot():
+            self._measure_queue(groups_left)
+            deferred, self._deferred = self._deferred, []
+            self._measure_queue(deferred, is_last_try=True)
+            self._fit_shots()
+            if groups_left:
+                self._compare_at_end()
+            self._shots.nests.leave()
+            if end := self._work.ends_at:
+                self._session.mover.return_to(end, "to where it ends", self._run_state.enter)
+                self._run_state.rest()
+            self._run_state.enter(EngineState.FINISHED)
 
     def check_unmoved(self) -> None:
         """Measure reference poses again after a restart, or where there are few, one alone.
@@ -93,7 +106,19 @@ class Engine:
         Raise `GateRefused` when something has changed, unless the operator overrides it: what
         was measured before then predicts nothing any more. Stop the robot like `run`.
         """
-        self._guarded(self._refuse_change)
+        with self._stopping_robot():
+            if not (references := reference_poses(self._work.steps, self._gate.accepted)):
+                return
+            change = change_of("after the restart", references, self._session, self._shots)
+            if change and not self._work.override:
+                raise GateRefused(change, remedy=ANEW)
+            if change:
+                self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
+                self._gate.reset([shot.shot for shot in self._gate.accepted])
+                self._first_drift_mm = None
+                self._update(None)
+            elif len(references) > 1:
+                self._references = references
 
     def leave_out_superfluous(self, groups_left: Sequence[Group]) -> tuple[Group, ...]:
         """Return the groups that shall still be measured, and name the others in the journal.
@@ -115,10 +140,11 @@ class Engine:
             self._run_state.leave_out(len(shots))
         return tuple(group for group in groups_left if not only_identifies(group))
 
-    def _guarded(self, work: Callable[[], None]) -> None:
-        """Do the work; stop the robot first if anything goes wrong, then raise it."""
+    @contextmanager
+    def _stopping_robot(self) -> Iterator[None]:
+        """Stop the robot first if anything goes wrong, then raise it."""
         try:
-            work()
+            yield
         except BaseException as error:
             self._stop(error)
             raise
@@ -140,20 +166,6 @@ class Engine:
             self._session.cell.robot.stop()
         except KeyboardInterrupt:  # an impatient operator: the robot comes first
             self._session.cell.robot.stop()
-
-    def _measure_all(self, groups_left: Sequence[Group]) -> None:
-        """Measure the groups, the deferred ones once more, and compare the reference poses."""
-        self._measure_queue(groups_left)
-        deferred, self._deferred = self._deferred, []
-        self._measure_queue(deferred, is_last_try=True)
-        self._fit_shots()
-        if groups_left:
-            self._compare_at_end()
-        self._shots.nests.leave()
-        if end := self._work.ends_at:
-            self._session.mover.return_to(end, "to where it ends", self._run_state.enter)
-            self._run_state.rest()
-        self._run_state.enter(EngineState.FINISHED)
 
     def _measure_queue(self, groups_left: Sequence[Group], *, is_last_try: bool = False) -> None:
         """Measure groups one after another; those that fail are deferred, at last skipped."""
@@ -245,13 +257,19 @@ class Engine:
         self._at_rest = settled
 
     def _recover(self, group: Group, refused: Refused) -> tuple[Group, ...]:
-        """Look for the robot's reflector; return what is to be measured now, () once deferred.
+        """Find out which shots are wrong, or look for the robot's reflector.
+
+        Return what is to be measured now: the groups of the wrong shots and this one; () once it
+        is deferred.
 
         Raise `GateRefused` when the beam cannot be brought back onto the robot's reflector.
         """
         outcome = refused.outcome
         if standing := self._gate.find_standing(outcome):
             return (*self._void_standing(outcome, standing), group)
+        for suspect in self._gate.find_suspects(outcome)[:3]:
+            if (why := self._why_wrong(suspect, outcome)) is not None:
+                return (self._void_first(suspect, why), group)
         if not refused.relocked and self._looked_back[outcome.shot] < self._work.gate.attempts - 1:
             self._looked_back[outcome.shot] += 1
             if self._beam.look_back():
@@ -273,6 +291,22 @@ class Engine:
         if not self._beam.look_back(refused.point_in_tracker_mm):
             raise one_point_refused(one_point)
         return tuple(voided)
+
+    def _why_wrong(self, suspect: Outcome, refused: Outcome) -> str | None:
+        """Measure a suspect again, once; return why it is wrong, None if it is not."""
+        step = next((s for s in self._work.steps if s.planned.shot == suspect.shot), None)
+        if step is None or suspect.shot in self._compared:  # or its row was removed from the plan
+            return None
+        self._compared.add(suspect.shot)
+        result = self._shots.retry(partial(self._shots.take, step, is_judged=False))
+        if not isinstance(result, Accepted):
+            return None
+        again = result.outcome
+        away_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
+        self._shots.compare_only(again, f"only compared with the one before, {away_mm:.3f} mm away")
+        why = f"{WRONG}: measured again it is {away_mm:.1f} mm away"
+        is_replaced = self._gate.is_replaced_by(again, suspect, refused)
+        return f"{why}, where shot {refused.shot} agrees with it" if is_replaced else None
 
     def _defer(self, group: Group, failure: Refused | Lost) -> None:
         """Leave a group for the end; raise what was wrong when it is more than single poses."""
@@ -362,25 +396,9 @@ class Engine:
         self._run_state.enter(EngineState.PAUSED)
         while not self._session.wishes.take(Wish.PAUSE):
             self._session.mover.require_sound()
-            self._session.mover.pause(LOOK_S)
+            self._session.mover.pause(0.1)
         self._run_state.rest()
         self._log.announce(Event("operator note", "the operator goes on"))
-
-    def _refuse_change(self) -> None:
-        """Compare reference poses with the last session; raise `GateRefused` for a change."""
-        references = reference_poses(self._work.steps, self._gate.accepted)
-        if not references:
-            return
-        change = change_of("after the restart", references, self._session, self._shots)
-        if change and not self._work.override:
-            raise GateRefused(change, remedy=ANEW)
-        if change:
-            self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
-            self._gate.reset([shot.shot for shot in self._gate.accepted])
-            self._first_drift_mm = None
-            self._update(None)
-        elif len(references) > 1:
-            self._references = references
 
     def _compare_at_end(self) -> None:
         """Compare the poses that were compared after a restart, or as many as there are."""

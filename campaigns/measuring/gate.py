@@ -1,7 +1,9 @@
 """Gate: each shot is compared with what the accepted ones predict, before it counts.
 
 While few shots are accepted, distances between points are compared with those of the nominal robot.
-Then a fit of robot and frame predicts each point, and the limit follows its uncertainty.
+Then a fit of robot and frame predicts each point, and the limit follows its uncertainty. One of the
+first shots may itself be of a wrong target, and makes all later ones look wrong: it is found by
+leaving out one shot at a time.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,6 +29,8 @@ SCATTER = {"points": 0.04, "joints": 0.04}
 """Variance of the robot's scatter as a share of its tolerance's, which first shots cannot tell."""
 POINTING_STD_MM = 20.0
 """Standard deviation of a prediction, up to which the tracker is pointed there; it searches 50."""
+FIRST_SHOTS = 12
+"""Shots among which one of a wrong target is looked for: the fit of more is firm."""
 SAME_POSE = 0.002
 """Largest difference of joints, rad or mm, of a pose that is taken again."""
 STANDING_MM = 1.0
@@ -117,6 +121,21 @@ class Gate:
         spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
         return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
 
+    def find_suspects(self, refused: Outcome) -> list[Outcome]:
+        """Return the first shots, without one of which a refused shot agrees with all others.
+
+        The earliest comes first: the fewer shots there were to contradict it, the likelier it is
+        wrong.
+        """
+        first = self.accepted if len(self.accepted) <= FIRST_SHOTS else ()
+        return [shot for shot in first if not self._without(shot).judge(refused).refusal]
+
+    def is_replaced_by(self, again: Outcome, suspect: Outcome, refused: Outcome) -> bool:
+        """Return whether a suspect measured again is elsewhere, and agrees with a refused shot."""
+        moved_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
+        others = self._without(suspect, refused)
+        return moved_mm > self._rules.fitted_mm and not others.judge(again).refusal
+
     def find_standing(self, refused: Outcome) -> tuple[Outcome, ...]:
         """Return shots with the point of a refused one, although the robot was elsewhere.
 
@@ -139,6 +158,11 @@ class Gate:
             return vector(predicted[0])
         same = (s.point_in_tracker_mm for s in self.accepted if is_same_pose(s.joints, joints))
         return next(same, None)
+
+    def _without(self, shot: Outcome, *added: Outcome) -> "Gate":
+        """Return the gate that rests on the other shots and those added."""
+        others = (*(other for other in self.accepted if other.shot != shot.shot), *added)
+        return Gate(self._model, self._instrument, self._rules, others)
 
     def _judge_distances(self, shot: Outcome, others: Sequence[Outcome]) -> GateDecision:
         """Compare the distances of a shot to others with those of the robot as it is estimated."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from campaigns.planning.steps import Step
 
-SHOTS_FOR_AN_ESTIMATE = 3
 LATEST_SHOTS = 200
 """Shots by whose pace the end is estimated."""
 
@@ -80,16 +79,13 @@ SILENT = RunObserver()
 
 def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float, float] | None:
     """Estimate the rest by the shots so far: the mean ± two standard deviations, s."""
-    if len(shot_seconds) < SHOTS_FOR_AN_ESTIMATE:
+    if len(shot_seconds) < 3:
         return None
     seconds = np.fromiter(shot_seconds, np.float64)
     mean = float(seconds.mean())
-    spread = (
-        2.0 * float(seconds.std(ddof=1)) * (1.0 / shots_left + 1.0 / len(seconds)) ** 0.5
-        if shots_left
-        else 0.0
-    )
-    return max(0.0, shots_left * (mean - spread)), shots_left * (mean + spread)
+    deviation, count = float(seconds.std(ddof=1)), len(seconds)
+    spread = 2.0 * deviation * (shots_left + shots_left**2 / count) ** 0.5
+    return max(0.0, shots_left * mean - spread), shots_left * mean + spread
 
 
 class RunState:

@@ -14,7 +14,6 @@ from campaigns.measuring.stopping_rule import in_words, is_met
 from campaigns.measuring.work import Cell, Session, Work
 from campaigns.planning.steps import Group, shots_of
 from campaigns.version import VERSION
-from drivers.values import Weather
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,25 +111,15 @@ def measure_series(
             cell, work, log, run_state, work.gate_after(state.kept), mover, wishes or Wishes()
         )
         first_weather = (begun.started if begun else today).weather
-        _measure(session, state, first_weather, starts)
+        engine = Engine(session, starts, state, first_weather)
+        wanted = engine.leave_out_superfluous(_without_skipped(session, state.left))
+        if wanted and state.kept:  # has anything shifted since the last session?
+            engine.check_unmoved()
+        engine.run(wanted)
         if not (begun and begun.finished):  # one that ended early is finished already
             log.write(records.SeriesFinished())
     journal.prove()
     return series
-
-
-def _measure(
-    session: Session,
-    state: resume.ResumeState,
-    first_weather: Weather | None,
-    starts: Sequence[records.BeamStart],
-) -> None:
-    """Look whether anything has shifted since the last session, then measure what is left."""
-    engine = Engine(session, starts, state, first_weather)
-    wanted = engine.leave_out_superfluous(_without_skipped(session, state.left))
-    if wanted and state.kept:
-        engine.check_unmoved()
-    engine.run(wanted)
 
 
 def _without_skipped(session: Session, left: Sequence[Group]) -> tuple[Group, ...]:

@@ -56,8 +56,8 @@ class Shots:
             if failures >= attempts or _is_hopeless(result):
                 return replace(result, attempts=failures)
 
-    def take(self, step: Step) -> ShotResult:
-        """Measure a step once."""
+    def take(self, step: Step, *, is_judged: bool = True) -> ShotResult:
+        """Measure a step once; the gate judges it if `is_judged`, unless it is a nest's."""
         nest = step.planned.nest
         if not nest:
             self.nests.leave()
@@ -73,7 +73,7 @@ class Shots:
             return outcome
         if not nest:
             self._beam.remember(outcome)
-        return self._judge(outcome, arrival, is_nest=bool(nest))
+        return self._judge(outcome, arrival, is_judged=is_judged and not nest)
 
     def compare_only(self, outcome: Outcome, reason: str) -> None:
         """Write an outcome that was only compared: it does not count."""
@@ -146,10 +146,10 @@ class Shots:
             cell.raw_readers.check(outcome)
         return outcome
 
-    def _judge(self, outcome: Outcome, arrival: Arrival, *, is_nest: bool) -> ShotResult:
+    def _judge(self, outcome: Outcome, arrival: Arrival, *, is_judged: bool) -> ShotResult:
         """Refuse a point that contradicts the others, and one of a robot that has moved."""
         refusal = ""
-        if not is_nest:
+        if is_judged:
             decision = self._session.gate.judge(outcome)
             refusal = decision.refusal
             outcome = replace(

@@ -7,8 +7,8 @@ from fake_cell import FakeCell
 from small_plans import FOUR_PAIRS, TWO_PAIRS, work
 
 from campaigns.journal.journal import read_journal
-from campaigns.journal.records import Intent, Outcome
-from campaigns.measuring.run_state import EngineState
+from campaigns.journal.records import Outcome
+from campaigns.measuring.run_state import EngineState, time_left_s
 
 
 def taken(shot: int, *joints_deg: float) -> list[tuple[object, ...]]:
@@ -62,20 +62,6 @@ def test_golden_sequence_of_a_two_pair_plan_and_what_its_outcomes_hold(tmp_path:
     assert shot.outcome.durations.measure_s == pytest.approx(1.0)
 
 
-def test_intent_is_on_the_disk_before_the_robot_moves(tmp_path: Path) -> None:
-    cell = FakeCell()
-    last_records = []
-
-    def look() -> None:
-        with read_journal(tmp_path / "campaign.db") as reader:
-            last_records.append(reader.records()[-1].record)
-
-    cell.robot.during_move = dict.fromkeys(range(2, 7), look)
-    cell.run(tmp_path, work())
-    assert [type(record) for record in last_records] == [Intent] * 5
-    assert [record.shot for record in last_records] == [1, 2, 3, 4, 5]
-
-
 def test_outcome_is_on_the_disk_before_the_next_motion_and_never_before_its_measurement(
     tmp_path: Path,
 ) -> None:
@@ -107,3 +93,13 @@ def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: 
     assert told[-1].state is EngineState.FINISHED
     assert told[-1].residual_mm == pytest.approx(0.0, abs=1e-3)
     assert told[-1].drift_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_time_left_is_an_interval_that_narrows_to_nothing() -> None:
+    assert time_left_s([2.0, 3.0], 10) is None
+    wide = time_left_s([2.0, 3.0, 2.5], 10)
+    narrow = time_left_s([2.0, 3.0, 2.5] * 10, 10)
+    assert wide is not None
+    assert narrow is not None
+    assert wide[0] < narrow[0] < 25.0 < narrow[1] < wide[1]
+    assert time_left_s([2.0, 3.0, 2.5], 0) == (0.0, 0.0)

@@ -194,10 +194,11 @@ def test_wrong_target_is_noticed_by_distances_before_the_frame_is_known(tmp_path
     cell = FakeCell()
     cell.tracker.during_measure = {3: cell.tracker.take_wrong_target}
     journal = cell.run(tmp_path, work())
-    (refused,) = (entry.record for entry in journal.records_of(Rejected))
+    refused, looked = (entry.record for entry in journal.records_of(Rejected))
     assert attempts_of(journal.shots()) == [1, 2, 2, 1, 1, 1]
     first_mm = journal.shots()[0].outcome.point_in_tracker_mm
     assert "the distance to an earlier shot is" in refused.reason
+    assert looked.reason.startswith("only compared with the one before")
     assert cell.named("tracker.go_to") == [("tracker.go_to", tuple(round(v, 1) for v in first_mm))]
 
 

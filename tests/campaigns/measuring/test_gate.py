@@ -94,6 +94,30 @@ def test_forgotten_shot_is_as_if_it_had_never_been() -> None:
     assert spoilt.judge(outcome(NEXT)) == gate_after(5).judge(outcome(NEXT))
 
 
+@pytest.mark.parametrize(
+    ("count", "wrong", "off_mm"), [(2, 0, 400.0), (6, 1, 400.0), (11, 4, 100.0)]
+)
+def test_the_wrong_one_among_the_first_shots_is_the_suspect(
+    count: int, wrong: int, off_mm: float
+) -> None:
+    shots = [outcome(shot, off_mm * (place == wrong)) for place, shot in enumerate(SHOTS[:count])]
+    assert gate_of(shots).find_suspects(outcome(SHOTS[count])) == [shots[wrong]]
+
+
+@pytest.mark.parametrize("count", [8, 13])
+def test_no_shot_is_a_suspect_when_the_refused_one_is_wrong(count: int) -> None:
+    accepted = map(outcome, SHOTS[:count])
+    assert gate_of(accepted).find_suspects(outcome(SHOTS[count], 400.0)) == []
+
+
+def test_shot_that_is_where_it_was_is_not_replaced() -> None:
+    """Without it little is known, and the refused one could go with anything."""
+    first, refused = outcome(FOUR_PAIRS[0]), outcome(FOUR_PAIRS[1])
+    elsewhere = replace(first, point_in_tracker_mm=(0.0, 0.0, 0.0))
+    assert not gate_of([first]).is_replaced_by(first, first, refused)
+    assert gate_of([elsewhere]).is_replaced_by(first, elsewhere, refused)
+
+
 def test_a_fit_predicts_ever_better_and_says_how_well() -> None:
     gate, errors, stated = gate_of(), [], []
     for shot in SHOTS:

@@ -61,18 +61,6 @@ def goals_met(journal: Journal) -> list[str]:
     ]
 
 
-@pytest.mark.slow
-def test_a_goal_is_never_met_above_it_and_validation_and_drift_shots_are_always_taken(
-    tmp_path: Path,
-) -> None:
-    cell = noisy_cell(seed=2000, std_mm=0.02)
-    with journal_in(tmp_path, cell.calls) as journal:
-        shots = journal.shots(cell.measure(journal, until(GOAL_MM)))
-        assert goals_met(journal)
-    assert OTHERS <= numbers(shots) < ALL
-    assert mean_std_mm(shots) <= GOAL_MM * (1.0 + 1e-6)
-
-
 def test_what_is_left_out_is_whole_pairs_and_named_in_the_journal(
     ended_once: tuple[Path, FakeCell],
 ) -> None:

@@ -1,7 +1,6 @@
 """Series that are begun, cut off and taken up again: same plan, same devices, nothing shifted."""
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,6 @@ from campaigns.errors import GateRefused, ResumeRefused
 from campaigns.journal.records import (
     Event,
     Intent,
-    Outcome,
     PairVoided,
     Rejected,
     SeriesFinished,
@@ -258,16 +256,6 @@ def test_air_is_compared_with_that_of_the_series_beginning(tmp_path: Path) -> No
     assert cell.observer.events == ["the air has changed by +1.50 °C since the start, limit 1 °C"]
 
 
-def test_second_session_knows_at_once_where_the_reflector_should_be(tmp_path: Path) -> None:
-    interrupted(tmp_path, 9, FOUR_PAIRS)
-    cell = FakeCell()
-    cell.tracker.on_wrong_target = True
-    journal = cell.run(tmp_path, work(FOUR_PAIRS))
-    rejected = next(e.record for e in journal.records_of(Rejected) if e.record.measured)
-    assert "from the predicted point" in rejected.reason
-    assert len(cell.named("tracker.go_to")) == 1
-
-
 def test_shots_of_a_pair_stand_together_where_the_first_one_is() -> None:
     validation = ShotSet.VALIDATION
     alone = planned(9, ShotSet.ROTATION, None, 0.0, 0.0, -600.0)
@@ -278,17 +266,3 @@ def test_shots_of_a_pair_stand_together_where_the_first_one_is() -> None:
     sorted_groups = groups(joint_steps([first, between, alone, last, partner]))
     numbers = [[step.planned.shot for step in group] for group in sorted_groups]
     assert numbers == [[1, 3], [2, 4], [9]]
-
-
-def test_every_session_but_the_crashed_ones_has_its_end(tmp_path: Path) -> None:
-    interrupted(tmp_path, 4)
-    interrupted(tmp_path, 3)
-    cell = FakeCell()
-    journal = cell.run(tmp_path, work())
-    kinds = [type(e.record) for e in journal.records()]
-    hows = [e.record.how for e in journal.records_of(SessionStopped)]
-    ended = [each for kind in (Outcome, Rejected) for each in journal.records_of(kind)]
-    assert len(ended) == len(journal.records_of(Intent))
-    assert hows == ["interrupted", "interrupted", "finished"]
-    marks = [kind for kind in kinds if kind in (SessionStarted, SessionStopped)]
-    assert all(here is not there for here, there in pairwise(marks))

@@ -143,10 +143,3 @@ def test_three_poses_in_a_row_that_contradict_the_others_end_the_run(tmp_path: P
         assert len(journal.shots(1)) == 5
         assert len(skips(journal)) == 2
     assert cell.calls[-2:] == [("robot.stop",), ("journal.session-stopped",)]
-
-
-def test_controller_that_refuses_many_targets_ends_the_run(tmp_path: Path) -> None:
-    cell = FakeCell()
-    refusing(cell, FOUR_PAIRS[1:])
-    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(LimitViolation):
-        cell.measure(journal, work(FOUR_PAIRS))

@@ -26,13 +26,6 @@ def monitor(shots=PLAN) -> UncertaintyMonitor:
     return UncertaintyMonitor(shots, RobotModel(NOMINAL, LIMITS, CENTRE), OPTIONS)
 
 
-@pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
-def test_a_goal_is_met_by_the_mean_of_positions(goal_mm: float, met: bool) -> None:
-    assert stopping_rule.is_met(goal_mm, KNOWN) is met
-    assert not stopping_rule.is_met(goal_mm, None)
-    assert not stopping_rule.is_met(None, KNOWN)
-
-
 def test_numbers_are_told_in_ranges() -> None:
     assert stopping_rule.in_ranges([1, 2, 3, 7, 9, 10]) == "1–3, 7, 9–10"
     assert stopping_rule.in_ranges([]) == ""
