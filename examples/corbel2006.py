@@ -6,7 +6,7 @@ ours beside the printed ones. Three experiments, each seed a whole campaign:
 
     python examples/corbel2006.py [SEEDS]
 
-One seed takes about 40 s; docs/explanation/reproduction.md has the figures of 20 seeds and says why
+One seed takes about 40 s; docs/explanation/reproduction.md has the figures of 5 seeds and says why
 ours differ. Lengths in mm, angles in deg.
 """
 
