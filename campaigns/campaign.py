@@ -24,8 +24,7 @@ from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, Pace, PlanLimits, check_plan
 from campaigns.planning.plan_file import PlannedShot, read_plan
-from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
-from campaigns.planning.space_zones import restricted_space
+from campaigns.planning.plans import PlanRequest, View, region_of, restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
@@ -129,9 +128,7 @@ class Campaign:
     @property
     def region(self) -> FeasibleRegion:
         """Region where poses may be planned."""
-        robot = self.robot
-        centre = pose_of(self.centre)
-        return region_of(robot.kinematics, with_reserve(robot), self.view, centre, self.space)
+        return region_of(self.robot, self.view, pose_of(self.centre), self.space)
 
     def workspace_sample(self) -> Array | None:
         """Return poses (N, t) at which every step judges positions; None if there are hardly any.
@@ -191,16 +188,17 @@ class Campaign:
         shots: tuple[PlannedShot, ...] | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> CheckedPlan:
-        """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
-        return check_plan(self.read_plan() if shots is None else shots, *self.plan_limits, tell)
+        """Check a plan, plan.csv by default, for the nominal robot; raise `PlanInvalid`."""
+        names = [nest.name for nest in self.config.nests]
+        known_lengths = self.config.known_lengths
+        limits = PlanLimits(self.robot_model, self.view, self.pace, names, known_lengths)
+        return check_plan(self.read_plan() if shots is None else shots, limits, tell)
 
     @property
-    def plan_limits(self) -> PlanLimits:
-        """All that a plan is checked by."""
+    def robot_model(self) -> RobotModel:
+        """Nominal robot in its space, against which ways are checked."""
         robot = self.robot
-        model = RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
-        names = [nest.name for nest in self.config.nests]
-        return model, self.view, self.pace, names, self.config.known_lengths
+        return RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
 
     @contextmanager
     def held(self) -> Iterator[None]:

@@ -43,8 +43,7 @@ from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, Rejected, Stage
 from campaigns.journal.views import Series
 from campaigns.kinematics.closed_chain import ClosedChain
-from campaigns.planning.plan_file import PlannedShot, plan_digest
-from campaigns.planning.plan_match import plan_difference
+from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal

@@ -21,7 +21,7 @@ from campaigns.journal.records import Event
 from campaigns.journal.views import Series
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
-from campaigns.planning.plan_match import plan_difference
+from campaigns.planning.plan_file import plan_difference
 from campaigns.shots.import_export import imported_files
 
 LOOK = "look through campaign.yaml (tracker.place_mm!)"

@@ -1,4 +1,4 @@
-"""Pose sampling near the workspace's boundary or all over it; pairs of poses and their order."""
+"""Samples of poses near the workspace's boundary or all over it, and pairs of poses."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.design import restricted_space
+from campaigns.design.restricted_space import (
+    UNRESTRICTED,
+    Refusals,
+    RestrictedSpace,
+    count_refusals,
+)
 from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.kinematics.feasibility import Limits, search_extent
 from campaigns.kinematics.mechanism import Kinematics
@@ -16,11 +21,10 @@ FURTHER = 1.05
 """A pose is near the boundary when it cannot be taken this much further from the centre."""
 BATCH = 4000
 BATCHES = 200
-"""Tried for every `FOUND` poses that are needed."""
-FOUND = 5000
+"""Batches tried for every 5 000 poses that are needed."""
 SHORTEST_PAIR_MM = 100.0
 WORKSPACE_POSES = 300
-"""So many poses stand for the workspace when uncertainty of positions is told."""
+"""Poses that stand for the workspace when uncertainty of positions is stated."""
 WORKSPACE_SEED = 1
 """Seed of these poses: they are the same ones for every plan, run and identification of a robot."""
 
@@ -42,16 +46,16 @@ class FeasibleRegion:
     reflector_facing: Array
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
-    space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED
+    space: RestrictedSpace = UNRESTRICTED
 
     @property
     def extent(self) -> Array:
-        """Half size (t,) of a box about the centre that holds it."""
+        """Half size (t,) of a box about the centre that holds the region."""
         mechanism, p = self.kinematics.mechanism, self.kinematics.p
         return search_extent(mechanism, p, self.limits, self.centre)
 
     def allows(self, poses: Array) -> Mask:
-        """Mask of the poses that can be taken, seen, and come to straight from the centre, (N,).
+        """Return which poses can be taken, seen, and reached straight from the centre, (N,).
 
         In a space with obstacles any two of them are then joined by way of the centre.
         """
@@ -64,32 +68,32 @@ class FeasibleRegion:
         return allowed
 
     def can_measure(self, poses: Array) -> Mask:
-        """Mask of the poses that can be taken and seen, wherever that is, (N,)."""
+        """Return which poses can be taken and seen, whatever the space allows, (N,)."""
         seen = (
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
             <= self.acceptance_rad
         )
         return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
 
-    def refusals(self, count: int, rng: np.random.Generator) -> restricted_space.Refusals:
-        """Refusals by the space among so many poses that can be taken and seen.
+    def refusals(self, count: int, rng: np.random.Generator) -> Refusals:
+        """Count the refusals by the space among `count` poses that can be taken and seen.
 
-        Raises `WorkspaceTooSmall`.
+        Raise `WorkspaceTooSmall`.
         """
         poses = _rejection_sample(self.centre, self.extent, count, rng, self.can_measure)
-        return restricted_space.count_refusals(self.space, poses[:, :3])
+        return count_refusals(self.space, poses[:, :3])
 
 
 def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
-    """Angle between a reflector's axis and the beam, at points (N, 3) in the base frame, (N,)."""
+    """Return the angles (N,) between a reflector's axis and the beam at points (N, 3)."""
     beam = tracker_mm - points_mm
     return np.asarray(np.arccos(np.clip(beam @ facing / np.linalg.norm(beam, axis=1), -1.0, 1.0)))
 
 
 def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
-    """Poses that could not be taken 5 % further from the centre (the paper's recipe), (count, t).
+    """Draw poses (count, t) that could not be taken 5 % further out (the paper's recipe).
 
-    Raises `WorkspaceTooSmall`.
+    Raise `WorkspaceTooSmall`.
     """
 
     def near_the_boundary(poses: Array) -> Mask:
@@ -102,7 +106,7 @@ def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator)
 
 
 def interior_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
-    """Poses spread evenly over all that is seen, (count, t). Raises `WorkspaceTooSmall`."""
+    """Draw poses (count, t) evenly from all that is seen; raise `WorkspaceTooSmall`."""
     return _rejection_sample(region.centre, region.extent, count, rng, region.allows)
 
 
@@ -112,13 +116,11 @@ def workspace_poses(
     centre: Array,
     count: int,
     rng: np.random.Generator,
-    space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED,
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> Array:
-    """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, t).
+    """Draw poses (count, t) evenly from the robot's reach in its space, seen or not.
 
-    In a restricted space, over what that leaves.
-
-    Positions are judged there. Raises `WorkspaceTooSmall`.
+    Raise `WorkspaceTooSmall`.
     """
 
     def within_reach(poses: Array) -> Mask:
@@ -131,14 +133,11 @@ def workspace_poses(
 
 
 def sample_workspace(
-    kinematics: Kinematics,
-    limits: Limits,
-    centre: Array,
-    space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED,
+    kinematics: Kinematics, limits: Limits, centre: Array, space: RestrictedSpace = UNRESTRICTED
 ) -> Array | None:
-    """The one sample of a robot's workspace at which positions are judged, (N, t).
+    """Return the one sample (N, t) of a robot's workspace at which positions are judged.
 
-    Plans, runs, identifications and studies take it. None where hardly a pose can be taken.
+    Plans, runs, identifications and studies use it. None where hardly a pose can be taken.
     """
     rng = np.random.default_rng(WORKSPACE_SEED)
     try:
@@ -154,21 +153,21 @@ def _rejection_sample(
     rng: np.random.Generator,
     wanted: Callable[[Array], Mask],
 ) -> Array:
-    """Even draws from a box about the centre, until enough of them are wanted."""
-    found, left, batches = list[Array](), count, BATCHES * max(1, math.ceil(count / FOUND))
+    """Draw evenly from a box about the centre, until enough poses are wanted."""
+    drawn, missing, batches = list[Array](), count, BATCHES * max(1, math.ceil(count / 5000))
     for _ in range(batches):
         poses = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
-        found.append(poses[wanted(poses)])
-        left -= len(found[-1])
-        if left <= 0:
-            return np.concatenate(found)[:count]
+        drawn.append(poses[wanted(poses)])
+        missing -= len(drawn[-1])
+        if missing <= 0:
+            return np.concatenate(drawn)[:count]
     raise WorkspaceTooSmall(
-        f"{count - left} of {batches * BATCH} poses tried can be taken, {count} needed"
+        f"{count - missing} of {batches * BATCH} poses tried can be taken, {count} needed"
     )
 
 
 def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
-    """Random pairs (N/2, 2) of rows of poses (N, t).
+    """Pair rows of poses (N, t) at random, (N/2, 2).
 
     A pair shorter than 100 mm swaps an end with another pair, if there is one with which both
     become long enough. An odd pose is left over.
@@ -186,5 +185,5 @@ def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
 
 
 def _long_enough(poses: Array, first: Index, second: Index) -> Mask:
-    """Mask of the pairs of rows that count, (M,)."""
+    """Return which pairs of rows are far enough apart, (M,)."""
     return np.asarray(distances_mm(poses[:, :3], first, second) >= SHORTEST_PAIR_MM)

@@ -7,7 +7,6 @@ touches a zone's wall, negative where it is where it may not be.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +17,9 @@ from campaigns.kinematics.axes import Interval
 ANYWHERE: Interval = (-math.inf, math.inf)
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 ROUNDING_MM = 1e-6
-"""For places on a zone's very wall."""
+"""Distance beyond a wall that is rounding: places may lie on the wall itself."""
 SECTIONS = 48
-"""Golden sections of a line: what is left of it is 1e-10 of its length."""
+"""Golden sections of a line: they narrow it to 1e-10 of its length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class Rectangle:
     y_mm: Interval = ANYWHERE
 
     def distance_mm(self, points: Array) -> Array:
-        """Signed distance (N,) of points (N, 2 or more) from the edge, negative inside; convex."""
+        """Return the distance (N,) of points (N, 2 or 3) from the edge, negative inside; convex."""
         beyond = np.stack(
             [_beyond(points[:, 0], self.x_mm), _beyond(points[:, 1], self.y_mm)], axis=-1
         )
@@ -39,7 +38,7 @@ class Rectangle:
         return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
 
     def bounds_mm(self) -> tuple[Interval, Interval]:
-        """Its sides."""
+        """Return its sides."""
         return self.x_mm, self.y_mm
 
 
@@ -51,12 +50,12 @@ class Disc:
     radius_mm: float
 
     def distance_mm(self, points: Array) -> Array:
-        """Signed distance from the edge, (N,)."""
+        """Return the distance (N,) of points from the edge, negative inside; convex."""
         from_axis = np.linalg.norm(points[:, :2] - self.centre_mm, axis=1)
         return np.asarray(from_axis - self.radius_mm)
 
     def bounds_mm(self) -> tuple[Interval, Interval]:
-        """Square about it."""
+        """Return the square about it."""
         (x, y), radius = self.centre_mm, self.radius_mm
         return (x - radius, x + radius), (y - radius, y + radius)
 
@@ -76,7 +75,7 @@ class Zone:
     keeps_in: bool
 
     def clearance_mm(self, points: Array, radius_mm: float, margin_mm: float) -> Array:
-        """Clearance (N,) of a plate at points (N, 3): concave by place to keep in, else convex."""
+        """Return the clearance (N,) of a plate at points (N, 3), concave if kept in."""
         aside = self.footprint.distance_mm(points)
         above = _beyond(points[:, 2], self.z_mm)
         if self.keeps_in:
@@ -104,23 +103,23 @@ class RestrictedSpace:
         return not all(zone.keeps_in for zone in self.zones)
 
     def with_margin(self, more_mm: float) -> "RestrictedSpace":
-        """The same, everything kept off by so much more."""
+        """Return this space with all walls kept off by `more_mm` more."""
         return replace(self, margin_mm=self.margin_mm + more_mm)
 
     def clearance_mm(self, points: Array) -> Array:
-        """Clearance (N, Z) of a plate at points (N, 3), by zone."""
+        """Return the clearance (N, Z) of a plate at points (N, 3), by zone."""
         radius_mm = self.plate_radius_mm + self.margin_mm
         columns = [zone.clearance_mm(points, radius_mm, self.margin_mm) for zone in self.zones]
         return np.stack(columns, axis=1) if columns else np.empty((len(points), 0))
 
     def allows(self, points: Array) -> Mask:
-        """Mask (N,) of the points (N, 3) at which a plate may be."""
+        """Return at which points (N, 3) a plate may be, (N,)."""
         return np.asarray((self.clearance_mm(points) >= 0.0).all(axis=1))
 
     def line_clearance_mm(self, starts: Array, ends: Array) -> Array:
-        """Least clearance (N, Z) on straight lines between points (N, 3), by zone.
+        """Return the least clearance (N, Z) on straight lines between points (N, 3), by zone.
 
-        Exact, but where it is above 0 anyway only a lower bound of it.
+        Where it is above 0 it may be only a lower bound.
         """
         first, last = self.clearance_mm(starts), self.clearance_mm(ends)
         length = np.linalg.norm(ends - starts, axis=1)
@@ -139,7 +138,7 @@ class RestrictedSpace:
         return least
 
     def _least_between(self, zone: Zone, starts: Array, ends: Array) -> Array:
-        """Least value (N,) of a convex clearance between points (N, 3), by golden sections."""
+        """Return the least convex clearance (N,) between points (N, 3), by golden sections."""
         along = ends - starts
         radius_mm = self.plate_radius_mm + self.margin_mm
 
@@ -154,11 +153,12 @@ class RestrictedSpace:
         return at(0.5 * (low + high))
 
     def fault(self, point: Array) -> str:
-        """What speaks against a plate at a point (3,), with value and limit; empty: nothing."""
-        clearance = self.clearance_mm(point[None])[0]
-        wrong = zip(self.zones, clearance.tolist(), strict=True)
+        """Name the zones that a plate at a point (3,) violates, with value and limit; or ""."""
+        by_zone = zip(self.zones, self.clearance_mm(point[None])[0].tolist(), strict=True)
         return "; ".join(
-            self._words(zone, point, each) for zone, each in wrong if each < -ROUNDING_MM
+            self._words(zone, point, clearance)
+            for zone, clearance in by_zone
+            if clearance < -ROUNDING_MM
         )
 
     def _words(self, zone: Zone, point: Array, clearance_mm: float) -> str:
@@ -172,10 +172,10 @@ class RestrictedSpace:
 
     @property
     def reach_text(self) -> str:
-        """What is added to the measured point, in words; empty when it is nothing."""
+        """Radius and margin about the measured point, in words; empty if both are 0."""
         parts = (("radius", self.plate_radius_mm), ("margin", self.margin_mm))
-        told = " and ".join(f"{name} {size:g} mm" for name, size in parts if size)
-        return f" ({told})" if told else ""
+        text = " and ".join(f"{name} {size:g} mm" for name, size in parts if size)
+        return f" ({text})" if text else ""
 
 
 UNRESTRICTED = RestrictedSpace()
@@ -192,13 +192,12 @@ class Refusals:
 
 
 def count_refusals(space: RestrictedSpace, points: Array) -> Refusals:
-    """Refusals among points (N, 3)."""
+    """Count the points (N, 3) that a space refuses."""
     wrong = space.clearance_mm(points) < 0.0
-    names: Sequence[str] = [zone.name for zone in space.zones]
-    counts = zip(names, wrong.sum(axis=0).tolist(), strict=True)
+    counts = zip((zone.name for zone in space.zones), wrong.sum(axis=0).tolist(), strict=True)
     return Refusals(len(points), int(wrong.any(axis=1).sum()), tuple(counts))
 
 
 def _beyond(values: Array, interval: Interval) -> Array:
-    """Signed distance of values from an interval, negative inside; -inf in one without ends."""
+    """Return the distance of values from an interval, negative inside; -inf if it has no ends."""
     return np.asarray(np.maximum(interval[0] - values, values - interval[1]))

@@ -11,19 +11,18 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 
 WORTHWHILE_PAIR_MM = 250.0
-"""Neighbours on the shortest tour tell little by their distance; from here on they tell enough."""
+"""Distance of a pair that determines enough; neighbours on the shortest tour are nearer."""
 SHORTNESS_RAD_PER_MM = 0.1
 """Cost of a pair too short, against the travel between its ends."""
-BALANCED_SHARE = (0.3, 0.7)
-"""Share of approaches from smaller angles that shows backlash and lets it average."""
-EVEN_SHARE = (0.35, 0.65)
-"""The same where backlash is to be identified beside the joints' offsets."""
-DRIFT_MARGIN = 0.02
-"""Of a share: drift shots, which come into the tour later, turn some approaches."""
+EVEN_SHARE = (0.37, 0.63)
+"""Share of approaches from smaller angles that separates backlash from the joints' offsets; drift
+shots, which enter the tour later, turn another 0.02."""
+LEAST_GAIN_RAD = 1e-9
+"""A shorter way counts only above the rounding of the longer one."""
 
 
 def neighbouring_pairs(joints: Array, points_mm: Array, start: Array) -> Index:
-    """Pairs (N/2, 2) of an even number of rows, near each other in joints (N, n) but not in space.
+    """Pair an even number of rows, near each other in joints (N, n) but not in space, (N/2, 2).
 
     From consecutive shots of a short tour, ends are exchanged while travel within the pairs falls,
     pairs shorter than 250 mm counting as long ways.
@@ -53,7 +52,7 @@ def _end_exchanged(pairs: Index, cost: Array, row: int) -> bool:
 
 
 def positive_approach_shares(joints: Array, start: Array, counted: Mask) -> Array:
-    """Share of the counted shots (N,) at which each joint came from a smaller angle, (n,).
+    """Return the share of counted shots (N,) at which each joint came from a smaller angle, (n,).
 
     Ways between shots are taken as straight; joints (N, n) are in the order of the shots.
     """
@@ -61,47 +60,41 @@ def positive_approach_shares(joints: Array, start: Array, counted: Mask) -> Arra
     return np.asarray(rising[counted].mean(axis=0))
 
 
-def balance_approaches(
-    joints: Array,
-    pairs: Index,
-    start: Array,
-    counted: Mask,
-    within: tuple[float, float] = BALANCED_SHARE,
-) -> Index:
-    """Pairs (M, 2) in an order with little travel that approaches joints from both sides.
+def balance_approaches(joints: Array, pairs: Index, start: Array, counted: Mask) -> Index:
+    """Order pairs (M, 2) with little travel so that joints are approached from both sides.
 
     `counted` (N,) says which rows of joints the shares are taken of. Stretches of the shortest tour
-    are reversed, those that lengthen it least first, until every share lies `within` or no
-    reversal helps; with a handful of shots that may be so.
+    are reversed, those that lengthen it least first, until every share lies within `EVEN_SHARE` or
+    no reversal helps; with a handful of shots that may be so.
     """
     tour = shortest_tour(joints, pairs, start)
-    imbalance = _imbalance(tour, joints, start, counted, within)
+    if not counted.any():
+        return tour
+    imbalance = _imbalance(tour, joints, start, counted)
     while imbalance > 0.0:
         trials = list(_reversals(tour))
-        left = np.array([_imbalance(trial, joints, start, counted, within) for trial in trials])
-        if left.min() >= imbalance:
+        imbalances = np.array([_imbalance(trial, joints, start, counted) for trial in trials])
+        if imbalances.min() >= imbalance:
             break
-        imbalance = float(left.min())
-        best = [trials[place] for place in np.flatnonzero(left == imbalance)]
+        imbalance = float(imbalances.min())
+        best = [trials[place] for place in np.flatnonzero(imbalances == imbalance)]
         tour = min(best, key=lambda trial: _travel(trial, joints, start))
     return tour
 
 
 def _reversals(tour: Index) -> Iterator[Index]:
-    """The tour with each stretch reversed, its pairs turned round too."""
+    """Yield the tour with each stretch reversed, its pairs turned round too."""
     for first, last in combinations_with_replacement(range(len(tour)), 2):
         trial = tour.copy()
         trial[first : last + 1] = tour[first : last + 1][::-1, ::-1]
         yield trial
 
 
-def _imbalance(
-    tour: Index, joints: Array, start: Array, counted: Mask, within: tuple[float, float]
-) -> float:
-    """Distance of the shares from their interval, summed over the joints."""
+def _imbalance(tour: Index, joints: Array, start: Array, counted: Mask) -> float:
+    """Return the distance of the shares from `EVEN_SHARE`, summed over the joints."""
     order = tour.ravel()
     shares = positive_approach_shares(joints[order], start, counted[order])
-    low, high = within
+    low, high = EVEN_SHARE
     return float(np.sum(np.maximum(0.0, low - shares) + np.maximum(0.0, shares - high)))
 
 
@@ -110,12 +103,8 @@ def _travel(tour: Index, joints: Array, start: Array) -> float:
     return float(travel_rad(way[:-1], way[1:]).sum())
 
 
-LEAST_GAIN_RAD = 1e-9
-"""A shorter way counts only above the rounding of the longer one."""
-
-
 def shortest_tour(joints: Array, pairs: Index, start: Array) -> Index:
-    """Tour of the same pairs (M, 2), each in a sense, that keeps the joints' travel short.
+    """Order pairs (M, 2), and turn them round, so that the joints' travel is short.
 
     Nearest neighbour from `start`, then reversal of stretches (2-opt) while that helps. A
     stretch reversed turns its pairs round too, so only the two joins change.
@@ -124,16 +113,16 @@ def shortest_tour(joints: Array, pairs: Index, start: Array) -> Index:
 
 
 def travel_rad(from_rad: Array, to_rad: Array) -> Array:
-    """Travel that a coordinated joint move takes time for: the largest joint's way."""
+    """Return the travel that a coordinated joint move takes time for: the largest joint's way."""
     return np.asarray(np.abs(to_rad - from_rad).max(axis=-1))
 
 
 def _nearest_neighbour(joints: Array, pairs: Index, start: Array) -> Index:
-    left, here, ordered = list(range(len(pairs))), start, []
-    while left:
-        to_ends = travel_rad(here, joints[pairs[left]])
+    remaining, here, ordered = list(range(len(pairs))), start, []
+    while remaining:
+        to_ends = travel_rad(here, joints[pairs[remaining]])
         place, end = np.unravel_index(int(np.argmin(to_ends)), to_ends.shape)
-        pair = pairs[left.pop(int(place))]
+        pair = pairs[remaining.pop(int(place))]
         ordered.append(pair if end == 0 else pair[::-1])
         here = joints[ordered[-1][1]]
     return np.array(ordered, dtype=np.intp).reshape(-1, 2)
@@ -162,9 +151,9 @@ def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
 
 
 def _gains_rad(ends: Array, start: Array, first: int) -> Array:
-    """Shortening of the way if the pairs from `first` to each later one are reversed.
+    """Return by how much reversing the pairs from `first` to each later one shortens the way.
 
-    By the joints of the pairs' ends, (2, n, M).
+    `ends` (2, n, M) are the joints of the pairs' ends.
     """
     entries, exits = ends
     before = exits[:, first - 1] if first else start
@@ -175,5 +164,5 @@ def _gains_rad(ends: Array, start: Array, first: int) -> Array:
 
 
 def _travel_by_joint(from_rad: Array, to_rad: Array) -> Array:
-    """Travel of joints (n, M), which are faster to compare in this order."""
+    """Return the travel of joints (n, M), which are faster to compare in this order."""
     return np.asarray(np.abs(to_rad - from_rad).max(axis=0))

@@ -9,7 +9,7 @@ from campaigns.journal.records import PairVoided, SessionStarted, SessionStopped
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.measuring.stopping_rule import is_met
 from campaigns.measuring.work import Work
-from campaigns.planning.plan_match import plan_difference
+from campaigns.planning.plan_file import plan_difference
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Vector3

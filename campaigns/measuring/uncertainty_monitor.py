@@ -96,7 +96,7 @@ class UncertaintyMonitor:
         """
         if posterior is None:
             return None
-        std = position_std_mm(self._judged.by_unknowns, posterior.own_covariance)
+        std = position_std_mm(self._judged, posterior.own_covariance)
         name, length_std = self._worst_length(posterior)
         scatter, _ = posterior.scatter
         count = int(posterior.kept.sum())

@@ -55,17 +55,8 @@ class Forecast:
 
     def worst(self, unit: str) -> tuple[str, float] | None:
         """Return the parameter in a unit that will be known worst, with its 1 σ."""
-        own = {name: std for name, std in self.std.items() if self.units[name] == unit}
-        return max(own.items(), key=lambda row: row[1]) if own else None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """Positions that are judged: derivatives (N, 3, P) without the frame's motion."""
-
-    poses: Array
-    """(N, t)"""
-    by_unknowns: Array
+        rows = [(name, std) for name, std in self.std.items() if self.units[name] == unit]
+        return max(rows, key=lambda row: row[1], default=None)
 
 
 def forecast(
@@ -73,10 +64,11 @@ def forecast(
     model: ErrorModel,
     tracker_mm: Array,
     instrument: TrackerUncertainty,
-    judged: Judged,
+    judged: Array,
 ) -> Forecast:
     """Return the forecast of a plan seen from the tracker's place (3,) in the base frame.
 
+    `judged` (N, 3, P) are derivatives of positions, as by `judged_positions`.
     Raise `PlanInvalid` for fewer shots than place the tracker's frame.
     """
     rows = pairs_of(shots, ShotSet.IDENTIFICATION).ravel()
@@ -86,6 +78,7 @@ def forecast(
             remedy=f"plan at least {FEWEST_SHOTS} shots, better 60",
         )
     joints, poses = joints_of(shots), poses_of(shots)
+    identify = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots])
     approach = approach_along(joints)[rows]
     at = linearised_plan(model, joints[rows], poses[rows], approach, tracker_mm)
     noise = point_covariance_mm2(poses[rows, :3] - tracker_mm, instrument)
@@ -97,8 +90,8 @@ def forecast(
         shots=len(rows),
         std=_std_by_name(model, null.without(covariance[:size, :size])),
         units=dict(zip(model.parameters, model.units, strict=False)),
-        position_std_mm=position_std_mm(judged.by_unknowns, covariance[:size, :size]),
-        from_below=_approach_shares(shots),
+        position_std_mm=position_std_mm(judged, covariance[:size, :size]),
+        from_below=tuple(positive_approach_shares(joints, joints[0], identify).tolist()),
     )
 
 
@@ -124,18 +117,11 @@ def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
     return {name: float(s * tolerance) for name, s, tolerance in rows if s > 1e-6}
 
 
-def _approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:
-    """Return the share of shots to which each joint comes from a smaller value, (n,)."""
-    joints = joints_of(shots)
-    counted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots])
-    return tuple(positive_approach_shares(joints, joints[0], counted).tolist())
+def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Array:
+    """Return derivatives of positions all over the workspace, the same ones for every plan.
 
-
-def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Judged:
-    """Return positions all over the workspace, the same for every plan of a robot.
-
-    `otherwise` (M, t) are poses for a robot that can take hardly any others. Raise `ConfigInvalid`
-    for a robot that cannot be assembled there.
+    They are (N, 3, P), without the frame's motion. `otherwise` (M, t) are poses for a robot that
+    can take hardly any others. Raise `ConfigInvalid` for a robot that cannot be assembled there.
     """
     poses = sample_workspace(robot.kinematics, robot.limits, robot.centre, robot.space)
     if poses is None:
@@ -150,8 +136,7 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
     return judged_at(model, robot.kinematics, joints.values[joints.found], poses[joints.found])
 
 
-def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Judged:
-    """Return judged positions at known joints (N, n) and poses (N, t)."""
-    observations = Observations.unmeasured(joints, poses)
-    by, _ = model.robot_columns(kinematics, observations, poses)
-    return Judged(poses, without_frame(by, poses[:, :3]))
+def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Array:
+    """Return derivatives (N, 3, P) of positions at joints (N, n) and poses (N, t)."""
+    by, _ = model.robot_columns(kinematics, Observations.unmeasured(joints, poses), poses)
+    return without_frame(by, poses[:, :3])

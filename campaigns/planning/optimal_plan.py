@@ -1,4 +1,4 @@
-"""Optimal plans: of thousands of candidate poses those after which positions are known best."""
+"""Optimal plans: of thousands of candidate poses, those after which positions are known best."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from campaigns.fit.design import ShotDesign
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.planning import plans
-from campaigns.planning.forecast import Judged, judged_positions, linearised_plan, prior_precision
+from campaigns.planning.forecast import judged_positions, linearised_plan, prior_precision
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile
@@ -42,21 +42,33 @@ def make_optimal_plan(
 ) -> tuple[PlannedShot, ...]:
     """Choose identification shots by optimal design; others are as in every plan.
 
-    Raise `PlanInvalid` if too little of the workspace can be measured, the goal is out of reach, or
-    there are too few candidates.
+    1. Place validation pairs. 2. Draw candidates, half of them near the boundary. 3. Choose the
+    shots after which positions all over the workspace are known best. 4. Pair neighbours, and put
+    all pairs into one tour. Raise `PlanInvalid` if too little of the workspace can be measured, the
+    goal is out of reach, or there are too few candidates.
     """
     wanted = request.plan
     others = plans.make_plan(robot, view, replace(wanted, identification_shots=0), rng)
-    unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
-    region = plans.requested_region(robot, view, wanted)
+    unseen = plans.poses_of([shot for shot in others if shot.purpose is ShotSet.VALIDATION])
+    region = plans.region_of(robot, view, wanted.centre, wanted.space)
     try:
         poses = candidates(region, max(CANDIDATES, 2 * wanted.identification_shots), rng)
     except pose_sampling.WorkspaceTooSmall as error:
         raise plans.too_small(error, region, "candidates") from error
     planner = RobotModel(robot.kinematics, robot.limits, region.centre, wanted.space)
     judged = judged_positions(request.model, planner, poses)
-    chosen = choose_shots(region, request, poses, judged)
-    return _ordered(region, poses[chosen], unseen, wanted)
+    chosen = poses[choose_shots(region, request, poses, judged)]
+    kinematics = robot.kinematics
+    turns = kinematics.comparable(kinematics.inverse(chosen).values_or_raise())
+    start = kinematics.comparable(kinematics.inverse(region.centre[None]).values_or_raise()[0])
+    pairs = np.vstack(
+        [
+            neighbouring_pairs(turns, chosen[:, :3], start),
+            np.arange(len(chosen), len(chosen) + len(unseen)).reshape(-1, 2),
+        ]
+    )
+    both = np.vstack([chosen, unseen.reshape(-1, len(region.centre))])
+    return plans.ordered_shots(region, both, pairs, len(chosen), wanted.drift_shots)
 
 
 def candidates(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
@@ -67,7 +79,7 @@ def candidates(region: FeasibleRegion, count: int, rng: np.random.Generator) -> 
 
 
 def choose_shots(
-    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Judged
+    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Array
 ) -> Index:
     """Choose an even number of candidate poses (M, t) for the positions that are judged.
 
@@ -92,30 +104,12 @@ def choose_shots(
 
 
 def _design(
-    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Judged
+    region: FeasibleRegion, request: OptimalRequest, poses: Array, judged: Array
 ) -> ShotDesign:
     model, tracker_mm = request.model, region.view_from_mm
     joints = region.kinematics.inverse(poses).values_or_raise()
     at = linearised_plan(model, joints, poses, np.zeros_like(joints), tracker_mm)
     covariance = point_covariance_mm2(poses[:, :3] - tracker_mm, request.uncertainty)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), at.jacobian)
-    rows = judged.by_unknowns.reshape(-1, judged.by_unknowns.shape[2])
+    rows = judged.reshape(-1, judged.shape[2])
     return ShotDesign(whitened, prior_precision(model), np.pad(rows, ((0, 0), (0, 6))))
-
-
-def _ordered(
-    region: FeasibleRegion, chosen: Array, unseen: list[PlannedShot], wanted: plans.PlanRequest
-) -> tuple[PlannedShot, ...]:
-    """Put all pairs into one tour with joints from both sides, drift shots in it."""
-    kinematics, fitted = region.kinematics, len(chosen)
-    start = kinematics.inverse(region.centre[None]).values_or_raise()[0]
-    turned = kinematics.comparable(start)
-    poses = np.vstack([chosen, plans.poses_of(unseen).reshape(-1, len(region.centre))])
-    joints = kinematics.inverse(poses).values_or_raise()
-    turns = kinematics.comparable(joints)
-    pairs = np.arange(len(poses)).reshape(-1, 2)
-    near = neighbouring_pairs(turns[:fitted], poses[:fitted, :3], turned)
-    pairs = np.vstack([near, pairs[fitted // 2 :]])
-    tour = plans.tour_of(pairs, turns, turned, fitted)
-    drift = (region.centre, start)
-    return plans.numbered_shots(tour, poses, joints, fitted, drift, wanted.drift_shots)

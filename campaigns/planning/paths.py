@@ -5,7 +5,7 @@ on the straight line to the pose as well, or on straight parts of the way: which
 pose takes is the controller's choice.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -35,17 +35,15 @@ FLAT_MM = 0.005
 """Largest distance of the way from its chords: steps are halved until it is less."""
 HALVINGS = 6
 CURVATURE_RESERVE = 2.0
-"""Curvature between samples may be so many times what the samples around show."""
+"""Curvature between samples, at most, over what the samples around show."""
 TOLERANCE_MM = 0.01
-"""For poses on a zone's very wall."""
+"""Distance beyond a wall that is ignored: poses may lie on the wall itself."""
 STANDING_MM = 1.0
-"""By so much a robot may read itself beyond a wall at which it stood; no way leads it further."""
-WAYS_TOLD = 2000
-"""Ways of a plan after which it is told how many are checked: fewer at once take longer."""
+"""Distance beyond a wall at which a robot may read itself and still leave; no way goes deeper."""
 MOVES_AT_ONCE = 500
-"""Joint moves looked at together: bounds the memory that many take."""
+"""Joint moves judged together: bounds the memory that many take."""
 POINTS_AT_ONCE = 20_000
-"""Likewise points on moves in a restricted space."""
+"""Points on moves in a restricted space that are judged together."""
 
 UNASSEMBLED = "the mechanism cannot be assembled"
 REASONS = {
@@ -57,7 +55,7 @@ REASONS = {
 }
 PASSING_VIOLATIONS = sum(REASONS)
 STRAIGHT_PARTS = (4, 8, 16)
-"""Of the straight lines between two poses and the centre, as the last ways that are tried."""
+"""Parts of the straight lines between two poses and the centre, the last ways that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +94,7 @@ class RobotModel:
         return np.asarray(safe.reshape(len(ways) - 1, -1).all(axis=0))
 
     def standing_fault(self, joints: Joints) -> str:
-        """Return what the space has against standing at joints, in words; empty: nothing."""
+        """Return the zone in which the plate stands at joints, in words; empty: none."""
         solution = self.kinematics.forward(np.array([joints]))
         if not solution.found[0]:
             return ""
@@ -106,38 +104,38 @@ class RobotModel:
         )
 
     def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
-        """Return targets of a safe way, the last being the very joints `there`; None: no way."""
+        """Return joint targets of a safe way, `there` itself the last; None if none was found."""
         way = self.safe_path(np.array(here), np.array(there))
         return None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
 
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
-        """Joint targets of a safe way, the last being `end`; None when none was found.
+        """Return joint targets of a safe way, `end` the last; None if none was found.
 
-        Straight if that is safe, else by poses between the two ends and the workspace's centre.
+        It is straight if that is safe, else by poses between the ends and the workspace's centre.
         """
         return self.safe_paths(np.stack([start, end]))[0]
 
     def safe_paths(self, stops: Array) -> list[list[Array] | None]:
-        """Joint targets of a safe way from each stop (K, n) to the next, as by `safe_path`."""
+        """Return joint targets of a safe way from each stop (K, n) to the next, as `safe_path`."""
         if len(stops) < 2:
             return []
         safe = self.are_safe(np.stack([stops[:-1], stops[1:]]))
-        found = [[end] if is_safe else None for end, is_safe in zip(stops[1:], safe, strict=True)]
+        paths = [[end] if is_safe else None for end, is_safe in zip(stops[1:], safe, strict=True)]
         if safe.all():
-            return found
+            return paths
         poses = self.kinematics.forward(stops)
-        left = np.flatnonzero(~safe & poses.found[:-1] & poses.found[1:])
+        blocked = np.flatnonzero(~safe & poses.found[:-1] & poses.found[1:])
         for via in _detours(poses.values[:-1], poses.values[1:], self.centre):
-            if not left.size:
+            if not blocked.size:
                 break
-            ways, safe = self._ways_by(stops[left], via[:, left], stops[left + 1])
+            ways, safe = self._ways_by(stops[blocked], via[:, blocked], stops[blocked + 1])
             for place in np.flatnonzero(safe):
-                found[left[place]] = list(ways[1:, place])
-            left = left[~safe]
-        return found
+                paths[blocked[place]] = list(ways[1:, place])
+            blocked = blocked[~safe]
+        return paths
 
     def _ways_by(self, starts: Array, via: Array, ends: Array) -> tuple[Array, Mask]:
-        """Ways (K + 2, M, n) by poses (K, M, t), and which of them are safe."""
+        """Return the ways (K + 2, M, n) by poses (K, M, t), and which of them are safe."""
         solution = self.kinematics.inverse(via.reshape(-1, via.shape[-1]))
         within = solution.found & ~outside(solution.values, self.limits.joint).any(axis=1)
         safe: Mask = np.asarray(within.reshape(via.shape[:2]).all(axis=0))
@@ -148,6 +146,8 @@ class RobotModel:
 
     def _motion_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
         """Return the first fault of each move (M, n) by the mechanism and its limits."""
+        task = zip(self.kinematics.mechanism.task, self.limits.task, strict=True)
+        limited = ", ".join(axis.name for axis, limit in task if limit)
         move, part, joints = self._samples(starts, ends)
         solution = self.kinematics.forward(joints)
         violations = np.zeros(len(joints), dtype=np.intp)
@@ -160,21 +160,15 @@ class RobotModel:
             rows = np.flatnonzero(move == bad)
             violation = next(reason for reason in REASONS if (violations[rows] & reason).any())
             first = rows[np.argmax((violations[rows] & violation) != 0)]
-            faults[bad] = self._reason(violation), float(part[first])
+            faults[bad] = REASONS[violation].format(limited=limited), float(part[first])
         return faults
 
-    def _reason(self, violation: Violation) -> str:
-        """Return a violation in words."""
-        task = zip(self.kinematics.mechanism.task, self.limits.task, strict=True)
-        limited = ", ".join(axis.name for axis, limit in task if limit)
-        return REASONS[violation].format(limited=limited)
-
     def _samples(self, starts: Array, ends: Array) -> tuple[Index, Array, Array]:
-        """Samples (S,) of moves (M, n): number of the move, part of its way, joints (S, n)."""
+        """Sample moves (M, n): return each sample's move, part of its way (S,), joints (S, n)."""
         turn = np.abs(self.kinematics.comparable(ends - starts)).max(axis=1)
         steps = np.maximum(2, np.ceil(turn / PATH_STEP_RAD).astype(np.intp) + 1)
         move = np.repeat(np.arange(len(steps)), steps)
-        part = np.concatenate([np.linspace(0.0, 1.0, each) for each in steps])
+        part = np.concatenate([np.linspace(0.0, 1.0, count) for count in steps])
         return move, part, starts[move] + part[:, None] * (ends - starts)[move]
 
     def _passing_violations(self, joints: Array, poses: Array) -> Index:
@@ -186,14 +180,14 @@ class RobotModel:
         return passed.violations & PASSING_VIOLATIONS
 
     def _space_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
-        """Zone that is entered on each move (M, n), or on straight lines a controller may take."""
-        found: list[PathFault | None] = [(UNASSEMBLED, 0.0)] * len(starts)
+        """Return the zone entered on each move (M, n), or on straight lines it may become."""
+        faults: list[PathFault | None] = [(UNASSEMBLED, 0.0)] * len(starts)
         space = self.space
         for moves, points, bulge_mm in self._fine_paths(starts, ends):
             steps = bulge_mm.shape[1]
             corners = [points, *(points[:, :: steps // parts] for parts in PARTS)]
-            here = np.concatenate([each[:, :-1] for each in corners], axis=1)
-            there = np.concatenate([each[:, 1:] for each in corners], axis=1)
+            here = np.concatenate([line[:, :-1] for line in corners], axis=1)
+            there = np.concatenate([line[:, 1:] for line in corners], axis=1)
             clearance = space.line_clearance_mm(here.reshape(-1, 3), there.reshape(-1, 3))
             clearance = clearance.reshape(*here.shape[:2], -1)
             clearance[:, :steps] -= bulge_mm[:, :, None]
@@ -202,11 +196,11 @@ class RobotModel:
             least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
             entered = clearance < least[:, None]
             for place, move in enumerate(moves.tolist()):
-                found[move] = self._entered(clearance[place], entered[place], steps)
-        return found
+                faults[move] = self._entered(clearance[place], entered[place], steps)
+        return faults
 
     def _entered(self, clearance_mm: Array, entered: Mask, steps: int) -> PathFault | None:
-        """First zone that is entered on lines (L, Z) of a move, of which its steps come first."""
+        """Return the first zone entered on lines (L, Z) of a move, its own steps first."""
         if not entered.any():
             return None
         row = int(np.argmax(entered.any(axis=1)))
@@ -218,39 +212,40 @@ class RobotModel:
         return reason, row / steps if row < steps else 0.0
 
     def _fine_paths(self, starts: Array, ends: Array) -> Iterator[tuple[Index, Array, Array]]:
-        """Points of coordinated moves (M, n), and how far these may be from the chords between.
+        """Yield points of coordinated moves (M, n), and how far these may be from their chords.
 
-        Of G moves that take as many: their numbers, points (G, K + 1, 3) and distances (G, K), by
-        the sagitta, from second differences: points are so near each other that it is next to none.
-        Moves on which the mechanism cannot be assembled are left out.
+        Moves of as many steps come together: their numbers (G,), points (G, K + 1, 3) and distances
+        (G, K). A distance is the sagitta by second differences; steps are halved until it is next
+        to nothing. Moves on which the mechanism cannot be assembled are left out.
         """
         turn = np.abs(self.kinematics.comparable(ends - starts)).max(axis=1)
         steps = PARTS[-1] * np.maximum(1, np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])).astype(int)
-        left, least = np.arange(len(steps)), steps.copy()
-        while left.size:
-            own = int(steps[left].min())
-            some = left[steps[left] == own][: max(1, POINTS_AT_ONCE // (own + 1))]
-            part = np.linspace(0.0, 1.0, own + 1)[:, None]
-            joints = starts[some, None] + part * (ends - starts)[some, None]
+        open_moves, least = np.arange(len(steps)), steps.copy()
+        while open_moves.size:
+            count = int(steps[open_moves].min())
+            alike = open_moves[steps[open_moves] == count]
+            alike = alike[: max(1, POINTS_AT_ONCE // (count + 1))]
+            part = np.linspace(0.0, 1.0, count + 1)[:, None]
+            joints = starts[alike, None] + part * (ends - starts)[alike, None]
             solution = self.kinematics.forward(joints.reshape(-1, joints.shape[-1]))
-            assembled = solution.found.reshape(len(some), -1).all(axis=1)
-            points = solution.values[:, :3].reshape(len(some), -1, 3)
+            assembled = solution.found.reshape(len(alike), -1).all(axis=1)
+            points = solution.values[:, :3].reshape(len(alike), -1, 3)
             second = np.linalg.norm(np.diff(points, 2, axis=1), axis=2)
             around = np.maximum(
                 np.concatenate([second[:, :1], second], axis=1),
                 np.concatenate([second, second[:, -1:]], axis=1),
             )
             bulge_mm = CURVATURE_RESERVE * around / 8.0
-            last = own >= least[some] * 2 ** (HALVINGS - 1)
+            last = count >= least[alike] * 2 ** (HALVINGS - 1)
             fine = assembled & (last | (bulge_mm.max(axis=1) <= FLAT_MM))
             if fine.any():
-                yield some[fine], points[fine], bulge_mm[fine]
-            steps[some[~fine]] *= 2
-            left = np.setdiff1d(left, some[fine | ~assembled])
+                yield alike[fine], points[fine], bulge_mm[fine]
+            steps[alike[~fine]] *= 2
+            open_moves = np.setdiff1d(open_moves, alike[fine | ~assembled])
 
 
 def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
-    """Poses (K, …, t) to pass by between poses (…, t), from the shortest detour to the longest."""
+    """List poses (K, …, t) to pass by between poses (…, t), the shortest detour first."""
     middle, centres = 0.5 * (starts + ends), np.broadcast_to(centre, starts.shape)
     detours = [(middle + pull * (centre - middle))[None] for pull in (0.0, 0.3, 0.6, 1.0)]
     for pull in (0.3, 0.6):
@@ -263,33 +258,30 @@ def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
     return detours
 
 
-def check_paths(
-    stops: Sequence[Stop], robot: RobotModel, tell: Callable[[str], None] = lambda _: None
-) -> tuple[int, float, list[str]]:
-    """Look for a safe way between each two stops that follow each other.
+@dataclass(frozen=True, slots=True)
+class PathReport:
+    """Ways between the stops of a plan."""
 
-    Gives the number of ways that are not straight because that would not be safe, the travel of
-    cranks in rad, or what compares with it, and a line for each two stops without a safe way.
-    `tell` hears how many ways are checked.
-    """
+    detours: int
+    """Number of ways that are not straight because that would not be safe."""
+    travel_rad: float
+    """Travel of cranks, or what compares with it."""
+    faults: tuple[str, ...]
+    """A line for each two stops without a safe way."""
+
+
+def check_paths(stops: Sequence[Stop], robot: RobotModel) -> PathReport:
+    """Look for a safe way between each two stops that follow each other."""
+    ways = robot.safe_paths(np.array([joints for _, joints in stops]))
     detours, travel = 0, 0.0
     faults: list[str] = []
-    joints = np.array([each for _, each in stops])
-    ways: list[list[Array] | None] = []
-    for first in range(0, len(stops) - 1, WAYS_TOLD):
-        tell(f"checking the ways between shots: {first} of {len(stops) - 1}")
-        ways += robot.safe_paths(joints[first : first + WAYS_TOLD + 1])
     for (here, there), way in zip(pairwise(stops), ways, strict=True):
         if way is None:
-            faults.append(_fault(robot, here, there))
+            straight = robot.fault(here[1], there[1])
+            why = f"{straight[0]}, {straight[1]:.0%} of the way" if straight else "blocked"
+            faults.append(f"no safe way from {here[0]} to {there[0]}: {why}, and no way round")
             continue
         detours += len(way) > 1
-        turns = [robot.kinematics.comparable(joints) for joints in (here[1], *way)]
-        travel += sum(float(travel_rad(a, b)) for a, b in pairwise(turns))
-    return detours, travel, faults
-
-
-def _fault(robot: RobotModel, here: Stop, there: Stop) -> str:
-    straight = robot.fault(here[1], there[1])
-    why = f"{straight[0]}, {straight[1]:.0%} of the way" if straight else "blocked"
-    return f"no safe way from {here[0]} to {there[0]}: {why}, and no way round"
+        turns = robot.kinematics.comparable(np.stack([here[1], *way]))
+        travel += float(travel_rad(turns[:-1], turns[1:]).sum())
+    return PathReport(detours, travel, tuple(faults))

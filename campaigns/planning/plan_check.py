@@ -9,12 +9,11 @@ from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import PlanInvalid
-from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.feasibility import Feasibility, Limits
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel, check_paths
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import View, joints_of, poses_of
+from campaigns.planning.plans import View, poses_of
 from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import KnownLengthConfig, bar_of
 from campaigns.shots.shot_sets import ShotSet
@@ -23,8 +22,6 @@ AGREEMENT_RAD = float(np.radians(0.01))
 """Largest distance of a row's joints from its pose's: of cranks, or what compares."""
 TOLERANCE_RAD = 1e-9
 FAULTS_NAMED = 5
-PlanLimits = tuple[RobotModel, View, "Pace", Sequence[str], Sequence[KnownLengthConfig]]
-"""What a plan is checked by: robot in its space, view, time, names of nests, and known lengths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +33,19 @@ class Pace:
     measure_s: float
 
     def seconds(self, shots: int, travel_rad: float) -> float:
-        """Time of shots and the ways between them."""
+        """Return the time of shots and the ways between them."""
         return travel_rad / self.joint_speed_rad_s + shots * (self.settle_s + self.measure_s)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanLimits:
+    """What a plan is checked by."""
+
+    robot: RobotModel
+    view: View
+    pace: Pace
+    nests: Collection[str] = ()
+    known_lengths: Sequence[KnownLengthConfig] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,35 +59,31 @@ class CheckedPlan:
 
 
 def check_plan(
-    shots: Sequence[PlannedShot],
-    robot: RobotModel,
-    view: View,
-    pace: Pace,
-    nests: Collection[str] = (),
-    known: Sequence[KnownLengthConfig] = (),
-    tell: Callable[[str], None] = lambda _: None,
+    shots: Sequence[PlannedShot], limits: PlanLimits, tell: Callable[[str], None] = lambda _: None
 ) -> CheckedPlan:
     """Check reach, limits, swing, singularity, space, the tracker's view, every way between shots.
 
-    Nests and `known` lengths between them too; `tell` hears what is checked. Raises `PlanInvalid`
-    naming the shots at fault with value and limit.
+    Nests and known lengths are checked too; `tell` is given words on the progress. Raise
+    `PlanInvalid` naming the shots at fault with value and limit.
     """
+    robot = limits.robot
     refuse(
         [
             *_pose_faults(shots, robot.kinematics, robot.limits),
             *_space_faults(shots, robot.space),
-            *_view_faults(shots, view),
+            *_view_faults(shots, limits.view),
             *_drift_faults(shots),
-            *_nest_faults(shots, nests, known),
+            *_nest_faults(shots, limits.nests, limits.known_lengths),
         ],
         remedy="correct plan.csv, or make a new plan with `pkmcal plan DIR`",
     )
-    stops = [
-        (f"shot {shot.shot}", joints) for shot, joints in zip(shots, joints_of(shots), strict=True)
-    ]
-    detours, travel_rad, faults = check_paths(stops, robot, tell)
-    refuse(faults, remedy="move one of the two poses, or make a new plan with `pkmcal plan DIR`")
-    return CheckedPlan(tuple(shots), detours, pace.seconds(len(shots), travel_rad))
+    tell(f"checking the {len(shots) - 1} ways between shots")
+    paths = check_paths([(f"shot {shot.shot}", np.array(shot.joints)) for shot in shots], robot)
+    refuse(
+        paths.faults, remedy="move one of the two poses, or make a new plan with `pkmcal plan DIR`"
+    )
+    seconds = limits.pace.seconds(len(shots), paths.travel_rad)
+    return CheckedPlan(tuple(shots), paths.detours, seconds)
 
 
 def refuse(faults: Sequence[str], *, remedy: str) -> None:
@@ -91,7 +95,7 @@ def refuse(faults: Sequence[str], *, remedy: str) -> None:
 
 
 def view_fault(point_mm: Array, view: View) -> str:
-    """Reason why a point (3,) in the base frame cannot be seen; empty when it can."""
+    """Return why a point (3,) in the base frame cannot be seen; empty if it can."""
     facing = np.array(view.facing) / np.linalg.norm(view.facing)
     (angle,) = incidence_rad(point_mm[None], np.array(view.tracker_mm), facing)
     if angle <= view.acceptance_rad:
@@ -105,8 +109,12 @@ def view_fault(point_mm: Array, view: View) -> str:
 def _pose_faults(
     shots: Sequence[PlannedShot], kinematics: Kinematics, limits: Limits
 ) -> Iterator[str]:
-    """Poses that cannot be taken, and joints that are not those of their pose."""
-    tolerant = _tolerant(limits, kinematics.mechanism.joints[0])
+    """Name poses that cannot be taken, and joints that are not those of their pose."""
+    # a pose exactly on a limit keeps it
+    joint_scale = kinematics.mechanism.joints[0].scale
+    tolerant = limits.drawn_in(
+        joint=-TOLERANCE_RAD * joint_scale, task=-TOLERANCE_RAD, swing_rad=-TOLERANCE_RAD
+    )
     judged = kinematics.feasibility(tolerant, poses_of(shots))
     for row, shot in enumerate(shots):
         if not judged.feasible[row]:
@@ -116,7 +124,7 @@ def _pose_faults(
 
 
 def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[str]:
-    """The joint that is furthest from where the shot's pose wants it, if that is too far."""
+    """Name the joint that is furthest from where the shot's pose wants it, if too far."""
     away = np.abs(np.array(shot.joints) - judged.joints[row])
     joint = int(np.argmax(away))
     axis = judged.chain.joints[joint]
@@ -129,12 +137,6 @@ def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[
         )
 
 
-def _tolerant(limits: Limits, joint: Axis) -> Limits:
-    """Limits that a pose exactly on them keeps."""
-    tolerance = TOLERANCE_RAD
-    return limits.drawn_in(joint=-tolerance * joint.scale, task=-tolerance, swing_rad=-tolerance)
-
-
 def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
     for shot in shots:
         if not shot.nest and (fault := view_fault(pose_row(shot.pose)[:3], view)):
@@ -142,7 +144,7 @@ def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
 
 
 def _space_faults(shots: Sequence[PlannedShot], space: RestrictedSpace) -> Iterator[str]:
-    """Poses at which the plate is where it may not be."""
+    """Name poses at which the plate is where it may not be."""
     for shot in shots:
         if fault := space.fault(pose_row(shot.pose)[:3]):
             yield f"shot {shot.shot}: {fault}"
@@ -151,7 +153,7 @@ def _space_faults(shots: Sequence[PlannedShot], space: RestrictedSpace) -> Itera
 def _nest_faults(
     shots: Sequence[PlannedShot], nests: Collection[str], known: Sequence[KnownLengthConfig]
 ) -> Iterator[str]:
-    """Shots of nests and lengths that campaign.yaml does not have, and nests without a shot."""
+    """Name shots of nests and lengths that campaign.yaml lacks, and nests without a shot."""
     ends: dict[int, list[str]] = {}
     for shot in shots:
         if shot.purpose is ShotSet.KNOWN_LENGTH and not shot.nest:
@@ -171,7 +173,7 @@ def _nest_faults(
 
 
 def _drift_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:
-    """Drift is seen only where the robot comes back to one and the same pose."""
+    """Name drift shots at another pose than the first: drift shows only where poses are equal."""
     drifts = [shot for shot in shots if shot.purpose is ShotSet.DRIFT]
     for shot in drifts[1:]:
         if shot.pose != drifts[0].pose:

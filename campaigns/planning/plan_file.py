@@ -1,13 +1,17 @@
-"""plan.csv: one row a shot, readable and editable."""
+"""plan.csv: one row a shot, readable and editable; and whether it is the plan that was measured."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
+
+import numpy as np
 
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
 from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
 from campaigns.files.text_file import read_text, replace_text
+from campaigns.journal.records import Intent
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import pose_of
 from campaigns.shots import columns
@@ -15,12 +19,12 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
 
-MODEL = "model"
-"""Column of older plans, which says for which model they were made: kept, without effect."""
-FORMER = ("asked",)
+FORMER = ("asked", "model")
 """Columns of older plans, which are read without effect."""
 
 REMEDY = "make one with `pkmcal plan DIR`"
+SAME_MM, SAME_RAD = 1e-3, 1e-5
+"""Rounding of plan.csv and of a pose's joints is far below, another pose far above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +33,7 @@ class PlannedShot:
 
     The pose is the controlled point in the base frame. `pair` is None for sets without pairs.
     `nest` names the fixed place whose reflector is measured while the robot stands there; empty:
-    the robot's own is. `model` is a word of older plans.
+    the robot's own is.
     """
 
     shot: int
@@ -37,7 +41,6 @@ class PlannedShot:
     pair: int | None
     pose: Pose
     joints: tuple[float, ...]
-    model: str = ""
     nest: str = ""
 
 
@@ -50,27 +53,27 @@ def plan_form(mechanism: ClosedChain) -> CsvForm:
             whole_column("pair", required=True),
             *columns.columns_of(mechanism.task),
             *columns.columns_of(mechanism.joints),
-            *map(CsvColumn, (columns.NEST, MODEL, *FORMER)),
+            *map(CsvColumn, (columns.NEST, *FORMER)),
         ),
         PlanInvalid,
     )
 
 
 def read_plan(path: Path, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
-    """Plan in the order in which it will be run; raises `PlanInvalid`."""
+    """Read a plan in the order in which it will be run; raise `PlanInvalid`."""
     text = read_text(path, PlanInvalid, if_missing=REMEDY, most_bytes=CSV_BYTES)
     return parse_plan(text, str(path), mechanism)
 
 
 def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
-    """Write a plan, in place of an older one; raises `WriteFailed`."""
+    """Write a plan, in place of an older one; raise `WriteFailed`."""
     replace_text(path, plan_text(shots, mechanism))
 
 
 def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
     """Write a plan; an older one is kept under the first free number, or stays if that fails.
 
-    Raises `WriteFailed`.
+    Raise `WriteFailed`.
     """
     older = _moved_aside(path)
     try:
@@ -82,12 +85,12 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Clos
 
 
 def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
-    """SHA-256 of the plan's text: the same before writing and after reading."""
+    """Return the SHA-256 of the plan's text: the same before writing and after reading."""
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
 def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
-    """Text of a plan's file."""
+    """Return the text of a plan's file."""
     task, joints = map(columns.axis_columns, (mechanism.task, mechanism.joints))
     return plan_form(mechanism).text(
         [
@@ -96,7 +99,6 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
                 "set": shot.purpose.value,
                 "pair": shot.pair,
                 columns.NEST: shot.nest,
-                MODEL: shot.model,
                 **dict(zip(task, shot.pose.coordinates, strict=True)),
                 **dict(zip(joints, shot.joints, strict=True)),
             }
@@ -106,14 +108,51 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
 
 
 def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
-    """Plan of a file's text; raises `PlanInvalid` with the line."""
+    """Return the plan of a file's text; raise `PlanInvalid` with the line."""
     rows = list(parse_csv(text, name, plan_form(mechanism)))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan DIR`")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
-    _check_numbers(rows, shots)
+    numbers = set[int]()
+    for row, shot in zip(rows, shots, strict=True):
+        if shot.shot in numbers:
+            raise row.wrong(
+                f"shot {shot.shot} stands twice", remedy="give each shot a number of its own"
+            )
+        numbers.add(shot.shot)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
+
+
+def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) -> str:
+    """Name the first shot that was measured as another one than the plan has; "" if none was.
+
+    Rows that were taken out since, or added, make no difference, as long as one is left.
+    """
+    rows = {shot.shot: shot for shot in planned}
+    intents = list(measured)
+    common = [intent for intent in intents if intent.shot in rows]
+    if intents and not common:
+        return "none of its shots is in plan.csv any more"
+    for intent in common:
+        row = rows[intent.shot]
+        if (intent.purpose, intent.pair, intent.nest) != (row.purpose.value, row.pair, row.nest):
+            return (
+                f"shot {intent.shot} was measured for another set, pair or nest than plan.csv has "
+                "now"
+            )
+        if not _is_same_pose(intent, row):
+            return f"shot {intent.shot} was measured at another pose than plan.csv has now"
+    return ""
+
+
+def _is_same_pose(intent: Intent, row: PlannedShot) -> bool:
+    if len(intent.target_joints) != len(row.joints):
+        return False
+    both = zip_longest(intent.target.coordinates, row.pose.coordinates, fillvalue=0.0)
+    away = np.abs([measured - planned for measured, planned in both])
+    near = away[:3].max() <= SAME_MM and away[3:].max(initial=0.0) <= SAME_RAD
+    return bool(near and np.abs(np.subtract(intent.target_joints, row.joints)).max() <= SAME_RAD)
 
 
 def _moved_aside(path: Path) -> Path | None:
@@ -131,16 +170,6 @@ def _moved_aside(path: Path) -> Path | None:
         ) from error
 
 
-def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None:
-    seen: set[int] = set()
-    for row, shot in zip(rows, shots, strict=True):
-        if shot.shot in seen:
-            raise row.wrong(
-                f"shot {shot.shot} stands twice", remedy="give each shot a number of its own"
-            )
-        seen.add(shot.shot)
-
-
 def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
     purpose = columns.shot_set(row)
     return PlannedShot(
@@ -149,6 +178,5 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
         pair=columns.pair_number(row, purpose),
         pose=pose_of(row.values(columns.axis_columns(mechanism.task))),
         joints=row.values(columns.axis_columns(mechanism.joints)),
-        model=row.text(MODEL),
         nest=columns.nest_name(row, purpose),
     )

@@ -1,6 +1,7 @@
 """Plans by the paper's recipe: poses near the boundary, in pairs and order; drift shots between."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -17,15 +18,22 @@ from campaigns.design.pose_sampling import (
     random_pairs,
     sample_workspace,
 )
-from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
-from campaigns.design.tours import DRIFT_MARGIN, EVEN_SHARE, balance_approaches, shortest_tour
+from campaigns.design.restricted_space import (
+    ANYWHERE,
+    UNRESTRICTED,
+    Disc,
+    Rectangle,
+    RestrictedSpace,
+    Zone,
+)
+from campaigns.design.tours import balance_approaches
 from campaigns.errors import PlanInvalid
-from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.files.wording import shown
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, pose_of, pose_row
 from campaigns.settings.sections import KnownLengthConfig, NestConfig
+from campaigns.settings.space import SpaceConfig, ZonesConfig
 from campaigns.shots.shot_sets import ShotSet, pair_rows
 from drivers.values import Pose, Vector3
 
@@ -37,12 +45,11 @@ SPACE_RESERVE_MM = 2.0
 little beyond."""
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
-other encoder angles, and it should still be there to be compared."""
+other encoder angles, and must still be possible to be compared."""
 
 FEWEST_DRIFT_SHOTS = 3
-EVENLY = (EVEN_SHARE[0] + DRIFT_MARGIN, EVEN_SHARE[1] - DRIFT_MARGIN)
 PAIRS_BETWEEN = 10
-"""Two drift shots, where nobody says how many there shall be."""
+"""Pairs between two drift shots, unless their number is given."""
 
 TRACKER_CLEARANCE_MM = 100.0
 """Distance of a tracker's place from the robot, below which it cannot stand there."""
@@ -79,26 +86,18 @@ class PlanRequest:
     space: RestrictedSpace = UNRESTRICTED
 
 
-def with_reserve(robot: RobotFile) -> Limits:
-    """Limits of a robot drawn in, for planning."""
-    return robot.limits.drawn_in(
+def region_of(
+    robot: RobotFile, view: View, centre: Pose, space: RestrictedSpace = UNRESTRICTED
+) -> FeasibleRegion:
+    """Return the region where poses may be planned: all limits of robot and space drawn in."""
+    limits = robot.limits.drawn_in(
         joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
         task=POSE_RESERVE_RAD,
         swing_rad=POSE_RESERVE_RAD,
     )
-
-
-def region_of(
-    kinematics: Kinematics,
-    limits: Limits,
-    view: View,
-    centre: Pose,
-    space: RestrictedSpace = UNRESTRICTED,
-) -> FeasibleRegion:
-    """Region where poses may be placed."""
     facing = np.array(view.facing)
     return FeasibleRegion(
-        kinematics,
+        robot.kinematics,
         limits,
         pose_row(centre),
         np.array(view.tracker_mm),
@@ -108,37 +107,64 @@ def region_of(
     )
 
 
-def requested_region(robot: RobotFile, view: View, request: PlanRequest) -> FeasibleRegion:
-    """Region where the poses of a plan may be placed."""
-    limits = with_reserve(robot)
-    return region_of(robot.kinematics, limits, view, request.centre, request.space)
+def restricted_space(config: SpaceConfig, plate_radius_mm: float) -> RestrictedSpace:
+    """Return the space that `space` in campaign.yaml leaves; its plate radius goes before."""
+    radius_mm = plate_radius_mm if config.plate_radius_mm is None else config.plate_radius_mm
+    zones = (
+        *_limits(config),
+        *_zones(config.keep_in, "space.keep_in", keeps_in=True),
+        *_zones(config.keep_out, "space.keep_out", keeps_in=False),
+    )
+    return RestrictedSpace(zones, radius_mm, config.margin_mm)
+
+
+def _limits(config: SpaceConfig) -> Iterator[Zone]:
+    if config.z_lowest_mm is not None:
+        name = f"space.z_lowest_mm {config.z_lowest_mm:g}"
+        yield Zone(name, Rectangle(), (config.z_lowest_mm, math.inf), keeps_in=True)
+    if config.z_highest_mm is not None:
+        name = f"space.z_highest_mm {config.z_highest_mm:g}"
+        yield Zone(name, Rectangle(), (-math.inf, config.z_highest_mm), keeps_in=True)
+    if config.radius_mm is not None:
+        name = f"space.radius_mm {config.radius_mm:g}"
+        yield Zone(name, Disc((0.0, 0.0), config.radius_mm), ANYWHERE, keeps_in=True)
+
+
+def _zones(zones: ZonesConfig, key: str, *, keeps_in: bool) -> Iterator[Zone]:
+    def name(place: str, given: str) -> str:
+        return f"{key}.{place} '{shown(given)}'" if given else f"{key}.{place}"
+
+    for place, box in enumerate(zones.boxes):
+        area = Rectangle(box.x_mm or ANYWHERE, box.y_mm or ANYWHERE)
+        yield Zone(name(f"boxes[{place}]", box.name), area, box.z_mm or ANYWHERE, keeps_in)
+    for place, round_zone in enumerate(zones.cylinders):
+        disc, z_mm = Disc(round_zone.centre_mm, round_zone.radius_mm), round_zone.z_mm or ANYWHERE
+        yield Zone(name(f"cylinders[{place}]", round_zone.name), disc, z_mm, keeps_in)
 
 
 def make_plan(
     robot: RobotFile, view: View, request: PlanRequest, rng: np.random.Generator
 ) -> tuple[PlannedShot, ...]:
-    """Identification pairs near the boundary, validation pairs all over the workspace, drift shots.
+    """Choose identification pairs near the boundary, validation pairs all over, drift shots.
 
     Both kinds of pairs share one tour with little travel, so that slow effects meet them alike.
-    Raises `PlanInvalid` when the workspace holds too few poses that can be taken and seen.
+    Raise `PlanInvalid` if the workspace holds too few poses that can be taken and seen.
     """
-    kinematics = robot.kinematics
-    region = requested_region(robot, view, request)
+    region = region_of(robot, view, request.centre, request.space)
     _check_centre(region)
     _check_tracker(region)
+    # validation poses keep further off the joints' limits
+    further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
+    limits = region.limits.drawn_in(joint=further * robot.mechanism.joints[0].scale)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
-        unseen = interior_poses(_inner(region), 2 * request.validation_pairs, rng)
+        unseen = interior_poses(replace(region, limits=limits), 2 * request.validation_pairs, rng)
     except WorkspaceTooSmall as error:
         raise too_small(error, region, "shots") from error
-    poses = np.vstack([fitted, unseen])
-    joints = kinematics.inverse(poses).values_or_raise()
-    centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
     pairs = np.vstack([random_pairs(fitted, rng), random_pairs(unseen, rng) + len(fitted)])
-    turns, start = (kinematics.comparable(each) for each in (joints, centre_joints))
-    tour = tour_of(pairs, turns, start, len(fitted))
-    drift = (region.centre, centre_joints)
-    return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
+    return ordered_shots(
+        region, np.vstack([fitted, unseen]), pairs, len(fitted), request.drift_shots
+    )
 
 
 def _check_centre(region: FeasibleRegion) -> None:
@@ -191,7 +217,7 @@ def _in_words(place_mm: Array) -> str:
 
 
 def too_small(error: WorkspaceTooSmall, region: FeasibleRegion, fewer: str) -> PlanInvalid:
-    """Error for the operator: hardly any place is left for shots, and why."""
+    """Make the operator's error where hardly any place is left for shots."""
     remedy = f"check the robot's limits and the tracker's place, or ask for fewer {fewer}"
     if region.space.is_restricted:
         zones = ", ".join(zone.name for zone in region.space.zones)
@@ -199,42 +225,29 @@ def too_small(error: WorkspaceTooSmall, region: FeasibleRegion, fewer: str) -> P
     return PlanInvalid(f"too small a part of the workspace can be measured: {error}", remedy=remedy)
 
 
-def _inner(region: FeasibleRegion) -> FeasibleRegion:
-    """Region where validation poses may be placed."""
-    further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
-    scale = region.kinematics.mechanism.joints[0].scale
-    return replace(region, limits=region.limits.drawn_in(joint=further * scale))
-
-
-def tour_of(pairs: Index, joints: Array, start: Array, fitted: int) -> Index:
-    """Return a tour of the pairs (M, 2), of which the first rows are fitted.
-
-    Their joints (N, n) come evenly from both sides, which determines backlash.
-    """
-    if not fitted:
-        return shortest_tour(joints, pairs, start)
-    counted = np.arange(len(joints)) < fitted
-    return balance_approaches(joints, pairs, start, counted, EVENLY)
-
-
-def numbered_shots(
-    tour: Index,
-    poses: Array,
-    joints: Array,
-    fitted: int,
-    drift: tuple[Array, Array],
-    drift_shots: int | None,
+def ordered_shots(
+    region: FeasibleRegion, poses: Array, pairs: Index, fitted: int, drift_shots: int | None
 ) -> tuple[PlannedShot, ...]:
-    """The tour as shots, drift shots at even intervals from the first to the last."""
+    """Put pairs (M, 2) of poses (N, t) into one tour, drift shots at even intervals in it.
+
+    The first `fitted` poses are to identify from: their joints come evenly from both sides, which
+    determines backlash.
+    """
+    kinematics = region.kinematics
+    joints = kinematics.inverse(poses).values_or_raise()
+    centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
+    turns, start = kinematics.comparable(joints), kinematics.comparable(centre_joints)
+    tour = balance_approaches(turns, pairs, start, np.arange(len(poses)) < fitted)
     if drift_shots is None:
         drift_shots = max(FEWEST_DRIFT_SHOTS, 1 + len(tour) // PAIRS_BETWEEN)
-    rows: list[tuple[ShotSet, int | None, Array, Array]] = []
     drift_before = np.round(np.linspace(0, len(tour), drift_shots)).astype(int).tolist()
+    drift = (ShotSet.DRIFT, None, region.centre, centre_joints)
+    rows: list[tuple[ShotSet, int | None, Array, Array]] = []
     for place, pair in enumerate(tour):
-        rows += [(ShotSet.DRIFT, None, *drift)] * drift_before.count(place)
+        rows += [drift] * drift_before.count(place)
         purpose = ShotSet.IDENTIFICATION if pair[0] < fitted else ShotSet.VALIDATION
         rows += [(purpose, place, poses[end], joints[end]) for end in pair]
-    rows += [(ShotSet.DRIFT, None, *drift)] * drift_before.count(len(tour))
+    rows += [drift] * drift_before.count(len(tour))
     return tuple(
         PlannedShot(number, purpose, pair, pose_of(pose), tuple(joint.tolist()))
         for number, (purpose, pair, pose, joint) in enumerate(rows)
@@ -244,37 +257,37 @@ def numbered_shots(
 def with_nests(
     shots: Sequence[PlannedShot], nests: Sequence[NestConfig], known: Sequence[KnownLengthConfig]
 ) -> tuple[PlannedShot, ...]:
-    """Shots numbered anew, behind each drift shot those of all nests, the robot standing there.
+    """Add shots of all nests behind each drift shot, the robot standing there, and renumber.
 
     Nests at the ends of known lengths are measured as these, the others for themselves.
     """
     bars = [bar.nests for bar in known if bar.nests]
     alone = [nest.name for nest in nests if not any(nest.name in bar for bar in bars)]
     pair = max((shot.pair for shot in shots if shot.pair is not None), default=-1)
-    found: list[PlannedShot] = []
+    with_all: list[PlannedShot] = []
     for shot in shots:
-        found.append(shot)
+        with_all.append(shot)
         if shot.purpose is not ShotSet.DRIFT:
             continue
         for bar in bars:
             pair += 1
             length = replace(shot, purpose=ShotSet.KNOWN_LENGTH, pair=pair)
-            found += [replace(length, nest=name) for name in bar]
-        found += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in alone]
-    return tuple(replace(shot, shot=number) for number, shot in enumerate(found))
+            with_all += [replace(length, nest=name) for name in bar]
+        with_all += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in alone]
+    return tuple(replace(shot, shot=number) for number, shot in enumerate(with_all))
 
 
 def joints_of(shots: Sequence[PlannedShot]) -> Array:
-    """Joints (N, n) of planned shots."""
+    """Return the joints (N, n) of planned shots."""
     return np.array([shot.joints for shot in shots])
 
 
 def poses_of(shots: Sequence[PlannedShot]) -> Array:
-    """Poses (N, t) of planned shots."""
+    """Return the poses (N, t) of planned shots."""
     return np.array([pose_row(shot.pose) for shot in shots])
 
 
 def pairs_of(shots: Sequence[PlannedShot], purpose: ShotSet) -> Index:
-    """Rows of the shots that stand in whole pairs of a set, (M, 2)."""
+    """Return the rows of shots that stand in whole pairs of a set, (M, 2)."""
     pairs = (shot.pair if shot.purpose is purpose else None for shot in shots)
     return pair_rows(tuple(pairs)).rows

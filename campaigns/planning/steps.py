@@ -1,6 +1,6 @@
 """A plan as the engine takes it: steps in groups that count only together."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from campaigns.journal.records import Command
@@ -27,32 +27,19 @@ Group = tuple[Step, ...]
 
 
 def joint_steps(shots: Iterable[PlannedShot]) -> tuple[Step, ...]:
-    """Shots commanded by joint angles: independent of the kinematics that the controller holds."""
+    """Command shots by joint angles: independent of the kinematics that the controller holds."""
     return tuple(Step(shot, "joints") for shot in shots)
 
 
-def groups(steps: Sequence[Step]) -> tuple[Group, ...]:
-    """Steps in their order, the shots of a pair together where its first one stands."""
-    partners: dict[int, list[Step]] = {}
-    for step in steps:
-        if step.planned.pair is not None:
-            partners.setdefault(step.planned.pair, []).append(step)
-    found: list[Group] = []
-    for step in steps:
+def groups(steps: Iterable[Step]) -> tuple[Group, ...]:
+    """Group steps in their order, the shots of a pair together where its first one stands."""
+    by_pair: dict[tuple[str, int], list[Step]] = {}
+    for place, step in enumerate(steps):
         pair = step.planned.pair
-        if pair is None:
-            found.append((step,))
-        elif partners[pair][0] is step:
-            found.append(tuple(partners[pair]))
-    return tuple(found)
+        by_pair.setdefault(("alone", place) if pair is None else ("pair", pair), []).append(step)
+    return tuple(map(tuple, by_pair.values()))
 
 
 def shots_of(group: Group) -> tuple[int, ...]:
-    """Numbers of a group's shots."""
+    """Return the numbers of a group's shots."""
     return tuple(step.planned.shot for step in group)
-
-
-def stops_of(all_groups: Iterable[Group]) -> list[tuple[float, ...]]:
-    """The joints at which the robot stops when it takes these groups, one after another."""
-    steps = [step for group in all_groups for step in group]
-    return [stop for step in steps for stop in (*step.approach, step.planned.joints)]

@@ -1,4 +1,4 @@
-"""The tests of a validation as poses to command: the controller's model counts.
+"""Plan of a validation: its tests as poses to command, by the controller's model.
 
 Repeatability, rotation, straightness and distances (the paper's section IV.E); ISO 9283's cube.
 """
@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import AXES, Array
-from campaigns.design.largest_cube import largest_cube
+from campaigns.arrays import AXES, Array, Index, Mask
 from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
@@ -20,7 +19,7 @@ from campaigns.kinematics.transmission import approach_along
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.steps import Step, stops_of
+from campaigns.planning.steps import Step
 from campaigns.robots.robot import pose_of, pose_row
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
@@ -32,12 +31,12 @@ SHRINKS = 20
 """A line or turn that is too long for the robot is shortened about its middle, step by step."""
 SHORTEST_PART = SHRINK ** (SHRINKS - 1)
 LINE_PROBES = 401
-LINE_SPARE = 0.9
-"""A line is no longer than that part of what the nominal robot can do."""
 ISO_POSES = np.array([[-1, 1, 1], [1, 1, 1], [1, -1, -1], [-1, -1, -1], [0, 0, 0]], dtype=float)
 """ISO 9283's P5 to P1, in a cycle's order, on the plane C1-C2-C7-C8 of a cube with corners ± 1."""
 ISO_PART = 0.8
 """P2 to P5 are a tenth of its diagonal inside the cube's corners."""
+CUBE_STEPS = 40
+"""Steps of the grid along the longest side of the box in which a cube is sought."""
 Planned = tuple[tuple[Step, ...], tuple[str, ...]]
 """Steps, and notes that say what was shortened or left out, and why."""
 Correct = Callable[[Array, Array | None], KinematicSolution]
@@ -46,10 +45,9 @@ Correct = Callable[[Array, Array | None], KinematicSolution]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachable:
-    """The robot as its controller believes it to be, for that is what takes pose commands.
+    """Robot by its controller's parameters, which pose commands are taken by.
 
-    Or as it really is, where `correct` gives the poses to command to its controller for wanted
-    ones.
+    Or the real robot, where `correct` gives the poses to command to its controller for wanted ones.
     """
 
     kinematics: Kinematics
@@ -58,20 +56,20 @@ class Reachable:
     correct: Correct | None = None
 
     def first_reason(self, poses: Array) -> str:
-        """Reason why the first impossible one of poses (N, t) is so; empty when none is."""
+        """Return why the first impossible one of poses (N, t) is so; empty if none is."""
         judged = self.kinematics.feasibility(self.limits, poses)
         if not judged.feasible.all():
             row = int(np.argmin(judged.feasible))
             return judged.describe(row)[0]
-        beyond = (self.space.fault(pose[:3]) for pose in poses)
-        if fault := next(filter(None, beyond), ""):
-            return fault
+        for pose in poses:
+            if fault := self.space.fault(pose[:3]):
+                return fault
         if self.correct is not None and not self.correct(poses, None).found.all():
             return "the controller's own kinematics cannot be assembled there"
         return ""
 
     def line_reason(self, poses: Array) -> str:
-        """The same for poses (N, t) and the straight lines between them."""
+        """Return why poses (N, t) or straight lines between them are impossible; or ""."""
         if reason := self.first_reason(poses):
             return reason
         clearance = self.space.line_clearance_mm(poses[:-1, :3], poses[1:, :3])
@@ -79,19 +77,22 @@ class Reachable:
         return f"it crosses {self.space.zones[crossed[0]].name}" if crossed.size else ""
 
     def joints(self, poses: Array) -> Array:
-        """Joints (N, n) of poses (N, t)."""
+        """Return the joints (N, n) of poses (N, t)."""
         return self.kinematics.feasibility(self.limits, poses).joints
 
     def corrected(self, steps: tuple[Step, ...]) -> tuple[Step, ...]:
-        """Steps with the poses to command where they are others, in the order of the steps."""
+        """Return steps, in their order, with the poses to command where they are others."""
         if self.correct is None:
             return steps
+        stops = [stop for step in steps for stop in (*step.approach, step.planned.joints)]
         ends = np.cumsum([len(step.approach) + 1 for step in steps]) - 1
-        sides = approach_along(np.array(stops_of((steps,))))[ends]
+        sides = approach_along(np.array(stops))[ends]
         poses = np.array([pose_row(step.planned.pose) for step in steps])
         commanded = self.correct(poses, sides).values_or_raise()
-        each = zip(steps, commanded, strict=True)
-        return tuple(replace(step, corrected=pose_of(row)) for step, row in each)
+        return tuple(
+            replace(step, corrected=pose_of(row))
+            for step, row in zip(steps, commanded, strict=True)
+        )
 
 
 def validation_steps(
@@ -102,15 +103,14 @@ def validation_steps(
     rng: np.random.Generator,
     region: FeasibleRegion | None = None,
 ) -> Planned:
-    """The steps of the tests asked for; `pairs` are the plan's validation shots.
+    """Plan the steps of the tests in `only`; `pairs` are the plan's validation shots.
 
     In `region`, of the nominal robot, the largest cube is sought: it is the same in both stages.
-
-    Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
+    Raise `PlanInvalid` if a test cannot be done at all, or a way between poses is not safe.
     """
     centre = np.zeros(len(robot.kinematics.mechanism.task))
     centre[: len(AXES)] = config.centre_mm
-    # pairs first: spread as they are, they tell the gate where the tracker stands
+    # pairs first: spread widely, they determine where the tracker stands
     makers: Mapping[ShotSet, Callable[[], Iterator[Planned]]] = {
         ShotSet.VALIDATION: lambda: _possible_pairs(pairs, robot),
         ShotSet.ROTATION: lambda: _rotations(centre, config.rotation_steps, robot),
@@ -120,9 +120,9 @@ def validation_steps(
         ),
         ShotSet.ISO_CUBE: lambda: _cube(centre, config, robot, region),
     }
-    made = [each for purpose, make in makers.items() if purpose in only for each in make()]
-    steps = [step for own, _ in made for step in own]
-    notes = tuple(note for _, own in made for note in own)
+    tests = [test for purpose, make in makers.items() if purpose in only for test in make()]
+    steps = [step for test_steps, _ in tests for step in test_steps]
+    notes = tuple(note for _, test_notes in tests for note in test_notes)
     if not steps:
         why = "; ".join(notes) or "no test was named, or the plan holds no validation pairs"
         raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or make a new plan")
@@ -135,7 +135,7 @@ def validation_steps(
         and not numbered[0].approach
         and not robot.first_reason(centre[None])
     ):
-        # of the first pose nobody would know from which side the joints come
+        # without a pose before the first one, its joints would come from an unknown side
         via = tuple(robot.joints(centre[None])[0].tolist())
         numbered = (replace(numbered[0], approach=(via,)), *numbered[1:])
     _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
@@ -149,9 +149,9 @@ def fitting_lines(
     lengths_mm: tuple[float, float, float],
     space: RestrictedSpace = UNRESTRICTED,
 ) -> tuple[float, float, float]:
-    """Lengths of the lines along x, y and z through the centre that robot and space allow.
+    """Return the lengths of lines along x, y, z through the centre that robot and space allow.
 
-    Of those that are too long the longest that fits with something to spare, in whole centimetres.
+    A line that is too long gets nine tenths of what fits, in whole centimetres.
     """
     robot = Reachable(kinematics, limits, space)
 
@@ -162,7 +162,7 @@ def fitting_lines(
             return lengths_mm[axis]
         half = np.abs(poses[:, axis] - centre[axis])
         beyond = ~(kinematics.feasibility(limits, poses).feasible & space.allows(poses[:, :3]))
-        return max(10.0, 10.0 * math.floor(0.1 * LINE_SPARE * 2.0 * float(half[beyond].min())))
+        return max(10.0, 10.0 * math.floor(0.1 * 0.9 * 2.0 * float(half[beyond].min())))
 
     x, y, z = map(fitting, range(len(AXES)))
     return x, y, z
@@ -175,7 +175,7 @@ def _steps(
     pairs: Sequence[int | None] | None = None,
     approaches: Array | None = None,
 ) -> tuple[Step, ...]:
-    """Steps to poses (N, t), each still with the number 0, by way of `approaches` (N, t)."""
+    """Make steps to poses (N, t), all with the number 0, by way of `approaches` (N, t)."""
     joints, count = robot.joints(poses).tolist(), len(poses)
     passed = [()] * count if approaches is None else robot.joints(approaches).tolist()
     return tuple(
@@ -194,12 +194,14 @@ def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
         name = f"{step.planned.purpose.value} shot {step.planned.shot}"
         stops += [(f"the approach to {name}", np.array(q)) for q in step.approach]
         stops.append((name, np.array(step.planned.joints)))
-    _, _, faults = check_paths(stops, robot)
-    refuse(faults, remedy="correct `validation` in campaign.yaml, or make a new plan")
+    refuse(
+        check_paths(stops, robot).faults,
+        remedy="correct `validation` in campaign.yaml, or make a new plan",
+    )
 
 
 def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[Planned]:
-    """The pairs that the controller can take whole, and why the others are left out."""
+    """Plan the pairs that the controller can take whole, and note why others are left out."""
     pairs: dict[int | None, list[PlannedShot]] = {}
     for shot in shots:
         pairs.setdefault(shot.pair, []).append(shot)
@@ -213,14 +215,14 @@ def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[
             taken += both
     count = len(robot.kinematics.mechanism.task)
     poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, count)
-    own = [shot.pair for shot in taken]
-    yield _steps(ShotSet.VALIDATION, poses, robot, own), tuple(notes)
+    numbers = [shot.pair for shot in taken]
+    yield _steps(ShotSet.VALIDATION, poses, robot, numbers), tuple(notes)
 
 
 def _repetitions(
     centre: Array, count: int, robot: Reachable, rng: np.random.Generator
 ) -> Iterator[Planned]:
-    """Repetitions of one pose from all around it: evenly over a sphere with a random turn."""
+    """Repeat one pose from all around it: evenly over a sphere with a random turn."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
     around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)
@@ -233,8 +235,8 @@ def _repetitions(
         reason = robot.first_reason(np.vstack([poses, approaches]))
         if not reason:
             steps = _steps(ShotSet.REPEATABILITY, poses, robot, approaches=approaches)
-            asked = f"repeatability from {away_mm:g} mm away, not {APPROACHES_MM[0]:g}"
-            yield steps, (f"{asked}: {first_reason}",) if first_reason else ()
+            note = f"repeatability from {away_mm:g} mm away, not {APPROACHES_MM[0]:g}"
+            yield steps, (f"{note}: {first_reason}",) if first_reason else ()
             return
         first_reason = first_reason or reason
     raise _impossible("repeatability", first_reason)
@@ -243,7 +245,7 @@ def _repetitions(
 def _cube(
     centre: Array, config: ValidationConfig, robot: Reachable, region: FeasibleRegion | None
 ) -> Iterator[Planned]:
-    """Cycles through ISO 9283's five poses, the plate unturned: each comes from the same one."""
+    """Plan cycles through ISO 9283's five poses, each from the same other one, θ 0."""
     edge_mm, middle = config.cube_edge_mm or 0.0, centre.copy()
     if not edge_mm and region is not None:
         middle[: len(AXES)], edge_mm = largest_cube(region)
@@ -259,8 +261,52 @@ def _cube(
     yield steps, (f"ISO 9283's cube of {edge_mm:.4g} mm {where}", *notes)
 
 
+def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
+    """Return middle (3,) and edge, mm, of the largest cube that can be measured at θ 0.
+
+    Its edges are along the base's axes. It is sought in a grid over the region, and once more in a
+    finer one around the first result. Edge 0: the region holds none.
+    """
+    middle, half_mm = region.centre[: len(AXES)], region.extent[: len(AXES)]
+    edge_mm = 0.0
+    for _ in range(2):
+        step_mm = 2.0 * float(half_mm.max()) / CUBE_STEPS
+        sides = [
+            np.arange(at - half, at + half + 0.5 * step_mm, step_mm)
+            for at, half in zip(middle, half_mm, strict=True)
+        ]
+        grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
+        poses = np.zeros((grid[..., 0].size, len(region.centre)))
+        poses[:, : len(AXES)] = grid.reshape(-1, len(AXES))
+        corner, size = _largest_block(region.allows(poses).reshape(grid.shape[:-1]))
+        if size < 2:
+            return middle, 0.0
+        edge_mm = (size - 1) * step_mm
+        middle = grid[tuple(corner)] + 0.5 * edge_mm
+        half_mm = np.full(len(AXES), 0.5 * edge_mm + step_mm)
+    return middle, edge_mm
+
+
+def _largest_block(mask: Mask) -> tuple[Index, int]:
+    """Return the first corner (3,) and size of the largest cube of a mask (I, J, K) all true.
+
+    Of cubes as large it is the one nearest to their middle; size 0: none.
+    """
+    counts = np.pad(mask, ((1, 0),) * 3).cumsum(0).cumsum(1).cumsum(2)
+    for size in range(min(mask.shape), 0, -1):
+        inside = counts
+        for axis in range(len(AXES)):
+            along = np.moveaxis(inside, axis, 0)
+            inside = np.moveaxis(along[size:] - along[:-size], 0, axis)
+        corners = np.argwhere(inside == size**3)
+        if len(corners):
+            away = np.linalg.norm(corners - corners.mean(axis=0), axis=1)
+            return np.asarray(corners[np.argmin(away)], dtype=np.intp), size
+    return np.zeros(3, dtype=np.intp), 0
+
+
 def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:
-    """Turns about each task axis that has limits; none for a platform that does not turn."""
+    """Turn about each task axis that has limits; there is none if the platform only translates."""
     axes = zip(robot.kinematics.mechanism.task, robot.limits.task, strict=True)
     for place, (axis, interval) in enumerate(axes):
         if not axis.is_revolute or interval is None:
@@ -269,13 +315,13 @@ def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]
         away[:, place] = np.linspace(*interval, steps)
         middle = centre.copy()
         middle[place] = 0.0
-        asked = axis.to_file(interval[1] - interval[0])
-        poses, notes = _shortened(middle, away, robot.first_reason, "rotation", asked, "°")
+        wanted = axis.to_file(interval[1] - interval[0])
+        poses, notes = _shortened(middle, away, robot.first_reason, "rotation", wanted, "°")
         yield _steps(ShotSet.ROTATION, poses, robot), notes
 
 
 def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterator[Planned]:
-    """The lines along x, y and z through the centre."""
+    """Plan lines along x, y and z through the centre."""
     for place, (axis, length_mm) in enumerate(zip(AXES, config.line_lengths_mm, strict=True)):
         away = np.zeros((config.line_points, len(centre)))
         away[:, place] = np.linspace(-0.5, 0.5, config.line_points) * length_mm
@@ -285,21 +331,21 @@ def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterato
 
 
 def _shortened(
-    middle: Array, away: Array, judge: Callable[[Array], str], test: str, asked: float, unit: str
+    middle: Array, away: Array, judge: Callable[[Array], str], test: str, size: float, unit: str
 ) -> tuple[Array, tuple[str, ...]]:
-    """Poses `away` (N, t) from a middle (t,), drawn in to what the robot can do.
+    """Return poses `away` (N, t) from a middle (t,), shortened to what the robot can do, and why.
 
-    Down to two thirds of what was asked.
+    Down to two thirds of the size that was requested.
     """
     first_reason = ""
     for part in SHRINK ** np.arange(SHRINKS):
         poses = middle + float(part) * away
         reason = judge(poses)
         if not reason:
-            used = f"{test} shortened from {asked:g} to {part * asked:.4g}{unit}: {first_reason}"
+            used = f"{test} shortened from {size:g} to {part * size:.4g}{unit}: {first_reason}"
             return poses, (used,) if first_reason else ()
         first_reason = first_reason or reason
-    raise _impossible(f"{test} of {asked:g}{unit}", first_reason)
+    raise _impossible(f"{test} of {size:g}{unit}", first_reason)
 
 
 def _impossible(test: str, reason: str) -> PlanInvalid:

@@ -171,7 +171,7 @@ def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tup
     )
     left = real[:, :3] - fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
     judged = judged_at(posterior.model, identified, joints, modelled)
-    std = position_std_mm(judged.by_unknowns, posterior.own_covariance)
+    std = position_std_mm(judged, posterior.own_covariance)
     return float(np.sqrt((left**2).sum(axis=1).mean())), float(np.sqrt((std**2).mean()))
 
 

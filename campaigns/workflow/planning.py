@@ -15,7 +15,6 @@ from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
 from campaigns.planning.forecast import Forecast, forecast, judged_positions
 from campaigns.planning.optimal_plan import MOST_SHOTS, OptimalRequest, make_optimal_plan
-from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.plan_file import write_beside_older
 from campaigns.planning.plans import Placement, make_plan, poses_of, with_nests
@@ -87,8 +86,7 @@ def _make_and_check(
         shots = make_plan(robot, campaign.view, request.plan, rng)
     checked = campaign.checked_plan(with_nests(shots, config.nests, config.known_lengths), tell)
     tell("predicting the uncertainty that the shots will give")
-    planner = RobotModel(robot.kinematics, robot.limits, campaign.centre, campaign.space)
-    judged = judged_positions(model, planner, poses_of(shots))
+    judged = judged_positions(model, campaign.robot_model, poses_of(shots))
     tracker_mm = np.array(campaign.view.tracker_mm)
     return PlannedCampaign(
         checked,

@@ -13,7 +13,7 @@ from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.views import Series
 from campaigns.measuring.resume import resume_state
 from campaigns.next_step import CampaignState, NextStep, next_step, state_of
-from campaigns.planning.plan_match import plan_difference
+from campaigns.planning.plan_file import plan_difference
 from campaigns.planning.steps import joint_steps
 
 

@@ -38,7 +38,8 @@ def measured(campaign, moved_mm=0.0, seed=1):
     robot = campaign.nominal.robot
     nominal = robot.kinematics
     from_everywhere = replace(campaign.view, acceptance_rad=float(np.pi))
-    region = region_of(nominal, robot.limits, from_everywhere, pose_of(campaign.centre))
+    region = region_of(robot, from_everywhere, pose_of(campaign.centre))
+    region = replace(region, limits=robot.limits)
     joints = nominal.inverse(interior_poses(region, 160, rng)).values_or_raise()
     flat = nominal.parameters
     truth = par4(flat | {name: flat[name] + e for name, e in ERRORS.items()})

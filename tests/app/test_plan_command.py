@@ -200,8 +200,6 @@ def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatc
 def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_own(
     campaign, monkeypatch
 ):
-    monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 40)
-    monkeypatch.setattr("campaigns.design.pose_sampling.WORKSPACE_POSES", 10**6)
-    monkeypatch.setattr("campaigns.design.pose_sampling.FOUND", 10**6)
+    monkeypatch.setattr("campaigns.planning.forecast.sample_workspace", lambda *_: None)
     planned = plan(campaign, PlanOptions(shots=44))
     assert len(planned.forecast.position_std_mm) == len(planned.checked.shots)

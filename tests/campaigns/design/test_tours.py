@@ -54,14 +54,7 @@ def test_balanced_order_keeps_the_pairs_whole(count, seed):
     assert {frozenset(pair) for pair in tour.tolist()} == {frozenset(p) for p in pairs.tolist()}
 
 
-def test_balanced_tours_are_shortest_or_turned_until_both_sides_are_seen():
-    joints, points = placed(40)
-    pairs = tours.neighbouring_pairs(joints, points, START)
-    counted = np.ones(40, dtype=bool)
-    assert np.array_equal(
-        tours.balance_approaches(joints, pairs, START, counted),
-        tours.shortest_tour(joints, pairs, START),
-    )
+def test_tours_are_turned_until_both_sides_are_seen():
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, counted = np.arange(40).reshape(-1, 2), np.ones(40, dtype=bool)
     bottom = np.full(4, -0.1)
@@ -69,16 +62,7 @@ def test_balanced_tours_are_shortest_or_turned_until_both_sides_are_seen():
     assert (tours.positive_approach_shares(stairs[shortest.ravel()], bottom, counted) == 1.0).all()
     tour = tours.balance_approaches(stairs, pairs, bottom, counted).ravel()
     shares = tours.positive_approach_shares(stairs[tour], bottom, counted)
-    assert ((shares >= 0.3) & (shares <= 0.7)).all()
-
-
-def test_a_narrower_interval_of_shares_is_kept_to():
-    stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
-    pairs, counted, bottom = np.arange(40).reshape(-1, 2), np.ones(40, dtype=bool), np.full(4, -0.1)
-    narrow = (0.48, 0.52)
-    tour = tours.balance_approaches(stairs, pairs, bottom, counted, narrow).ravel()
-    shares = tours.positive_approach_shares(stairs[tour], bottom, counted)
-    assert ((shares >= narrow[0]) & (shares <= narrow[1])).all()
+    assert ((shares >= 0.37) & (shares <= 0.63)).all()
 
 
 def test_only_counted_shots_need_both_sides():
@@ -87,4 +71,4 @@ def test_only_counted_shots_need_both_sides():
     counted = np.arange(40) < 20
     tour = tours.balance_approaches(stairs, pairs, bottom, counted).ravel()
     shares = tours.positive_approach_shares(stairs[tour], bottom, counted[tour])
-    assert ((shares >= 0.3) & (shares <= 0.7)).all()
+    assert ((shares >= 0.37) & (shares <= 0.63)).all()

@@ -13,7 +13,7 @@ from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.planning.forecast import Forecast, forecast, judged_positions
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import Pace, check_plan
+from campaigns.planning.plan_check import Pace, PlanLimits, check_plan
 from campaigns.planning.plans import PlanRequest, joints_of, make_plan, pairs_of, poses_of
 from campaigns.robots.robot import find_robot, pose_row
 from campaigns.shots.shot_sets import ShotSet
@@ -66,7 +66,7 @@ def test_plan_holds_what_was_asked_for_in_different_poses_approached_from_both_s
 
 
 def test_plan_can_be_run_and_is_the_same_by_the_same_seed(plan):
-    assert check_plan(plan, ROBOT_MODEL, VIEW, Pace(1.0, 0.2, 1.0)).shots == plan
+    assert check_plan(plan, PlanLimits(ROBOT_MODEL, VIEW, Pace(1.0, 0.2, 1.0))).shots == plan
     assert planned(request()) == plan
 
 

@@ -10,9 +10,9 @@ from par4_space import SPACE
 from small_plans import FOUR_PAIRS, LIMITS, OPEN, PACE, VIEW, planned
 
 from campaigns.errors import PlanInvalid
-from campaigns.planning import paths, plan_check
+from campaigns.planning import plan_check
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import CheckedPlan, check_plan
+from campaigns.planning.plan_check import CheckedPlan, PlanLimits, check_plan
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View
 from campaigns.settings.sections import KnownLengthConfig
@@ -20,7 +20,7 @@ from campaigns.shots.shot_sets import ShotSet
 
 
 def check(shots: tuple[PlannedShot, ...], view: View = VIEW, limits=LIMITS) -> CheckedPlan:
-    return check_plan(shots, RobotModel(NOMINAL, limits, CENTRE), view, PACE)
+    return check_plan(shots, PlanLimits(RobotModel(NOMINAL, limits, CENTRE), view, PACE))
 
 
 def with_shot(row: int, shot: PlannedShot) -> tuple[PlannedShot, ...]:
@@ -115,7 +115,7 @@ def test_nests_are_those_of_campaign_yaml_and_all_of_them() -> None:
         length = [replace(own, purpose=ShotSet.KNOWN_LENGTH, pair=9, nest=end) for end in ends]
         shots = (*FOUR_PAIRS, *length, *(replace(own, nest=name) for name in nests))
         with pytest.raises(PlanInvalid) as caught:
-            check_plan(shots, OPEN, VIEW, PACE, ("A", "B", "C"), (bar,))
+            check_plan(shots, PlanLimits(OPEN, VIEW, PACE, ("A", "B", "C"), (bar,)))
         return caught.value.problem
 
     assert faults() == "no shot measures nest C of campaign.yaml"
@@ -143,18 +143,3 @@ def test_detours_are_counted() -> None:
     legs = [leg for a, way in zip(joints, ways, strict=False) for leg in pairwise([a, *way])]
     travel_rad = sum(np.abs(b - a).max() for a, b in legs)
     assert checked.seconds == pytest.approx(travel_rad + len(shots) * 1.2)
-
-
-def test_ways_are_checked_some_at_once_which_tells_how_far_it_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    at_once, told = check(FOUR_PAIRS), list[str]()
-    monkeypatch.setattr(paths, "WAYS_TOLD", 3)
-    robot = RobotModel(NOMINAL, LIMITS, CENTRE)
-    assert check_plan(FOUR_PAIRS, robot, VIEW, PACE, tell=told.append) == at_once
-    ways = len(FOUR_PAIRS) - 1
-    assert [*map(last_words, told)] == [f"{done} of {ways}" for done in range(0, ways, 3)]
-
-
-def last_words(text: str) -> str:
-    return text.rpartition(": ")[2]

@@ -1,7 +1,6 @@
 """plan.csv: what is written is read again; what somebody broke is answered with its line."""
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -49,18 +48,9 @@ def test_rows_are_read_in_their_order_with_angles_in_rad():
     )
 
 
-def test_the_model_of_older_plans_is_kept_and_has_no_effect():
-    plain = read(PLAN)
-    older = tuple(replace(shot, model="full") for shot in plain)
-    text = plan_file.plan_text(older, PAR4)
-    assert [line.rpartition(",")[2] for line in text.splitlines()] == ["model", *["full"] * 5]
-    assert read(text) == older
-    assert plan_file.plan_text(plain, PAR4).startswith(HEADER)
-
-
-def test_options_in_a_column_of_older_plans_are_read_past():
+def test_columns_of_older_plans_are_read_past():
     first, *rows = PLAN.splitlines()
-    older = "\n".join([f"{first},asked", *(f"{row},--fix 'arm1.*" for row in rows)])
+    older = "\n".join([f"{first},asked,model", *(f"{row},--fix 'arm1.*,full" for row in rows)])
     assert read(older) == read(PLAN)
 
 

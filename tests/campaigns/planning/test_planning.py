@@ -8,14 +8,13 @@ import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from small_plans import LIMITS, PACE, VIEW, of
 
-from campaigns.design import tours
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
 from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plans
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import check_plan
+from campaigns.planning.plan_check import PlanLimits, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
@@ -49,22 +48,10 @@ def test_default_plan_has_what_was_asked_for_in_pairs_with_drift_shots_between(
 
 @pytest.mark.parametrize(("pairs", "visits"), [(5, 3), (20, 3), (80, 9)])
 def test_unless_told_the_drift_pose_is_visited_once_in_ten_pairs(pairs: int, visits: int) -> None:
-    tour, here = np.arange(2 * pairs).reshape(-1, 2), (CENTRE, np.zeros(4))
-    poses, joints = np.tile(CENTRE, (2 * pairs, 1)), np.zeros((2 * pairs, 4))
-    shots = plans.numbered_shots(tour, poses, joints, 2 * pairs, here, None)
+    region, rows = plans.region_of(ROBOT, VIEW, MIDDLE), np.arange(2 * pairs).reshape(-1, 2)
+    shots = plans.ordered_shots(region, np.tile(CENTRE, (2 * pairs, 1)), rows, 0, None)
     found = [shot.shot for shot in of(shots, ShotSet.DRIFT)]
     assert (len(found), found[0], found[-1]) == (visits, 0, len(shots) - 1)
-
-
-def test_joints_come_evenly_from_both_sides_which_tells_backlash() -> None:
-    stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
-    pairs, bottom = np.arange(40).reshape(-1, 2), np.full(4, -0.1)
-    low, high = tours.EVEN_SHARE
-    tour = plans.tour_of(pairs, stairs, bottom, 40)
-    shares = tours.positive_approach_shares(stairs[tour.ravel()], bottom, np.ones(40, bool))
-    assert ((shares >= low) & (shares <= high)).all()
-    nothing_fitted = plans.tour_of(pairs, stairs, bottom, 0)
-    assert np.array_equal(nothing_fitted, tours.shortest_tour(stairs, pairs, bottom))
 
 
 @pytest.mark.parametrize("count", [2, 9])
@@ -122,7 +109,7 @@ def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
 ) -> None:
     read = parse_plan(plan_text(default_plan, PAR4), "plan.csv", PAR4)
     assert plan_digest(read, PAR4) == plan_digest(default_plan, PAR4)
-    checked = check_plan(read, RobotModel(NOMINAL, LIMITS, CENTRE), VIEW, PACE)
+    checked = check_plan(read, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE), VIEW, PACE))
     assert checked.shots == read
     assert checked.seconds > 163 * 1.2
 

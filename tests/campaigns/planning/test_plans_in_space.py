@@ -26,7 +26,7 @@ from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import STANDING_MM, RobotModel
-from campaigns.planning.plan_check import check_plan
+from campaigns.planning.plan_check import PlanLimits, check_plan
 from campaigns.planning.plans import (
     SPACE_RESERVE_MM,
     PlanRequest,
@@ -34,9 +34,8 @@ from campaigns.planning.plans import (
     make_plan,
     poses_of,
     region_of,
-    with_reserve,
+    restricted_space,
 )
-from campaigns.planning.space_zones import restricted_space
 from campaigns.planning.validation_plan import Reachable, fitting_lines, validation_steps
 from campaigns.settings.sections import ValidationConfig
 from campaigns.settings.space import SpaceConfig
@@ -84,7 +83,7 @@ def test_every_pose_of_a_plan_keeps_off_all_walls_with_its_reserve(plan):
 @pytest.mark.slow
 def test_poses_to_identify_from_lie_near_the_boundary_of_what_is_allowed(plan):
     poses = np.array([(*s.pose.coordinates,) for s in plan if s.purpose is ShotSet.IDENTIFICATION])
-    region = region_of(NOMINAL, with_reserve(ROBOT), VIEW, MIDDLE, SPACE)
+    region = region_of(ROBOT, VIEW, MIDDLE, SPACE)
     assert region.allows(poses).all()
     assert not region.allows(CENTRE + FURTHER * (poses - CENTRE)).any()
     open_region = replace(region, space=UNRESTRICTED)
@@ -95,7 +94,7 @@ def test_poses_to_identify_from_lie_near_the_boundary_of_what_is_allowed(plan):
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_plan_is_checked_and_each_way_is_clear_between_all_samples(plan):
-    check_plan(plan, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
+    check_plan(plan, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE))
     robot = RobotModel(NOMINAL, LIMITS, CENTRE, SPACE)
     joints = joints_of(plan)
     detours = 0
@@ -109,7 +108,7 @@ def test_a_plan_is_checked_and_each_way_is_clear_between_all_samples(plan):
 def test_a_pose_beyond_a_limit_is_refused_by_shot_and_rule():
     low = restricted_space(SpaceConfig(z_lowest_mm=-640.0), 100.0)
     with pytest.raises(PlanInvalid, match=r"shot 3: z -650 mm is below space.z_lowest_mm -640"):
-        check_plan(TWO_PAIRS, RobotModel(NOMINAL, LIMITS, CENTRE, low), VIEW, PACE)
+        check_plan(TWO_PAIRS, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE, low), VIEW, PACE))
 
 
 def test_two_poses_parted_by_a_wall_are_named_with_the_zone():
@@ -117,7 +116,7 @@ def test_two_poses_parted_by_a_wall_are_named_with_the_zone():
         SpaceConfig.model_validate_json('{"keep_out": {"boxes": [{"x_mm": [15.0, 16.0]}]}}'), 10.0
     )
     with pytest.raises(PlanInvalid, match=r"no safe way from shot 0 .*space.keep_out.boxes\[0\]"):
-        check_plan(TWO_PAIRS, RobotModel(NOMINAL, LIMITS, CENTRE, wall), VIEW, PACE)
+        check_plan(TWO_PAIRS, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE, wall), VIEW, PACE))
 
 
 @pytest.mark.slow
@@ -174,7 +173,7 @@ def test_a_pillar_between_two_poses_is_passed_by_way_of_the_centre():
 
 
 def test_a_pose_behind_a_sheet_is_planned_by_none_and_has_no_way_to_it():
-    region = region_of(NOMINAL, with_reserve(ROBOT), VIEW, MIDDLE, FENCED.space)
+    region = region_of(ROBOT, VIEW, MIDDLE, FENCED.space)
     poses = np.array([[40.0, 0.0, -600.0, 0.0], [160.0, 0.0, -600.0, 0.0]])
     assert FENCED.space.allows(poses[:, :3]).all()
     assert region.allows(poses).tolist() == [True, False]
@@ -303,6 +302,6 @@ def test_optimal_poses_keep_to_the_space_and_are_judged_by_what_it_leaves():
         model=ErrorModel(NOMINAL),
     )
     made = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
-    check_plan(made, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
+    check_plan(made, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE))
     judged = workspace_poses(NOMINAL, LIMITS, CENTRE, 300, np.random.default_rng(5), SPACE)
     assert SPACE.allows(judged[:, :3]).all()

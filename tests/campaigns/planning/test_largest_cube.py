@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from campaigns.design.largest_cube import STEPS, largest_cube
+from campaigns.planning.validation_plan import CUBE_STEPS, largest_cube
 
 MIDDLE = np.array([20.0, -30.0, -500.0])
 
@@ -26,7 +26,7 @@ def test_cube_in_a_ball_and_in_a_box_is_the_one_of_geometry() -> None:
         (lambda at: (np.abs(at) < [150.0, 200.0, 110.0]).all(axis=1), 220.0),
     ):
         middle, found_mm = cube_in(allows)
-        step_mm = 1.1 * (edge_mm + 40.0) / STEPS
+        step_mm = 1.1 * (edge_mm + 40.0) / CUBE_STEPS
         assert edge_mm - 2.0 * step_mm < found_mm <= edge_mm
         assert found_mm == pytest.approx(edge_mm, rel=0.06)
         corners = middle + 0.5 * found_mm * np.array([[-1, -1, -1], [1, 1, 1], [1, -1, 1]])
