@@ -79,7 +79,7 @@ def study_answer(
         parameters={
             p.name: {column.head: column.of(p) for column in TABLE[1:]} for p in summary.parameters
         },
-        chance={"ratio": summary.chance.ratio, "covered_95": summary.chance.covered},
+        chance=summary.chance,
         position_mm=summary.position_mm,
         stated_mm=summary.stated_mm,
         seconds=seconds,
@@ -108,7 +108,7 @@ def honesty(summary: StudySummary) -> str:
     if summary.too_unsure:
         worst = sorted(summary.too_unsure, key=lambda p: p.ratio)
         return f"stated σ are larger than need be: {_named(worst)}"
-    low, high = summary.chance.ratio
+    low, high = summary.chance["ratio"]
     return (
         f"stated σ are true, as far as {summary.campaigns} campaigns tell "
         f"(ratios from {max(low, 0.0):.3f} to {high:.3f} may be chance)"

@@ -22,10 +22,10 @@ def draw_study(path: Path, summary: StudySummary, scores: Array) -> None:
     parameters, limits = summary.parameters, summary.chance
     names = [p.name for p in parameters]
     panels[1].set_title("σ found / σ stated (grey: what chance may do)")
-    _draw_by_parameter(panels[1], [p.ratio for p in parameters], limits.ratio, 1.0)
+    _draw_by_parameter(panels[1], [p.ratio for p in parameters], limits["ratio"], 1.0)
     panels[1].set_xticks(range(len(names)), [])
     panels[2].set_title("share of 95 % intervals that hold the truth (grey: what chance may do)")
-    _draw_by_parameter(panels[2], [p.covered for p in parameters], limits.covered, CONFIDENCE)
+    _draw_by_parameter(panels[2], [p.covered for p in parameters], limits["covered_95"], CONFIDENCE)
     panels[2].set_xticks(range(len(names)), names, rotation=90)
     save(figure, path)
 

@@ -74,7 +74,7 @@ class CampaignEstimate:
     position_mm: float
     """Real error of positions over the workspace after the best fit of the frame, rms."""
     stated_mm: float
-    """The same as it is stated."""
+    """Error of positions as it is stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +85,6 @@ class CampaignRow:
     """Number."""
     failure: str = ""
     estimate: CampaignEstimate | None = None
-
-    @property
-    def key(self) -> int:
-        """Order in a table."""
-        return self.campaign
 
 
 def simulate_campaigns(setup: StudySetup, numbers: Sequence[int]) -> Iterator[CampaignRow]:
@@ -169,10 +164,12 @@ def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tup
     modelled, real = (
         robot.forward(joints, setup.workspace).values_or_raise() for robot in (identified, true)
     )
-    left = real[:, :3] - fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
+    best_fit = fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
     judged = judged_at(posterior.model, identified, joints, modelled)
     std = position_std_mm(judged, posterior.own_covariance)
-    return float(np.sqrt((left**2).sum(axis=1).mean())), float(np.sqrt((std**2).mean()))
+    return float(np.sqrt(((real[:, :3] - best_fit) ** 2).sum(axis=1).mean())), float(
+        np.sqrt((std**2).mean())
+    )
 
 
 def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
@@ -180,24 +177,23 @@ def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
 
     Raise `PlanInvalid` for fewer than place the tracker's frame.
     """
-    wanted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots], dtype=bool)
-    count = int(wanted.sum())
+    is_wanted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots], dtype=bool)
+    count = int(is_wanted.sum())
     if count < FEWEST_SHOTS:
         raise PlanInvalid(
             f"{count} shots to identify from are too few for a study",
             remedy=f"plan at least {FEWEST_SHOTS}, better 60",
         )
-    chosen = [shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION]
     joints = joints_of(shots)
     return Shots(
         numbers=tuple(range(count)),
         purposes=(ShotSet.IDENTIFICATION,) * count,
-        pairs=tuple(shot.pair for shot in chosen),
-        joints=joints[wanted],
+        pairs=tuple(shot.pair for shot, wanted in zip(shots, is_wanted, strict=True) if wanted),
+        joints=joints[is_wanted],
         points_in_tracker_mm=np.full((count, 3), np.nan),
         stated_covariance_mm2=np.full((count, 3, 3), np.nan),
-        approach=approach_along(joints)[wanted],
-        commanded=poses_of(chosen),
+        approach=approach_along(joints)[is_wanted],
+        commanded=poses_of(shots)[is_wanted],
         measured_utc=("",) * count,
         temperature_degC=np.full(count, np.nan),
     )

@@ -1,7 +1,7 @@
 """Summary of a study: sizes of errors, and whether the stated σ are true."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +9,7 @@ import scipy
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
+from campaigns.kinematics.axes import Interval
 from campaigns.studies.study import CampaignEstimate, CampaignRow
 
 CONFIDENCE = 0.95
@@ -16,7 +17,7 @@ COVERAGE_95 = 1.96
 """Half-width of 95 % intervals in σ."""
 LEAST_CAMPAIGNS = 2
 FALSE_ALARM = 0.01
-"""Chance that any parameter of an honest study lies outside its `Chance`."""
+"""Probability that any parameter of an honest study lies outside the limits of chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,7 @@ class ParameterSummary:
     std: float
     """Standard deviation of the errors."""
     stated_std: float
-    """Root mean square of the stated ones."""
+    """Root mean square of the stated standard deviations."""
     covered: float
     """Share of 95 % intervals that hold the true value."""
 
@@ -40,28 +41,21 @@ class ParameterSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class Chance:
-    """Limits in which an honest study's figures lie, of all parameters, 99 times of 100."""
-
-    ratio: tuple[float, float]
-    covered: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class StudySummary:
     """Errors over all campaigns that ended with an estimate."""
 
     campaigns: int
     failed: int
     parameters: tuple[ParameterSummary, ...]
-    chance: Chance
+    chance: Mapping[str, Interval]
+    """Limits in which an honest study's figures lie, by `chance`."""
     position_mm: float
     """Real error of positions over the workspace, root mean square over the campaigns."""
     stated_mm: float
-    """The same as the campaigns state it."""
+    """Error of positions as the campaigns state it."""
 
     def __repr__(self) -> str:
-        ratios = [each.ratio for each in self.parameters]
+        ratios = [parameter.ratio for parameter in self.parameters]
         return (
             f"<StudySummary: {self.campaigns} campaigns, {self.failed} failed, empirical over "
             f"stated σ {min(ratios):.2f} to {max(ratios):.2f}>"
@@ -70,20 +64,20 @@ class StudySummary:
     @property
     def too_sure(self) -> tuple[ParameterSummary, ...]:
         """Parameters whose stated σ is smaller than their errors say, beyond chance."""
-        ratio, covered = self.chance.ratio[1], self.chance.covered[0]
+        ratio, covered = self.chance["ratio"][1], self.chance["covered_95"][0]
         return tuple(p for p in self.parameters if p.ratio > ratio or p.covered < covered)
 
     @property
     def too_unsure(self) -> tuple[ParameterSummary, ...]:
         """Parameters whose stated σ is larger than their errors say, beyond chance."""
-        ratio, covered = self.chance.ratio[0], self.chance.covered[1]
+        ratio, covered = self.chance["ratio"][0], self.chance["covered_95"][1]
         return tuple(p for p in self.parameters if p.ratio < ratio or p.covered > covered)
 
 
 def summarise(free: Sequence[str], rows: Iterable[CampaignRow]) -> StudySummary:
     """Summarise the campaigns of a study with these free parameters.
 
-    Raises `ShotsMissing` when fewer than two campaigns gave an estimate.
+    Raise `ShotsMissing` if fewer than two campaigns gave an estimate.
     """
     rows = tuple(rows)
     identified = estimates(rows)
@@ -93,45 +87,48 @@ def summarise(free: Sequence[str], rows: Iterable[CampaignRow]) -> StudySummary:
             f"{len(identified)} of {len(rows)} campaigns could be identified",
             remedy=f"ask for more campaigns, or look into: {'; '.join(reasons) or '-'}",
         )
-    errors = np.array([one.errors for one in identified])
-    stated = np.array([one.std for one in identified])
-    columns = np.column_stack(
-        [
-            errors.mean(axis=0),
-            errors.std(axis=0, ddof=1),
-            np.sqrt(np.mean(stated**2, axis=0)),
-            np.mean(np.abs(errors) <= COVERAGE_95 * stated, axis=0),
-        ]
+    errors = np.array([estimate.errors for estimate in identified])
+    stated = np.array([estimate.std for estimate in identified])
+    columns = (
+        errors.mean(axis=0),
+        errors.std(axis=0, ddof=1),
+        np.sqrt(np.mean(stated**2, axis=0)),
+        np.mean(np.abs(errors) <= COVERAGE_95 * stated, axis=0),
     )
-    positions = np.array([(one.position_mm, one.stated_mm) for one in identified])
+    positions = np.array([(row.position_mm, row.stated_mm) for row in identified])
+    position_mm, stated_mm = np.sqrt(np.mean(positions**2, axis=0)).tolist()
+    figures = np.column_stack(columns).tolist()
     return StudySummary(
-        len(identified),
-        len(rows) - len(identified),
-        tuple(
-            ParameterSummary(name, *row) for name, row in zip(free, columns.tolist(), strict=True)
+        campaigns=len(identified),
+        failed=len(rows) - len(identified),
+        parameters=tuple(
+            ParameterSummary(name, *row) for name, row in zip(free, figures, strict=True)
         ),
-        chance(len(free), len(identified)),
-        *np.sqrt(np.mean(positions**2, axis=0)).tolist(),
+        chance=chance(len(free), len(identified)),
+        position_mm=position_mm,
+        stated_mm=stated_mm,
     )
 
 
 def estimates(rows: Iterable[CampaignRow]) -> list[CampaignEstimate]:
-    """Estimates of the campaigns that have one."""
+    """Return the estimates of the campaigns that have one."""
     return [row.estimate for row in rows if row.estimate is not None]
 
 
 def normal_scores(rows: Iterable[CampaignRow]) -> Array:
-    """Errors over their stated σ, (C, F): standard normal when those are honest."""
-    identified = estimates(rows)
-    errors = np.array([one.errors for one in identified])
-    return np.asarray(errors / np.array([one.std for one in identified]))
+    """Return errors over their stated σ, (C, F): standard normal if those are honest."""
+    return np.array([np.divide(row.errors, row.std) for row in estimates(rows)])
 
 
-def chance(parameters: int, campaigns: int) -> Chance:
-    """Chance in so many campaigns of an honest study, by the normal approximation for σ."""
+def chance(parameters: int, campaigns: int) -> dict[str, Interval]:
+    """Return the limits in which an honest study's figures lie, of all parameters, 99 % of times.
+
+    `ratio` is by the normal approximation for σ, `covered_95` by the binomial distribution.
+    """
     tail = FALSE_ALARM / (2.0 * parameters)
     spread = -float(scipy.special.ndtri(tail)) / math.sqrt(2.0 * campaigns)
     few, many = (float(scipy.special.bdtrik(p, campaigns, CONFIDENCE)) for p in (tail, 1.0 - tail))
-    return Chance(
-        (1.0 - spread, 1.0 + spread), (math.floor(few) / campaigns, math.ceil(many) / campaigns)
-    )
+    return {
+        "ratio": (1.0 - spread, 1.0 + spread),
+        "covered_95": (math.floor(few) / campaigns, math.ceil(many) / campaigns),
+    }

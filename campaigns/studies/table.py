@@ -18,7 +18,7 @@ from campaigns.studies.study import CampaignRow
 from drivers.bounded_files import MEGABYTE, FileRefused, is_there, open_file
 
 MOST_LINE_BYTES = MEGABYTE
-"""Of a table's line, some hundred times what a campaign needs."""
+"""Longest line that is read, some hundred times what a campaign needs."""
 LINE_END = b"\n"
 ANOTHER = "name another folder with --to, or move this file away"
 _ROWS = TypeAdapter(CampaignRow)
@@ -34,9 +34,9 @@ class StudyTable:
     """Rows that were read or added."""
 
     def read(self) -> None:
-        """Take up what is there already, but for a row that was cut off.
+        """Read the rows that the file holds, except one that was cut off.
 
-        Raises `OutputExists` for a file that holds anything else.
+        Raise `OutputExists` for a file that holds anything else.
         """
         if not is_there(self.path):
             return
@@ -55,7 +55,7 @@ class StudyTable:
             self.by_number[row.campaign] = row
 
     def add(self, rows: Iterable[CampaignRow]) -> None:
-        """Append rows to what was written; raises `WriteFailed`."""
+        """Append rows to what was written; raise `WriteFailed`."""
         try:
             with self.path.open("ab") as file:
                 for row in rows:
@@ -68,13 +68,13 @@ class StudyTable:
             ) from error
 
     def write(self) -> None:
-        """Write all rows anew, by number; raises `WriteFailed`."""
+        """Replace the file by all rows, by number; raise `WriteFailed`."""
         head = json.dumps(self.head, ensure_ascii=False) + "\n"
         lines = (_line_of(self.by_number[number]).decode() for number in sorted(self.by_number))
         replace_text(self.path, "".join([head, *lines]))
 
     def _read_lines(self) -> Iterator[bytes]:
-        """Every line with its end; the last one may be cut off."""
+        """Yield each line with its end; the last one may be cut off."""
         try:
             with open_file(self.path) as file:
                 while line := file.readline(MOST_LINE_BYTES):
@@ -91,14 +91,14 @@ class StudyTable:
     def _check_head(self, line: bytes) -> None:
         """Raise `OutputExists` before any row is looked at."""
         try:
-            there = from_json(line)
+            head = from_json(line)
         except ValueError:
-            there = None
-        if there == json.loads(json.dumps(self.head)):
+            head = None
+        if head == json.loads(json.dumps(self.head)):
             return
-        if not isinstance(there, dict) or there.get("schema") != self.head["schema"]:
+        if not isinstance(head, dict) or head.get("schema") != self.head["schema"]:
             problem = "is no table of `pkmcal study` by this version"
-        elif there.get("parameters") != list(self.head["parameters"]):
+        elif head.get("parameters") != list(self.head["parameters"]):
             problem = "belongs to a study of other parameters"
         else:
             problem = "belongs to another study: other plan, robots, noise, model or seed"

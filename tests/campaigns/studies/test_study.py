@@ -97,8 +97,8 @@ def test_study_of_failures_is_refused_with_their_reason(setup):
 
 def test_chance_gets_narrower_with_more_campaigns():
     few, many = chance(22, 50), chance(22, 5000)
-    assert few.ratio[0] < many.ratio[0] < 1.0 < many.ratio[1] < few.ratio[1]
-    assert few.covered[0] < many.covered[0] < 0.95
+    assert few["ratio"][0] < many["ratio"][0] < 1.0 < many["ratio"][1] < few["ratio"][1]
+    assert few["covered_95"][0] < many["covered_95"][0] < 0.95
 
 
 def begin(table):
