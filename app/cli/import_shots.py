@@ -13,7 +13,6 @@ from app.options import Folder, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.evaluation.plausibility import check_unit
 from campaigns.evidence import evaluate
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
@@ -27,7 +26,6 @@ from campaigns.shots.point_header import (
     PointFormat,
 )
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
 from campaigns.workflow.programs import joints_path
@@ -161,7 +159,7 @@ def command(
             remedy="add --format ascii, or leave them out",
         )
     with terminal.telling(f"reading {file}") as now_at:
-        rows, notes = _read(campaign, file, joints, join, of_points, default)
+        rows, read_in, notes = _read(campaign, file, joints, join, of_points, default)
         for note in notes:
             terminal.note(note)
         files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
@@ -173,12 +171,21 @@ def command(
         name, tell = str(file), terminal.note
         if stage is None:
             series = import_shots(
-                campaign, rows, name, files, tell=tell, advance=advance, anyway=force
+                campaign, rows, name, files, read_in, tell=tell, advance=advance, anyway=force
             )
         else:
             held = declared_set(campaign, stage, robot)
             done = import_validation(
-                campaign, rows, stage, held, name, files, tell=tell, advance=advance, anyway=force
+                campaign,
+                rows,
+                stage,
+                held,
+                name,
+                files,
+                read_in,
+                tell=tell,
+                advance=advance,
+                anyway=force,
             )
     if stage is not None:
         terminal.say(f"imported: {len(rows)} shots as '{stage}'")
@@ -214,8 +221,8 @@ def _read(
     join: Join,
     form: PointFormat,
     default: ShotSet,
-) -> tuple[tuple[ShotRow, ...], tuple[str, ...]]:
-    """Read a shots.csv, or points with a file of their joints; return its rows and notes."""
+) -> tuple[tuple[ShotRow, ...], LengthUnit, tuple[str, ...]]:
+    """Read a shots.csv, or points with a file of their joints; return rows, unit and notes."""
     robot, unit, notes = campaign.robot, form.unit or "mm", tuple[str, ...]()
     if joints is None:
         read = read_shots(file, robot.mechanism, default)
@@ -224,7 +231,4 @@ def _read(
         points = read_points(file, form)
         rows, note = join_shots(points, joints, robot.mechanism, join=join, default=default)
         unit, notes = points.unit, (*points.notes, note)
-    if joints is not None or form.unit is not None:
-        on_robot = [row for row in rows if row.joints]
-        check_unit(robot.kinematics, shots_of_rows(on_robot, robot.kinematics), str(file), unit)
-    return rows, notes
+    return rows, unit, notes

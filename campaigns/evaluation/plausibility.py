@@ -16,7 +16,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.fit.rigid_transforms import best_rotation, fit_transform
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.point_header import MM_PER_UNIT, LengthUnit
@@ -24,20 +24,20 @@ from campaigns.shots.shots import Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 
 UNITS: Mapping[LengthUnit, str] = {
+    "mm": "millimetres",
     "m": "metres",
     "cm": "centimetres",
     "inch": "inches",
     "ft": "feet",
     "um": "micrometres",
 }
-"""Units that points may be in by mistake, by the word of --unit."""
-FACTORS = (*(1.0 / MM_PER_UNIT[unit] for unit in UNITS), 2.0, 0.5)
-MIRRORED = "the frame of the points is mirrored"
+MIRRORED = ("the frame of the points is mirrored", "turn the sign of one coordinate, such as z")
+COLUMNS = "correct the columns of the joints"
 
 FEWEST = 5
 """Shots below which a frame explains nearly everything."""
 SAMPLE = 24
-"""Shots by which other readings of the joints are tried."""
+"""Shots by which other readings are tried."""
 KEPT = 0.8
 """Share of the shots by which a fit is judged, so that a few gross errors say nothing."""
 TRIMMINGS = 5
@@ -49,36 +49,48 @@ below it, and one of the wrong order of joints is above."""
 BETTER = 0.6
 """Another reading must fit so much better to be the cause."""
 AS_GOOD = 1.2
-"""Readings this near to the best are named too: symmetry tells no difference between them."""
+"""Readings this near to the best are named too, unless the tracker's place excludes them."""
 IMPOSSIBLE = 0.3
 """Misfit that no robot of this kind has, whatever the cause."""
-OF_ONE_PART = 3
-"""Arms of a platform of one part, which may be named from any of them."""
-SWAPPED = (2, 3, 0, 1)
-"""Order of the joints with the arms of the platform's two parts swapped."""
-COLUMNS = "correct the columns of the joints"
-IN_THE_MIDDLE = (
-    "the reflector seems to be in the middle of the crossbar",
-    "delete reflector_half in robot.yaml",
-)
 NEARER = 0.3
 """Ratio of distances from the stated place below which the nearer of two places is right."""
 FAR_MM = 1000.0
 """Distance from a rough place, below which that is right."""
-PLACES = ("x_mm", "y_mm", "z_mm")
+
+Causes = tuple[tuple[str, str], ...]
+"""What is different from how it is written: causes in words, each with its remedy."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Reading:
     """Way in which joints and points may have been meant."""
 
-    words: str
-    """Cause in words; empty for as they are written."""
-    remedy: str
+    causes: Causes
     cost: float
     """Misfit and what no unit explains of the scale."""
-    steps: int
-    """Number of things that are different from what is written."""
+    positions_mm: Array
+    """Modelled positions at the joints so read, (M, 3), in the base frame."""
+    points_mm: Array
+    """Measured points so read, (M, 3), in the tracker's frame."""
+
+    @property
+    def words(self) -> str:
+        """The causes."""
+        return " and ".join(cause for cause, _ in self.causes)
+
+    @property
+    def remedy(self) -> str:
+        """What to do about each cause."""
+        return "; ".join(remedy for _, remedy in self.causes)
+
+    @property
+    def tracker_mm(self) -> Array:
+        """The tracker's place (3,) in the base frame; NaN if the points lie on a line."""
+        with suppress(ValueError):
+            rows = _greater_part(self.positions_mm, self.points_mm, scaled=False)
+            fitted = fit_transform(self.positions_mm[rows], self.points_mm[rows])
+            return fitted.inverted().translation_mm
+        return np.full(3, np.nan)
 
 
 def beyond_tolerance(
@@ -97,34 +109,17 @@ def check_shots(
     shots: Shots,
     where: str,
     place_mm: Vector3 | None = None,
-    modelled: KinematicSolution | None = None,
+    unit: LengthUnit = "mm",
 ) -> None:
-    """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's in mm and rad.
+    """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's.
 
     `where` names the file or series. `place_mm` is the tracker's rough place in the base frame: it
-    alone tells arms apart where the robot is symmetrical about its axis. `modelled`: the nominal
-    robot's poses at the shots, where somebody knows them.
+    alone tells arms apart where the robot is symmetrical about its axis. `unit`: in which the file
+    was read.
     """
     _check_joints(nominal, shots, where)
-    _check_reading(nominal, shots, where, place_mm, modelled)
+    _check_reading(nominal, shots, where, place_mm, unit)
     _check_values(shots, where)
-
-
-def check_unit(nominal: Kinematics, shots: Shots, where: str, unit: LengthUnit) -> None:
-    """Raise `ShotsInvalid`, naming the right unit, for points that were read in a wrong one."""
-    points = shots.points_in_tracker_mm
-    modelled = nominal.forward(shots.joints)
-    rows = np.flatnonzero(modelled.found & np.isfinite(points).all(axis=1))
-    if len(rows) < FEWEST or _on_a_line(points[rows]):
-        return
-    scale, misfit = similarity_fit(modelled.values[rows, :3], points[rows])
-    right_mm = MM_PER_UNIT[unit] / scale
-    right = min(MM_PER_UNIT, key=lambda word: abs(math.log(MM_PER_UNIT[word] / right_mm)))
-    if misfit <= NEAR and right != unit:
-        raise ShotsInvalid(
-            f"{where}: the points look like {UNITS.get(right, 'millimetres')}, not {unit}",
-            remedy=f"import with --unit {right}",
-        )
 
 
 def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: str) -> None:
@@ -184,75 +179,64 @@ def _check_values(shots: Shots, where: str) -> None:
 
 
 def _check_reading(
-    nominal: Kinematics,
-    shots: Shots,
-    where: str,
-    place_mm: Vector3 | None,
-    modelled: KinematicSolution | None,
+    nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None, unit: LengthUnit
 ) -> None:
-    points = shots.points_in_tracker_mm
+    # 1. The middle of a crossbar and its halves differ by less than any other causes do: compare
+    #    the places of the reflector first, with all else as it is written.
+    # 2. If what is written fits, only the tracker's place can contradict it.
+    # 3. Try every reading: order and signs of the joints, half of the plate, mirrored points, unit.
+    # 4. Name those that fit best and differ in the fewest things from what is written; where
+    #    symmetry leaves several, the tracker's place decides.
+    joints, points = shots.joints, shots.points_in_tracker_mm
     if len(points) < FEWEST or _on_a_line(points):
         return
-    modelled = modelled or nominal.forward(shots.joints)
-    unchanged = _unchanged(nominal, shots.joints, points, modelled)
-    _check_crossbar(nominal, shots, where, unchanged.cost)
-    if unchanged.cost <= NEAR:
+    halves = tuple(_halves(nominal))
+    as_written = [next(_readings(*half, {(): joints}, points, unit)) for half in halves]
+    unchanged, cost = as_written[0], as_written[0].cost
+    (_, robot), nearest = min(zip(halves, as_written, strict=True), key=lambda pair: pair[1].cost)
+    is_middle = [not model.mechanism.platform.arms_at_point for model in (nominal, robot)]
+    if nearest.cost <= min(BETTER * cost, NEAR) and any(is_middle):
+        raise ShotsInvalid(f"{where}: {nearest.words}", remedy=nearest.remedy)
+    if cost <= NEAR:
         if place_mm is not None:
-            _check_arms(nominal, shots, where, place_mm)
+            _check_arms(nominal, shots, where, place_mm, unchanged)
         return
     rows = np.unique(np.linspace(0, len(points) - 1, SAMPLE).astype(int))
-    tried = sorted(
-        _all_readings(nominal, shots.joints, points, rows, place_mm), key=lambda each: each.cost
-    )
-    best = tried[0].cost
-    if best <= BETTER * unchanged.cost and best <= IMPOSSIBLE:
-        alike = [each for each in tried if each.cost <= AS_GOOD * max(best, 0.5 * NEAR)]
-        alike.sort(key=lambda each: MIRRORED not in each.words)  # the likelier of the two
-        fewest = min(each.steps for each in alike)
-        causes = {each.words: each for each in alike if each.steps == fewest and each.words}
-        if causes:
-            first = next(iter(causes.values()))
-            # of the reflector's half is said what tells it from columns
-            more = (each.remedy for each in causes.values() if each.remedy != first.remedy)
-            remedy = next((each for each in more if first.remedy in each), first.remedy)
-            raise ShotsInvalid(f"{where}: {' or '.join(causes)}", remedy=remedy)
-    if unchanged.cost > IMPOSSIBLE:
+    meant = _joint_readings(nominal, joints[rows])
+    tried = [r for half in halves for r in _readings(*half, meant, points[rows], unit)]
+    best = min(reading.cost for reading in tried)
+    if best <= BETTER * cost and best <= IMPOSSIBLE:
+        alike = [r for r in tried if r.causes and r.cost <= AS_GOOD * max(best, 0.5 * NEAR)]
+        fewest = min(len(reading.causes) for reading in alike)
+        alike = _nearest_to(place_mm, [r for r in alike if len(r.causes) == fewest])
+        words = dict.fromkeys(reading.words for reading in alike)
+        remedies = dict.fromkeys(reading.remedy for reading in alike)
+        ambiguous = "correct tracker.place_mm, which tells; then " if len(remedies) > 1 else ""
+        raise ShotsInvalid(
+            f"{where}: {', or '.join(words)}", remedy=f"{ambiguous}{', or '.join(remedies)}"
+        )
+    if cost > IMPOSSIBLE:
         raise ShotsInvalid(
             f"{where}: the points do not follow the joints: after the best fit "
-            f"{100.0 * min(unchanged.cost, 9.99):.0f} % of their spread is left, limit "
+            f"{100.0 * min(cost, 9.99):.0f} % of their spread is left, limit "
             f"{100.0 * IMPOSSIBLE:.0f} %",
             remedy="look at the order of rows, the order and signs of joints, and whether "
             "this is the robot of robot.yaml",
         )
 
 
-def _check_crossbar(nominal: Kinematics, shots: Shots, where: str, cost: float) -> None:
-    """Raise `ShotsInvalid` for a reflector on a half of the plate, not in the crossbar's middle.
+def _nearest_to(place_mm: Vector3 | None, readings: list[Reading]) -> list[Reading]:
+    """Return the one reading with the tracker near the stated place; all if none is, or several.
 
-    And the other way about. Of two halves `_half_words` tells.
+    The most likely come first: a mirrored frame, and the half of the plate before columns.
     """
-    controlled = nominal.mechanism.seen_from(None)
-    if controlled.platform.arms_at_point or not controlled.platform.has_two_parts:
-        return
-    said = nominal.mechanism.platform.arms_at_point
-    costs = {said: cost}
-    for seen in map(controlled.seen_from, (None, 1, 2)):
-        if seen.platform.arms_at_point != said:
-            robot = replace(nominal, mechanism=seen)
-            found = _unchanged(robot, shots.joints, shots.points_in_tracker_mm)
-            costs[seen.platform.arms_at_point] = found.cost
-    on = min(costs, key=costs.__getitem__)
-    if costs[on] > min(BETTER * cost, NEAR) or (on and said):
-        return
-    cause, remedy = _on_half(1 + on[0] // 2) if on else IN_THE_MIDDLE
-    raise ShotsInvalid(f"{where}: {cause}", remedy=remedy)
-
-
-def _unchanged(
-    nominal: Kinematics, joints: Array, points: Array, modelled: KinematicSolution | None = None
-) -> Reading:
-    """Return the reading of joints and points as they are written."""
-    return next(_readings(nominal, joints, points, "", modelled=modelled))
+    readings = sorted(readings, key=lambda r: (MIRRORED not in r.causes, r.remedy == COLUMNS))
+    if place_mm is None:
+        return readings
+    off_mm = [math.dist(reading.tracker_mm, place_mm) for reading in readings]
+    nearest = min(off_mm)
+    near = [r for r, mm in zip(readings, off_mm, strict=True) if nearest >= NEARER * mm]
+    return near if len(near) == 1 else readings
 
 
 def _on_a_line(points: Array) -> bool:
@@ -260,174 +244,116 @@ def _on_a_line(points: Array) -> bool:
     return bool(spread[1] <= THIN * spread[0])
 
 
-def _all_readings(
-    nominal: Kinematics, joints: Array, points: Array, rows: Index, place_mm: Vector3 | None
-) -> Iterator[Reading]:
-    """Return readings with other units, orders and signs of joints, and a mirrored frame."""
-    axes = nominal.mechanism.joints
-    yield from _readings(nominal, joints, points, "")
-    some, where = joints[rows], points[rows]
-    if all(axis.is_revolute for axis in axes):
-        in_degrees = np.degrees(some)
-        words = "the joints look like radians"
-        yield from _readings(nominal, in_degrees, where, words, "give the joints in degrees")
-    straight = tuple(range(len(axes)))
-    signs = tuple(product((1.0, -1.0), repeat=len(axes)))
-    turned = [(straight, each) for each in signs]
-    swapped = [(order, signs[place]) for order in permutations(straight) for place in (0, -1)]
-    for order, sign in dict.fromkeys([*turned, *swapped]):
-        if order == straight and min(sign) > 0.0:
+def _halves(nominal: Kinematics) -> Iterator[tuple[Causes, Kinematics]]:
+    """Yield the robot as its file says, then with the reflector on other parts of the plate."""
+    yield (), nominal
+    said, controlled = nominal.mechanism.platform, nominal.mechanism.seen_from(None).platform
+    if not controlled.has_two_parts:
+        return
+    for half in (1, 2) if controlled.arms_at_point else (None, 1, 2):
+        seen = nominal.mechanism.seen_from(half)
+        if seen.platform == said:
             continue
-        words = " and ".join(_joint_words(axes_order=order, sign=sign))
-        read, remedy = some[:, order] * np.array(sign), COLUMNS
-        if order == SWAPPED and min(sign) > 0.0 and nominal.mechanism.platform.arms_at_point:
-            words, remedy = _half_words(nominal, words, read, where, place_mm)
-        yield from _readings(nominal, read, where, words, remedy)
+        cause = "the reflector seems to be in the middle of the crossbar"
+        remedy = "delete reflector_half in robot.yaml"
+        if half is not None:
+            cause = f"the reflector seems to be on half {half} of the plate"
+            remedy = f"say reflector_half: {half} in robot.yaml"
+        yield ((cause, remedy),), replace(nominal, mechanism=seen)
 
 
-def _on_other_half(nominal: Kinematics) -> tuple[str, str]:
-    """Return the cause and remedy of a reflector on the half that the robot file does not say."""
-    return _on_half(2 if nominal.mechanism.platform.arms_at_point[0] == 0 else 1)
+def _joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
+    """Return joints (N, n) as they may be meant: in radians, of other signs, in another order."""
+    axes = nominal.mechanism.joints
+    meant: dict[Causes, Array] = {(): joints}
+    if all(axis.is_revolute for axis in axes):
+        meant[("the joints look like radians", "give the joints in degrees"),] = np.degrees(joints)
+    straight, signs = tuple(range(len(axes))), [*product((1.0, -1.0), repeat=len(axes))]
+    orders = [(order, sign) for order in permutations(straight) for sign in (signs[0], signs[-1])]
+    for order, sign in (*((straight, sign) for sign in signs), *orders):
+        if words := " and ".join(_joint_words(order, sign)):
+            meant[(words, COLUMNS),] = joints[:, order] * np.array(sign)
+    return meant
 
 
-def _on_half(half: int) -> tuple[str, str]:
-    return (
-        f"the reflector seems to be on half {half} of the plate",
-        f"say reflector_half: {half} in robot.yaml",
-    )
-
-
-def _half_words(
-    nominal: Kinematics, words: str, joints: Array, points: Array, place_mm: Vector3 | None
-) -> tuple[str, str]:
-    """Return cause and remedy of joints that fit with the arms of the parts swapped.
-
-    A reflector on the other part turns the tracker's place about the robot's axis by 180°, columns
-    that are swapped leave it where it is.
-    """
-    half, remedy = _on_other_half(nominal)
-    if place_mm is not None:
-        found_mm = tracker_place_mm(nominal, joints, points)
-        by_columns_mm = math.dist(found_mm, place_mm)
-        by_half_mm = math.dist(_turned_mm(found_mm, math.pi), place_mm)
-        if by_columns_mm < NEARER * by_half_mm:
-            return words, COLUMNS
-        if by_half_mm < NEARER * by_columns_mm:
-            return half, remedy
-    tells = "correct tracker.place_mm, which tells"
-    return f"{half}, or {words}", f"{tells}; then {remedy}, or {COLUMNS}"
-
-
-def _check_arms(nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3) -> None:
+def _check_arms(
+    nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3, unchanged: Reading
+) -> None:
     """Raise `ShotsInvalid` where the tracker's place shows that the arms are others than named.
 
     A symmetrical robot fits as well with its arms moved on; the tracker is then found elsewhere.
     """
-    joints, points = shots.joints, shots.points_in_tracker_mm
-    found_mm = tracker_place_mm(nominal, joints, points)
-    off_mm, arms = math.dist(found_mm, place_mm), len(nominal.mechanism.joints)
-    for step in (1, 2) if arms == OF_ONE_PART else (2,):
-        turned_mm = _turned_mm(found_mm, 2.0 * math.pi * step / arms)
-        if not (off_mm >= FAR_MM and math.dist(turned_mm, place_mm) <= NEARER * off_mm):
-            continue
+    found_mm, arms = unchanged.tracker_mm, len(nominal.mechanism.joints)
+    off_mm = math.dist(found_mm, place_mm)
+    if not off_mm >= FAR_MM:
+        return
+    for step, (on_half, robot) in product(range(1, arms), _halves(nominal)):
         order = tuple((arm - step) % arms for arm in range(arms))
-        cause, remedy = " and ".join(_joint_words(axes_order=order, sign=(1.0,) * arms)), COLUMNS
-        platform = nominal.mechanism.platform
-        if platform.has_two_parts and platform.arms_at_point:
-            half, remedy = _on_other_half(nominal)
-            cause = f"{half} and columns swapped"
-        elif min(each.cost for each in _readings(nominal, joints[:, order], points, "")) > NEAR:
-            continue
-        x, y, z = found_mm.tolist()
-        raise ShotsInvalid(
-            f"{where}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
-            f"{off_mm / MM_PER_UNIT['m']:.1f} m from tracker.place_mm and turned from it by "
-            f"{360 * step // arms}° about the robot's axis",
-            remedy=f"correct tracker.place_mm; if that is right, {cause}: {remedy}",
-        )
+        words = " and ".join(_joint_words(order, (1.0,) * arms))
+        meant: dict[Causes, Array] = {((words, COLUMNS),): shots.joints[:, order]}
+        moved = next(_readings(on_half, robot, meant, shots.points_in_tracker_mm, "mm"))
+        if moved.cost <= NEAR and math.dist(moved.tracker_mm, place_mm) <= NEARER * off_mm:
+            x, y, z = found_mm.tolist()
+            raise ShotsInvalid(
+                f"{where}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
+                f"{off_mm / MM_PER_UNIT['m']:.1f} m from tracker.place_mm and turned from it by "
+                f"{360 * step // arms}° about the robot's axis",
+                remedy=f"correct tracker.place_mm; if that is right, {moved.words}: {moved.remedy}",
+            )
 
 
-def tracker_place_mm(nominal: Kinematics, joints: Array, points: Array) -> Array:
-    """Return the tracker's place (3,) in the base frame, by joints (N, n) and its points (N, 3).
-
-    NaN where they do not tell.
-    """
-    modelled = nominal.forward(joints)
-    positions, measured = modelled.values[modelled.found, :3], points[modelled.found]
-    if len(measured) < FEWEST:
-        return np.full(3, np.nan)
-    rows = _greater_part(positions, measured, scaled=False)
-    with suppress(ValueError):  # of points on a line
-        return fit_transform(positions[rows], measured[rows]).inverted().translation_mm
-    return np.full(3, np.nan)
-
-
-def _turned_mm(place_mm: Array, angle_rad: float) -> Array:
-    """Return the place (3,) turned about the base frame's z axis."""
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-    x, y, z = place_mm.tolist()
-    return np.array([cos * x - sin * y, sin * x + cos * y, z])
-
-
-def _joint_words(*, axes_order: tuple[int, ...], sign: tuple[float, ...]) -> Iterator[str]:
-    if axes_order != tuple(range(len(axes_order))):
-        yield f"the joints seem to stand in the order {', '.join(f'q{q}' for q in axes_order)}"
+def _joint_words(order: tuple[int, ...], sign: tuple[float, ...]) -> Iterator[str]:
+    if order != tuple(range(len(order))):
+        yield f"the joints seem to stand in the order {', '.join(f'q{q}' for q in order)}"
     if max(sign) < 0.0:
         yield "all joints seem to have the other sign"
     elif min(sign) < 0.0:
-        wrong = ", ".join(f"q{place}" for place, each in enumerate(sign) if each < 0.0)
+        wrong = ", ".join(f"q{place}" for place, factor in enumerate(sign) if factor < 0.0)
         yield f"the sign of {wrong} seems to be turned"
 
 
 def _readings(
-    nominal: Kinematics,
-    joints: Array,
+    on_half: Causes,
+    robot: Kinematics,
+    meant: Mapping[Causes, Array],
     points: Array,
-    words: str,
-    remedy: str = "",
-    modelled: KinematicSolution | None = None,
+    unit: LengthUnit,
 ) -> Iterator[Reading]:
-    """Return readings of joints (N, n) with every unit of the points, mirrored and not.
+    """Yield readings of joints (N, n) by causes, each with the points' unit, mirrored and not.
 
     The first one takes points as they are written.
     """
-    modelled = modelled or nominal.forward(joints)
-    rows = np.flatnonzero(modelled.found)
-    if len(rows) < FEWEST:
-        yield Reading(words, remedy, math.inf, 1 if words else 0)
-        return
-    lost = 0.5 * (1.0 - len(rows) / len(joints))
-    for mirrored in (False, True):
-        measured = points[rows] * (np.array([1.0, 1.0, -1.0]) if mirrored else 1.0)
-        scale, misfit = similarity_fit(modelled.values[rows, :3], measured)
-        nearest = min(FACTORS, key=lambda each: abs(math.log(scale / each)))
-        for unit in (1.0, nearest):
-            causes = [words] if words else []
-            remedies = [remedy] if remedy else []
-            if mirrored:
-                causes.append(MIRRORED)
-                remedies.append("turn the sign of one coordinate, such as z")
-            if unit != 1.0:
-                cause, way = _unit_words(unit)
-                causes.append(cause)
-                remedies.append(way)
-            cost = math.hypot(misfit, math.log(scale / unit)) + lost
-            yield Reading(" and ".join(causes), "; ".join(remedies), cost, len(causes))
+    solution = robot.forward(np.concatenate([*meant.values()]))
+    values = np.split(solution.values[:, :3], len(meant))
+    found = np.split(solution.found, len(meant))
+    factors = [MM_PER_UNIT[unit] / MM_PER_UNIT[right] for right in UNITS] + [2.0, 0.5]
+    for of_joints, poses, is_found in zip(meant, values, found, strict=True):
+        positions, seen = poses[is_found], points[is_found]
+        causes = (*on_half, *of_joints)
+        if len(seen) < FEWEST:
+            yield Reading(causes, math.inf, positions, seen)
+            continue
+        lost = 0.5 * (1.0 - len(seen) / len(points))
+        for frame, hand in (((), (1.0, 1.0, 1.0)), ((MIRRORED,), (1.0, 1.0, -1.0))):
+            measured = seen * np.array(hand)
+            scale, misfit = _similarity_fit(positions, measured)
+            nearest = min(factors, key=lambda factor: abs(math.log(scale / factor)))
+            for factor in dict.fromkeys((1.0, nearest)):
+                in_unit = () if factor == 1.0 else (_unit_cause(factor, unit),)
+                cost = math.hypot(misfit, math.log(scale / factor)) + lost
+                yield Reading((*causes, *frame, *in_unit), cost, positions, measured / factor)
 
 
-def _unit_words(factor: float) -> tuple[str, str]:
-    """Return the cause and remedy of points in another unit, or too large or small by a factor."""
-    for unit, words in UNITS.items():
-        if 1.0 / MM_PER_UNIT[unit] == factor:
-            return (
-                f"the points look like {words}",
-                f"import with --unit {unit}, or give millimetres",
-            )
+def _unit_cause(factor: float, unit: LengthUnit) -> tuple[str, str]:
+    """Return cause and remedy of points that are too large by a factor, read in a unit."""
+    for right, words in UNITS.items():
+        if MM_PER_UNIT[unit] / MM_PER_UNIT[right] == factor:
+            return f"the points look like {words}, not {unit}", f"import with --unit {right}"
     cause = f"distances between the points are {factor:g} times those of the nominal robot"
-    return cause, "give millimetres as measured, neither doubled nor halved"
+    return cause, "give lengths as measured, neither doubled nor halved"
 
 
-def similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
+def _similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
     """Return the scale of the best similarity with the greater part of measured points.
 
     And its misfit: root mean square left over the points' spread.

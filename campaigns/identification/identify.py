@@ -60,7 +60,7 @@ def identify(
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     shots = shots.on_robot()
     at_nominal = nominal.forward(shots.joints, approach=shots.approach)
-    _check(nominal, shots, at_nominal, sessions=options.sessions)
+    _check(nominal, shots, sessions=options.sessions)
     if options.model == "paper":
         return identify_as_paper(nominal, shots, at_nominal, options)
     model = error_model(nominal, shots, options)
@@ -82,15 +82,11 @@ def identify(
     return case.result(excluded, lengths)
 
 
-def _check(
-    nominal: Kinematics, shots: Shots, at_nominal: KinematicSolution, *, sessions: bool
-) -> None:
+def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
     """Refuse shots that cannot be this robot's, each session by itself where each has a frame."""
     session = shots.session if sessions else np.zeros(len(shots))
     for number in np.unique(session).tolist():
-        rows = np.flatnonzero(session == number)
-        modelled = KinematicSolution(at_nominal.values[rows], at_nominal.found[rows])
-        check_shots(nominal, shots.rows(rows), "the shots", modelled=modelled)
+        check_shots(nominal, shots.rows(np.flatnonzero(session == number)), "the shots")
 
 
 def update(

@@ -21,11 +21,13 @@ from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
+from campaigns.shots.point_header import LengthUnit
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow import validation
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import is_there
+from drivers.values import Vector3
 
 
 def import_shots(
@@ -33,6 +35,7 @@ def import_shots(
     rows: Sequence[ShotRow],
     name: str = "shots",
     files: Sequence[ImportedFile] = (),
+    unit: LengthUnit = "mm",
     *,
     tell: Callable[[str], None] = lambda _: None,
     advance: Callable[[int], None] = lambda _: None,
@@ -40,14 +43,15 @@ def import_shots(
 ) -> int:
     """Write shots of files into the journal as a series to identify from; gives its number.
 
-    `tell` hears in which order they are taken, `advance` how many are. Raises `ShotsInvalid`,
+    `unit`: in which the file was read. `tell` hears in which order they are taken, `advance` how
+    many are. Raises `ShotsInvalid`,
     naming file and cause, for shots that cannot be this robot's, and for copies, unless it is
     `anyway` another import that this one takes the place of.
     """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
     if not anyway and any(row.purpose.on_robot for row in rows):
         _require_first(campaign, name)
-    _check(campaign, rows, name, {"import"} if anyway else set())
+    _check(campaign, rows, name, unit, {"import"} if anyway else set())
     order = _order(rows, name, tell)
     with campaign.journal() as journal:
         return append_import(
@@ -104,6 +108,7 @@ def import_validation(
     held: WrittenSet,
     name: str = "shots",
     files: Sequence[ImportedFile] = (),
+    unit: LengthUnit = "mm",
     *,
     tell: Callable[[str], None] = lambda _: None,
     advance: Callable[[int], None] = lambda _: None,
@@ -136,7 +141,7 @@ def import_validation(
         again = OptionsInvalid(again.problem, remedy=remedy)
     if not anyway:
         validation.require_or_record(campaign, (again, wrong), anyway=False)
-    _check(campaign, rows, name, STAGES[stage] if anyway else set())
+    _check(campaign, rows, name, unit, STAGES[stage] if anyway else set())
     validation.require_or_record(campaign, (again, wrong), anyway=anyway)
     kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, name, tell)
     with campaign.journal() as journal:
@@ -195,7 +200,11 @@ def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> I
 
 
 def _check(
-    campaign: Campaign, rows: Sequence[ShotRow], name: str, replacing: Collection[Stage]
+    campaign: Campaign,
+    rows: Sequence[ShotRow],
+    name: str,
+    unit: LengthUnit,
+    replacing: Collection[Stage],
 ) -> None:
     """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
 
@@ -211,11 +220,12 @@ def _check(
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
     shots = shots.rows(np.flatnonzero([bool(row.joints) and row.purpose.on_robot for row in rows]))
-    place_mm = campaign.config.tracker.place_mm
-    said = place_mm != TrackerConfig.model_fields["place_mm"].default
     numbers = np.unique(shots.session).tolist()
+    place_mm: Vector3 | None = campaign.config.tracker.place_mm
+    if len(numbers) > 1 or place_mm == TrackerConfig.model_fields["place_mm"].default:
+        place_mm = None
     for number in numbers:
         station = shots.rows(np.flatnonzero(shots.session == number))
         where = f"{name}, session {number}" if len(numbers) > 1 else name
-        check_shots(nominal, station, where, place_mm if said and len(numbers) == 1 else None)
+        check_shots(nominal, station, where, place_mm, unit)
         check_distances(nominal, station, campaign.config.gate.distance_mm, where)
