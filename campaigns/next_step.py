@@ -218,7 +218,7 @@ def next_step(state: CampaignState) -> NextStep | None:
     row = next((row for row in ROWS if row.applies(state)), None)
     if row is None:
         return None
-    folder, again = quoted(state.folder), f"import {{folder}} {quoted(state.imported)} --anyway"
+    folder, again = quoted(state.folder), f"import {{folder}} {quoted(state.imported)} --force"
     if state.measured != "import":
         again = "run {folder} --anew"
     file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")

@@ -26,7 +26,7 @@ from campaigns.shots.point_header import (
     PointFormat,
 )
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
+from campaigns.shots.shots_csv import in_unit, read_shots
 from campaigns.workflow.importing import declared_set, import_shots, import_validation
 from campaigns.workflow.programs import joints_path
 from drivers.bounded_files import Encoding, is_there
@@ -134,6 +134,7 @@ def command(
     """
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)
+    mechanism = campaign.robot.mechanism
     if stage is None and robot is not None:
         raise OptionsInvalid(
             "--robot is for a validation, but no --stage is given",
@@ -147,9 +148,7 @@ def command(
         decimal=decimal,
         encoding=encoding,
     )
-    is_points = form == "ascii" or (
-        form is None and not holds_joints(file, campaign.robot.mechanism)
-    )
+    is_points = form == "ascii" or (form is None and not holds_joints(file, mechanism))
     if is_points:
         joints = joints or _planned_joints(campaign, file, stage or "run")
     elif joints or replace(of_points, unit=None) != PointFormat():
@@ -159,9 +158,15 @@ def command(
             remedy="add --format ascii, or leave them out",
         )
     with terminal.telling(f"reading {file}") as now_at:
-        rows, read_in, notes = _read(campaign, file, joints, join, of_points, default)
-        for note in notes:
-            terminal.note(note)
+        points = None if joints is None else read_points(file, of_points)
+        if points is None or joints is None:
+            read_in = unit or "mm"
+            rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[read_in]))
+        else:
+            read_in = points.unit
+            rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
+            for note in (*points.notes, joined):
+                terminal.note(note)
         files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
         now_at("comparing the shots with the robot and the journal")
 
@@ -212,23 +217,3 @@ def _planned_joints(campaign: Campaign, file: Path, stage: str) -> Path:
             "correct its first line",
         )
     return joints
-
-
-def _read(
-    campaign: Campaign,
-    file: Path,
-    joints: Path | None,
-    join: Join,
-    form: PointFormat,
-    default: ShotSet,
-) -> tuple[tuple[ShotRow, ...], LengthUnit, tuple[str, ...]]:
-    """Read a shots.csv, or points with a file of their joints; return rows, unit and notes."""
-    robot, unit, notes = campaign.robot, form.unit or "mm", tuple[str, ...]()
-    if joints is None:
-        read = read_shots(file, robot.mechanism, default)
-        rows = tuple(in_unit(read, MM_PER_UNIT[unit]))
-    else:
-        points = read_points(file, form)
-        rows, note = join_shots(points, joints, robot.mechanism, join=join, default=default)
-        unit, notes = points.unit, (*points.notes, note)
-    return rows, unit, notes

@@ -71,7 +71,7 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
     """All that may come of typing the step; nothing once somebody measures anew by hand."""
     words = step.text.split()[1:]
     match words[0], tuple(words[2:]):
-        case ("import" | "run", (*_, "--anyway") | ("--anew",)) if step.first and state.verdict:
+        case ("import" | "run", (*_, "--force") | ("--anew",)) if step.first and state.verdict:
             return
         case "report", _ if step.first:
             return

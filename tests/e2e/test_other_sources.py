@@ -65,7 +65,7 @@ def test_a_bar_measured_beside_the_robot_tells_the_trackers_scale(pkmcal, shots,
     change(other / "campaign.yaml", {"known_lengths": [bar]})
     found = pkmcal("identify", other, "--json")
     assert found.code == 1
-    assert found.document["next"] == f"pkmcal import {other} {shots.name} --anyway", "set right"
+    assert found.document["next"] == f"pkmcal import {other} {shots.name} --force", "set right"
     assert found.document["series"] == 1, "the robot's shots, and the bar's beside them"
     assert found.document["tracker"]["scale"][0] == pytest.approx(100.0, rel=0.05)
     assert any("scale is off by +100" in reason for reason in found.document["reasons"])
