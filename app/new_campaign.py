@@ -102,7 +102,7 @@ class NewOptions:
 
 
 def create_campaign(folder: Path, options: NewOptions) -> CampaignConfig:
-    """Create a campaign by its options; raise as the two functions below."""
+    """Create a campaign by its options, on real devices or on a simulated cell."""
     urls, simulated = options.urls, options.rehearsed
     drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
     controller, tracker = urls.values()

@@ -38,17 +38,49 @@ if TYPE_CHECKING:
 
 
 def find_robot(name: str | Path) -> RobotFile:
-    """Return the robot of a shipped name or of a file; raise `ConfigInvalid`."""
+    """Return a robot by its shipped name or from its file.
+
+    Args:
+        name: `par4-prototype`, `par4-table1`, `h4`, `i4r`, `i4l`, `delta`, `linear-delta`, or the
+            path of a robot file.
+
+    Raises:
+        ConfigInvalid: Neither a shipped robot nor a valid file.
+
+    Example:
+        >>> find_robot("delta").mechanism.name
+        'delta'
+    """
     return robots.find_robot(str(name)).robot
 
 
 def read_shots(path: Path | str, robot: RobotFile) -> Shots:
-    """Return the measured shots of a CSV file in the form of shots.csv; raise `ShotsInvalid`."""
+    """Return the measured shots of a CSV file in the form of shots.csv.
+
+    Args:
+        path: The file; its columns: docs/reference/files.md#shotscsv.
+        robot: The nominal robot, whose joints the columns name.
+
+    Raises:
+        ShotsInvalid: A cell, column or row is wrong; the message names line and value.
+    """
     return shots_of_rows(shots_csv.read_shots(Path(path), robot.mechanism), robot.kinematics)
 
 
 def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Array:
-    """Return poses (N, t) spread evenly over a robot's reach; raise `WorkspaceTooSmall`."""
+    """Return poses spread evenly over a robot's reach.
+
+    Args:
+        robot: The robot, with the limits of its joints.
+        poses: How many.
+        seed: Of the random generator: the same seed draws the same poses.
+
+    Returns:
+        Poses (N, t) of the controlled point in the base frame, mm and rad; t is 4 with θ, else 3.
+
+    Raises:
+        WorkspaceTooSmall: Too few random points of the reach's box can be reached.
+    """
     rng, centre = np.random.default_rng(seed), robot.workspace_centre
     return pose_sampling.workspace_poses(robot.kinematics, robot.limits, centre, poses, rng)
 
@@ -65,9 +97,29 @@ def identify(
 ) -> IdentificationResult:
     """Identify a nominal robot's parameters from shots, as `pkmcal identify` does.
 
-    `options` are those of `pkmcal identify` by name, with `_` for `-`, in its words or as values;
-    the other arguments take precedence over them. Priors may also be σ by pattern, in mm, deg and
-    ppm. Raise `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    Args:
+        shots: Joints and measured points, from `read_shots` or `Shots.of`.
+        robot: The nominal robot.
+        model: `"paper"` for the paper's method; by default the model of all sources of error.
+        free, fix: Names, patterns (`"arm*.x_mm"`) or groups of parameters that are identified
+            beyond the usual ones, or held at their nominal values.
+        priors: 1 σ by name or pattern, in mm, deg and ppm: `{"arm*.arm_mm": 0.05}`.
+        options: Further options of `pkmcal identify` by name, with `_` for `-`, as words or
+            values: `{"hold_out": "20%"}`. The arguments above take precedence.
+
+    Returns:
+        Parameters with their posterior, residuals before and after, findings and verdict;
+        `report()` is a text of all of it, `to_frame()` a table, `plot()` a figure.
+
+    Raises:
+        OptionsInvalid: An unknown name or value of an option.
+        ShotsMissing: Too few shots for what is asked.
+        ShotsInvalid: The shots cannot be this robot's: units, signs or order of joints.
+
+    Example:
+        >>> robot = find_robot("par4-prototype")
+        >>> result = identify(read_shots("shots.csv", robot), robot)
+        >>> print(result.report())
     """
     if isinstance(priors, Mapping):
         priors = [f"{pattern}={std}" for pattern, std in priors.items()]
@@ -83,9 +135,18 @@ def identify(
 
 
 def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:
-    """Return the poses (N, t) to command to a controller with the nominal parameters.
+    """Return the poses to command to a controller that keeps the nominal parameters.
 
-    In mm and rad. Raises `TargetsInvalid` for a pose that the identified robot cannot take.
+    Args:
+        poses: Wanted poses (N, t) of the controlled point, mm and rad.
+        identified: The robot as it was identified.
+        nominal: The robot as its controller computes it.
+
+    Returns:
+        Poses (N, t) at which the controller makes the joints that the wanted ones need.
+
+    Raises:
+        TargetsInvalid: The identified robot cannot take a pose; the message names its row.
     """
     poses = batch(poses, [axis.name for axis in nominal.mechanism.task], "poses")
     models = identified.kinematics.controlled, nominal.kinematics.controlled
@@ -134,11 +195,27 @@ def plan(
     seed: int = 1,
     restricted: RestrictedSpace = UNRESTRICTED,
 ) -> Plan:
-    """Plan identification shots, validation pairs and drift shots, with the predicted σ.
+    """Plan identification shots, validation pairs and drift shots, and predict their σ.
 
-    `tracker_mm` is the tracker's place in the base frame; the reflector faces it, and is seen
-    within `acceptance_deg`. Poses keep to the `restricted` space. Raise `PlanInvalid` and
-    `OptionsInvalid`.
+    Args:
+        robot: The nominal robot.
+        tracker_mm: The tracker's place in the base frame, mm; the reflector faces it.
+        shots: Identification shots, an even number.
+        validation_pairs: Pairs that the fit never uses.
+        drift_shots: Visits of the drift pose; by default one in 20 shots.
+        placement: `"boundary"`, the paper's, or `"optimal"`.
+        fix: Names, patterns or groups of parameters held at their nominal values.
+        acceptance_deg: Largest angle between the beam and the reflector's direction.
+        uncertainty: Limits of the tracker's data sheet; by default a common tracker's.
+        seed: Of the random generator.
+        restricted: Where the robot may not go.
+
+    Returns:
+        The shots in measuring order, and the predicted σ of parameters and positions.
+
+    Raises:
+        PlanInvalid: No such plan: too small a workspace, too few shots, an odd number.
+        OptionsInvalid: An unknown name or value.
     """
     place = vector(batch(tracker_mm, AXES, "tracker_mm")[0])
     placement = checked(Placement, placement, "placement")
@@ -175,13 +252,29 @@ def study(
     spread: tuple[float, float] = SPREAD,
     seed: int = 1,
 ) -> StudySummary:
-    """Simulate campaigns of a plan and compare errors with the stated σ.
+    """Simulate campaigns of a plan and compare their errors with the stated σ.
 
     The geometry of each true robot is drawn about the nominal one with standard deviations
-    `spread`, in mm and deg, its other sources of error with their tolerances. `uncertainty` is what
-    the instrument states of its points, `noise` what it really does, by default that. Raise
-    `OptionsInvalid`, `WorkspaceTooSmall`, `PlanInvalid`, and `ShotsMissing` when fewer than two
-    campaigns can be identified.
+    `spread`, its other sources of error with their tolerances.
+
+    Args:
+        robot: The nominal robot.
+        shots: The plan's shots, `plan(…).shots`.
+        tracker_mm: The tracker's place in the base frame, mm.
+        campaigns: How many to simulate.
+        fix: Names, patterns or groups of parameters held at their nominal values.
+        uncertainty: What the instrument states of its points.
+        noise: What the instrument really does: a function of points (N, 3) in its frame, mm, and
+            a random generator, that returns their errors (N, 3); by default as stated.
+        spread: Standard deviations of lengths and places, mm, and of angles, deg.
+        seed: Of the first campaign.
+
+    Returns:
+        For each parameter bias, empirical and stated σ, their ratio, and the coverage of 95 %.
+
+    Raises:
+        ShotsMissing: Fewer than two campaigns could be identified.
+        OptionsInvalid, PlanInvalid, WorkspaceTooSmall: As of `plan` and `sample_workspace`.
     """
     instrument = uncertainty or TrackerUncertainty()
     setup = StudySetup(

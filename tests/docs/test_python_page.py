@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pages import ROOT, blocks
 
+import pkmcal
 from pkmcal import identify
 
 EXAMPLES = [
@@ -21,6 +22,13 @@ def test_there_are_six_examples_of_at_most_ten_lines():
     lengths = [len(list(filter(None, block.text.splitlines()))) for block in EXAMPLES]
     assert len(lengths) == 6
     assert max(lengths) <= MOST_LINES
+
+
+def test_every_public_name_is_on_the_page_and_has_a_docstring():
+    page = (ROOT / "docs/reference/python.md").read_text(encoding="utf-8")
+    missing = [name for name in pkmcal.__all__ if f"`{name}" not in page]
+    assert missing == []
+    assert [name for name in pkmcal.__all__ if not getattr(pkmcal, name).__doc__] == []
 
 
 @pytest.mark.long
