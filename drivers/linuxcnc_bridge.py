@@ -1,9 +1,8 @@
 """Bridge that speaks robotline (docs/reference/robotline.md) for the LinuxCNC on the same computer.
 
 How to use it: docs/how-to/linuxcnc.md. It needs Python 3.11, this package `drivers` and LinuxCNC
-2.9, nothing else. It
-imports LinuxCNC's modules `linuxcnc` and `hal` when it runs, and contains nothing of them:
-Apache-2.0, like the rest of pkmcal.
+2.9, nothing else. It imports LinuxCNC's modules `linuxcnc` and `hal` when it runs, and contains
+nothing of them: Apache-2.0, like the rest of pkmcal.
 
 Moves are G-code for LinuxCNC's task, because only the task plans paths. What the task says of a
 motion may be older than the motion, so that all readings come from HAL, from the realtime part
@@ -32,18 +31,18 @@ ARM_FIELDS = ["x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg"]
 ARM_FIELDS += ["joint_offset_deg", "joint_offset_mm", "arm_mm", "forearm_mm"]
 """Parameters of a line `ARM i` in their order; a robot has seven of them."""
 LENGTH = re.compile(r".*(\.arm|\.forearm|plate|pinion)_mm")
+"""Parameters that are positive."""
 DRAWING = re.compile(r"pkmkins\.(arm\d\.(plate_[xyz]_mm|bar_azimuth_deg)|reflector_[xyz]_mm)")
 """Pins of the plate's drawing. The HAL file sets them: no client knows them."""
 TILT = re.compile(r".*(axis_tilt|rail_tilt|skew|bar_turn)_deg|sag_.*")
 """Parameters that mean nothing without the drawing."""
-SETTING = re.compile(r"(?:# )?setp (\S+) (-?[0-9.e+-]+)")
+SETTING = re.compile(r"(?m)^(?:# )?setp (\S+) ([0-9.e+-]+)$")
 """A line of the HAL file. It is read before the pins `ini.N.backlash` exist: these are comments for
 the bridge, which sets them when it starts."""
-SAME_PLACE = 2e-6
-"""mm or deg: targets are sent with six decimals."""
 PART = {"deg": 15.0, "mm": 100.0}
 """Travel of the longest joint in one straight part of a joint move. On a straight line of poses the
 joints leave their own straight line by half a degree, or some millimetres, at most."""
+POWER = "motion.motion-enabled"
 FROZEN_AFTER_S = 1.5
 DEAD = "dead task or realtime part; see that the robot stands, restart LinuxCNC"
 
@@ -91,10 +90,6 @@ class Machine:
         """Set a pin that nothing else writes."""
         self._hal.set_p(pin, repr(value))
 
-    def has_power(self) -> bool:
-        """Whether the drives are on."""
-        return bool(self.get("motion.motion-enabled"))
-
     def state(self) -> wire.ControllerStatus:
         """Read the encoders, without LinuxCNC's own compensation of backlash, and what is wrong."""
         self._status.poll()
@@ -103,32 +98,40 @@ class Machine:
         fault, estop = self._fault(moving=moving), bool(self._status.estop)
         return wire.ControllerStatus(moving, estop, fault[:70], tuple(self._encoders()))
 
-    def is_moving(self) -> bool:
-        """Whether anything moves, or still has to come to its target, or nothing can tell."""
-        if not self.has_power():
+    def is_moving(self, patience_s: float = 0.3) -> bool:
+        """Whether anything moves, or still has to come to its target, or nothing can tell.
+
+        Pins of a dead realtime part keep their last values. That the robot stands is therefore
+        known after a further cycle of the servo thread, which a loaded machine may delay. By
+        default a client that waits for the end of a motion gets its answer in time.
+        """
+        if not self.get(POWER):
             self._target = ()
         if not (self._is_at(self._target) and self.get("motion.in-position")):
             return True
         self._target = ()
-        first = self.get("servo-thread.time")  # its measure of its own time changes while it runs
-        for _ in range(20):
-            time.sleep(0.002)
-            if self.get("servo-thread.time") != first:
-                return False
-        return True
+        cycle_time, give_up_s = self.get("servo-thread.time"), time.monotonic() + patience_s
+        while self.get("servo-thread.time") == cycle_time:  # it measures each of its cycles
+            if time.monotonic() > give_up_s:
+                return True
+            time.sleep(0.001)
+        return False
+
+    def require_standing(self) -> None:
+        """Refuse what a robot that moves must not do."""
+        if self.is_moving(patience_s=1.0):
+            raise Refusal("BUSY", "the robot moves, or its realtime part is dead")
 
     def require_ready(self) -> None:
         """Refuse a move for whatever is in its way, before anything is sent."""
         self._status.poll()
-        moving = self.is_moving()
         if self._status.estop:
             raise Refusal("ESTOP", "the emergency stop is on")
         self._collect_messages()
         self._messages.clear()
         if fault := self._fault(moving=False):
             raise Refusal("FAULT", fault)
-        if moving:
-            raise Refusal("BUSY", "the robot moves")
+        self.require_standing()
         idle = self._linuxcnc.INTERP_IDLE  # which the task sees later than the realtime part
         self._wait(lambda: bool(self._status.interp_state == idle), "LinuxCNC is still at work")
 
@@ -169,10 +172,9 @@ class Machine:
 
     def switch_off(self) -> None:
         """Take the power off a robot that stands: changed parameters would make its joints jump."""
-        if self.is_moving():
-            raise Refusal("BUSY", "the robot moves")
+        self.require_standing()
         self._order("state", self._linuxcnc.STATE_OFF)
-        self._wait(lambda: not self.has_power(), "the machine stays on")
+        self._wait(lambda: not self.get(POWER), "the machine stays on")
 
     def _order(self, name: str, *values: object) -> None:
         """Give the task an order and see that it has taken it, some 20 ms; raises `Refusal`."""
@@ -208,7 +210,7 @@ class Machine:
     def _is_at(self, target: Sequence[float]) -> bool:
         """Whether the trajectory has come to its target, where there is one."""
         pairs = zip(target, self._place(), strict=False)
-        return all(abs(there - now) <= SAME_PLACE for there, now in pairs)
+        return all(abs(there - now) <= 2e-6 for there, now in pairs)
 
     def _fault(self, *, moving: bool) -> str:
         """Say what is wrong, in LinuxCNC's words where it has any."""
@@ -217,7 +219,7 @@ class Machine:
         if seen != self._seen or not moving:
             self._seen, self._changed_s = seen, now_s
         reason = "; ".join(self._messages)
-        if not self.has_power():
+        if not self.get(POWER):
             return reason or "the machine is off: switch it on at LinuxCNC"
         if not self.get("motion.is-all-homed"):
             return reason or "not homed: home all joints at LinuxCNC"
@@ -259,21 +261,20 @@ class Machine:
                 self._target = tuple(round(value, 6) for value in poses[-1])
                 self._order("mdi", block)
         try:
-            self._wait(lambda: self._has_begun(stops), f"it has not begun: {DEAD}")
+            self._wait(lambda: self._has_begun() or self._stops != stops, f"not begun: {DEAD}")
         except Refusal:
             self.stop()
             raise
         return seconds
 
-    def _has_begun(self, stops: int) -> bool:
+    def _has_begun(self) -> bool:
         """Whether a move is under way, or over; raises its refusal, which comes a moment later."""
         self._collect_messages()
         if self._status.state == self._linuxcnc.RCS_ERROR and self._messages:
             text = "; ".join(self._messages)
             code = "LIMIT" if re.search("exceed|limit", text) else "FAULT"
             raise Refusal("REACH" if "kinematicsInverse" in text else code, text)
-        is_at_work = self._status.interp_state != self._linuxcnc.INTERP_IDLE
-        return is_at_work or self._stops != stops or self._is_at(self._target)
+        return self._is_at(self._target) or self._status.interp_state != self._linuxcnc.INTERP_IDLE
 
 
 class Parameters:
@@ -281,29 +282,32 @@ class Parameters:
 
     def __init__(self, machine: Machine, path: Path) -> None:
         self._machine, self._path = machine, path
+        arms, is_rotary = machine.joints, machine.unit == "deg"
         pins = {p for p in machine.pins if p.startswith("pkmkins.") and ".ask." not in p}
         self._drawing = set(filter(DRAWING.fullmatch, pins))
         self._pins = {pin.removeprefix("pkmkins."): pin for pin in pins - self._drawing}
-        for n in machine.joints if pins else ():
-            self._pins[f"arm{n}.backlash_{machine.unit}"] = f"ini.{n}.backlash"
-        parts = {f"ARM {n}": [f"arm{n}.{field}" for field in ARM_FIELDS] for n in machine.joints}
-        parts |= {"PLATE": ["plate_mm"], "PINION": ["pinion_mm"]}
-        lines = {words: tuple(filter(self._pins.get, names)) for words, names in parts.items()}
+        if pins:
+            backlashes = {f"arm{n}.backlash_{machine.unit}": f"ini.{n}.backlash" for n in arms}
+            self._pins |= backlashes
+            if not machine.get(POWER):
+                self._set({name: self._kept().get(pin, 0.0) for name, pin in backlashes.items()})
+        lines: list[tuple[str, int | None, str]] = [
+            (f"arm{n}.{field}", n, field) for n in arms for field in ARM_FIELDS
+        ]
+        lines += [("plate_mm", None, "plate"), ("pinion_mm", None, "pinion")]
+        lines = [line for line in lines if line[0] in self._pins]
         is_drawn = any(map(machine.get, self._drawing))
-        extensions = [n for n in sorted(self._pins) if is_drawn or not TILT.fullmatch(n)]
-        self.layout = wire.RobotLayout(
-            tuple(Coordinate(f"q{n}", is_angle=machine.unit == "deg") for n in machine.joints),
-            tuple(Coordinate(letter, is_angle=letter == "c") for letter in machine.letters),
-            {words: names for words, names in lines.items() if names},
-            tuple(name for name in extensions if name not in sum(lines.values(), ())),
+        extensions = sorted(self._pins.keys() - {name for name, _, _ in lines})
+        self.layout = wire.RobotLayout.of(
+            [Coordinate(f"q{n}", is_angle=is_rotary) for n in arms],
+            [Coordinate(letter, is_angle=letter == "c") for letter in machine.letters],
+            lines,
+            [name for name in extensions if is_drawn or not TILT.fullmatch(name)],
         )
-        if not machine.has_power():
-            backlashes = {n: pin for n, pin in self._pins.items() if "backlash" in n}
-            self._set({name: self._kept().get(pin, 0.0) for name, pin in backlashes.items()})
 
     def robot(self) -> str:
         """Return whose parameters the file holds."""
-        return "".join(re.findall(r"# robot:(.*)", "\n".join(self._lines()))).strip() or "unknown"
+        return "".join(re.findall(r"(?m)^# robot:(.*)", self._text())).strip() or "unknown"
 
     def values(self, words: str) -> tuple[float, ...]:
         """Return the values of `ARM i`, `PLATE` or `NAME`."""
@@ -340,8 +344,7 @@ class Parameters:
 
     def _kept(self) -> dict[str, float]:
         """Read the values of the file by pin."""
-        settings = filter(None, map(SETTING.fullmatch, self._lines()))
-        return {setting[1]: float(setting[2]) for setting in settings}
+        return {pin: float(value) for pin, value in SETTING.findall(self._text())}
 
     def _keep(self, values: Mapping[str, float]) -> None:
         """Replace the values in the file, whole; the drawing and whose robot it is stay."""
@@ -352,10 +355,10 @@ class Parameters:
         new.write_text("\n".join([f"# robot: {self.robot()}", *settings, ""]), encoding="utf-8")
         new.replace(self._path)
 
-    def _lines(self) -> list[str]:
+    def _text(self) -> str:
         text = self._path.read_text(encoding="utf-8")
         # as earlier versions wrote backlashes
-        return re.sub(r"\[JOINT_(\d)\]BACKLASH =", r"setp ini.\1.backlash", text).splitlines()
+        return re.sub(r"\[JOINT_(\d)\]BACKLASH =", r"setp ini.\1.backlash", text)
 
 
 class Session(socketserver.BaseRequestHandler):
@@ -370,7 +373,7 @@ class Session(socketserver.BaseRequestHandler):
         self.request.settimeout(WATCHDOG_S)
         lines = self.server.grammar.line_framer()
         try:
-            while data := self._received():
+            while data := self._receive():
                 for line in filter(None, lines.feed(data)):
                     if (answer := self._answer(line)) is not None:
                         self.request.sendall(self.server.grammar.encode_answer(answer))
@@ -379,7 +382,7 @@ class Session(socketserver.BaseRequestHandler):
         finally:
             self._stop_unwatched()
 
-    def _received(self) -> bytes:
+    def _receive(self) -> bytes:
         while True:
             try:
                 return bytes(self.request.recv(4096))
@@ -394,13 +397,11 @@ class Session(socketserver.BaseRequestHandler):
     def _answer(self, line: bytes) -> Answer | None:
         try:
             question = self.server.grammar.decode_question(line)
+            return Answer(question.number, question.verb, self._obey(question))
         except BadQuestion as bad:
             return bad.answer
-        try:
-            body = self._obey(question)
         except Refusal as no:
-            body = Refused(no.code, str(no)[:150])
-        return Answer(question.number, question.verb, body)
+            return Answer(question.number, question.verb, Refused(no.code, str(no)[:150]))
 
     def _obey(self, question: Question) -> object:
         """Do what a question asks for and return the body of the answer; raises `Refusal`."""

@@ -1,7 +1,7 @@
 """pkmcal check-journal: whether the journal is what was written, and what is in it."""
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,23 +31,6 @@ Page = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JournalAnswer:
-    """Answer of `check-journal`: contents of the journal, and what is damaged."""
-
-    path: Path
-    whole: bool
-    version: int
-    records: int
-    chained: int
-    digest: str
-    series: int
-    sessions: int
-    crashed_sessions: int
-    shots: int
-    problems: tuple[Problem, ...]
-
-
 def command(terminal: Terminal, campaign: Campaign, *, page: Page = None) -> None:
     """Check whether the journal is intact, and show its contents.
 
@@ -72,11 +55,11 @@ def command(terminal: Terminal, campaign: Campaign, *, page: Page = None) -> Non
                 require_page_of(journal, page)
     except JournalFailed as error:
         problems = found.problems or (Problem(error.problem),)
-        error.details = to_jsonable_python(_answer(campaign, found, problems))
+        error.details = to_jsonable_python(replace(found, whole=False, problems=problems))
         raise
     if page is not None:
         terminal.say(f"{page} was made from this journal", GOOD)
-    terminal.conclude(_answer(campaign, found, ()))
+    terminal.conclude(found)
 
 
 def require_page_of(journal: JournalReader, page: Path) -> None:
@@ -97,18 +80,10 @@ def require_page_of(journal: JournalReader, page: Path) -> None:
 
 def _contents(found: Inspection) -> str:
     state = "the journal is whole" if found.whole else "the journal is not what was written"
-    crashed = f", {found.crashed} of them without an end" if found.crashed else ""
+    crashed = f", {found.crashed_sessions} of them without an end" if found.crashed_sessions else ""
     older = found.records - found.chained
     unchained = f", {older} of them from before there were digests" if found.whole and older else ""
     return (
         f"{state}: {found.records} records{unchained}, {found.series} series, {found.sessions} "
         f"sessions{crashed}, {found.shots} shots"
-    )
-
-
-def _answer(campaign: Campaign, found: Inspection, problems: tuple[Problem, ...]) -> JournalAnswer:
-    values = asdict(found) | {"problems": problems}
-    crashed = values.pop("crashed")
-    return JournalAnswer(
-        path=campaign.journal_path, whole=not problems, crashed_sessions=crashed, **values
     )

@@ -156,6 +156,9 @@ def require_whole(
 class Inspection:
     """Contents of a journal up to the first damage, and everything that is damaged."""
 
+    path: Path
+    whole: bool
+    """Whether nothing is damaged."""
     version: int
     records: int
     """Records that verify."""
@@ -165,15 +168,10 @@ class Inspection:
     """Digest of the last record that verifies, which stands for all up to it."""
     series: int
     sessions: int
-    crashed: int
+    crashed_sessions: int
     shots: int
     """Accepted shots of all series."""
     problems: tuple[Problem, ...]
-
-    @property
-    def whole(self) -> bool:
-        """Whether nothing is damaged."""
-        return not self.problems
 
 
 def inspect_journal(path: Path) -> Inspection:
@@ -196,13 +194,15 @@ def inspect_journal(path: Path) -> Inspection:
             problems.append(Problem(str(error), record.number))
     every = all_series(entries)
     return Inspection(
+        path=path,
+        whole=not problems,
         version=version,
         records=len(found.records),
         chained=found.chained,
         digest=last_digest(found.records),
         series=len(every),
         sessions=sum(series.sessions for series in every),
-        crashed=sum(series.unstopped for series in every),
+        crashed_sessions=sum(series.unstopped for series in every),
         shots=sum(len(series.shots) for series in every),
         problems=tuple(problems),
     )

@@ -17,48 +17,44 @@ LEAST_STD_MM = 1e-7
 """Least value taken for a standard deviation; a zero is a field that the instrument left out."""
 SMALLEST_DETERMINANT = 1e-9
 """Determinant of the correlation matrix: less is singular within the rounding of what was sent."""
-NOT_OWN_REMEDY = (
-    "measure again; if it comes back, end other programs that use the tracker, or restart it "
-    "(docs/reference/emscon.md#results-that-cannot-be)"
-)
 
 
-class OwnResult:
-    """Check of one result after another; keeps the one before, over all connections."""
+def require_own(
+    client: EmsconClient,
+    result: Result,
+    *,
+    is_repeated: bool,
+    after_s: float,
+    measuring_time_s: float | None,
+) -> None:
+    """Raise `NotAMeasurement` for a result that cannot be of the measurement just started.
 
-    def __init__(self) -> None:
-        self._before: bytes | None = None
-
-    def require(
-        self, client: EmsconClient, result: Result, after_s: float, measuring_time_s: float | None
-    ) -> None:
-        """Raise `NotAMeasurement` for a result that cannot be of the measurement just started.
-
-        It came `after_s` after the start. `measuring_time_s` is None where the tracker's time is
-        not known.
-        """
-        # No instrument observes the same scatter twice, to the last bit. One that states none
-        # (zeros) could send the same numbers for a reflector that stands still.
-        before, self._before = self._before, wire.encode(result)
-        if self._before == before and any(value > 0.0 for value in result.std):
-            raise errors.NotAMeasurement(
-                f"{client.name}: the result is that of the measurement before, byte for byte",
-                remedy=NOT_OWN_REMEDY,
-            )
-        if measuring_time_s is not None:
-            spare_s = max(LEAST_SPARE_S, SPARE_SHARE * measuring_time_s)
-            if after_s < measuring_time_s - spare_s:
-                raise errors.NotAMeasurement(
-                    f"{client.name}: a result came {after_s:.3f} s after its measurement was "
-                    f"started, which takes {measuring_time_s:g} s",
-                    remedy=NOT_OWN_REMEDY,
-                )
-        if client.may_hear_old_results and client.await_idle_and_see_another_end():
-            raise errors.NotAMeasurement(
-                f"{client.name}: a second result followed, and either can be that of an earlier "
-                "measurement which failed: neither is taken",
-                remedy=NOT_OWN_REMEDY,
-            )
+    `is_repeated`: it is the result before, byte for byte. It came `after_s` after the start.
+    `measuring_time_s` is None where the tracker's time is not known.
+    """
+    # No instrument observes the same scatter twice, to the last bit. One that states none (zeros)
+    # could send the same numbers for a reflector that stands still.
+    problem = ""
+    if is_repeated and any(value > 0.0 for value in result.std):
+        problem = "the result is that of the measurement before, byte for byte"
+    elif measuring_time_s is not None and after_s < measuring_time_s - max(
+        LEAST_SPARE_S, SPARE_SHARE * measuring_time_s
+    ):
+        problem = (
+            f"a result came {after_s:.3f} s after its measurement was started, "
+            f"which takes {measuring_time_s:g} s"
+        )
+    elif client.may_hear_old_results and client.await_idle_and_see_another_end():
+        problem = (
+            "a second result followed, and either can be that of an earlier measurement which "
+            "failed: neither is taken"
+        )
+    if problem:
+        raise errors.NotAMeasurement(
+            f"{client.name}: {problem}",
+            remedy="measure again; if it comes back, end other programs that use the tracker, or "
+            "restart it (docs/reference/emscon.md#results-that-cannot-be)",
+        )
 
 
 def measurement_of(where: str, result: Result) -> values.Measurement:

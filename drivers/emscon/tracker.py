@@ -14,9 +14,10 @@ from drivers.emscon.client import (
     EmsconDeadlines,
     failed_with_beam,
 )
-from drivers.emscon.results import OwnResult, measurement_of
+from drivers.emscon.results import measurement_of, require_own
 from drivers.plausible import require_weather
 from drivers.session import Preparation, PreparedTracker
+from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
     SENSOR_NAMES,
@@ -49,7 +50,8 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         super().__init__()
         self._given = given
         self._deadlines = deadlines
-        self._own_result = OwnResult()
+        self._last_result = b""
+        """As it came, over all connections."""
 
     def reconnect(self) -> None:
         """Open anew after a fault, and prepare the tracker as it was.
@@ -113,9 +115,15 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         if isinstance(result, bodies.ErrorResponse) or result.status != ResultStatus.ALL_OK:
             client.abandon_measurement()
             raise self._failure(Command.START_MEASUREMENT.title, result.status)
+        before, self._last_result = self._last_result, wire.encode(result)
         try:
-            judged_s = measurement_time_s if self._knows_its_time() else None
-            self._own_result.require(client, result, after_s, judged_s)
+            require_own(
+                client,
+                result,
+                is_repeated=self._last_result == before,
+                after_s=after_s,
+                measuring_time_s=measurement_time_s if self._knows_its_time() else None,
+            )
         except errors.NotAMeasurement:
             client.abandon_measurement()
             raise

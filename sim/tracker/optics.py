@@ -88,23 +88,6 @@ class Noise(Section):
         }
 
 
-def misread_mm(points_in_tracker_mm: Array, constant_mm: float, transit_rad: float) -> Array:
-    """Return points (N, 3) as read with a reflector constant and transit axis that are off.
-
-    Ranges are too long by the constant; the transit axis leans from the horizontal, so that a beam
-    at an elevation ε passes over its azimuth by the leaning times tan ε.
-    """
-    x, y, z = points_in_tracker_mm.T
-    level = np.hypot(x, y)
-    ranges = np.hypot(level, z) + constant_mm
-    elevation = np.arctan2(z, level)
-    azimuth = np.arctan2(y, x) + np.arcsin(np.tan(transit_rad) * np.tan(elevation))
-    level = ranges * np.cos(elevation)
-    return np.column_stack(
-        [level * np.cos(azimuth), level * np.sin(azimuth), ranges * np.sin(elevation)]
-    )
-
-
 def _beam_axes(point_in_tracker_mm: Array) -> Array:
     """Return (3, 3), columns: along the beam, across it horizontally, across it upward."""
     along = point_in_tracker_mm / np.linalg.norm(point_in_tracker_mm)

@@ -1,44 +1,13 @@
 """The drivers there are: declared once, chosen by name, and refused by name."""
 
-from pathlib import Path
-
 import pytest
 from pydantic import ValidationError
-from timed_pipe import HandClock
 
 from campaigns.settings.sections import ControllerConfig, TrackerConfig
 from drivers import catalog
-from drivers.declaration import Surroundings
 from drivers.errors import WireError
-from drivers.ports import LaserTracker
-from drivers.watch_file import WatchSettings
-
-WATCHED = WatchSettings(
-    serial="SN-1",
-    path=Path(),
-    wait_s=1.0,
-    encoding=None,
-    rows_of=lambda _: (),
-    point_of=lambda *_: (0, 0, 0),
-)
-
 
 REQUIRED = {ControllerConfig: {}, TrackerConfig: {"reflector": "CCR"}}
-
-
-def abstract_calls(port):
-    return {name for name in vars(port) if not name.startswith("_")}
-
-
-@pytest.mark.parametrize("name", catalog.TRACKERS)
-def test_tracker_is_made_as_its_declaration_says(name):
-    given = Surroundings(
-        open_transport=lambda **_: None,
-        clock=HandClock(),
-        settings=WATCHED if name == "watch-file" else "SN-1",
-    )
-    tracker = catalog.TRACKERS[name].make(given)
-    assert abstract_calls(LaserTracker) <= set(dir(tracker))
 
 
 def test_settings_offer_the_drivers_that_there_are():

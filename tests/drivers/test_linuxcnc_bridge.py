@@ -3,12 +3,14 @@
 import json
 import re
 import socket
+import time
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
 import pytest
 
+from drivers import linuxcnc_bridge
 from drivers.linuxcnc_bridge import Parameters, Refusal, Session
 from drivers.wire.robotline import grammar
 
@@ -24,9 +26,8 @@ class Machine:
     def __init__(self, file, stuck=()):
         lines = [line.split() for line in file.read_text().splitlines()]
         self.held = {words[1]: float(words[2]) for words in lines if words[0] == "setp"}
-        self.held |= {"pkmkins.arm0.axis_tilt_deg": 0.0} | dict.fromkeys(
-            [f"ini.{n}.backlash" for n in range(4)], 0.0
-        )
+        self.held |= {"pkmkins.arm0.axis_tilt_deg": 0.0, "motion.motion-enabled": 0.0}
+        self.held |= {f"ini.{n}.backlash": 0.0 for n in range(4)}
         self.pins, self.stuck = set(self.held), stuck
 
     def get(self, pin):
@@ -35,9 +36,6 @@ class Machine:
     def put(self, pin, value):
         if pin not in self.stuck:
             self.held[pin] = value
-
-    def has_power(self):
-        return False
 
     def is_moving(self):
         return False
@@ -105,3 +103,28 @@ def test_bad_lines_are_answered_as_the_page_says(file, case):
         theirs.close()
         said = ours.recv(1000).decode()
     assert said.startswith(case["answer"]) if case["answer"] else said == ""
+
+
+class StandingMachine(linuxcnc_bridge.Machine):
+    """A robot that stands, with a servo thread whose next cycle comes after some seconds."""
+
+    letters = ""
+
+    def __init__(self, cycle_after_s):
+        self._target = ()
+        self.cycle_s = time.monotonic() + cycle_after_s
+
+    def get(self, pin):
+        return float(pin != "servo-thread.time" or time.monotonic() > self.cycle_s)
+
+
+def test_robot_stands_when_a_loaded_machine_delays_the_servo_thread():
+    assert not StandingMachine(cycle_after_s=0.15).is_moving()
+    StandingMachine(cycle_after_s=0.5).require_standing()
+
+
+def test_robot_whose_servo_thread_is_dead_counts_as_moving():
+    machine = StandingMachine(cycle_after_s=1e9)
+    assert machine.is_moving()
+    with pytest.raises(Refusal, match="realtime part is dead"):
+        machine.require_standing()

@@ -1,13 +1,10 @@
 """What a device cannot answer: refused at once, with the device and the value, by every driver."""
 
-from dataclasses import replace
-
 import pytest
-from scripted_emscon import RESULT
 
 from drivers.errors import ImplausibleAnswer
-from drivers.plausible import require_joints, require_point, require_weather
-from drivers.values import DISTANCE, JOINT_ANGLE, TEMPERATURE, Coordinate, Weather
+from drivers.plausible import require_weather
+from drivers.values import TEMPERATURE, Weather
 
 
 @pytest.mark.parametrize(
@@ -34,12 +31,3 @@ def test_bounds_hold_no_number_that_is_none(value):
     assert TEMPERATURE.hold(70.0)
     with pytest.raises(ImplausibleAnswer):
         require_weather("here", Weather(value, 1013.0, 50.0))
-
-
-def test_bounds_are_those_of_imported_shots_also_for_joints_that_slide():
-    assert (JOINT_ANGLE.most, DISTANCE.most, TEMPERATURE.least) == (360.0, 200_000.0, -40.0)
-    require_point("here", replace(RESULT, point=(DISTANCE.most, 0.0, 0.0)).point)
-    axes = (Coordinate("q0", is_angle=True), Coordinate("q1", is_angle=False))
-    require_joints("here", axes, (6.28, 99_000.0))
-    with pytest.raises(ImplausibleAnswer, match=r"joint q1 at 100001 mm"):
-        require_joints("here", axes, (0.0, 100_001.0))

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from drivers.errors import LinkDown
-from drivers.transport import CHUNK_BYTES, TcpTransport, opener_of
+from drivers.transport import CHUNK_BYTES, opener_of
 
 
 class Line:
@@ -129,13 +129,6 @@ def test_one_reading_of_a_socket_is_bounded(device, ours):
     device.says(b"x" * (CHUNK_BYTES + 10_000))
     pieces = [ours.receive(1.0), ours.receive(1.0)]
     assert max(map(len, pieces)) <= CHUNK_BYTES
-
-
-@of_host
-def test_small_questions_are_sent_at_once(device):
-    ours = TcpTransport.connect(*device.address, timeout_s=1.0)
-    assert ours._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-    ours.close()
 
 
 @of_host

@@ -23,14 +23,11 @@ LEVEL_ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
 ROBOTS = {**LEVEL_ROBOTS, "par4-prototype + Table I + axis tilts": TILTED}
 
 LIMITS = turning_limits((-np.pi / 4, np.pi / 2), (-np.pi / 4, np.pi / 4), np.pi / 4)
-WELL_INSIDE = turning_limits((-0.6, 1.3), (-0.6, 0.6), 0.6, singularity_margin=0.3)
-"""Leaves room for errors of a hundred millimetres or of a tenth of a radian."""
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 TRACKER_MM = np.array([2500.0, 0.0, -600.0])
 TRACKER_FROM_BASE = from_paper_angles(
     np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0])
 )
-TRACKER_STD_MM = 0.015 / 3**0.5
 
 
 def region(geometry=NOMINAL, limits=LIMITS, acceptance_rad=np.pi):
@@ -44,12 +41,6 @@ def reachable_poses(geometry, count, seed, limits=LIMITS):
 
 def reachable_joints(geometry, count, seed, limits=LIMITS):
     return geometry.inverse(reachable_poses(geometry, count, seed, limits)).values_or_raise()
-
-
-def measured_points(geometry, joints, std_mm=0.0, seed=0):
-    """What a tracker would tell of a robot, in the tracker's frame."""
-    points = TRACKER_FROM_BASE.apply(geometry.forward(joints).values_or_raise()[:, :3])
-    return points + std_mm * np.random.default_rng(seed).standard_normal(points.shape)
 
 
 def central_differences(function, x, steps):

@@ -17,8 +17,6 @@ SKEW_NAMES = SPACE.select(field="parallelogram_skew")
 PLATE = SPACE.names.index("plate_mm")
 TILTS = SPACE.places(AXIS_TILT_NAMES)
 SKEWS = SPACE.places(SKEW_NAMES)
-BACKLASHES = SPACE.columns["backlash"]
-"""Places in the vector of all parameters."""
 
 
 def places_of(field: str) -> np.ndarray:

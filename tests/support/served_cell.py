@@ -1,7 +1,5 @@
 """A simulated cell served on loopback, as by `pkmcal sim`."""
 
-from typing import Literal
-
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.servers.server import CellServer
@@ -19,7 +17,6 @@ class ServedCell:
         cell: Cell,
         clock: ScaledClock,
         *,
-        controller_on: Literal["tcp", "pty"] = "tcp",
         tracker_speaks: str = "emscon",
         controller_port: int = 0,
         tracker_port: int = 0,
@@ -31,11 +28,7 @@ class ServedCell:
         try:
             self.tracker_url = self._server.serve_tcp(sessions, "tracker", tracker_port)
             controller = controller_sessions(cell)
-            self.controller_url = (
-                self._server.serve_pty(controller, "controller")
-                if controller_on == "pty"
-                else self._server.serve_tcp(controller, "controller", controller_port)
-            )
+            self.controller_url = self._server.serve_tcp(controller, "controller", controller_port)
         except BaseException:
             self._server.stop()
             raise

@@ -11,7 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from journal_story import SESSION, beginning, intent, outcome, ticking, write_story
+from journal_story import SESSION, beginning, intent, outcome, ticking
 from small_files import files_no_larger_than
 
 from campaigns.errors import CampaignLocked, JournalFailed
@@ -115,14 +115,6 @@ def test_a_record_that_somebody_wrote_by_hand_is_named_when_it_cannot_be_read(
         other.commit()
     with pytest.raises(JournalFailed, match="record 2 cannot be read: event: kind: Field required"):
         journal.records()
-
-
-def test_a_damaged_file_is_called_damaged(path: Path) -> None:
-    write_story(path)
-    sound = path.read_bytes()
-    path.write_bytes(sound[:4096] + b"\xff" * (len(sound) - 4096))
-    with pytest.raises(JournalFailed, match="backup"), read_journal(path) as reader:
-        reader.records()
 
 
 @pytest.mark.parametrize("share_kept", [0.0, 0.3, 0.6, 0.8, 0.95, 0.999])

@@ -138,15 +138,6 @@ def test_another_refusal_is_not_taken_for_a_lack_of_extensions():
         tilting("NO BUSY").robot.read_geometry()
 
 
-def test_refused_extension_leaves_nothing_half_loaded():
-    controller = connected(layout=TILTING_LAYOUT)
-    controller.answers["STAGE arm2.parallelogram_skew_deg -0.01"] = "NO ARGUMENT no such word"
-    with pytest.raises(DeviceRefused, match="ARGUMENT: no such word"):
-        controller.robot.write_geometry(FLAT | TILTS)
-    assert controller.verbs[-1] == "ABANDON"
-    assert "COMMIT" not in controller.verbs
-
-
 def test_controller_is_asked_for_each_kind_of_parameter_by_name():
     controller = tilting("NO ARGUMENT no such word")
     tilts = [name for name in TILTING_LAYOUT.extensions if name.endswith("axis_tilt_deg")]

@@ -11,13 +11,7 @@ from hypothesis import strategies as st
 from drivers.errors import WireError
 from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon_constants import (
-    Command,
-    ResultStatus,
-    StatusBit,
-    SystemChange,
-    status_text,
-)
+from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.framing import Packet
 
 UNITS = said.Units(1, 1, 0, 0, 0)
@@ -212,11 +206,3 @@ def test_texts_fit_their_field_and_end_at_their_first_nul():
     packet = bytearray(said.encode_body(said.ReflectorEntry(1, 1, 1, 0.0, "CCR")))
     packet[20 + 2 * 5 : 20 + 2 * 6] = b"\x00\xd8"  # half a surrogate pair, behind the end
     assert said.decode_body(said.ReflectorEntry, bytes(packet)).name == "CCR"
-
-
-def test_status_is_told_in_words_and_its_bits_are_where_the_interface_has_them():
-    assert status_text(39) == "emScon error 39 (tracker not initialized)"
-    assert status_text(24010) == "emScon error 24010"
-    assert status_text(6) == "emScon error 6 (wrong parameter 3)"
-    assert status_text(14) == "emScon error 14 (parameter 2 out of range)"
-    assert StatusBit.REFLECTOR_FOUND | StatusBit.INITIALIZED == 2048 + 65536

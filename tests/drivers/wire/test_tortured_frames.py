@@ -10,7 +10,7 @@ from collections import Counter
 from random import Random
 
 import pytest
-from wire_frames import WIRES, Wire, frame
+from wire_frames import WIRES, frame
 
 from drivers.errors import WireError
 from drivers.wire.framing import LARGEST_PACKET_BYTES
@@ -108,11 +108,3 @@ def test_ten_times_the_bytes_take_ten_times_the_time(wire, kind):
     short_s = seconds(wire, flood(wire, kind, SHORT_BYTES))
     long_s = seconds(wire, flood(wire, kind, TIMES_LONGER * SHORT_BYTES))
     assert long_s / (TIMES_LONGER * short_s) < MOST_RATIO
-
-
-def test_parser_that_hoards_is_found():
-    def fresh():
-        kept = [b""]
-        return lambda data: kept.append(kept[-1] + data)  # as it was: the buffer is copied and kept
-
-    assert peak_mb(Wire("hoarder", fresh, WIRES[0].examples)) > FLOOD_MB

@@ -9,7 +9,6 @@ from family_cases import ALL_MEMBERS
 from sim.geometry import KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
 from sim.robot.transmission import Load, Transmission, heights_by_joints
-from sim.tracker.optics import misread_mm
 
 ANGLES = np.linspace(-np.pi, np.pi, 721)[:, None] * np.ones(3)
 
@@ -81,12 +80,3 @@ def test_torques_of_the_weight_are_the_plates_rise(member):
     assert elbow == pytest.approx(own, abs=1e-3)
     given = Load(at_elbow_n=10.0, at_plate_n=20.0, stiffness=1e6).yielding(rods, joints, plate)
     assert given == pytest.approx(-1e-5 * own - 2e-5 * rise, abs=1e-7)
-
-
-def test_a_tracker_that_is_off_reads_longer_ranges_and_other_azimuths():
-    points = np.array([[2000.0, 500.0, 800.0], [1500.0, -700.0, -300.0], [0.0, 2000.0, 0.0]])
-    longer = misread_mm(points, 0.5, 0.0)
-    assert np.linalg.norm(longer, axis=1) - np.linalg.norm(points, axis=1) == pytest.approx(0.5)
-    assert np.cross(longer, points) == pytest.approx(0.0, abs=1e-6)
-    aside = misread_mm(points, 0.0, 1e-4) - points
-    assert np.linalg.norm(aside, axis=1) == pytest.approx(1e-4 * np.abs(points[:, 2]), abs=1e-6)

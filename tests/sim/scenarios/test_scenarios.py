@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +10,6 @@ from refusals import refusal
 from campaigns.robots.robot import find_robot
 from sim.cell import Cell
 from sim.errors import ScenarioInvalid
-from sim.factory import transmission
 from sim.robot.section import nominal_robot
 from sim.scenarios.scenario import load_scenario, parse_scenario, shipped_scenarios
 
@@ -55,20 +53,6 @@ def test_table_2_is_the_truth_of_the_papers_prototype():
     assert errors["arm2.joint_offset_deg"] == -4.54
     assert errors["arm2.arm_mm"] == -7.71
     assert errors["arm3.forearm_mm"] == 4.04
-
-
-def test_gears_are_the_realistic_robot_with_what_was_bought():
-    gears, realistic = (load_scenario(name).robot for name in ("gears", "realistic"))
-    assert gears.tolerances == realistic.tolerances
-    made = transmission(gears, seed=3)
-    arcsec = np.degrees(made.eccentricity[0]) * 3600.0
-    assert arcsec == pytest.approx(412.5 * 5.0 / 50.0, rel=1e-3)
-    assert np.degrees(made.ripple) * 3600.0 == pytest.approx(np.full(4, 10.0))
-    assert len({*made.phase_rad, *made.ripple_phase_rad}) == 8, "each has its own place"
-    assert not transmission(realistic, seed=3).joints(np.ones(4)) @ np.ones(4) - 4.0
-    grown = gears.thermal.growth(1800.0)
-    assert grown.frame == pytest.approx(69e-6 * (1.0 - math.exp(-1.0)))
-    assert (grown.arms, grown.forearms) == (realistic.thermal.growth(1800.0).arms, 0.0)
 
 
 def test_gears_of_carriages_and_of_cranks_are_not_mistaken_for_each_other():
