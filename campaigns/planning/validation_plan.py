@@ -245,7 +245,7 @@ def _repetitions(
 def _cube(
     centre: Array, config: ValidationConfig, robot: Reachable, region: FeasibleRegion | None
 ) -> Iterator[Planned]:
-    """Plan cycles through ISO 9283's five poses, each from the same other one, θ 0."""
+    """Plan cycles through ISO 9283's five poses, unturned, each from the same other one."""
     edge_mm, middle = config.cube_edge_mm or 0.0, centre.copy()
     if not edge_mm and region is not None:
         middle[: len(AXES)], edge_mm = largest_cube(region)
@@ -262,7 +262,7 @@ def _cube(
 
 
 def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
-    """Return middle (3,) and edge, mm, of the largest cube that can be measured at θ 0.
+    """Return middle (3,) and edge, mm, of the largest cube that an unturned plate can measure.
 
     Its edges are along the base's axes. It is sought in a grid over the region, and once more in a
     finer one around the first result. Edge 0: the region holds none.

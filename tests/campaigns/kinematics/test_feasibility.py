@@ -153,23 +153,6 @@ def test_margins_of_a_delta_are_those_of_its_geometry():
     assert np.abs(judged.singular_value - singular).max() < 1e-12
 
 
-@pytest.mark.parametrize("height_mm", [500.0, 100.0, 20.0, 1.0])
-def test_the_margin_vanishes_as_a_delta_s_platform_rises_between_its_elbows(height_mm):
-    """On the axis of a symmetric robot it is √3 cos φ or √1.5 sin φ, φ from the vertical."""
-    member = BY_NAME["delta"]
-    p = member.nominal.p.copy()
-    outward_mm = float(np.hypot(*p[:2]) + p[5])
-    p[[6, 13, 20]] = np.hypot(outward_mm, height_mm)
-    robot, pose = member.robot_of(p), np.array([[0.0, 0.0, -height_mm]])
-    assert np.abs(robot.inverse(pose).values_or_raise()).max() < 1e-12
-    phi = np.arctan2(outward_mm, height_mm)
-    expected = min(np.sqrt(3.0) * np.cos(phi), np.sqrt(1.5) * np.sin(phi))
-    judged = robot.feasibility(member.limits, pose)
-    assert judged.singular_value[0] == pytest.approx(expected, rel=1e-9)
-    near = Violation.SINGULAR in Violation(int(judged.violations[0]))
-    assert near == (expected < member.limits.singularity_margin)
-
-
 @pytest.mark.parametrize("name", ["linear-delta", "i4l"])
 def test_a_carriage_beyond_its_rail_and_a_forearm_that_leans_too_far_are_told(name):
     member = BY_NAME[name]

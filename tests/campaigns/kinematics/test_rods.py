@@ -117,13 +117,3 @@ def test_a_reflector_on_either_half_is_where_the_model_has_it(member, half):
         assert np.abs(rods.reflector_mm(plate, OFFSET_MM, half) - OFFSET_MM - pose[:3]).max() < 1e-8
         assert np.abs(plate.theta_rad - pose[3]) < 1e-10
     assert robot.forward(joints).values_or_raise() == pytest.approx(poses, abs=1e-8)
-
-
-def test_only_the_crossbar_of_an_h4_turns_its_reflector():
-    for member in ALL_MEMBERS:
-        rods = twin(member, member.nominal)
-        turned = Plate.level(kind_of(member), np.zeros(3), 0.5)
-        moved = rods.reflector_mm(turned, OFFSET_MM) - OFFSET_MM
-        assert (np.abs(moved).max() > 1.0) == (member.name == "h4")
-        upright = np.array([0.0, 0.0, OFFSET_MM[2]])
-        assert rods.reflector_mm(turned, upright) == pytest.approx(upright)

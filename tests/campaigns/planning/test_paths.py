@@ -101,12 +101,6 @@ def test_a_way_where_the_mechanism_comes_apart_is_named_and_from_there_is_none()
     assert OPEN.safe_path(apart, there) is None
 
 
-def test_when_every_way_is_blocked_there_is_none():
-    here, there = joints_at(0, -50, -575, -0.5), joints_at(0, -50, -575, 0.5)
-    nothing_allowed = replace(LIMITS, forearm_swing_rad=-1.0)
-    assert RobotModel(NOMINAL, nothing_allowed, CENTRE).safe_path(here, there) is None
-
-
 def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_short_legs():
     """A fine pinion turns small differences of the joints' ways into large turns."""
     robot = find_robot("i4r").robot

@@ -8,8 +8,6 @@ import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from small_plans import LIMITS, PACE, VIEW, of
 
-from campaigns.design.pose_sampling import incidence_rad
-from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
 from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plans
@@ -54,29 +52,6 @@ def test_unless_told_the_drift_pose_is_visited_once_in_ten_pairs(pairs: int, vis
     assert (len(found), found[0], found[-1]) == (visits, 0, len(shots) - 1)
 
 
-@pytest.mark.parametrize("count", [2, 9])
-def test_drift_shots_never_cut_a_pair(count: int) -> None:
-    shots = plan(plans.PlanRequest(8, 2, count, MIDDLE))
-    assert len(of(shots, ShotSet.DRIFT)) == count
-    assert shots[0].purpose is shots[-1].purpose is ShotSet.DRIFT
-    assert (np.diff(plans.pairs_of(shots, ShotSet.IDENTIFICATION), axis=1) == 1).all()
-
-
-def test_shots_to_identify_from_lie_near_the_boundary(
-    default_plan: tuple[PlannedShot, ...],
-) -> None:
-    poses = plans.poses_of(of(default_plan, ShotSet.IDENTIFICATION))
-    further = CENTRE + 1.08 * (poses - CENTRE)
-    assert NOMINAL.feasibility(LIMITS, poses).feasible.all()
-    beyond = ~NOMINAL.feasibility(LIMITS, further).feasible
-    unseen = incidence_rad(further[:, :3], np.array(VIEW.tracker_mm), unit(VIEW.facing)) > 0.43
-    assert (beyond | unseen).mean() > 0.9
-
-
-def unit(vector: tuple[float, float, float]) -> np.ndarray:
-    return np.array(vector) / np.linalg.norm(vector)
-
-
 def test_validation_shots_are_spread_over_the_workspace(
     default_plan: tuple[PlannedShot, ...],
 ) -> None:
@@ -94,13 +69,6 @@ def test_planned_joints_keep_off_their_limits(default_plan: tuple[PlannedShot, .
         joints = plans.joints_of(of(default_plan, purpose))
         assert joints.min() >= low + reserve - 1e-12
         assert joints.max() <= high - reserve + 1e-12
-
-
-def test_tour_travels_little(default_plan: tuple[PlannedShot, ...]) -> None:
-    joints = plans.joints_of(default_plan)
-    tour = travel_rad(joints[:-1], joints[1:]).sum()
-    shuffled = np.random.default_rng(0).permutation(joints)
-    assert tour < 0.85 * travel_rad(shuffled[:-1], shuffled[1:]).sum()
 
 
 @pytest.mark.slow

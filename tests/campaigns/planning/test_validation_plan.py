@@ -16,7 +16,7 @@ from campaigns.kinematics.mechanism import KinematicSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Step
 from campaigns.planning.validation_plan import APPROACHES_MM, Planned, Reachable, validation_steps
-from campaigns.robots.robot import find_robot, pose_row
+from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
 
@@ -108,12 +108,6 @@ def test_pairs_that_the_controller_cannot_take_are_left_out_whole_or_all_refused
     narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(5.0)))
     with pytest.raises(PlanInvalid, match="nothing to validate: validation pair 2 left out"):
         steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
-
-
-def test_pairs_keep_their_numbers() -> None:
-    found = of(steps(frozenset({ShotSet.VALIDATION})), ShotSet.VALIDATION)
-    assert [step.planned.pair for step in found] == [2, 2, 4, 4]
-    assert [step.planned.pose for step in found] == [shot.pose for shot in PAIRS]
 
 
 def test_repeated_pose_is_approached_from_all_around() -> None:
@@ -213,23 +207,3 @@ def test_joints_come_to_every_corrected_pose_from_a_known_side() -> None:
     steps(robot=Reachable(NOMINAL, LIMITS, correct=correct))
     (taken,) = sides
     assert (np.abs(taken) == 1.0).all()
-
-
-def test_small_robot_comes_to_the_repeated_pose_from_less_far_and_says_so() -> None:
-    third = par4(
-        {
-            name: value / 3.0 if name.endswith("_mm") else value
-            for name, value in find_robot("par4-prototype").robot.parameters.items()
-        }
-    )
-    config = replace_centre(CONFIG, (0.0, 0.0, -150.0))
-    found = steps(frozenset({ShotSet.REPEATABILITY}), config, Reachable(third, LIMITS))
-    (note,) = found[1]
-    assert note.startswith("repeatability from 40 mm away, not 80: ")
-    joints = np.array([step.approach[0] for step in found[0]])
-    away = third.forward(joints).values_or_raise()[:, :3] - [0.0, 0.0, -150.0]
-    assert np.linalg.norm(away, axis=1) == pytest.approx(40.0)
-
-
-def replace_centre(config: ValidationConfig, centre_mm: tuple[float, float, float]):
-    return config.model_copy(update={"centre_mm": centre_mm})
