@@ -32,7 +32,7 @@ DECISIONS: Mapping[str, str] = {
     "pass": GOOD,
     "fail": BAD,
     "not decided": OPEN,
-    "no limit asked for": OPEN,
+    "no limits specified": OPEN,
 }
 """How each decision looks."""
 TALK, WARNING = "dim", "yellow"

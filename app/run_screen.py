@@ -18,7 +18,7 @@ from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
 
 GOOD, BAD, OPEN, QUIET = "bold green", "bold red", "bold yellow", "dim"
-KEYS = "p pause · s skip this shot · r the last again · k park · q stop"
+KEYS = "p pause · s skip shot · r redo pair · k park · q stop"
 KEYS_IN_PAUSE = "p goes on · q stop"
 STOP_KEY = "q"
 ANSWERS = {

@@ -37,7 +37,7 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
     if ran.settling is not None:
         terminal.say(ran.settling.text, "" if ran.settling.shots else WARNING)
     if ran.known is not None:
-        terminal.say(f"known by {ran.known.shots} shots: {certainty(ran.known)}")
+        terminal.say(f"after {ran.known.shots} shots: {certainty(ran.known)}")
     if ran.goal_mm is None:
         return
     if ran.good:
@@ -83,4 +83,4 @@ def _why(ran: RunResult) -> str:
     """Return what made σ larger than predicted: the forecast is of a robot without scatter."""
     if ran.known is None or ran.known.scatter_mm < SCATTER_SHOWN_MM:
         return ""
-    return f"; the robot's point scatters by ±{ran.known.scatter_mm:.2g} mm an axis"
+    return f"; robot repeatability ±{ran.known.scatter_mm:.2g} mm per axis"

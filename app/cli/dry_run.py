@@ -19,7 +19,7 @@ from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there
 
-BETTER = "the loaded parameters make the robot better at poses that were not fitted"
+BETTER = "calibration improved accuracy at independent poses"
 NOTHING_TO_CORRECT = "no change shown at poses that were not fitted: there is nothing to correct"
 NewFolder = Annotated[
     Path | None, typer.Argument(metavar="[DIR]", help="Default: a new folder dry-run-N.")

@@ -154,5 +154,5 @@ def show(
         )
     plan_text.show_forecast(terminal, campaign, planned, until_mm)
     detours = planned.checked.detours
-    round_ = f"; {detours} ways go round something" if detours else ""
+    round_ = f"; {detours} moves take a detour" if detours else ""
     terminal.say(f"{plan_text.plan_line(planned.checked)}{round_}")

@@ -14,7 +14,7 @@ from campaigns.options import ValidationOptions
 from campaigns.workflow import validation
 
 NO_LIMITS = (
-    "! no limits are set under acceptance in campaign.yaml: errors will be stated, and no "
+    "! no limits are specified under acceptance in campaign.yaml: errors will be stated, but no "
     "conformity; limits that are set later are judged at once"
 )
 

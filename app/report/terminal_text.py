@@ -150,7 +150,7 @@ def _show(terminal: Terminal, found: Validated) -> None:
     for reason in verdict.reasons:
         terminal.say(f"{says}: {reason}", style)
     if verdict.decision == "pass" and found.otherwise is None:
-        terminal.say("good: all limits are met, the uncertainty included", GOOD)
+        terminal.say("good: all specified limits are met, measurement uncertainty included", GOOD)
     campaign = found.campaign_verdict
     if campaign is not None and campaign.decision not in {verdict.decision} - {NO_LIMIT}:
         terminal.say(f"the campaign as a whole: {campaign.says}", DECISIONS[campaign.decision])

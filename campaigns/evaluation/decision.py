@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 Decision = Literal["pass", "fail", "not decided"]
-NO_LIMIT: Literal["no limit asked for"] = "no limit asked for"
-Verdict = Literal["pass", "fail", "not decided", "no limit asked for"]
+NO_LIMIT: Literal["no limits specified"] = "no limits specified"
+Verdict = Literal["pass", "fail", "not decided", "no limits specified"]
 """Decision on a stage or a campaign; the last where nothing but a limit is lacking."""
 
 COVERAGE = 2.0
@@ -16,9 +16,9 @@ COVERAGE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """Requirement: a measured error and the limit asked for it, in one unit.
+    """Requirement: a measured error and the limit specified for it, in one unit.
 
-    None: not measured, or none asked. Without an uncertainty the error is judged as it stands.
+    None: not measured, or not specified. Without an uncertainty the error is judged as it stands.
     """
 
     name: str

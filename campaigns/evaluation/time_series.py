@@ -83,8 +83,8 @@ def settling(
         )
         if settled >= SIGNIFICANCE:
             most_mm, since = np.linalg.norm(away, axis=1).max(), tuple(numbers[first:])
-            says = f"the robot has settled since shot {since[0]}: the drift pose then stays within"
-            return since, f"{says} {most_mm:.3f} mm, which is its scatter"
+            says = f"no drift since shot {since[0]}: the drift pose repeats within {most_mm:.3f} mm"
+            return since, says
     moved_mm = np.linalg.norm(points_mm[-1] - points_mm[-FEWEST_VISITS])
     return (), (
         f"the robot still warms up or moves: its drift pose by {moved_mm:.3f} mm in the last "

@@ -20,15 +20,16 @@ from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig
 
 RULE = (
-    "Decision rule (ISO 14253-1): a limit is met if |e| + U ≤ limit, and not met if "
-    "|e| − U > limit; otherwise no decision is made. U = 2 u is the expanded uncertainty of "
-    "measurement (k = 2, about 95 %). All passes only if the identification passed, every limit "
-    "is met, the files belong together, and no check found the robot changed."
+    "Decision rule (ISO 14253-1): a limit is met if |e| + U ≤ limit, not met if |e| − U > limit; "
+    "otherwise no decision is made. U = 2 u is the expanded measurement uncertainty (k = 2, about "
+    "95 %). The overall verdict is pass only if the identification passed, every specified limit "
+    "is met, all files match and no later check has failed."
 )
 HEADLINES: Mapping[Verdict, str] = {
-    "pass": "All limits are met, the uncertainty of measurement included.",
-    "fail": "The calibration, or the robot after it, does not meet its requirements.",
-    "not decided": "Conformity is neither shown nor ruled out.",
+    "pass": "All specified limits are met, measurement uncertainty included.",
+    "fail": "The calibration or the calibrated robot does not meet its requirements.",
+    "not decided": "Conformity could be neither shown nor ruled out.",
+    NO_LIMIT: "No acceptance limits are specified; no statement of conformity is made.",
 }
 NO_CHANGE = "no change shown"
 JUDGED = "distances, mean error"
@@ -254,16 +255,16 @@ def campaign_verdict(
         decision = decide_all([*decisions, after.decision])
     elif limited or set(decisions) != {"pass"}:
         decision = decide_all([*decisions, "not decided"])
-    headline = HEADLINES.get(decision, "")
+    headline = HEADLINES[decision]
     if not limited and decision != "fail":
-        headline = f"{gained} No limits are set, so no conformity is stated.".strip()
+        headline = f"{gained} {HEADLINES[NO_LIMIT]}".strip()
     reasons = [str(identification or "Nothing has been identified yet.")]
     if identification is not None:
         reasons += [f"Accepted all the same: {doubt}." for doubt in identification.accepted]
     if not validated:
         reasons.append("The robot has not been validated after calibration.")
     if not limited:
-        reasons.append("No limit is set under `acceptance` in campaign.yaml.")
+        reasons.append("No limits are specified under `acceptance` in campaign.yaml.")
     elif validated:
         for word in ("fail", "not decided", "pass"):
             names = [each.name for each in limited if each.decision == word]

@@ -46,7 +46,7 @@ WORDS: Mapping[str, str] = {
     "less_than_equal": "is {input}, must be at most {le:g}",
     "multiple_of": "is {input}, must be a multiple of {multiple_of}",
     "literal_error": "is {input}, must be {expected}",
-    "string_pattern_mismatch": "is {input}, which has not the right form",
+    "string_pattern_mismatch": "is {input}, which is not valid here",
     BROKEN_RULE: "{message}",
 }
 """Words by pydantic's name of the finding; what is in braces comes from the finding itself."""

@@ -248,12 +248,14 @@ class _Case:
             p: factors[p] ** 0.5 for p in ("along", "across") if p in factors
         }
         shown = f"{60.0 * joint:.2g}′" if axis.is_revolute else f"{joint:.2g} mm"
-        says = f"robot: the point scatters by {point:.3g} mm, the joints by {shown} (1 σ)"
+        says = (
+            f"robot repeatability: {point:.3g} mm per axis, {shown} per joint (1 σ), included in σ"
+        )
         if of_instrument:
             own = ", ".join(f"{value:.2g} × {part}" for part, value in of_instrument.items())
             says = (
                 f"the file states no σ of points: noise estimated, {own} the beam of the data "
-                f"sheet's; beside it the point scatters by {point:.3g} mm, the joints by {shown}"
+                f"sheet's; robot repeatability {point:.3g} mm per axis, {shown} per joint (1 σ)"
             )
         return Scatter(point, joint, of_instrument, says)
 

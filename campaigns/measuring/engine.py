@@ -371,7 +371,7 @@ class Engine:
         for group in self._plan:
             if last in shots_of(group):
                 shots = self._counted(group)
-                text = f"{in_words(shots)} measured again, as the operator wishes"
+                text = f"measuring {in_words(shots)} again (operator)"
                 self._log.announce(Event("operator note", text, shots))
                 self._void(group[0].planned.pair, shots, text)
                 return (group,)

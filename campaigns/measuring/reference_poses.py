@@ -130,7 +130,7 @@ def rigid_body_test(
             causes[axis.name] = by_joints[:, :, joint : joint + 1]
         change = _explain(seen, whitening, causes, size_mm, nominal, noise.freedom)
     largest_mm = float(np.linalg.norm(moved, axis=1).max())
-    size = f"up to {largest_mm:.3f} mm from where they were, χ² {chi2:.1f} of {seen.size}"
+    size = f"reference poses differ by up to {largest_mm:.3f} mm (χ² = {chi2:.1f}, ν = {seen.size})"
     return size, change
 
 

@@ -190,7 +190,7 @@ class Shots:
         return was_begun
 
     def _end_accepted(self, outcome: Outcome) -> None:
-        self._end(f"shot {outcome.shot} was measured already; r voids it, and measures it again")
+        self._end(f"shot {outcome.shot} is already measured; press r to redo it")
 
     def _end(self, too_late: str) -> None:
         """End a shot that is done; a wish to skip it came too late for that."""

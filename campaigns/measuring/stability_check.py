@@ -42,7 +42,7 @@ def change_of(
         noise = work.noise_by(work.uncertainty_monitor.posterior(accepted))
         size, change = rigid_body_test(work.robot.kinematics, accepted, then, again, noise)
         has_changed = bool(change)
-        text = f"{when} {size}: {change or 'neither tracker nor robot has changed'}"
+        text = f"{when} {size}: {change or 'no change detected'}"
     session.log.write(Event("drift check", text))
     return text if has_changed else ""
 

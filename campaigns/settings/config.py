@@ -81,7 +81,7 @@ class CampaignConfig(yaml_file.FileModel):
     )
     acceptance: sections.AcceptanceConfig = Field(
         default=sections.AcceptanceConfig(),
-        description="the largest errors that are good; empty: not asked for",
+        description="the largest errors that are good; empty: not specified",
     )
     people: sections.PeopleConfig = Field(
         default=sections.PeopleConfig(), description="who and where, for the record"

@@ -373,7 +373,7 @@ class ValidationConfig(FileModel):
 
 
 class AcceptanceConfig(FileModel):
-    """The largest errors at which the robot counts as good; None is not asked for."""
+    """The largest errors at which the robot counts as good; None is not specified."""
 
     distance_mean_mm: Acceptable = Field(
         default=None, description="the mean error of distances, mm"

@@ -120,7 +120,7 @@ def test_people_read_parameters_errors_budget_noise_and_the_verdict(pkmcal, clea
         "tracker: noise of points, as stated ",
         "combined ",
         "the tracker's scale ",
-        "robot: the point scatters by ",
+        "robot repeatability: ",
         "predicted σ of positions over the workspace: 0.0",
         "no shot determines ",
         "verdict: pass",

@@ -98,7 +98,7 @@ def test_the_screen_says_state_end_figures_and_keys():
         certainty(KNOWN),
         "goal: positions to ±0.02 mm, now ±0.006 mm",
         "",
-        "p pause · s skip this shot · r the last again · k park · q stop",
+        "p pause · s skip shot · r redo pair · k park · q stop",
     ]
 
 

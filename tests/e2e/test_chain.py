@@ -82,7 +82,7 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     assert document["after"]["rotation_mm"] < 0.1 * document["before"]["rotation_mm"]
     assert document["parameter_file"] == str(planned / "robot-compensated.yaml")
     assert "7/8 validate after" in ended.err
-    assert "good: the loaded parameters make the robot better" in ended.err
+    assert "good: calibration improved accuracy" in ended.err
     page = Path(document["report"]).read_text(encoding="utf-8")
     assert '<p class="decision">Pass</p>' in page
     assert "Simulated cell: no real robot was measured." in page

@@ -243,7 +243,7 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         screen.type("p")
         screen.read_until("the operator goes on")
         screen.type("r")
-        screen.read_until("measured again, as the operator wishes")
+        screen.read_until("again (operator)")
         screen.type("k")
         screen.read_until("parked by the operator")
         screen.type("q")

@@ -149,7 +149,7 @@ def test_no_table_and_no_figure_is_cut_by_a_page(pdf_pages: list[str]) -> None:
         ("Specified limits", "repeatability, radius of the sphere"),
         ("Errors of distance and position", "commanded positions"),
         ("Uncertainty budget of positions", "combined"),
-        ("Before and after calibration", "repeatability RP"),
+        ("ISO 9283, before and after calibration", "repeatability RP"),
         ("pairs, in the order of the plan", "Errors of distance, pair by pair."),
         ("since the series' first shot", "Air and drift while measuring."),
     ):

@@ -21,9 +21,9 @@ def test_json_is_one_document_on_stdout(pkmcal, whole: PaperCampaign, tmp_path: 
     assert document.pop("reasons")
     assert "under acceptance" in document.pop("before_next")
     assert document.pop("next") == f"pkmcal report {whole.folder}"
-    wanted = {"path": str(path), "decision": "no limit asked for", "missing": []}
+    wanted = {"path": str(path), "decision": "no limits specified", "missing": []}
     assert {name: document[name] for name in wanted} == wanted
-    assert "verdict: no limit asked for:" in said.err
+    assert "verdict: no limits specified:" in said.err
 
 
 def test_a_verdict_of_fail_is_exit_code_1_and_the_report_is_written(tmp_path: Path, pkmcal) -> None:

@@ -130,7 +130,7 @@ def test_the_papers_model_has_all_figures_and_no_budget(by_distances: PaperCampa
 
 def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> None:
     for words in (
-        "Robot: the point scatters by",
+        "Robot repeatability: ",
         "Predicted σ of positions over the workspace: 0.0",
         "Uncertainty budget of positions",
         "Valid for 100 % of the workspace",
@@ -147,9 +147,9 @@ def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> 
     assert row is not None
     assert row[1] == "no change"
     box = whole_html[whole_html.index('id="verdict"') :].partition("</section>")[0]
-    assert '<p class="decision">No limit asked for</p>' in box
+    assert '<p class="decision">No limits specified</p>' in box
     assert "Measured before and after: distances, mean error" in box
-    assert 'class="no-limit-asked-for"' in box
+    assert 'class="no-limits-specified"' in box
 
 
 def test_the_page_asks_nothing_of_a_network(whole_html: str) -> None:
@@ -304,7 +304,7 @@ def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperC
         whole,
         converged=False,
         iterations=40,
-        scatter=Scatter(0.14, 0.01, {}, "robot: the point scatters by 0.14 mm"),
+        scatter=Scatter(0.14, 0.01, {}, "robot repeatability: 0.14 mm"),
         undetermined=(("scale",), ("arm1.x_mm", "arm1.y_mm")),
         tracker={"constant": (0.0123, 0.004), "scale": (-3.0, 9.8)},
         excluded=(Excluded("too far", shot=3), Excluded("its other shot was lost", pair=7)),
@@ -315,7 +315,7 @@ def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperC
     text = " ".join(words_in(section(shown)) for section in sections)
     for sentence in (
         "Model full: the fit did not settle after 40 rounds.",
-        "Robot: the point scatters by 0.14 mm.",
+        "Robot repeatability: 0.14 mm.",
         "Parameters are those at 22.5 °C.",
         "Made of the set c0ffeec0ffee by 8 shots of a check (series 2, 5); σ of positions was",
         "Determined by no shot, and kept at nominal",

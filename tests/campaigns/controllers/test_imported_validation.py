@@ -309,10 +309,10 @@ def test_that_no_limit_is_asked_for_is_told_and_what_else_stands_against_the_who
     words = ["import", str(paper.folder), str(path), "--stage", "after", "--json"]
     assert run_command(words) == 0
     ended = capsys.readouterr()
-    assert "the campaign as a whole: no limit asked for: " in ended.err
+    assert "the campaign as a whole: no limits specified: " in ended.err
     document = json.loads(ended.out)
-    assert document["decision"] == "no limit asked for"
-    assert document["campaign"]["decision"] == "no limit asked for"
+    assert document["decision"] == "no limits specified"
+    assert document["campaign"]["decision"] == "no limits specified"
     identify(paper.campaign, IdentificationOptions(fix=("arm3.arm_mm",)))
     assert run_command([*words, "--force"]) == 1
     ended = capsys.readouterr()

@@ -20,7 +20,9 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(tmp_pa
     journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
     assert len(journal.shots()) == len(FOUR_PAIRS)
     (text,) = texts(journal, "gone on anyway")
-    assert text.startswith("gone on all the same: after the restart up to")
+    assert text.startswith(
+        "gone on all the same: after the restart reference poses differ by up to"
+    )
     assert "the tracker, its stand or the robot's base has moved" in text
     assert text in cell.observer.events
 
@@ -40,8 +42,8 @@ def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_pat
     assert {shot.outcome.attempt for shot in journal.shots()} == {1}
     end = texts(journal, "drift check")[-1]
     compared = [e.record for e in journal.records_of(Rejected)]
-    assert end.startswith("at the end up to 0.000 mm from where they were")
-    assert end.endswith("neither tracker nor robot has changed")
+    assert end.startswith("at the end reference poses differ by up to 0.000 mm")
+    assert end.endswith("no change detected")
     assert len(compared) == 4
     assert all(each.reason.startswith("only compared with the first one") for each in compared)
     assert cell.observer.events == []
@@ -58,7 +60,7 @@ def test_stand_bumped_during_a_run_is_told_at_its_end_and_nothing_is_lost(tmp_pa
     journal = cell.run(tmp_path, work(plan, compared_at_end=True))
     assert len(journal.shots()) == len(plan)
     (told,) = cell.observer.events
-    assert told.startswith("at the end up to 1.")
+    assert told.startswith("at the end reference poses differ by up to 1.")
     assert "has moved" in told
 
 

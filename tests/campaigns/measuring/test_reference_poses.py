@@ -49,7 +49,9 @@ def compared(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NO
     first = [first for _, first in poses]
     again = [now[step.planned.shot] for step, _ in poses]
     size, change = rigid_body_test(NOMINAL, then, first, again, noise)
-    assert re.fullmatch(r"up to \d+\.\d{3} mm from where they were, χ² \d+\.\d of 12", size)
+    assert re.fullmatch(
+        r"reference poses differ by up to \d+\.\d{3} mm \(χ² = \d+\.\d, ν = 12\)", size
+    )
     return change
 
 
@@ -133,7 +135,7 @@ def interrupted_then(folder: Path, cell: FakeCell, shots=FOUR_PAIRS, move: int =
 
 def told(journal) -> list[str]:
     texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "drift check"]
-    return [text for text in texts if "from where they were" in text]
+    return [text for text in texts if "reference poses differ" in text]
 
 
 def test_unmoved_cell_goes_on_and_says_so_after_the_restart_and_at_the_end(tmp_path: Path) -> None:
@@ -143,9 +145,9 @@ def test_unmoved_cell_goes_on_and_says_so_after_the_restart_and_at_the_end(tmp_p
         assert len(journal.shots(series)) == len(FOUR_PAIRS)
         after, end = told(journal)
         assert {shot.outcome.attempt for shot in journal.shots(series)} == {1, 2}
-    assert after.startswith("after the restart up to 0.000 mm from where they were")
-    assert end.startswith("at the end up to 0.000 mm from where they were")
-    assert end.endswith("neither tracker nor robot has changed")
+    assert after.startswith("after the restart reference poses differ by up to 0.000 mm")
+    assert end.startswith("at the end reference poses differ by up to 0.000 mm")
+    assert end.endswith("no change detected")
     assert cell.observer.events == [], "and nothing of having gone on anyway"
 
 

@@ -32,7 +32,7 @@ def test_a_robot_that_warmed_up_has_settled_since_the_visit_from_which_it_stays(
     parts = [0.0, 0.4, 0.7, 1.0, 1.0, 1.0, 1.0]
     since, says = settling(*visits(parts, np.random.default_rng(2)), np.array([COVARIANCE] * 7))
     assert since == (30, 40, 50, 60)
-    assert says.startswith("the robot has settled since shot 30: the drift pose then stays within")
+    assert says.startswith("no drift since shot 30: the drift pose repeats within")
 
 
 def test_a_robot_that_still_moves_is_said_to() -> None:

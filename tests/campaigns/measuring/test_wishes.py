@@ -74,7 +74,7 @@ def test_the_last_pair_is_voided_and_measured_again(tmp_path: Path) -> None:
     assert (voided.pair, voided.shots) == (0, (1, 2))
     assert [shot.intent.attempt for shot in journal.shots()] == [1, 2, 2, 1, 1, 1]
     assert cell.observer.told[-1].done == len(TWO_PAIRS)
-    assert notes(journal) == ["shots 1–2 measured again, as the operator wishes"]
+    assert notes(journal) == ["measuring shots 1–2 again (operator)"]
 
 
 def test_a_shot_that_is_moved_to_is_skipped_with_its_pair(tmp_path: Path) -> None:
@@ -114,9 +114,7 @@ def test_a_wish_to_skip_is_about_no_later_shot(tmp_path: Path) -> None:
     journal = cell.run(tmp_path, work(TWO_PAIRS))
     assert skips(journal) == []
     assert len(journal.shots()) == len(TWO_PAIRS)
-    assert notes(journal) == [
-        "nothing is skipped: shot 1 was measured already; r voids it, and measures it again"
-    ]
+    assert notes(journal) == ["nothing is skipped: shot 1 is already measured; press r to redo it"]
     assert notes(journal)[0] in cell.observer.events
 
 
