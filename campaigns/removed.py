@@ -89,7 +89,6 @@ INSTEAD: Mapping[str, str] = {
 KEYS: Mapping[str, tuple[object, str]] = {
     "controller.linuxcnc": (None, _BRIDGE),
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
-    "certificate.number": ("", "delete it: number the certificate on the laboratory's own form"),
     "certificate.measured_by": ("", "write who measured as people.operator"),
     "certificate.authorised_by": ("", "delete it: sign on the laboratory's own form"),
 }

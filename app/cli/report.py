@@ -69,7 +69,7 @@ def command(
     journal = page.evaluation.evidence.journal
     if journal is not None and journal.unended_load:
         terminal.say(f"! {journal.unended_load}", BAD)
-    for text in page.context.missing:
+    for text in page.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
     if browser is not None:
@@ -80,10 +80,10 @@ def command(
         path=path,
         decision=verdict.decision,
         reasons=verdict.reasons,
-        missing=tuple(page.context.missing),
-        figures=page.context.figures,
+        missing=page.missing,
+        figures=page.figures,
     )
-    following = tell_next(terminal, campaign, reported=True)
+    following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
     terminal.conclude(answer, following, is_good=verdict.decision != "fail")
 
 

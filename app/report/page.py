@@ -2,17 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from importlib import resources
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from app.report import record, results, tables
-from app.report.section import Section, moment
-from campaigns.evaluation.verdict import RULE, CampaignVerdict
+from app.report.section import moment
+from campaigns.evaluation.verdict import RULE
 from campaigns.evidence import Evaluation
-from campaigns.files.table import Row
 from campaigns.next_step import next_step, state_of
 from campaigns.version import VERSION
 from drivers.texts import printable
@@ -20,75 +18,41 @@ from drivers.texts import printable
 PACKAGE = "app.report"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportContext:
-    """What stands on the page, as the template takes it."""
-
-    robot: str
-    campaign: str
-    simulated: str
-    """Sentence on simulated devices, empty if there are none."""
-    facts: tuple[Row, ...]
-    journal: str
-    """Digest of all records; empty without a journal."""
-    records: int
-    alarms: tuple[str, ...]
-    """What must not be overlooked."""
-    verdict: CampaignVerdict
-    key_figures: list[Row]
-    """Name, before, after, and what the change shows."""
-    next_step: str
-    rule: str
-    generator: str
-    missing: tuple[str, ...]
-    """What is not there, and what would bring it."""
-    sections: tuple[Section, ...]
-
-    @property
-    def figures(self) -> list[str]:
-        """Names of the figures."""
-        blocks = (block for section in self.sections for block in section.blocks)
-        return [block.name for block in blocks if block.form == "figure"]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
     """Page as a document, and what is on it."""
 
     evaluation: Evaluation
-    context: ReportContext
+    missing: tuple[str, ...]
+    """What is not there, and what would bring it."""
+    figures: tuple[str, ...]
+    """Names of the figures."""
     html: str
 
 
 def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     """Draw the figures and write the page."""
-    context = report_context(evaluation, made_utc)
-    template = _environment().get_template("page.html.jinja")
-    style = Markup(resources.files(PACKAGE).joinpath("page.css").read_text("utf-8"))  # noqa: S704
-    return Page(evaluation, context, template.render(page=context, style=style))
-
-
-def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
-    """Return all that stands on the page."""
     evidence = evaluation.evidence
     config, journal = evidence.campaign.config, evidence.journal
-    step = next_step(state_of(evaluation, reported=True))
-    before = f"{step.before}, then " if step and step.before else ""
+    certificate, lacks = config.certificate, record.certificate_lacks(evaluation)
     robot, generator = evidence.campaign.nominal.robot.name, f"pkmcal {VERSION}"
     times = [moment(series.started_utc) for series in journal.series] if journal else []
     facts = (
-        ("campaign", config.name),
-        ("robot", robot),
+        ("certificate number", certificate.number),
+        ("customer", certificate.customer),
+        ("issued by", certificate.laboratory),
+        ("robot", f"{certificate.robot_type} {robot}".strip()),
         ("serial number", config.instruments.robot_serial),
-        ("site", config.people.site),
+        ("place", config.people.site),
         ("operator", config.people.operator),
-        ("notes", config.people.notes),
+        ("campaign", config.name),
         ("first series begun", times[0] if times else ""),
         ("last series begun", times[-1] if times else ""),
-        ("report made", moment(made_utc)),
+        ("date of issue", moment(made_utc)),
         ("software", generator),
+        ("notes", config.people.notes),
     )
-    sections = (
+    every_section = (
         results.limits_section(evaluation),
         results.gain_section(evaluation),
         results.workspace_section(evaluation),
@@ -100,22 +64,33 @@ def report_context(evaluation: Evaluation, made_utc: str) -> ReportContext:
         record.incidents_section(evaluation),
         record.provenance_section(evaluation),
     )
-    return ReportContext(
+    sections = [section for section in every_section if section.blocks]
+    step = next_step(state_of(evaluation, reported=True))
+    before = f"{step.before}, then " if step and step.before else ""
+    missing = tuple(_missing(evaluation))
+    style = resources.files(PACKAGE).joinpath("page.css").read_text("utf-8")
+    html = _template().render(
+        title="Calibration certificate" if lacks == [] else "Calibration report",
+        number=certificate.number,
         robot=robot,
         campaign=config.name,
         simulated=evidence.simulated,
-        facts=tuple(fact for fact in facts if fact[1]),
-        journal=journal.digest if journal else "",
-        records=journal.records if journal else 0,
-        alarms=tuple(_alarms(evaluation)),
+        facts=[fact for fact in facts if fact[1]],
+        journal=journal,
+        alarms=list(_alarms(evaluation)),
         verdict=evaluation.verdict,
         key_figures=tables.key_figure_rows(evaluation),
         next_step=f"{before}`{step.text}`" if step else "",
         rule=RULE,
+        traceability=record.traceability(evidence),
         generator=generator,
-        missing=tuple(_missing(evaluation)),
-        sections=tuple(section for section in sections if section.blocks),
+        missing=missing,
+        sections=sections,
+        style=Markup(style),  # noqa: S704
     )
+    blocks = [block for section in sections for block in section.blocks]
+    figures = tuple(block.name for block in blocks if block.form == "figure")
+    return Page(evaluation, missing, figures, html)
 
 
 def _alarms(evaluation: Evaluation) -> Iterator[str]:
@@ -147,11 +122,10 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
             yield f"There is no validation {stage} calibration: `pkmcal {command} --stage {stage}`."
     if journal is not None and not evaluation.time_series:
         yield "Neither temperature nor drift was recorded."
-    yield from record.faults(evidence)
+    yield from record.faults(evaluation)
 
 
-@cache
-def _environment() -> Environment:
+def _template() -> Template:
     environment = Environment(
         loader=PackageLoader(PACKAGE, "."),
         autoescape=True,
@@ -161,7 +135,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["prose"] = _prose
-    return environment
+    return environment.get_template("page.html.jinja")
 
 
 def _cleaned(value: object) -> object:

@@ -74,10 +74,6 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     tracker = next((start.tracker for start in started if start.tracker), "")
     identified, times = evidence.identification, _times_utc(evidence)
     yield from (
-        ("customer", certificate.customer),
-        ("laboratory", certificate.laboratory),
-        ("item", f"{certificate.robot_type} {evidence.campaign.robot.name}".strip()),
-        ("serial number", config.instruments.robot_serial),
         ("controller", str(robot)),
         ("tracker", str(tracker)),
         ("tracker's certificate", _tracker_certificate(certificate)),
@@ -105,14 +101,63 @@ def _method(found: RecordedIdentification) -> str:
     )
 
 
-def faults(evidence: Evidence) -> Iterator[str]:
-    """Yield an expired certificate of the tracker, files not readable, sessions without an end."""
-    certificate, times = evidence.campaign.config.certificate, _times_utc(evidence)
-    if times and certificate.expired_on(datetime.fromisoformat(times[-1]).date()):
-        yield (
-            f"The tracker's certificate expired on {certificate.tracker.expires}, before the last "
-            "shot was measured."
+def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
+    """Return what keeps the page from being a certificate; None if campaign.yaml asks for none."""
+    evidence, config = evaluation.evidence, evaluation.evidence.campaign.config
+    certificate = config.certificate
+    if not (certificate.number or certificate.customer or certificate.laboratory):
+        return None
+    needed = {
+        "certificate.number": certificate.number,
+        "certificate.customer": certificate.customer,
+        "certificate.laboratory": certificate.laboratory,
+        "instruments.robot_serial": config.instruments.robot_serial,
+        "people.site": config.people.site,
+        "people.operator": config.people.operator,
+    }
+    lacks = [f"`{key}` in campaign.yaml" for key, value in needed.items() if not value]
+    if evaluation.after is None:
+        lacks.append("a validation after calibration")
+    if evidence.simulated:
+        lacks.append("a real cell: this one is simulated")
+    elif why_untraceable(evidence):
+        lacks.append("a valid certificate of the tracker")
+    return lacks
+
+
+def traceability(evidence: Evidence) -> str:
+    """Return the sentence on traceability, which only a real tracker with a certificate has."""
+    if why_untraceable(evidence):
+        return ""
+    stated = _tracker_certificate(evidence.campaign.config.certificate)
+    return f"Lengths are traceable to the SI metre by the tracker's certificate {stated}."
+
+
+def why_untraceable(evidence: Evidence) -> str:
+    """Return why lengths are not traceable to the SI; empty if they are."""
+    tracker, times = evidence.campaign.config.certificate.tracker, _times_utc(evidence)
+    if evidence.simulated or not times:
+        return "no real tracker has measured"
+    if tracker.expires is None or not (tracker.number and tracker.laboratory):
+        return (
+            "number, laboratory and last day of the tracker's certificate are not all stated "
+            "(`certificate.tracker` in campaign.yaml)"
         )
+    if tracker.expires < datetime.fromisoformat(times[-1]).date():
+        return (
+            f"the tracker's certificate expired on {tracker.expires}, before the last shot was "
+            "measured"
+        )
+    return ""
+
+
+def faults(evaluation: Evaluation) -> Iterator[str]:
+    """Yield what a certificate lacks, files not readable, sessions without an end."""
+    evidence = evaluation.evidence
+    if lacks := certificate_lacks(evaluation):
+        yield f"A calibration certificate lacks {'; '.join(lacks)}."
+    if not evidence.simulated and evidence.journal and (why := why_untraceable(evidence)):
+        yield f"No traceability to the SI is stated: {why}."
     for problem in evidence.unreadable:
         yield f"Cannot be read: {problem}."
     for series in evidence.journal.series if evidence.journal else ():

@@ -1,17 +1,13 @@
 """Results of an identification and of a validation on the terminal, and as a document."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-
-from pydantic import JsonValue
+from collections.abc import Iterator
 
 from app.console import DECISIONS, GOOD, WARNING, Terminal
 from app.next import tell_next
 from app.report import tables
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
-from campaigns.controllers.controller_state import ControllerState
-from campaigns.evaluation.decision import NO_LIMIT, Verdict
+from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
@@ -74,48 +70,31 @@ def _sentences(found: RecordedIdentification) -> Iterator[str]:
     yield from tables.undetermined_in_words(found)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ValidationAnswer:
-    """Answer of `validate` and `import --stage`: each test's figures, and what was decided."""
-
-    distances_mm: JsonValue
-    rotation_mm: JsonValue
-    straightness_mm: JsonValue
-    repeatability: JsonValue
-    frame_mm: JsonValue
-    iso9283: JsonValue
-    series: Mapping[str, int]
-    decision: Verdict
-    reasons: Sequence[str]
-    held: ControllerState | None
-    campaign: Mapping[str, object] | None
-    """Verdict on the campaign as a whole; None before calibration."""
-    requirements: Sequence[Mapping[str, object]]
-
-
-def validation_answer(found: Validated) -> ValidationAnswer:
-    """Return a validation's result for programs."""
+def validation_answer(found: Validated) -> dict[str, object]:
+    """Return a validation's result for programs: each test's figures, and what was decided."""
     verdict, whole = found.verdict, found.campaign_verdict
-    return ValidationAnswer(
-        **found.result.document(),
-        series=dict(found.whole.series),
-        decision=verdict.decision,
-        reasons=verdict.reasons,
-        held=found.evaluation.evidence.held(found.stage),
-        campaign=None
-        if whole is None
-        else {"decision": whole.decision, "answer": whole.decision, "reasons": whole.reasons},
-        requirements=[
-            {
-                "name": requirement.name,
-                "error_mm": requirement.error,
-                "expanded_uncertainty_mm": requirement.expanded_uncertainty,
-                "limit_mm": requirement.limit,
-                "decision": requirement.decision,
-            }
-            for requirement in verdict.requirements
-        ],
-    )
+    requirements = [
+        {
+            "name": requirement.name,
+            "error_mm": requirement.error,
+            "expanded_uncertainty_mm": requirement.expanded_uncertainty,
+            "limit_mm": requirement.limit,
+            "decision": requirement.decision,
+        }
+        for requirement in verdict.requirements
+    ]
+    answer: dict[str, object] = {
+        "series": dict(found.whole.series),
+        "decision": verdict.decision,
+        "reasons": verdict.reasons,
+        "held": found.evaluation.evidence.held(found.stage),
+        "campaign": None,  # before calibration
+        "requirements": requirements,
+    }
+    if whole is not None:
+        decision = whole.decision
+        answer["campaign"] = {"decision": decision, "answer": decision, "reasons": whole.reasons}
+    return found.result.document() | answer
 
 
 def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) -> None:

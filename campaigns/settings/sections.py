@@ -429,8 +429,16 @@ class TrackerCertificateConfig(FileModel):
 
 
 class CertificateConfig(FileModel):
-    """Facts of the calibration that no device and no other section states."""
+    """Facts of the calibration that no device and no other section states.
 
+    A number, customer or laboratory asks for a certificate: the report names what it lacks.
+    """
+
+    number: str = Field(
+        default="",
+        pattern=r"^[\w ./-]*$",
+        description="the certificate's own number, in quotes: letters, digits, spaces and ./-_",
+    )
     customer: str = Field(default="", description="name and address of the customer")
     laboratory: str = Field(default="", description="name and address of the laboratory")
     robot_type: str = Field(default="", description="the robot's maker and type")
@@ -442,8 +450,3 @@ class CertificateConfig(FileModel):
     tracker: TrackerCertificateConfig = Field(
         default=TrackerCertificateConfig(), description="the tracker's own certificate"
     )
-
-    def expired_on(self, day: date) -> bool:
-        """Whether the tracker's certificate was no longer valid on that day."""
-        expires = self.tracker.expires
-        return expires is not None and expires < day

@@ -1,6 +1,5 @@
 """Item, people, instruments, the uncertainty budget, and whose page it is."""
 
-import json
 from datetime import date
 
 import pytest
@@ -14,12 +13,19 @@ from app.report.tables import budget_rows
 from campaigns.campaign import open_campaign
 from campaigns.errors import ConfigInvalid
 from campaigns.evidence import evaluate, gather
-from campaigns.settings.sections import CertificateConfig, TrackerCertificateConfig
+from campaigns.settings.sections import (
+    CertificateConfig,
+    InstrumentsConfig,
+    PeopleConfig,
+    TrackerCertificateConfig,
+)
+from campaigns.shots.shot_sets import ShotSet
 
 TRACKER = TrackerCertificateConfig(
     number="T-9", laboratory="NMI", issued=date(2025, 3, 1), expires=date(2027, 3, 1)
 )
 WHOLE = CertificateConfig(
+    number="C-1",
     customer="Acme, Main Street 1",
     laboratory="Cal Lab",
     robot_type="Acme P4",
@@ -42,11 +48,11 @@ def certified(tmp_path):
 
 def test_who_measured_what_and_when_stands_on_the_page(certified) -> None:
     found = page(certified(WHOLE))
-    text = words_on(found, "item")
+    text = words_on(found)
     for fact in ("Acme, Main Street 1", "Cal Lab", "Acme P4", "1.5 kg", "T-9 of 2025-03-01, NMI"):
         assert fact in text
     for name in ("tracker", "controller", "speed", "measured", "method"):
-        assert f" {name} " in text
+        assert f" {name} " in words_on(found, "item")
     assert "expired" not in text
 
 
@@ -60,13 +66,49 @@ def test_the_method_counts_the_shots_that_were_fitted(whole: PaperCampaign) -> N
 
 
 def test_facts_that_nobody_stated_are_left_out(certified) -> None:
-    assert "customer" not in words_on(page(certified(CertificateConfig())), "item")
+    assert "customer" not in words_of(page(certified(CertificateConfig())).html)
 
 
-def test_an_expired_certificate_of_the_tracker_is_missing(certified) -> None:
-    expired = TRACKER.model_copy(update={"expires": date(2026, 3, 1)})
-    found = page(certified(CertificateConfig(tracker=expired)))
-    assert "expired on 2026-03-01" in " ".join(found.context.missing)
+def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
+    paper = new_campaign(
+        tmp_path / "c",
+        certificate=WHOLE,
+        people=PeopleConfig(operator="A. Bee", site="Hall 3"),
+        instruments=InstrumentsConfig(robot_serial="P4-7"),
+    )
+    found = page(paper)
+    assert "<title>Calibration report" in found.html
+    assert "A calibration certificate lacks a validation after" in found.missing[-1]
+    paper.validate("after", frozenset({ShotSet.REPEATABILITY}))
+    found = page(paper)
+    assert "<title>Calibration certificate" in found.html
+    assert 'content: "Calibration certificate C-1 · journal' in found.html
+    assert "traceable to the SI metre by the tracker's certificate T-9" in words_of(found.html)
+
+
+def test_what_a_certificate_lacks_is_named(certified, pkmcal) -> None:
+    folder = certified(WHOLE.model_copy(update={"number": ""})).folder
+    said = pkmcal("report", folder, "--json")
+    lacks = next(text for text in said.document["missing"] if "certificate lacks" in text)
+    for key in ("certificate.number", "instruments.robot_serial", "people.site", "people.operator"):
+        assert f"`{key}`" in lacks
+    assert "certificate.customer" not in lacks
+    assert f"missing: {lacks[:40]}" in said.err
+
+
+@pytest.mark.parametrize(
+    ("tracker", "why"),
+    [
+        (TRACKER.model_copy(update={"expires": date(2026, 3, 1)}), "expired on 2026-03-01"),
+        (TrackerCertificateConfig(), "are not all stated"),
+    ],
+)
+def test_without_a_valid_certificate_of_the_tracker_no_traceability_is_stated(
+    certified, tracker, why
+) -> None:
+    found = page(certified(CertificateConfig(tracker=tracker)))
+    assert why in " ".join(found.missing)
+    assert "traceable to the SI metre" not in found.html
 
 
 def test_settings_of_the_former_certificate_open_where_they_are_empty(tmp_path) -> None:
@@ -74,7 +116,7 @@ def test_settings_of_the_former_certificate_open_where_they_are_empty(tmp_path) 
     head = "certificate:\n"
     text = path.read_text(encoding="utf-8")
     assert head in text
-    empty = f'{head}  number: ""\n  measured_by: ""\n  authorised_by: ""\n'
+    empty = f'{head}  measured_by: ""\n  authorised_by: ""\n'
     path.write_text(text.replace(head, empty), encoding="utf-8")
     open_campaign(path.parent)
     path.write_text(text.replace(head, f'{head}  measured_by: "A. Bee"\n'), encoding="utf-8")
@@ -110,10 +152,3 @@ def test_a_page_and_its_journal_are_told_from_others(pkmcal, certified, tmp_path
     assert (foreign.code, "not made from this journal" in foreign.err) == (1, True)
     other.write_text("<html></html>")
     assert pkmcal("check-journal", paper.folder, "--page", other).code == 2
-
-
-def test_settings_of_a_certificate_are_in_a_new_campaign_with_their_meaning(tmp_path) -> None:
-    paper = new_campaign(tmp_path / "c")
-    text = (paper.folder / "campaign.yaml").read_text(encoding="utf-8")
-    assert "name and address of the laboratory" in text
-    assert json.loads(paper.campaign.config.certificate.model_dump_json())["payload_kg"] is None

