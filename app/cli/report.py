@@ -4,8 +4,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +14,6 @@ from app.next import tell_next, tell_who_works
 from app.report.page import Page, page_of
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
-from campaigns.evaluation.decision import Verdict
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from drivers.bounded_files import is_file, is_there
@@ -28,17 +25,6 @@ HEAD = 1000
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
 QUIET = ("--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 PATIENCE_S = 120.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportAnswer:
-    """Answer of `report`: the page, the verdict on it, and what the campaign lacks."""
-
-    path: Path
-    decision: Verdict
-    reasons: Sequence[str]
-    missing: Sequence[str]
-    figures: Sequence[str]
 
 
 def command(
@@ -76,13 +62,13 @@ def command(
         with terminal.telling(f"printing by {browser}"):
             print_by_browser(browser, path, path.with_suffix(".pdf"))
         terminal.say(f"written: {path.with_suffix('.pdf')}")
-    answer = ReportAnswer(
-        path=path,
-        decision=verdict.decision,
-        reasons=verdict.reasons,
-        missing=page.missing,
-        figures=page.figures,
-    )
+    answer = {
+        "path": path,
+        "decision": verdict.decision,
+        "reasons": verdict.reasons,
+        "missing": page.missing,
+        "figures": page.figures,
+    }
     following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
     terminal.conclude(answer, following, is_good=verdict.decision != "fail")
 

@@ -1,9 +1,10 @@
 """pkmcal watch: a live page of a campaign."""
 
+import importlib
+import io
 import os
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Annotated
 
 import typer
@@ -15,8 +16,6 @@ from app.options import Port
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
 
-POLITE = 10
-"""Added to the process's niceness: a run on the same machine comes first."""
 Host = Annotated[
     str,
     typer.Option(
@@ -27,13 +26,6 @@ Host = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class WatchAnswer:
-    """Answer of `watch`: address of the live page."""
-
-    url: str
-
-
 def command(
     terminal: Terminal, campaign: Campaign, *, host: Host = "127.0.0.1", port: Port = 0
 ) -> None:
@@ -42,7 +34,7 @@ def command(
     What is measured, what is left and when it ends, the last events, what `status` says, and the
     next command. It only reads the campaign's folder and changes nothing: it may start before a
     run, and it goes on when the measuring process has ended, for whatever reason. Prints the page's
-    address, then serves until Ctrl-C or SIGTERM.
+    address, for other machines also as a QR code, then serves until Ctrl-C or SIGTERM.
     """
     try:
         server = LiveServer(host, port, campaign.folder)
@@ -52,12 +44,25 @@ def command(
             remedy="name an address of this machine and a free port, or leave --port out",
         ) from error
     with suppress(OSError, AttributeError):
-        os.nice(POLITE)
+        os.nice(10)  # a run on the same machine comes first
     serving = threading.Thread(target=server.serve_forever, name="server", daemon=True)
     with awaited_signal() as wait, server:
         serving.start()
         terminal.say(f"live page: {server.url}")
-        terminal.conclude(WatchAnswer(server.url))
+        if server.token:
+            terminal.note(qr_code(server.url), "")
+        terminal.conclude({"url": server.url})
         wait()
         server.shutdown()
         serving.join()
+
+
+def qr_code(text: str) -> str:
+    """Return a QR code in block characters, or how to get one."""
+    try:
+        segno = importlib.import_module("segno")
+    except ModuleNotFoundError:
+        return "for a QR code of it: pip install segno"
+    drawn = io.StringIO()
+    segno.make(text).terminal(drawn, compact=True)
+    return drawn.getvalue().rstrip("\n")

@@ -53,6 +53,8 @@ def _state(folder: Path) -> dict[str, object]:
     of_series = [entry for entry in entries if entry.series in (None, number)]
     activity = _activity(of_series, is_held=is_held) if latest else NOT_MEASURED
     shots = [entry for entry in of_series if isinstance(entry.record, records.Outcome)]
+    if activity == FINISHED and status.next:
+        activity = FINISHED | {"state": f"finished: {status.next.text}"}
     left = latest.planned - latest.shots if latest and latest.planned is not None else None
     last = shots[-1].record if shots else None
     return {

@@ -17,7 +17,6 @@ from urllib.parse import parse_qs, urlsplit
 from typing_extensions import override
 
 from app.monitor.live_state import live_state
-from campaigns.files.lock import lock_holder
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _NAMES_OF_LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]+)?")
@@ -40,28 +39,25 @@ class LiveServer(ThreadingHTTPServer):
         self._folder = folder
         self._looking = threading.Lock()
         self._look_again_s = 0.0
-        self._seen: object = None
         self._text = "{}"
         super().__init__((host, port), _Visit)
 
     @property
     def url(self) -> str:
-        """Address to open."""
+        """Address to open; of a server at all addresses, the one that other machines reach."""
         query = f"?token={self.token}" if self.token else ""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        host = own_address() if self.host in {"0.0.0.0", "::"} else self.host  # noqa: S104
+        host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.server_address[1]}/{query}"
 
     def state_text(self) -> str:
-        """Return the state of the campaign, read again if a file of it has changed."""
+        """Return the state of the campaign, read again after a pause."""
         with self._looking:
             began_s = monotonic()
-            if began_s < self._look_again_s:
-                return self._text
-            seen = lock_holder(self._folder), _files(self._folder)
-            if seen != self._seen:
-                self._seen, self._text = seen, json.dumps(live_state(self._folder), allow_nan=False)
-            took_s = monotonic() - began_s
-            self._look_again_s = monotonic() + max(LOOK_EVERY_S, PAUSE_PER_LOOK * took_s)
+            if began_s >= self._look_again_s:
+                self._text = json.dumps(live_state(self._folder), allow_nan=False)
+                pause_s = PAUSE_PER_LOOK * (monotonic() - began_s)
+                self._look_again_s = monotonic() + max(LOOK_EVERY_S, pause_s)
             return self._text
 
     @override
@@ -69,13 +65,14 @@ class LiveServer(ThreadingHTTPServer):
         """Report no error for a visitor who left."""
 
 
-def _files(folder: Path) -> list[tuple[str, int, int]]:
-    """Return name, size and time of the files; SQLite's -shm changes whenever anybody reads."""
-    try:
-        stats = [(path.name, path.stat()) for path in sorted(folder.iterdir())]
-    except OSError:  # a file went between the two questions, or the folder is gone
-        return []
-    return [(name, s.st_size, s.st_mtime_ns) for name, s in stats if not name.endswith("-shm")]
+def own_address() -> str:
+    """Return this machine's address in its network, or its name where it has no network."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # an address of documentation; nothing is sent
+        except OSError:
+            return socket.gethostname()
+        return str(probe.getsockname()[0])
 
 
 class _Visit(BaseHTTPRequestHandler):

@@ -8,7 +8,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from app.report import record, results, tables
-from app.report.section import moment
+from campaigns.campaign import moment
 from campaigns.evaluation.verdict import RULE
 from campaigns.evidence import Evaluation
 from campaigns.next_step import next_step, state_of

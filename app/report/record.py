@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from datetime import datetime
 
 from app.report import figures, tables
-from app.report.section import Section, moment
+from app.report.section import Section
+from campaigns.campaign import moment
 from campaigns.evaluation.time_series import TimeSeries, stated_uncertainty_mm, time_series
 from campaigns.evaluation.verdict import Check
 from campaigns.evidence import Evaluation, Evidence, Incident, JournalFacts

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from typing import Any, Literal, TypeVar
 
 from markupsafe import Markup
@@ -68,11 +67,3 @@ class Section:
     def note(self, text: str) -> None:
         """Add a paragraph in small print."""
         self.blocks.append(Block(form="note", text=text))
-
-
-def moment(utc: str) -> str:
-    """Return a time of the journal as local time with its zone: `2026-03-02 09:15 CET`."""
-    try:
-        return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M %Z}"
-    except ValueError:
-        return utc

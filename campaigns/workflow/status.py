@@ -6,7 +6,7 @@ Only reads, and takes no lock: another process may be measuring meanwhile.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from campaigns.campaign import Campaign
+from campaigns.campaign import Campaign, moment
 from campaigns.evaluation.decision import Verdict
 from campaigns.evidence import Evaluation, Evidence, evaluate
 from campaigns.files.lock import Holder, lock_holder
@@ -35,7 +35,7 @@ class StageProgress:
         """The progress in words."""
         of = f" of {self.planned}" if self.planned is not None else ""
         ended = "" if self.finished else ", not finished"
-        return f"{self.stage}: {self.shots}{of} shots{ended}, {self.latest_utc}"
+        return f"{self.stage}: {self.shots}{of} shots{ended}, {moment(self.latest_utc)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

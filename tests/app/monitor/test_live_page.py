@@ -13,7 +13,7 @@ from paper_campaign import CENTRE, MECHANISM, new_campaign
 
 from app.monitor import live_state as module
 from app.monitor.live_state import live_state
-from app.monitor.server import LiveServer
+from app.monitor.server import LiveServer, own_address
 from campaigns.files.lock import Holder
 from campaigns.journal.records import Event, Intent
 from campaigns.planning.plan_file import write_plan
@@ -56,7 +56,7 @@ def test_shots_done_and_planned_and_the_end_by_the_clock(state_of_run):
     [
         ((), None, {}, "red", "ended without a stop record"),
         ((), None, {"stopped": True}, "green", "stopped"),
-        ((), SOMEBODY, {"finished": True}, "green", "finished"),
+        ((), SOMEBODY, {"finished": True}, "green", "finished: pkmcal"),
         ((LOST,), SOMEBODY, {}, "red", "the beam is broken"),
         ((LOST, SEEN), SOMEBODY, {}, "green", "measuring"),
         ((LOST, ASKED), SOMEBODY, {}, "green", "measuring"),
@@ -66,7 +66,8 @@ def test_the_last_word_of_the_journal_gives_the_colour(
     state_of_run, more, held_by, how, colour, state
 ):
     shown = state_of_run(more, held_by, **how)
-    assert (shown["colour"], shown["state"]) == (colour, state)
+    assert shown["colour"] == colour
+    assert shown["state"].startswith(state)
 
 
 def test_events_are_shown_the_latest_first_and_without_control_characters(state_of_run):
@@ -134,21 +135,10 @@ def test_the_page_runs_no_script_of_others(serve):
     assert json.loads(state)["state"] == "nothing was measured yet"
 
 
-def test_a_campaign_is_read_again_only_where_a_file_of_it_has_changed(serve, tmp_path, monkeypatch):
-    server, looks = serve(), []
-    monkeypatch.setattr("app.monitor.server.LOOK_EVERY_S", 0.0)
-    monkeypatch.setattr("app.monitor.server.PAUSE_PER_LOOK", 0.0)
-    monkeypatch.setattr("app.monitor.server.live_state", lambda _: {"looks": looks.append(1)})
-    server.state_text()
-    server.state_text()
-    assert len(looks) == 1
-    (tmp_path / "c" / "plan.csv").write_text("shot\n", encoding="utf-8")
-    server.state_text()
-    assert len(looks) == 2
-
-
 def test_the_hall_needs_the_token(serve):
     hall = serve("0.0.0.0")
+    assert f"http://{own_address()}:" in hall.url
+    assert "0.0.0.0" not in hall.url
     token = hall.url.partition("?token=")[2]
     assert len(token) > 20
     assert [ask(hall, path)[0] for path in ("/", "/?token=x", "/state")] == [403, 403, 403]

@@ -10,8 +10,8 @@ from paper_campaign import PaperCampaign
 from app.report.drawing import legend_above, new_figure, new_panel, save, svg_text
 from app.report.figures import error_arrows, magnification, pair_errors
 from app.report.plots import plot_plan
-from app.report.section import moment
 from app.report.tables import PairGroup
+from campaigns.campaign import moment
 from campaigns.errors import WriteFailed
 from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.files.table import number
@@ -86,13 +86,6 @@ def test_the_plans_picture_shows_the_predicted_uncertainty(
     text = path.read_text(encoding="utf-8")
     assert [words for words in shown if words not in text] == []
     assert [words for words in hidden if words in text] == []
-
-
-@pytest.mark.parametrize("ending", ["png", "pdf"])
-def test_a_picture_is_written_in_the_format_of_the_name(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"picture.{ending}"
-    save(new_figure(20.0), path)
-    assert path.read_bytes().startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[ending])
 
 
 def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) -> None:
