@@ -19,11 +19,13 @@ from benchmarks.size import PRODUCT, ROOT, files_of, lower
 
 MOST_PARAMETERS = 6
 FEWEST_UNLIKE = 3
+MIRRORS = frozenset({"command", "identify", "plan", "study"})
+"""Commands, and functions of the Python API with the options of one."""
 
 INSTEAD = {
     r"\bt(?:old|ells?|elling)\b": "data do not speak: determine, identify, report, distinguish",
     r"\bheed(?:s|ed)?\b": "apply, respect, react to",
-    r"\b(?:is|are) none\b": "state the condition: 'if a size is not positive'",
+    r"\bthat (?:is|are) none\b": "state the condition: 'if a size is not positive'",
     r"\bthe same(?=[.,;:)]|$)": "name what is the same: 'the same series'",
     r"\b(?:anew|likewise|whoever|nobody)\b": "again, also, the person who, no one",
     r"\bas (?!(?:soon|long|far|well|many|much) as\b)(?:\w+ ){1,2}as\b": "split the comparison",
@@ -104,8 +106,7 @@ def signatures(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
             continue
         given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
         count = len([arg for arg in given if arg.arg not in ("self", "cls")])
-        is_command = any("command" in ast.unparse(mark) for mark in node.decorator_list)
-        if count > MOST_PARAMETERS and not is_command:
+        if count > MOST_PARAMETERS and node.name not in MIRRORS:
             words = f"{node.name} has {count} parameters"
             yield "wide_functions", node.lineno, words, f"at most {MOST_PARAMETERS}: group them"
         match node.returns:
