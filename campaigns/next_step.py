@@ -343,8 +343,8 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
     where the identification had none: two would have to be typed together.
     """
     name = next(iter(identification.obstacles), "")
-    of_name = (each.numbers for each in identification.findings if each.name == name)
-    numbers = next(of_name, {})
+    of_name = [each.numbers for each in identification.findings if each.name == name]
+    numbers = next(iter(of_name), {})
     first = "mend what the findings name, and measure again"
     if identification.asked or identification.pedigree is not None:
         return "", first
@@ -352,9 +352,10 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
         case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:
             first = "correct units, joints or robot.yaml; if the robot is built so"
             return "identify {folder} --force", first
-        case findings.CHANGE if "last_shot" not in numbers:
+        case findings.CHANGE if not any("last_shot" in change for change in of_name):
             first = "mend what changed; the shots after it may be enough"
-            return f"identify {{folder}} --only-shots {float(numbers['before_shot']):.0f}-", first
+            last = max(float(change["before_shot"]) for change in of_name)
+            return f"identify {{folder}} --only-shots {last:.0f}-", first
         case findings.NOTHING_UNSEEN:
             return "identify {folder} --hold-out 20%", ""
         case findings.EXTRAPOLATION:

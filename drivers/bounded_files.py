@@ -122,12 +122,14 @@ def decoded(
 
 
 def codec_of(data: bytes, encoding: Encoding | None = None) -> str:
-    """Return Python's name of the encoding of a text: UTF-16 needs its byte-order mark."""
+    """Return Python's name of the encoding of a text: without a mark UTF-16 must be given."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8) or encoding in {None, "utf-8"}:
         return "utf-8-sig"
-    return "utf-16-le" if encoding == "utf-16" else "cp1252"
+    if encoding == "cp1252":
+        return "cp1252"
+    return "utf-16-be" if data.startswith(b"\0") else "utf-16-le"
 
 
 def loaded_yaml(yaml: YAML, text: str, name: str) -> object:

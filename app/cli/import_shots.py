@@ -17,13 +17,13 @@ from campaigns.evidence import evaluate
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
-from campaigns.shots.point_files import read_points
-from campaigns.shots.point_header import (
+from campaigns.shots.point_files import (
     MM_PER_UNIT,
     Coordinates,
     DecimalSign,
     LengthUnit,
     PointFormat,
+    read_points,
 )
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import in_unit, read_shots

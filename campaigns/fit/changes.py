@@ -10,12 +10,14 @@ A step stays to the end; the frame may also be taken back (a stand that is bumpe
 By Markov's inequality the mean Bayes factor over all candidates exceeds 1 / α with at most the
 probability α if nothing changed. A single wrong shot has its own alarm, the largest misfit of N;
 where both alarm, the larger Bayes factor decides. What wins is added to the model, and the fit is
-repeated, until nothing alarms.
+repeated, until nothing alarms. Later changes may explain what an earlier one was added for (an
+interval before both of its steps were found): a change that the others make less likely than no
+change is taken out, by its Bayes factor from prior and posterior at zero (Savage and Dickey).
 
 Several parts often explain the same change nearly as well: the set of them is reported, not one.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +63,7 @@ class Change:
     """Row behind the last changed shot."""
     parts: tuple[str, ...]
     size: float
-    """Largest component by its estimate: mm, or rad of an encoder on a crank."""
+    """Its surest component: mm, of a frame at one of the points, or rad of an encoder."""
     std: float
 
 
@@ -85,23 +87,52 @@ def fit_with_changes(
     Wrong shots lose their weight, all other changes become columns of the model.
     """
     result = fit(model, observations, prior, kept)
-    columns: Array | None = None
     changes: list[Change] = []
-    while len(changes) < MOST_CHANGES:
-        change = _likeliest(result)
-        if change is None:
-            break
+    while len(changes) < MOST_CHANGES and (change := _likeliest(result)) is not None:
         changes.append(change)
-        kept = result.kept.copy()
+        result = _refitted(result, observations, prior, changes)
+    while (place := _superfluous(result, changes)) is not None:
+        del changes[place]
+        result = _refitted(result, observations, prior, changes)
+    return result, tuple(_sized(result, changes))
+
+
+def _refitted(
+    before: Posterior, observations: Observations, prior: Prior | None, changes: Sequence[Change]
+) -> Posterior:
+    """Fit with a column for each change over its shots, and without the wrong shots."""
+    kept = before.kept.copy()
+    columns, steps = part_columns(before), []
+    for change in changes:
         if change.part == SHOT:
             kept[change.since] = False
         else:
             inside = np.zeros((len(observations), 1, 1))
             inside[change.since : change.until] = 1.0
-            step = part_columns(result)[change.part] * inside
-            columns = step if columns is None else np.concatenate([columns, step], axis=2)
-        result = fit(model, observations, prior, kept, start=result, changes=columns)
-    return result, tuple(_sized(result, changes))
+            steps.append(columns[change.part] * inside)
+    stacked = np.concatenate(steps, axis=2) if steps else None
+    return fit(before.model, observations, prior, kept, start=before, changes=stacked)
+
+
+def _places(posterior: Posterior, changes: Sequence[Change]) -> Iterator[tuple[int, slice]]:
+    """Yield the number of each change that has columns, and the places of its unknowns."""
+    columns, place = part_columns(posterior), len(posterior.model.names)
+    for number, change in enumerate(changes):
+        if change.part != SHOT:
+            count = columns[change.part].shape[2]
+            yield number, slice(place, place + count)
+            place += count
+
+
+def _superfluous(posterior: Posterior, changes: Sequence[Change]) -> int | None:
+    """Return the number of the change that the others make least likely, None if all are likely."""
+    log_factors = {}
+    for number, places in _places(posterior, changes):
+        x, covariance = posterior.at.x[places], posterior.covariance[places, places]
+        misfit = x @ np.linalg.solve(covariance, x)
+        log_factors[number] = 0.5 * misfit + 0.5 * np.linalg.slogdet(covariance)[1]
+    unlikely = [number for number, value in log_factors.items() if value < 0.0]
+    return min(unlikely, key=log_factors.__getitem__, default=None)
 
 
 def part_columns(posterior: Posterior) -> dict[str, Array]:
@@ -224,27 +255,23 @@ def as_likely(evidence: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
 
 
-def _sized(posterior: Posterior, changes: list[Change]) -> Iterator[Change]:
-    """Yield the changes with their sizes: of columns from the posterior, of shots as residuals."""
-    place = len(posterior.model.names)
-    columns = part_columns(posterior)
+def _sized(posterior: Posterior, changes: Sequence[Change]) -> Iterator[Change]:
+    """Yield the changes with their sizes: of a frame at its points, of shots as residuals."""
+    columns, places_of = part_columns(posterior), dict(_places(posterior, changes))
     revolute = posterior.model.nominal.mechanism.joints[0].is_revolute
-    for change in changes:
+    for number, change in enumerate(changes):
         if change.part == SHOT:
             size = float(np.linalg.norm(posterior.at.residual[change.since]))
             std = float(np.sqrt(np.trace(posterior.total_noise[change.since])))
             yield replace(change, size=size, std=std)
             continue
-        count = columns[change.part].shape[2]
-        own = slice(place, place + count)
-        place += count
-        unit = np.full(count, STEP_MM)
-        if change.part == FRAME:
-            unit[:3] = 0.0  # a turn moves points by what its lever says: the shift is reported
-        elif change.part.startswith("encoder") and revolute:
-            unit[:] = ENCODER_RAD
-        values = posterior.at.x[own] * unit
-        worst = int(np.abs(values).argmax())
-        std = float(np.sqrt(np.diag(posterior.covariance)[own][worst]) * unit[worst])
-        size = float(values[worst])
-        yield replace(change, size=size, std=std)
+        places = places_of[number]
+        x, covariance = posterior.at.x[places], posterior.covariance[places, places]
+        if change.part == FRAME:  # a turn moves each point by another amount
+            moves = columns[FRAME][change.since : change.until].reshape(-1, len(x))
+        else:
+            is_angle = change.part.startswith("encoder") and revolute
+            moves = np.eye(len(x)) * (ENCODER_RAD if is_angle else STEP_MM)
+        sizes, stds = moves @ x, np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
+        surest = int((np.abs(sizes) / stds).argmax())
+        yield replace(change, size=float(sizes[surest]), std=float(stds[surest]))

@@ -130,7 +130,7 @@ def fit(
     else:
         frames, near, components = start.at.frames, start.at.assembly.unknowns, start.components
         observations = start.observations
-        x = np.concatenate([start.at.x, np.zeros(len(model.names) + count - len(start.at.x))])
+        x = np.concatenate([start.at.x, np.zeros(count)])[: len(model.names) + count]
 
     def at(trial: _Trial) -> _State:
         return _State.of(model, observations, trial, prior, kept, changes)

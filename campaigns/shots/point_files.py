@@ -3,13 +3,18 @@
 How a file is read:
 
 1. A byte-order mark decides how it is decoded, else the encoding given, else it is UTF-8.
-2. Empty lines and comments (`//`, `#`, `;`) are left out.
-3. Lines before the first point are header lines: they are skipped, and quoted in a note.
-4. A header line that names X, Y and Z determines separator, columns and units, and which columns
-   are standard uncertainties or times. Without one, X Y Z are the first three numbers in a row.
+2. Empty lines and comments (`//`, `#`, `;`) are left out, but for a header in a comment that has
+   as many columns as the first row.
+3. A header line that names X, Y and Z determines separator, columns and units, and which columns
+   are uncertainties or times. Without one, X Y Z are the first three numbers in a row.
+4. Lines before the first point are skipped, and quoted in a note; `Units: mm` there is the unit.
 5. Numbers have decimal points and no thousands separators, unless a decimal sign is given.
+
+A heading is cut into words: `X [mm]`, `x_mm`, `Y act`, `U(95) Z [mm]`, `σx`. One axis among them
+makes it a coordinate or its uncertainty; the others are its unit and its set, nominal or actual.
 """
 
+import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,45 +23,94 @@ from datetime import datetime
 from io import StringIO
 from itertools import groupby
 from pathlib import Path
-from typing import get_args
+from typing import Literal, NamedTuple, get_args
 
 from campaigns.arrays import AXES
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import NUMBER, WITH_COMMA, check_lines
-from campaigns.files.wording import shown
-from campaigns.shots.point_header import (
-    EXPANDED,
-    MM_PER_UNIT,
-    SEPARATORS,
-    SIGMAS,
-    UNIT_WORDS,
-    DecimalSign,
-    Layout,
-    LengthUnit,
-    PointFormat,
-    common_unit,
-    given_order,
-    header_cell,
-    header_layout,
-    names_axes,
-    possible_splits,
-    split_line,
-)
+from campaigns.files.wording import shown, suggestion
 from drivers.bounded_files import CSV_BYTES, Encoding, FileRefused, decoded, read_bounded
 from drivers.values import Matrix3, Vector3
 
+LengthUnit = Literal["mm", "m", "inch", "ft", "cm", "um"]
+_UNITS: Mapping[LengthUnit, tuple[float, str]] = {
+    "mm": (1.0, "mm millimeter millimeters millimetre millimetres"),
+    "m": (1000.0, "m meter meters metre metres"),
+    "inch": (25.4, "inch inches in zoll"),
+    "ft": (304.8, "ft foot feet"),
+    "cm": (10.0, "cm centimeter centimeters centimetre centimetres"),
+    "um": (1e-3, "um µm μm micron microns micrometer micrometers micrometre micrometres"),
+}
+"""Each unit in mm, and its words in headers: the two signs of micro are two characters."""
+MM_PER_UNIT: Mapping[LengthUnit, float] = {unit: mm for unit, (mm, _) in _UNITS.items()}
+Coordinates = Literal["actual", "nominal"]
+DecimalSign = Literal["point", "comma"]
+_WORD_MEANINGS: Mapping[str, str] = {
+    word: meaning
+    for meaning, words in {
+        **{axis: axis for axis in AXES},
+        **{str(unit): words for unit, (_, words) in _UNITS.items()},
+        "actual": "actual act measured meas ist",
+        "nominal": "nominal nom theoretical soll",
+        "sigma": "σ sigma s u std stdev stddev rms",
+        "expanded": "U 95",
+        "filler": "coordinate coordinates coord position pos value",
+    }.items()
+    for word in words.split()
+}
+"""Meanings of the words in headings of coordinates; u is a standard uncertainty, U an expanded."""
+_UNIT_WORDS = frozenset(word for word, unit in _WORD_MEANINGS.items() if unit in MM_PER_UNIT)
+_NAME_HEADINGS = (
+    *("name", "point name", "pointname", "point id", "pointid", "point", "id", "label"),
+    *("punktname", "punktnummer", "punkt", "pt", "feature", "object", "target"),
+    *("no", "nr", "number", "seq", "index"),
+)
+"""Headings of a point's name, the most certain first."""
+_TIME_WORDS = frozenset({"time", "stamp", "timestamp", "date", "datetime", "utc"})
+_COLUMN_WORDS = ("name", "x", "y", "z", "-")
+"""Columns that can be given: a name may have several parts, `-` skips a column."""
+SIGMAS = ("sx", "sy", "sz")
+EXPANDED = ("ux", "uy", "uz")
+"""Columns of a header: standard uncertainties, and U(95), which are twice as large."""
+_SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
 NAME_JOINT = "::"
 """Separator of the parts of a name, as in SpatialAnalyzer."""
 MOST_NAME_PARTS = 3
-COMMENTS = ("//", "#", ";")
 FARTHEST_MM = 1e8
 """Largest coordinate that is accepted in any unit."""
+_COMMENT = re.compile(r"//|#|;(?!(?:[^;]*;){2})")
+"""Mark of a comment; a row of semicolons whose first column is empty is none."""
+_UNIT_LINE = re.compile(
+    r"(?:(?:lengths?|linear|distances?|coordinates?)\W*)?(?:units?|einheit(?:en)?)\b(.*)", re.I
+)
+_WORD = re.compile(r"[^\W\d_]+|\d+")
+_AXIS_WORD = re.compile(r"(σ|sigma|s|u)?([xyz])(.*)", re.I)
 _WHOLE = re.compile(r"\d+", re.ASCII)
 _GROUPED = re.compile(
     r"[+-]?\d{1,3}(?P<mark>[.,'’ \u00a0\u2009\u202f])\d{3}(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?",
     re.ASCII,
 )
 """Number with thousands separators."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointFormat:
+    """What is known of a point file beside its text; None: the file has to show it."""
+
+    unit: LengthUnit | None = None
+    columns: Sequence[str] | None = None
+    coordinates: Coordinates | None = None
+    """Which of two sets of columns counts."""
+    decimal: DecimalSign | None = None
+    """Decimal sign; with one given, thousands separators are read too."""
+    encoding: Encoding | None = None
+    option: str = "--"
+    """Beginning of a field's name where the user sets it, for remedies."""
+
+    @property
+    def columns_remedy(self) -> str:
+        """Advice to name the columns."""
+        return f"name the columns, for example {self.option}columns name,x,y,z"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +134,45 @@ class PointFile:
     notes: tuple[str, ...]
 
 
-Line = tuple[str, str]
-"""File and number of a line, and its text."""
+class _Line(NamedTuple):
+    """Filled line of a file, without the mark if it is a comment."""
+
+    where: str
+    text: str
+    is_comment: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Heading:
+    """Heading of a column, and what its words mean of a coordinate."""
+
+    text: str
+    words: tuple[str, ...]
+    axis: str
+    kind: str
+    """`point`, `sigma` or `expanded`."""
+    set_: str
+    """`actual`, `nominal`, or empty."""
+    unit: LengthUnit | None
+    unknown: str
+    """Word beside the axis that is neither unit nor set, or several units."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Columns of a file's lines."""
+
+    separator: str
+    order: tuple[str, ...]
+    """Meaning of each column: a word of `_COLUMN_WORDS`, `SIGMAS`, `EXPANDED` or `time`."""
+    unit: LengthUnit | None = None
+    """Unit that the file states for the coordinates."""
+    sigma_unit: LengthUnit | None = None
+    headings: tuple[str, ...] = ()
+    """Headings of all columns; none without a header or with columns given."""
+
+
+# --- files and watched files
 
 
 def read_points(path: Path, form: PointFormat) -> PointFile:
@@ -97,23 +188,87 @@ def read_points(path: Path, form: PointFormat) -> PointFile:
 def parse_points(text: str, name: str, form: PointFormat) -> PointFile:
     """Read the text of a file; raises `ShotsInvalid`."""
     check_lines(text, name, ShotsInvalid)
-    lines = _filled_lines(text, name)
-    if not lines:
+    return _parse_lines(_filled_lines(text, name, form.option), name, form)
+
+
+def data_rows(text: str) -> tuple[str, ...]:
+    """Return the lines of a growing text that hold points or parts of them.
+
+    A line with fewer than two numbers is a header line, and so is any before one that names X Y Z.
+    """
+    lines = _filled_lines(text, "the file", "tracker.watch.")
+    return tuple(line.text for line in lines[_first_row(lines) :] if _may_be_row(line))
+
+
+def point_of_row(row: str, text: str, name: str, form: PointFormat) -> Vector3:
+    """Return the point, mm, of one row of a file's text; the text's header goes before `form`.
+
+    Raises `ShotsInvalid`.
+    """
+    lines = _filled_lines(text, name, form.option)
+    header = lines[: _first_row(lines)]
+    (point,) = _parse_lines([*header, _Line(name, row)], name, form, header_first=True).points
+    return point.point_mm
+
+
+def _first_row(lines: Sequence[_Line]) -> int:
+    place = _header_place(lines)
+    begin = 0 if place is None else place + 1
+    while begin < len(lines) and not _may_be_row(lines[begin]):
+        begin += 1
+    return begin
+
+
+def _may_be_row(line: _Line) -> bool:
+    return not line.is_comment and any(
+        sum(map(_is_number, cells)) >= 2 for _, cells in _possible_splits(line.text)
+    )
+
+
+def _filled_lines(text: str, name: str, option: str) -> list[_Line]:
+    if "\0" in text:
+        number = text.count("\n", 0, text.index("\0")) + 1
+        raise ShotsInvalid(
+            f"{name}:{number}: has NUL characters, as UTF-16 without a byte-order mark",
+            remedy=f"give {option}encoding utf-16, or save the file as plain text in UTF-8",
+        )
+    lines = []
+    for number, line in enumerate(StringIO(text, newline=None), start=1):
+        if line.strip():
+            mark = _COMMENT.match(line.lstrip())
+            content = line.lstrip().lstrip("#/;") if mark else line
+            lines.append(_Line(f"{name}:{number}", content.strip(" \r\n"), mark is not None))
+    return lines
+
+
+def _parse_lines(
+    lines: Sequence[_Line], name: str, form: PointFormat, *, header_first: bool = False
+) -> PointFile:
+    """Read lines; the unit of the file's header goes before that given if `header_first`."""
+    if all(line.is_comment for line in lines):
         raise ShotsInvalid(f"{name}: holds no points", remedy="check that it is the right file")
-    layout, header, data = _divide(lines, form)
-    unit = form.unit or layout.unit
+    layout, header, rows = _divide(lines, replace(form, unit=None) if header_first else form)
+    unit = layout.unit or form.unit if header_first else form.unit or layout.unit
     if unit is None:
         raise ShotsInvalid(
             f"{name}: the file does not state its unit of length",
-            remedy=f"give it with {form.option}unit {'|'.join(UNIT_WORDS)}",
+            remedy=f"give it with {form.option}unit {'|'.join(MM_PER_UNIT)}",
         )
-    points = [_point(line, layout, replace(form, unit=unit)) for line in data]
+    points = [_point(line, layout, replace(form, unit=unit)) for line in rows]
     _check_unique(points)
     points, notes = _with_usable_columns(points, layout, name)
     columns = ", ".join(word for word in layout.order if word != "-")
-    about = [f"{name}: {columns} by {SEPARATORS[layout.separator]}, in {unit}"]
+    unused = [
+        f"'{shown(text)}'"
+        for text, word in zip(layout.headings, layout.order, strict=False)
+        if word == "-" and text
+    ]
+    about = [
+        f"{name}: {columns} by {_SEPARATORS[layout.separator]}, in {unit}"
+        + (f"; not used: {', '.join(unused)}" if unused else "")
+    ]
     if header:
-        quoted = ", ".join(f"'{shown(line)}'" for _, line in header[:3])
+        quoted = ", ".join(f"'{shown(line.text)}'" for line in header[:3])
         more = ", …" if len(header) > 3 else ""
         lines_word = "line" if len(header) == 1 else "lines"
         about.append(f"{name}: {len(header)} header {lines_word} skipped: {quoted}{more}")
@@ -122,51 +277,305 @@ def parse_points(text: str, name: str, form: PointFormat) -> PointFile:
     return PointFile(name, tuple(points), unit, (*about, *notes))
 
 
-def data_rows(text: str) -> tuple[str, ...]:
-    """Return the lines of a growing text that hold points or parts of them.
+# --- header
 
-    A line with fewer than two numbers is a header line, and so is any before one that names X Y Z.
+
+def _split_line(line: str, separator: str) -> tuple[str, ...]:
+    """Cut a line at a separator, or at blanks, as CSV with quotes."""
+    text = line if separator else " ".join(line.split())
+    with suppress(csv.Error):
+        cells = next(csv.reader([text], delimiter=separator or " ", skipinitialspace=True))
+        return tuple(cell.strip() for cell in cells)
+    return (line,)
+
+
+def _possible_splits(line: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield each separator that a line may have, with the line cut there."""
+    for separator in _SEPARATORS:
+        if separator in line:
+            yield separator, _split_line(line, separator)
+
+
+def _heading(text: str) -> _Heading:
+    """Return what a heading means: `X`, `x_mm`, `"X  [mm]"`, `Y act`, `U(95) Z [mm]`, `σx`."""
+    words: list[str] = []
+    for word in _WORD.findall(re.sub(r"(?<=[a-z])(?=[XYZ]\b)", " ", text)):  # coordX, dX
+        glued = _AXIS_WORD.fullmatch(word)
+        if glued and (not glued[3] or glued[3].lower() in _WORD_MEANINGS):
+            words += [part for part in glued.groups() if part]
+        else:
+            words.append(word)
+    words = [word if word == "U" else word.lower() for word in words]
+    if "in" in words and len(_UNIT_WORDS.intersection(words)) > 1:
+        words.remove("in")  # `X in mm`
+    meanings = {_WORD_MEANINGS[word]: word for word in words if word in _WORD_MEANINGS}
+    axes = [axis for axis in AXES if axis in meanings]
+    units: list[LengthUnit] = [unit for unit in MM_PER_UNIT if unit in meanings]
+    sets = [set_ for set_ in get_args(Coordinates) if set_ in meanings]
+    return _Heading(
+        text=text,
+        words=tuple(words),
+        axis=axes[0] if len(axes) == 1 else "",
+        kind=next((kind for kind in ("expanded", "sigma") if kind in meanings), "point"),
+        set_=sets[0] if sets else "",
+        unit=units[0] if len(units) == 1 else None,
+        unknown=next(
+            (word for word in words if word not in _WORD_MEANINGS),
+            " ".join(units) if len(units) > 1 else "",
+        ),
+    )
+
+
+def _headings(line: str, separator: str) -> list[_Heading]:
+    """Return the headings of a header line; a unit may stand in a cell of its own: `X, in`."""
+    headings: list[_Heading] = []
+    for cell in _split_line(line, separator):
+        heading = _heading(cell)
+        is_unit = bool(heading.words) and _UNIT_WORDS.issuperset(heading.words)
+        if is_unit and headings and headings[-1].axis and not headings[-1].unit:
+            headings[-1] = _heading(f"{headings[-1].text} {cell}")
+        else:
+            headings.append(heading)
+    return headings
+
+
+def _header_split(lines: Sequence[_Line], place: int) -> tuple[str, list[_Heading]] | None:
+    """Return the separator and the headings of a line that names X, Y and Z, else None.
+
+    A comment must have as many columns as the next row, all with headings that are understood.
     """
-    lines = _filled_lines(text, "")
-    header = _header_line(lines)
-    rows = lines if header is None else lines[header + 1 :]
-    return tuple(line for _, line in rows if max(map(len, _numbers_of(line)), default=0) >= 2)
+    line = lines[place]
+    if not all(axis in line.text.lower() for axis in AXES):
+        return None
+    next_row = next((other.text for other in lines[place:] if not other.is_comment), "")
+    for separator, _ in _possible_splits(line.text):
+        headings = _headings(line.text, separator)
+        axes = {heading.axis for heading in headings if heading.kind == "point"}
+        if axes >= {*AXES} and (
+            not line.is_comment
+            or (
+                len(headings) == len(_split_line(next_row, separator))
+                and all(_is_understood(heading) for heading in headings)
+            )
+        ):
+            return separator, headings
+    return None
 
 
-def point_of_row(row: str, text: str, name: str, form: PointFormat) -> Vector3:
-    """Return the point, mm, of one row of a file's text; the text's header goes before `form`.
-
-    Raises `ShotsInvalid`.
-    """
-    lines = _filled_lines(text, name)
-    header = _header_line(lines)
-    if header is None:
-        data = row
-    else:
-        heading = lines[header][1]
-        unit = header_layout(heading, form, name).unit
-        data, form = f"{heading}\n{row}", replace(form, unit=unit or form.unit)
-    (point,) = parse_points(data, name, form).points
-    return point.point_mm
+def _is_understood(heading: _Heading) -> bool:
+    is_coordinate = bool(heading.axis) and not heading.unknown
+    return is_coordinate or _name_places([heading]) == [0] or _is_time(heading)
 
 
-def _filled_lines(text: str, name: str) -> list[Line]:
-    return [
-        (f"{name}:{number}", line.strip(" \r\n"))
-        for number, line in enumerate(StringIO(text, newline=None), start=1)
-        if line.strip() and not _is_comment(line.lstrip())
+def _is_time(heading: _Heading) -> bool:
+    return bool(heading.words) and _TIME_WORDS.issuperset(heading.words)
+
+
+def _header_place(lines: Sequence[_Line]) -> int | None:
+    """Return the place of the first line that names X Y Z, None without one."""
+    return next((place for place in range(len(lines)) if _header_split(lines, place)), None)
+
+
+def _divide(lines: Sequence[_Line], form: PointFormat) -> tuple[_Layout, list[_Line], list[_Line]]:
+    """Return the layout of a file's lines, its header lines, and its rows."""
+    place = _header_place(lines)
+    if place is None:
+        return _divide_without_header(lines, form)
+    heading = lines[place]
+    layout = _header_layout(lines, place, form)
+    above = [line for line in lines[:place] if not line.is_comment]
+    for line in above:
+        if _has_point(line.text, layout):
+            raise ShotsInvalid(
+                f"{line.where}: '{shown(line.text)}' reads as a point above the header line "
+                f"'{shown(heading.text)}'",
+                remedy="put // before the line if it is a title, else before the header line",
+            )
+    rows = [
+        line for line in lines[place + 1 :] if not line.is_comment and line.text != heading.text
     ]
+    header = [*above, heading]
+    if rows and (units := _unit_row(rows[0], layout)) is not None:
+        stated = _common_unit(units, layout.order, form, rows[0].where)
+        layout = replace(layout, unit=layout.unit or stated)
+        header.append(rows.pop(0))
+    if not rows:
+        raise ShotsInvalid(
+            f"{heading.where}: no points under the header line '{shown(heading.text)}'",
+            remedy="check that it is the right file",
+        )
+    stated = _stated_unit(lines[:place])
+    if form.unit is None and stated and layout.unit not in {None, stated}:
+        raise ShotsInvalid(
+            f"{heading.where}: the columns are in {layout.unit}, a line above states {stated}",
+            remedy=f"correct the header, or give {form.option}unit",
+        )
+    return replace(layout, unit=layout.unit or stated), header, rows
 
 
-def _is_comment(line: str) -> bool:
-    """Whether a line is a comment, and no row of semicolons whose first column is empty."""
-    return line.startswith(COMMENTS) and not (line[0] == ";" and line.count(";") >= len(AXES))
+def _divide_without_header(
+    lines: Sequence[_Line], form: PointFormat
+) -> tuple[_Layout, list[_Line], list[_Line]]:
+    """Return layout, header lines and rows of a file whose columns have no names."""
+    data = [line for line in lines if not line.is_comment]
+    layout = _layout_of_data(data, form)
+    begin = next((place for place, line in enumerate(data) if _has_point(line.text, layout)), 0)
+    rows = data[begin:]
+    layout = replace(layout, unit=_stated_unit(lines[: lines.index(rows[0])]))
+    if form.columns is None:
+        layout = replace(layout, order=_order_of_runs(rows, layout.separator, form))
+        if begin:
+            _check_other_headings(data[begin - 1], rows[0], layout, form)
+    return layout, data[:begin], rows
 
 
-def _numbers_of(line: str) -> Iterator[list[str]]:
-    """Yield the numbers in a line, for each separator that it may have."""
-    for _, cells in possible_splits(line):
-        yield [cell for cell in cells if _is_number(cell)]
+def _check_other_headings(header: _Line, row: _Line, layout: _Layout, form: PointFormat) -> None:
+    """Refuse headings above the numbers that do not name X, Y and Z: `R;Hz;V`, `dX;dY;dZ`."""
+    headings = _headings(header.text.rstrip(layout.separator or None), layout.separator)
+    cells = _split_line(row.text.rstrip(layout.separator or None), layout.separator)
+    places = [layout.order.index(axis) for axis in AXES]
+    if len(headings) == len(cells) and all(
+        any(map(str.isalpha, headings[place].words)) for place in places
+    ):
+        raise ShotsInvalid(
+            f"{header.where}: the header '{shown(header.text)}' does not name X, Y and Z",
+            remedy=f"{form.columns_remedy}, or put // before the line if it is a title",
+        )
+
+
+def _stated_unit(lines: Sequence[_Line]) -> LengthUnit | None:
+    """Return the unit of a line such as `Units: Millimeters`, None if it is not one unit."""
+    matches = [_UNIT_LINE.match(line.text.lstrip(' "%!')) for line in lines]
+    units = {_heading(match[1]).unit for match in matches if match}
+    return units.pop() if len(units) == 1 else None
+
+
+def _unit_row(row: _Line, layout: _Layout) -> list[_Heading] | None:
+    """Return the cells of a line of units, or of dashes, under the headings; None for others."""
+    cells = [*map(_heading, _split_line(row.text, layout.separator))]
+    coordinates = [cell for cell, role in zip(cells, layout.order, strict=False) if role in AXES]
+    has_digit = any(map(str.isdigit, row.text))
+    return None if has_digit or any(c.words and not c.unit for c in coordinates) else cells
+
+
+def _header_layout(lines: Sequence[_Line], place: int, form: PointFormat) -> _Layout:
+    """Return the layout that a header line states; raises `ShotsInvalid`."""
+    where, split = lines[place].where, _header_split(lines, place)
+    assert split is not None, "the line names X, Y and Z"
+    separator, headings = split
+    texts = tuple(heading.text for heading in headings)
+    if form.columns is not None:
+        order, texts = [*_given_order(form, where)], ()
+    else:
+        order = ["-"] * len(headings)
+        for axis, column in _coordinate_places(headings, form, where).items():
+            order[column] = axis
+        for column in _name_places(headings):
+            order[column] = "name"
+        for column, heading in enumerate(headings):
+            if heading.axis and heading.kind != "point" and not heading.unknown:
+                roles = SIGMAS if heading.kind == "sigma" else EXPANDED
+                order[column] = roles[AXES.index(heading.axis)]
+            elif _is_time(heading):
+                order[column] = "time"
+    unit = _common_unit(headings, order, form, where)
+    sigma_unit = _common_unit(headings, order, form, where, (*SIGMAS, *EXPANDED))
+    return _Layout(separator, tuple(order), unit, sigma_unit, texts)
+
+
+def _given_order(form: PointFormat, where: str) -> tuple[str, ...]:
+    """Return the columns that the user gives; raises `ShotsInvalid`."""
+    columns = form.columns or ()
+    name = where.rpartition(":")[0]
+    for word in columns:
+        if word not in _COLUMN_WORDS:
+            raise ShotsInvalid(
+                f"{name}: unknown column '{shown(word)}'", remedy=suggestion(word, _COLUMN_WORDS)
+            )
+    for axis in AXES:
+        if columns.count(axis) != 1:
+            raise ShotsInvalid(
+                f"{name}: {form.option}columns {','.join(columns)} has {columns.count(axis)} "
+                f"{axis}",
+                remedy="give each of x, y and z once",
+            )
+    return tuple(columns)
+
+
+def _coordinate_places(
+    headings: Sequence[_Heading], form: PointFormat, where: str
+) -> dict[str, int]:
+    """Return the column of each axis, of the set that is measured; raises `ShotsInvalid`."""
+    choose = f"{form.option}columns, for example name,-,-,-,x,y,z"
+    sets: dict[tuple[str, str], dict[str, int]] = {}
+    for place, heading in enumerate(headings):
+        if heading.axis and heading.kind == "point":
+            places = sets.setdefault((heading.set_, heading.unknown), {})
+            if heading.axis in places and not heading.unknown:
+                raise ShotsInvalid(
+                    f"{where}: the header has two columns '{shown(heading.text)}'",
+                    remedy=f"choose with {choose}",
+                )
+            places[heading.axis] = place
+    readable = {
+        set_: places
+        for (set_, unknown), places in sets.items()
+        if len(places) == len(AXES) and not unknown
+    }
+    if not readable:
+        unknown = next((word for _, word in sets if word), "")
+        raise ShotsInvalid(
+            f"{where}: '{shown(unknown)}' beside X Y Z in the header is no known unit"
+            if unknown
+            else f"{where}: the header does not name X, Y and Z of one set",
+            remedy=f"write one of {', '.join(MM_PER_UNIT)}, or give {form.option}columns and "
+            f"{form.option}unit",
+        )
+    if set(readable) == {"", "nominal"}:
+        readable["actual"] = readable.pop("")
+    if set(readable) == {"", "actual"}:
+        readable["nominal"] = readable.pop("")
+    if form.coordinates in readable:
+        return readable[form.coordinates]
+    if len(readable) == 1 and "nominal" not in readable:
+        return next(iter(readable.values()))
+    names = " and ".join(f"'{shown(headings[places['x']].text)}'" for places in readable.values())
+    raise ShotsInvalid(
+        f"{where}: the header has {len(readable)} sets of X Y Z, {names}"
+        if len(readable) > 1
+        else f"{where}: the header names nominal coordinates only, {names}",
+        remedy=f"choose with {form.option}coordinates actual or nominal, or name the columns "
+        f"with {choose}",
+    )
+
+
+def _name_places(headings: Sequence[_Heading]) -> list[int]:
+    """Return the columns of a point's name: collection, group and name, else a running number."""
+    texts = [" ".join(heading.words) for heading in headings]
+    groups = [place for place, text in enumerate(texts) if text in {"collection", "group"}]
+    names = [texts.index(name) for name in _NAME_HEADINGS if name in texts]
+    return [*groups, names[0]] if names else []
+
+
+def _common_unit(
+    headings: Sequence[_Heading],
+    order: Sequence[str],
+    form: PointFormat,
+    where: str,
+    roles: Sequence[str] = AXES,
+) -> LengthUnit | None:
+    """Return the unit of the columns with these roles, None if none is stated, or one is given."""
+    units = [head.unit for head, role in zip(headings, order, strict=False) if role in roles]
+    if len(set(units)) > 1 and (form.unit is None or roles != AXES):
+        stated = ", ".join(str(unit or "none") for unit in units)
+        raise ShotsInvalid(
+            f"{where}: the header has several units: {stated}",
+            remedy=f"correct the header, or give {form.option}unit if all are in one unit",
+        )
+    return units[0] if len(set(units)) == 1 else None
+
+
+# --- rows
 
 
 def _is_number(text: str) -> bool:
@@ -186,66 +595,27 @@ def _value(text: str, decimal: DecimalSign | None) -> float | None:
     return float(text) if NUMBER.fullmatch(text) else None
 
 
-def _divide(lines: Sequence[Line], form: PointFormat) -> tuple[Layout, list[Line], list[Line]]:
-    """Return the layout of a file's lines, its header lines, and its lines with points."""
-    place = _header_line(lines)
-    if place is not None:
-        where, heading = lines[place]
-        layout = header_layout(heading, form, where)
-    else:
-        heading, layout = "", _layout_of_data(lines, form)
-    begin = 0
-    if place is None:
-        while begin < len(lines) - 1 and not _has_point(lines[begin][1], layout):
-            begin += 1
-    else:
-        begin = place + 1
-        if begin < len(lines) and not any(_numbers_of(lines[begin][1])):  # a line of units
-            units = [header_cell(cell) for cell in split_line(lines[begin][1], layout.separator)]
-            stated = common_unit(units, layout.order, lines[begin][0])
-            layout, begin = replace(layout, unit=layout.unit or stated), begin + 1
-    data = [line for line in lines[begin:] if line[1] != heading]
-    if not data:
-        raise ShotsInvalid(
-            f"{lines[0][0]}: no points under the header line '{shown(heading)}'",
-            remedy="check that it is the right file",
-        )
-    if place is None and form.columns is None:
-        layout = replace(layout, order=_order_of_runs(data, layout.separator, form))
-    return layout, [*lines[:begin]], data
-
-
-def _header_line(lines: Sequence[Line]) -> int | None:
-    """Return the place of the line that names X Y Z before the first point, None without one."""
-    for place, (_, line) in enumerate(lines):
-        if any(names_axes(cells) for _, cells in possible_splits(line)):
-            return place
-        if any(_run(cells) for _, cells in possible_splits(line)):
-            return None
-    return None
-
-
-def _has_point(line: str, layout: Layout) -> bool:
+def _has_point(line: str, layout: _Layout) -> bool:
     """Whether numbers stand where a layout has coordinates."""
-    cells = split_line(line, layout.separator)
+    cells = _split_line(line, layout.separator)
     if not layout.order:
         return _run(cells) is not None
     places = [layout.order.index(axis) for axis in AXES]
     return max(places) < len(cells) and all(_is_number(cells[place]) for place in places)
 
 
-def _layout_of_data(lines: Sequence[Line], form: PointFormat) -> Layout:
+def _layout_of_data(lines: Sequence[_Line], form: PointFormat) -> _Layout:
     """Return the layout of the first line that has a point, in a file without column names."""
-    order = () if form.columns is None else given_order(form, lines[0][0])
-    for _, line in lines:
-        for separator, _ in possible_splits(line):
-            layout = Layout(separator, order)
-            if _has_point(line, layout):
+    first = lines[0]
+    order = () if form.columns is None else _given_order(form, first.where)
+    for line in lines:
+        for separator, _ in _possible_splits(line.text):
+            layout = _Layout(separator, order)
+            if _has_point(line.text, layout):
                 return layout
-    where, line = lines[0]
     if not order:
-        raise _no_point(where, line)
-    return Layout(next(possible_splits(line))[0], order)
+        raise _no_point(first)
+    return _Layout(next(_possible_splits(first.text))[0], order)
 
 
 def _run(cells: Sequence[str]) -> tuple[int, int] | None:
@@ -259,80 +629,82 @@ def _run(cells: Sequence[str]) -> tuple[int, int] | None:
     return None
 
 
-def _no_point(where: str, line: str) -> ShotsInvalid:
+def _no_point(line: _Line) -> ShotsInvalid:
     return ShotsInvalid(
-        f"{where}: no X Y Z: '{shown(line)}' has no three numbers in a row",
+        f"{line.where}: no X Y Z: '{shown(line.text)}' has no three numbers in a row",
         remedy="take the line out, or put // before it; if it is the header, put // before the "
         "lines above it",
     )
 
 
-def _order_of_runs(lines: Sequence[Line], separator: str, form: PointFormat) -> tuple[str, ...]:
+def _order_of_runs(lines: Sequence[_Line], separator: str, form: PointFormat) -> tuple[str, ...]:
     """Return name and X Y Z: the first run of three numbers, the same in every line.
 
     Of four numbers the first is a name if it is a whole number in every line.
     """
-    remedy = f"say what they are, for example {form.option}columns name,x,y,z"
-    table = [(where, line, split_line(line, separator)) for where, line in lines]
-    where, first, _ = table[0]
-    runs = [_run(cells) for _, _, cells in table]
-    for run, (place, line, _) in zip(runs, table, strict=True):
+    table = [_split_line(line.text, separator) for line in lines]
+    runs = [_run(cells) for cells in table]
+    first = lines[0]
+    for run, line in zip(runs, lines, strict=True):
         if run is None:
-            raise _no_point(place, line)
+            raise _no_point(line)
         if run != runs[0]:
             raise ShotsInvalid(
-                f"{place}: '{shown(line)}' has other columns than line "
-                f"{where.rpartition(':')[2]}, '{shown(first)}'",
-                remedy="correct the line, export with commas if names hold blanks, or name all "
-                f"columns, for example {form.option}columns name,x,y,z",
+                f"{line.where}: '{shown(line.text)}' has other columns than line "
+                f"{first.where.rpartition(':')[2]}, '{shown(first.text)}'",
+                remedy="correct the line, export with commas if names hold blanks, or "
+                f"{form.columns_remedy}",
             )
     start, numbers = runs[0] or (0, 0)
     names_are_numbers = numbers == len(AXES) + 1 and all(
-        _WHOLE.fullmatch(cells[start]) for _, _, cells in table
+        _WHOLE.fullmatch(cells[start]) for cells in table
     )
-    if names_are_numbers and separator == "," and start:
-        joined = [f"{cells[start]},{cells[start + 1]}" for _, _, cells in table]
+    if names_are_numbers and separator in {",", ""} and start:
+        joined = [(separator or " ").join(cells[start : start + 2]) for cells in table]
         if all(map(_GROUPED.fullmatch, joined)):
             raise ShotsInvalid(
-                f"{where}: '{joined[0]}' may be a number with a thousands separator",
-                remedy=f"export without thousands separators; else {remedy}",
+                f"{first.where}: '{joined[0]}' may be a number with a thousands separator",
+                remedy=f"export without thousands separators; else {form.columns_remedy}",
             )
     names = start + 1 if names_are_numbers else start
     if numbers > len(AXES) and not names_are_numbers:
-        raise ShotsInvalid(f"{where}: {numbers} numbers in a row, X Y Z are three", remedy=remedy)
+        raise ShotsInvalid(
+            f"{first.where}: {numbers} numbers in a row, X Y Z are three",
+            remedy=form.columns_remedy,
+        )
     if names > MOST_NAME_PARTS:
         raise ShotsInvalid(
-            f"{where}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
-            remedy=remedy,
+            f"{first.where}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
+            remedy=form.columns_remedy,
         )
     return (*["name"] * names, *AXES)
 
 
-def _point(line: Line, layout: Layout, form: PointFormat) -> NamedPoint:
+def _point(line: _Line, layout: _Layout, form: PointFormat) -> NamedPoint:
     """Return the point of a line; raises `ShotsInvalid`."""
-    where, cells = line[0], split_line(line[1], layout.separator)
+    where, cells = line.where, _split_line(line.text, layout.separator)
     needed = max(layout.order.index(axis) for axis in AXES) + 1
     if len(cells) < needed:
         raise ShotsInvalid(
             f"{where}: {len(cells)} words for {len(layout.order)} columns {','.join(layout.order)}",
-            remedy=f"correct the line, or {form.option}columns",
+            remedy=f"correct the line, or {form.columns_remedy}",
         )
-    if layout.width and len(cells) > layout.width and any(cells[layout.width :]):
+    width = len(layout.headings)
+    if width and any(cells[width:]):
         raise ShotsInvalid(
-            f"{where}: {len(cells)} values for {layout.width} columns of the header",
-            remedy="export without decimal commas and thousands separators, or name all columns, "
-            f"for example {form.option}columns name,x,y,z",
+            f"{where}: {len(cells)} values for {width} columns of the header",
+            remedy="export without decimal commas and thousands separators, or "
+            f"{form.columns_remedy}",
         )
-    texts = dict(zip(layout.order, cells, strict=False))
-    parts = [cell for cell, role in zip(cells, layout.order, strict=False) if role == "name"]
-    dates = [cell for cell, role in zip(cells, layout.order, strict=False) if role == "time"]
+    columns = [*zip(layout.order, cells, strict=False)]
+    texts = dict(columns)
     x, y, z = (_length_mm(f"{where}: {axis}", texts[axis], form) for axis in AXES)
     return NamedPoint(
         where,
-        NAME_JOINT.join(parts),
+        NAME_JOINT.join(text for role, text in columns if role == "name"),
         (x, y, z),
         _covariance_mm2(texts, layout, form),
-        " ".join(dates).strip("' ") or None,
+        " ".join(text for role, text in columns if role == "time").strip("' ") or None,
     )
 
 
@@ -348,7 +720,7 @@ def _length_mm(what: str, text: str, form: PointFormat) -> float:
     if value is None:
         raise ShotsInvalid(
             f"{what} is '{shown(text)}', must be a number",
-            remedy=f"correct the line, or {form.option}columns",
+            remedy=f"correct the line, or {form.columns_remedy}",
         )
     length_mm = value * MM_PER_UNIT[unit]
     if abs(length_mm) > FARTHEST_MM:  # an infinite one, too
@@ -359,7 +731,7 @@ def _length_mm(what: str, text: str, form: PointFormat) -> float:
     return length_mm
 
 
-def _covariance_mm2(texts: Mapping[str, str], layout: Layout, form: PointFormat) -> Matrix3 | None:
+def _covariance_mm2(texts: Mapping[str, str], layout: _Layout, form: PointFormat) -> Matrix3 | None:
     """Return the covariance of a line's σ or U(95), the latter with coverage factor 2."""
     mm = MM_PER_UNIT[layout.sigma_unit or form.unit or "mm"]
     for roles, coverage in ((SIGMAS, 1.0), (EXPANDED, 2.0)):
@@ -371,18 +743,20 @@ def _covariance_mm2(texts: Mapping[str, str], layout: Layout, form: PointFormat)
 
 
 def _with_usable_columns(
-    points: list[NamedPoint], layout: Layout, name: str
+    points: list[NamedPoint], layout: _Layout, name: str
 ) -> tuple[list[NamedPoint], list[str]]:
     """Leave out uncertainties and times that not every line has, and note it."""
     notes = []
-    if {*layout.order} & {*SIGMAS, *EXPANDED}:
+    roles = {*layout.order}
+    if roles & {*SIGMAS, *EXPANDED}:
         missing = next((point for point in points if point.covariance_mm2 is None), None)
         if missing is None:
-            notes.append(f"{name}: covariances from the uncertainties of X Y Z")
+            kind = "standard uncertainties" if roles >= {*SIGMAS} else "U(95)"
+            notes.append(f"{name}: covariances from the uncertainties of X Y Z, taken as {kind}")
         else:
             points = [replace(point, covariance_mm2=None) for point in points]
             notes.append(f"{missing.where}: an uncertainty is not above zero: none of them is used")
-    if "time" in layout.order:
+    if "time" in roles:
         times = [_iso_time(point.time or "") for point in points]
         if None in times:
             unread = points[times.index(None)]
@@ -400,7 +774,7 @@ def _iso_time(text: str) -> str | None:
         return datetime.fromisoformat(text).isoformat()
     for form in ("%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S"):
         with suppress(ValueError):
-            return datetime.strptime(text, form).isoformat()  # noqa: DTZ007 - without a zone
+            return datetime.strptime(text.replace(",", "."), form).isoformat()  # noqa: DTZ007 - without a zone
     return None
 
 

@@ -140,6 +140,19 @@ def test_a_bumped_tracker_fails_with_the_shots_between_which_it_was(clean, since
     assert ("last_shot" in change.numbers) == (until < 80)
 
 
+def test_of_two_steps_neither_leaves_a_change_without_a_size(clean):
+    campaign, _ = clean
+    points = campaign.shots.points_in_tracker_mm.copy()
+    points[20:] += [0.35, -0.3, 0.3]
+    points[50:] -= [0.2, 0.2, 0.2]
+    found = identified(with_points(campaign, points))
+    changes = [own.numbers for own in found.findings if own.name == findings.CHANGE]
+    assert [change["part"] for change in changes] == ["frame", "frame"]
+    ends = {change["last_shot"] + 1 for change in changes if "last_shot" in change}
+    assert {change["before_shot"] for change in changes} | ends == {20, 50}
+    assert all(abs(change["size"]) > change["U"] for change in changes)
+
+
 def test_a_step_of_an_encoder_fails_with_its_arm(clean):
     campaign, _ = clean
     joints = campaign.shots.joints.copy()

@@ -9,8 +9,7 @@ from refusals import refusal
 from campaigns.errors import ShotsInvalid
 from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.joined_shots import join_shots
-from campaigns.shots.point_files import read_points
-from campaigns.shots.point_header import PointFormat
+from campaigns.shots.point_files import PointFormat, read_points
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
 

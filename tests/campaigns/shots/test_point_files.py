@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.shots.point_files import parse_points, read_points
-from campaigns.shots.point_header import PointFormat
+from campaigns.shots.point_files import PointFormat, parse_points, read_points
 
 SPATIAL_ANALYZER = """\
 // SpatialAnalyzer, frame: Tracker 1
@@ -146,7 +145,7 @@ class TestComplaints:
 
     def test_what_could_be_read_in_two_ways_is_not_guessed(self):
         said = complaint("2000.5 10.0 -300.0 0.02\n")
-        assert "4 numbers in a row, X Y Z are three → say what they are" in said
+        assert "4 numbers in a row, X Y Z are three → name the columns" in said
         assert "4 words before X Y Z" in complaint("a b c d 1.0 2.0 3.0\n")
 
     def test_name_that_stands_twice_is_named_with_both_lines(self):
@@ -176,6 +175,10 @@ class TestHeaders:
             ("X-Coordinate (mm);Y-Coordinate (mm);Z-Coordinate (mm);id", "1;2;3;p1"),
             ("Name,dX,dY,dZ,X,Y,Z", "p1,0.1,0.2,0.3,1,2,3"),
             ("exported by somebody", "p1 1 2 3"),
+            ("Report 2026 11 27\nName;X;Y;Z", "p1;1;2;3"),
+            ("# Name Z Y X", "p1 3 2 1"),
+            ("Punkt;coordX;coordY;coordZ", "p1;1;2;3"),
+            ("Name X mm Y mm Z mm", "p1 1 2 3"),
         ],
     )
     def test_header_lines_determine_the_columns_and_are_noted(self, header, row):
@@ -189,11 +192,33 @@ class TestHeaders:
         [
             *(("[mm]", 1.0), ("(m)", 1e3), ("_inch", 25.4), (" in", 25.4), (" [µm]", 1e-3)),
             *((" ( um )", 1e-3), ("[ft]", 304.8), ("/mm", 1.0), (" [Meters]", 1e3)),
+            *((" in mm", 1.0), (" in µm", 1e-3), (", in", 25.4), (";in", 25.4)),
         ],
     )
     def test_header_states_the_unit(self, unit, mm):
         text = f"Name;X{unit};Y{unit};Z{unit}\np1;1;2;4\n"
         assert found(text, unit=None)["p1"] == pytest.approx((mm, 2.0 * mm, 4.0 * mm))
+
+    @pytest.mark.parametrize(
+        ("line", "mm"),
+        [
+            *(("Units: Millimeters", 1.0), ("// Unit = in", 25.4), ("Einheit: m", 1e3)),
+            ("Length units: mm, Angles: Degrees", 1.0),
+        ],
+    )
+    @pytest.mark.parametrize("header", ["Name;X;Y;Z\n", ""])
+    def test_line_above_states_the_unit(self, line, mm, header):
+        assert found(f"{line}\n{header}p1;1;2;4\n", unit=None)["p1"] == (mm, 2 * mm, 4 * mm)
+
+    @pytest.mark.parametrize("line", ["Unit system", "Units: mm, σ: um", "Uncertainty unit: um"])
+    def test_line_above_that_states_no_one_unit_is_none(self, line):
+        assert "does not state its unit" in complaint(f"{line}\np1;1;2;4\n", unit=None)
+
+    def test_columns_given_go_before_those_of_the_header(self):
+        text = "Name X Y Z Time\nleft nest 1 2 3 27.11.2026 21:10:02\n"
+        assert "7 values for 5 columns of the header → " in complaint(text)
+        columns = ("name", "name", "x", "y", "z")
+        assert found(text, columns=columns) == {"left::nest": (1.0, 2.0, 3.0)}
 
     def test_unit_given_goes_before_the_headers_and_is_noted(self):
         text = "Name;X [mm];Y [mm];Z [mm]\np1;1;2;4\n"
@@ -208,10 +233,22 @@ class TestHeaders:
             ("Name;X [mm];Y [mm];Z [m]", "the header has several units: mm, mm, m"),
             ("Name;X;Y;Z;X;Y;Z", "the header has two columns 'X' → choose with --columns"),
             ("Name;X nom;Y nom;Z nom", "names nominal coordinates only"),
+            ("Name;dX;dY;dZ", "'d' beside X Y Z in the header is no known unit"),
+            ("Units: in\nName;X [mm];Y [mm];Z [mm]", "in mm, a line above states inch"),
+            ("Name;X [m];Y [m];Z [m]\np1;2 mm;3 mm;4 mm", "x is '2 mm', must be a number"),
         ],
     )
     def test_header_that_cannot_be_read_is_refused(self, header, said):
         assert said in complaint(f"{header}\np1;1;2;3;4;5;6\n", unit=None)
+
+    @pytest.mark.parametrize("header", ["Name;R;Hz;V", "Name;R;Theta;Z", "id;DX;DY;DZ"])
+    def test_columns_of_other_names_are_never_taken_for_x_y_z(self, header):
+        said = complaint(f"{header}\np1;1;2;3\n")
+        assert f"points.txt:1: the header '{header}' does not name X, Y and Z → name the" in said
+
+    def test_title_that_reads_as_a_point_is_named(self):
+        said = complaint("Report 2026 11 27\nName X Y Z\np1 1 2 3\n")
+        assert "points.txt:1: 'Report 2026 11 27' reads as a point above the header line" in said
 
     def test_of_two_sets_one_is_chosen(self):
         text = "Name;X nom;Y nom;Z nom;X act;Y act;Z act\np1;1;2;3;4;5;6\n"
@@ -238,6 +275,22 @@ class TestHeaders:
         (point,) = read("x,y,z,sx,sy,sz,time\n1,2,3,.1,.1,.1,7.5\n").points
         assert point.covariance_mm2[0][0] == pytest.approx(0.01)
         assert point.time == "7.5"
+
+    @pytest.mark.parametrize(
+        ("heading", "std"),
+        [
+            *(("ux;uy;uz", 0.1), ("Ux;Uy;Uz", 0.05), ("StdDev X;StdDev Y;StdDev Z", 0.1)),
+            *(("2σ X;2σ Y;2σ Z", None), ("Uncertainty X;Uncertainty Y;Uncertainty Z", None)),
+        ],
+    )
+    def test_small_u_is_one_sigma_and_other_words_are_not_used(self, heading, std):
+        text = f"X;Y;Z;{heading}\n1;2;3;.1;.1;.1\n"
+        (point,) = read(text).points
+        assert (point.covariance_mm2 is None) == (std is None)
+        if point.covariance_mm2:
+            assert point.covariance_mm2[0][0] == pytest.approx(std**2)
+        else:
+            assert f"not used: '{heading.partition(';')[0]}'" in notes(text)
 
     def test_uncertainty_of_zero_and_time_that_cannot_be_read_are_noted(self):
         text = "x,y,z,σx,σy,σz,time\n1,2,3,.1,.1,.1,7\n1,2,4,.1,0,.1,noon\n"
@@ -280,6 +333,8 @@ class TestNotations:
     def test_thousands_separator_is_no_part_of_a_name(self):
         text = "p1,2,927.032,267.835,-425.832\np2,2,678.052,676.534,-371.112\n"
         assert "'2,927.032' may be a number with a thousands separator" in complaint(text)
+        said = complaint("p1 2 927.032 267.835 -425.832\n")
+        assert "'2 927.032' may be a number with a thousands separator" in said
 
 
 class TestEncodings:
@@ -287,7 +342,10 @@ class TestEncodings:
 
     @pytest.mark.parametrize(
         ("codec", "encoding"),
-        [("utf-8", None), ("utf-8-sig", None), ("utf-16", None), ("cp1252", "cp1252")],
+        [
+            *(("utf-8", None), ("utf-8-sig", None), ("utf-16", None), ("cp1252", "cp1252")),
+            *(("utf-16-le", "utf-16"), ("utf-16-be", "utf-16")),
+        ],
     )
     def test_byte_order_mark_or_option_decides(self, tmp_path, codec, encoding):
         path = tmp_path / "points.txt"
@@ -300,6 +358,9 @@ class TestEncodings:
         path.write_bytes(self.TEXT.encode("cp1252"))
         said = r"points\.txt:1: byte 0xb5 is not UTF-8 text → give --encoding utf-8\|utf-16\|cp1252"
         with pytest.raises(ShotsInvalid, match=said):
+            read_points(path, PointFormat())
+        path.write_bytes(b"Name;X [mm]\n".decode().encode("utf-16-le"))
+        with pytest.raises(ShotsInvalid, match=r"points\.txt:1: has NUL .* give --encoding utf-16"):
             read_points(path, PointFormat())
 
 
