@@ -169,28 +169,13 @@ def command(
                 terminal.note(note)
         files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
         now_at("comparing the shots with the robot and the journal")
-
-        def advance(done: int) -> None:
-            now_at(f"taking in shots: {done} of {len(rows)}")
-
         name, tell = str(file), terminal.note
         if stage is None:
-            series = import_shots(
-                campaign, rows, name, files, read_in, tell=tell, advance=advance, anyway=force
-            )
+            series = import_shots(campaign, rows, name, files, read_in, tell=tell, anyway=force)
         else:
             held = declared_set(campaign, stage, robot)
             done = import_validation(
-                campaign,
-                rows,
-                stage,
-                held,
-                name,
-                files,
-                read_in,
-                tell=tell,
-                advance=advance,
-                anyway=force,
+                campaign, rows, stage, held, name, files, read_in, tell=tell, anyway=force
             )
     if stage is not None:
         terminal.say(f"imported: {len(rows)} shots as '{stage}'")

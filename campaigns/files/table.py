@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 from operator import itemgetter
 from typing import Generic, Literal, TypeVar
 
@@ -66,14 +65,6 @@ def csv_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
     """Rows as a CSV file's text, below the columns' heads."""
     heads = [column.head for column in columns]
     return csv_text(heads, ([column.csv(row) for column in columns] for row in rows))
-
-
-def html_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
-    """Rows as a plain HTML table, as notebooks show it."""
-    heads = "".join(f"<th>{escape(column.head)}</th>" for column in columns)
-    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in texts(columns, rows))
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f"<table><tr>{heads}</tr>{body}</table>"
 
 
 def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:

@@ -67,13 +67,8 @@ class Change:
     std: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """Candidates of one part: spans of rows (M, 2) and log Bayes factors (M,)."""
-
-    part: str
-    spans: Index
-    log_factors: Array
+Candidates = Mapping[str, tuple[Index, Array]]
+"""Candidates by part: spans of rows (M, 2) and log Bayes factors (M,)."""
 
 
 def fit_with_changes(
@@ -180,31 +175,19 @@ def since_before(posterior: Posterior) -> dict[str, float]:
     stand is flat and shows no change.
     """
     whole = np.array([[0, len(posterior.kept)]])
-    candidates = _scanned(posterior, {}, whole)
+    candidates = _scanned(posterior, {}, whole).items()
     return {
-        own.part: float(own.log_factors[0]) for own in candidates if own.part not in (SHOT, FRAME)
+        part: float(log_factors[0])
+        for part, (_, log_factors) in candidates
+        if part not in (SHOT, FRAME)
     }
 
 
-def scan(posterior: Posterior) -> list[Candidates]:
-    """Return the log Bayes factors of all parts over all spans."""
-    count = len(posterior.kept)
-    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
-    steps = np.stack([starts, np.full(len(starts), count)], axis=1)
-    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
-    pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
-    intervals = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-    shots = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
-    return _scanned(posterior, {SHOT: shots, FRAME: np.concatenate([steps, intervals])}, steps)
-
-
-def _scanned(
-    posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Index
-) -> list[Candidates]:
+def _scanned(posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Index) -> Candidates:
     """Return the candidates of each part over its spans, `otherwise` those of all others."""
     weighted = posterior.weights @ posterior.at.jacobian
     pulls = posterior.weights @ posterior.at.residual[..., None]
-    candidates = []
+    candidates = {}
     for part, columns in part_columns(posterior).items():
         spans, transposed = spans_of.get(part, otherwise), columns.swapaxes(1, 2)
         score = _over_spans(transposed @ pulls, spans)
@@ -214,7 +197,7 @@ def _scanned(
         matrix = left + np.eye(columns.shape[2])
         gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
         log_factors = 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1]
-        candidates.append(Candidates(part, spans, log_factors))
+        candidates[part] = spans, log_factors
     return candidates
 
 
@@ -226,27 +209,36 @@ def _over_spans(rows: Array, spans: Index) -> Array:
 
 def _likeliest(posterior: Posterior) -> Change | None:
     """Return the likeliest change that alarms, or None."""
-    candidates = scan(posterior)
-    lasting = np.concatenate([own.log_factors for own in candidates if own.part != SHOT])
+    count = len(posterior.kept)
+    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
+    steps = np.stack([starts, np.full(len(starts), count)], axis=1)
+    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
+    pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
+    intervals = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    shots = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
+    spans_of = {SHOT: shots, FRAME: np.concatenate([steps, intervals])}
+    candidates = _scanned(posterior, spans_of, steps)
+    by_part = {part: log_factors for part, (_, log_factors) in candidates.items()}
+    lasting = np.concatenate([by_part[part] for part in by_part if part != SHOT])
     steps_alarm = (
         scipy.special.logsumexp(lasting) > np.log(len(lasting) / ALARM) if len(lasting) else False
     )
     misfit = np.where(posterior.kept, misfits(posterior), 0.0)
     shot_alarms = misfit.max() > scipy.special.chdtri(3, ALARM / len(misfit))
-    allowed = [own for own in candidates if (shot_alarms if own.part == SHOT else steps_alarm)]
+    allowed = [part for part in by_part if (shot_alarms if part == SHOT else steps_alarm)]
     if not allowed:
         return None
-    best = max(allowed, key=lambda own: own.log_factors.max())
-    if best.part == SHOT:
+    best = max(allowed, key=lambda part: by_part[part].max())
+    if best == SHOT:
         worst = int(misfit.argmax())
         return Change(SHOT, worst, worst + 1, (SHOT,), 0.0, 0.0)
-    since, until = best.spans[best.log_factors.argmax()].tolist()
+    since, until = candidates[best][0][by_part[best].argmax()].tolist()
     evidence = {
-        own.part: float(scipy.special.logsumexp(own.log_factors))
-        for own in candidates
-        if own.part != SHOT
+        part: float(scipy.special.logsumexp(log_factors))
+        for part, log_factors in by_part.items()
+        if part != SHOT
     }
-    return Change(best.part, since, until, as_likely(evidence), 0.0, 0.0)
+    return Change(best, since, until, as_likely(evidence), 0.0, 0.0)
 
 
 def as_likely(evidence: Mapping[str, float]) -> tuple[str, ...]:

@@ -115,7 +115,7 @@ def fit(
 ) -> Posterior:
     """Fit all unknowns to the observations and return their posterior.
 
-    Shots that are not `kept` (N,) have no weight. `start` is an earlier posterior of the same
+    Shots that are not `kept` (N,) have no weight. `start` is an earlier posterior of these
     shots, `changes` (N, 3, k) are further columns with prior N(0, 1). Raise `ValueError` where too
     few shots, or shots on a line, place no frame.
     """
@@ -132,45 +132,50 @@ def fit(
         observations = start.observations
         x = np.concatenate([start.at.x, np.zeros(count)])[: len(model.names) + count]
 
-    def at(trial: _Trial) -> _State:
-        return _State.of(model, observations, trial, prior, kept, changes)
+    def linear_at(x: Array, frames: tuple[Transform, ...], near: Array) -> LinearModel:
+        with np.errstate(all="ignore"):
+            at = model.linearise(observations, x, frames, near, changes)
+        fixed, deviation = _fixed_prior(model, x, 6 * len(frames), prior)
+        noise = noise_parts(model, observations, at.by_joint)
+        groups = {} if prior.precision is not None else model.learned
+        return LinearModel(at, noise, kept, deviation, fixed, groups)
 
-    state = at((x, frames, near))
+    state = linear_at(x, frames, near)
     if components is None:
-        factors = dict.fromkeys(state.linear.noise, 1.0) | dict(prior.factors)
+        factors = dict.fromkeys(state.noise, 1.0) | dict(prior.factors)
         components = Components(dict.fromkeys(model.learned, 1.0), factors)
-    covariance, step, gain = state.solve(components)
+    covariance, step, gain = _step(state, components)
     updates, rounds = 0, 1
     while rounds < MOST_ROUNDS and not (gain < SETTLED_GAIN and updates >= SIZE_UPDATES):
         if gain < NEAR_GAIN or updates:
             first = 12 if not updates else 3
             components = estimate_components(
-                state.linear, components, first, learn_sizes=prior.precision is None
+                state, components, first, learn_sizes=prior.precision is None
             )
             components = replace(components, factors={**components.factors, **prior.factors})
             updates += 1
-            covariance, step, gain = state.solve(components)
+            covariance, step, gain = _step(state, components)
         before = state.objective(components)
-        trial = at(state.moved(step))
+        trial = linear_at(*_moved(state.at, step))
         while not trial.objective(components) <= before * (1.0 + 1e-6) + ALLOWED_RISE:
             rounds += 1
             if rounds >= MOST_ROUNDS:
                 break
             step = step / 4.0
-            trial = at(state.moved(step))
+            trial = linear_at(*_moved(state.at, step))
         else:
             state = trial
-            covariance, step, gain = state.solve(components)
+            covariance, step, gain = _step(state, components)
         rounds += 1
     return Posterior(
         model=model,
         observations=observations,
         at=state.at,
         covariance=covariance,
-        prior=state.linear.precision(components.sizes),
+        prior=state.precision(components.sizes),
         components=components,
-        noise=state.linear.noise,
-        weights=state.linear.weights(components.factors),
+        noise=state.noise,
+        weights=state.weights(components.factors),
         kept=kept,
         arrived=gain < NEAR_GAIN,
         rounds=rounds,
@@ -178,56 +183,15 @@ def fit(
     )
 
 
-_Trial = tuple[Array, tuple[Transform, ...], Array]
-"""Unknowns in tolerances, frames, and poses near by."""
+def _step(state: LinearModel, components: Components) -> tuple[Array, Array, float]:
+    """Return the posterior covariance, the Gauss-Newton step and its gain in χ²."""
+    return state.solve(state.normal_equations(state.weights(components.factors)), components.sizes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _State:
-    """Model linearised at one trial of the unknowns."""
-
-    at: Linearised
-    linear: LinearModel
-
-    @classmethod
-    def of(
-        cls,
-        model: ErrorModel,
-        observations: Observations,
-        trial: _Trial,
-        prior: Prior,
-        kept: Mask,
-        changes: Array | None,
-    ) -> "_State":
-        x, frames, near = trial
-        with np.errstate(all="ignore"):
-            at = model.linearise(observations, x, frames, near, changes)
-        fixed, deviation = _fixed_prior(model, x, 6 * len(frames), prior)
-        noise = noise_parts(model, observations, at.by_joint)
-        groups = {} if prior.precision is not None else model.learned
-        linear = LinearModel(at.residual, at.jacobian, noise, kept, deviation, fixed, groups)
-        return cls(at, linear)
-
-    def solve(self, components: Components) -> tuple[Array, Array, float]:
-        """Return the posterior covariance, the Gauss-Newton step and its gain in χ²."""
-        weights = self.linear.weights(components.factors)
-        return self.linear.solve(self.linear.normal_equations(weights), components.sizes)
-
-    def objective(self, components: Components) -> float:
-        """Return χ² of residuals and priors; infinite where a kept shot has no assembly."""
-        weights = self.linear.weights(components.factors)
-        kept = self.linear.kept
-        residual = self.linear.residual[kept]
-        value = np.einsum("ni,nij,nj->", residual, weights[kept], residual)
-        deviation = self.linear.deviation
-        value += deviation @ self.linear.precision(components.sizes) @ deviation
-        return float(value) if np.isfinite(value) else np.inf
-
-    def moved(self, step: Array) -> _Trial:
-        """Return unknowns, frames and poses near by after a step (Q,)."""
-        count = len(self.at.x)
-        near = self.at.assembly.unknowns
-        return self.at.x + step[:count], moved_frames(self.at.frames, step[count:]), near
+def _moved(at: Linearised, step: Array) -> tuple[Array, tuple[Transform, ...], Array]:
+    """Return unknowns, frames and poses near by after a step (Q,)."""
+    count = len(at.x)
+    return at.x + step[:count], moved_frames(at.frames, step[count:]), at.assembly.unknowns
 
 
 def _fixed_prior(

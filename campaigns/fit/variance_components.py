@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.fit.error_model import Linearised
 
 SMALLEST_SIZE = 0.5
 """Floor of a group's size in tolerances."""
@@ -43,10 +44,7 @@ class Components:
 class LinearModel:
     """Model linearised at the kept shots, from which the fixed point is computed."""
 
-    residual: Array
-    """(N, 3)"""
-    jacobian: Array
-    """(N, 3, Q)"""
+    at: Linearised
     noise: dict[str, Array]
     """Parts V_k, (N, 3, 3)."""
     kept: Mask
@@ -72,9 +70,10 @@ class LinearModel:
 
     def normal_equations(self, weights: Array) -> tuple[Array, Array]:
         """Return A'WA (Q, Q) and A'Wr (Q,) of all shots."""
-        rows = self.jacobian.reshape(-1, self.jacobian.shape[2])
-        weighted = (weights @ self.jacobian).reshape(rows.shape)
-        return weighted.T @ rows, weighted.T @ self.residual.ravel()
+        jacobian = self.at.jacobian
+        rows = jacobian.reshape(-1, jacobian.shape[2])
+        weighted = (weights @ jacobian).reshape(rows.shape)
+        return weighted.T @ rows, weighted.T @ self.at.residual.ravel()
 
     def solve(
         self, normal: tuple[Array, Array], sizes: dict[str, float]
@@ -85,6 +84,13 @@ class LinearModel:
         covariance = np.asarray(np.linalg.inv(normal[0] + precision), dtype=np.float64)
         step = -covariance @ slope
         return covariance, step, float(-slope @ step)
+
+    def objective(self, components: Components) -> float:
+        """Return χ² of residuals and priors; infinite where a kept shot has no assembly."""
+        weights, residual = self.weights(components.factors)[self.kept], self.at.residual[self.kept]
+        value = np.einsum("ni,nij,nj->", residual, weights, residual)
+        value += self.deviation @ self.precision(components.sizes) @ self.deviation
+        return float(value) if np.isfinite(value) else np.inf
 
 
 def estimate_components(
@@ -127,8 +133,8 @@ def _noise_ratios(
     model: LinearModel, factors: dict[str, float], weights: Array, covariance: Array, step: Array
 ) -> dict[str, float]:
     """Return by how much each estimated part of the noise must be multiplied."""
-    left = (weights @ (model.residual + model.jacobian @ step)[..., None])[..., 0]
-    rows = weights @ model.jacobian
+    left = (weights @ (model.at.residual + model.at.jacobian @ step)[..., None])[..., 0]
+    rows = weights @ model.at.jacobian
     spread = weights - (rows @ covariance) @ rows.swapaxes(1, 2)
     ratios = {}
     for part, covariance_of_part in model.noise.items():

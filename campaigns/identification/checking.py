@@ -67,27 +67,6 @@ def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
     return read_body(body, RecordedCheck, "check", remedy)
 
 
-def former_prior(former: StoredPosterior, model: ErrorModel, changed: Sequence[str] = ()) -> Prior:
-    """Return a former result as the prior of new shots, widened by the usual drift of each part.
-
-    Parts that a check found `changed` may have changed by as much as such parts do. Raise
-    `IdentificationRefused` if it was found with other unknowns.
-    """
-    if set(former.names) != set(model.names):
-        raise IdentificationRefused(
-            "the last result has other unknowns than this robot",
-            remedy="run `pkmcal identify DIR` again, without --fix, and check by that result",
-        )
-    order, scale = _places_in(former, model)
-    covariance = np.array(former.covariance)[np.ix_(order, order)] * np.outer(scale, scale)
-    covariance = covariance + np.diag((_drift(model, changed) / model.tolerance) ** 2)
-    return Prior(
-        mean=_mean(former, model),
-        precision=np.asarray(np.linalg.inv(covariance)),
-        factors=former.factors,
-    )
-
-
 def former_datum(former: StoredPosterior, model: ErrorModel) -> NullDirections:
     """Return the directions that stay at nominal in a former result: an update keeps its datum."""
     order, scale = _places_in(former, model)
@@ -118,10 +97,23 @@ def fit_with_former(
     options: IdentificationOptions,
     changed: Sequence[str] = (),
 ) -> Posterior:
-    """Fit new shots of the same robot with a former result as prior, some parts changed."""
+    """Fit new shots with a former result as prior, widened by the usual drift of each part.
+
+    Parts that a check found `changed` may have changed by as much as such parts do. Raise
+    `IdentificationRefused` if it was found with other unknowns.
+    """
     model = error_model(nominal, shots, options)
+    if set(former.names) != set(model.names):
+        raise IdentificationRefused(
+            "the last result has other unknowns than this robot",
+            remedy="run `pkmcal identify DIR` again, without --fix, and check by that result",
+        )
     near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
-    prior = former_prior(former, model, changed)
+    order, scale = _places_in(former, model)
+    covariance = np.array(former.covariance)[np.ix_(order, order)] * np.outer(scale, scale)
+    covariance = covariance + np.diag((_drift(model, changed) / model.tolerance) ** 2)
+    precision = np.asarray(np.linalg.inv(covariance))
+    prior = Prior(_mean(former, model), precision, former.factors)
     return fit(model, observations_of(shots, near, options), prior)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Index
 from campaigns.errors import ShotsInvalid
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import check_shots
@@ -43,6 +43,7 @@ from campaigns.identification.result import (
     Scatter,
     SessionFrame,
     StoredPosterior,
+    identified_parameters,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
@@ -137,7 +138,9 @@ class _Case:
         posterior, options = self.posterior, self.options
         identified = posterior.model.kinematics(posterior.x)
         null = self.datum or null_directions(posterior)
-        solution = identified.forward(self.shots.joints, self._near(), approach=self.shots.approach)
+        near = self.at_nominal.values.copy()
+        near[~self.at_nominal.found] = near[self.at_nominal.found][0]
+        solution = identified.forward(self.shots.joints, near, approach=self.shots.approach)
         unseen = unseen_pairs(posterior, self.shots, self.at_nominal, solution, options)
         ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
         positions = None
@@ -181,36 +184,16 @@ class _Case:
             obstacles=obstacles,
         )
 
-    def _near(self) -> Array:
-        """Return the nominal poses of all shots, with a stand-in where there is none."""
-        near, found = self.at_nominal.values.copy(), self.at_nominal.found
-        near[~found] = near[found][0]
-        return near
-
-    # --- parameters ---------------------------------------------------------------------------
-
     def _parameters(self, null: NullDirections) -> dict[str, IdentifiedParameter]:
-        model, table = self.posterior.model, self.nominal.mechanism.parameters
-        covariance = null.without(self.posterior.own_covariance)
-        deviations = null.at_nominal(self.posterior.x)
-        old = self.nominal.parameters
-        parameters = {}
-        for name in (*table.of_robot, *(n for n in model.parameters if n not in table.of_robot)):
-            is_free = name in model.names
-            nominal = old.get(name, 0.0)
-            if not is_free and name not in old:
-                continue
-            value, std = nominal, None
-            if is_free:
-                place = model.names.index(name)
-                tolerance, variance = float(model.file_tolerance[place]), covariance[place, place]
-                value = nominal + float(deviations[place]) * tolerance
-                std = float(np.sqrt(variance)) * tolerance if variance > 1e-12 else None
-            group = table[name].field.group
-            parameters[name] = IdentifiedParameter(
-                nominal=nominal, value=value, std=std, free=is_free, group=group
-            )
-        return parameters
+        model, old = self.posterior.model, self.nominal.parameters
+        variances = np.diag(null.without(self.posterior.own_covariance)).tolist()
+        deviations = (null.at_nominal(self.posterior.x) * model.file_tolerance).tolist()
+        fitted = {}
+        for place, name in enumerate(model.parameters):
+            std = max(variances[place], 0.0) ** 0.5 * float(model.file_tolerance[place])
+            value = old.get(name, 0.0) + deviations[place]
+            fitted[name] = (value, std if variances[place] > 1e-12 else None)
+        return identified_parameters(self.nominal, fitted)
 
     def _covariance(self, null: NullDirections, ratio: float) -> ParameterCovariance:
         model, table = self.posterior.model, self.nominal.mechanism.parameters
@@ -259,8 +242,6 @@ class _Case:
             )
         return Scatter(point, joint, of_instrument, says)
 
-    # --- residuals and hold-out pairs ---------------------------------------------------------
-
     def _residuals(self) -> ResidualTable:
         """Return the errors of the fitted shots: nominal in its own best frames, and identified."""
         kept, posterior = self.posterior.kept, self.posterior
@@ -299,8 +280,6 @@ class _Case:
             SessionFrame(tuple(numbers[own == session].tolist()), fitted.get(session))
             for session in np.unique(own).tolist()
         )
-
-    # --- findings -----------------------------------------------------------------------------
 
     def _findings(
         self, null: NullDirections, unseen: UnseenPairs, region: Region | None

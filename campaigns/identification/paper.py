@@ -16,10 +16,10 @@ from campaigns.identification.options import IdentificationOptions, matching
 from campaigns.identification.result import (
     Excluded,
     IdentificationResult,
-    IdentifiedParameter,
     ModelledTable,
     ParameterCovariance,
     ResidualTable,
+    identified_parameters,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
@@ -72,12 +72,14 @@ def identify_as_paper(
         unseen = distance_errors(shots, validation, nominal_poses, poses)
     counted = np.union1d(rows, validation)
     counted = counted[solution.found[counted]]
+    std = np.sqrt(np.diag(covariance)).tolist()
+    values = zip((solved.x / units).tolist(), std, strict=True)
     decision, reason = _verdict(unseen, converged=bool(solved.success))
     return IdentificationResult(
         model="paper",
         converged=bool(solved.success),
         iterations=int(solved.nfev),
-        parameters=_parameters(nominal, names, solved.x / units, np.sqrt(np.diag(covariance))),
+        parameters=identified_parameters(nominal, dict(zip(names, values, strict=True))),
         residuals_mm=fitted.summary(),
         unseen_mm=None if unseen is None else unseen.summary(),
         fitted=fitted,
@@ -137,24 +139,6 @@ def _pairs(
         for row in rows[wrong, 0].tolist()
     )
     return rows[of_one & found], excluded
-
-
-def _parameters(
-    nominal: Kinematics, names: tuple[str, ...], values: Array, std: Array
-) -> dict[str, IdentifiedParameter]:
-    table, old = nominal.mechanism.parameters, nominal.parameters
-    found = dict(zip(names, zip(values.tolist(), std.tolist(), strict=True), strict=True))
-    return {
-        name: IdentifiedParameter(
-            nominal=old.get(name, 0.0),
-            value=found[name][0] if name in found else old[name],
-            std=found[name][1] if name in found else None,
-            free=name in found,
-            group=table[name].field.group,
-        )
-        for name in table.of_robot
-        if name in old or name in found
-    }
 
 
 def _verdict(unseen: ResidualTable | None, *, converged: bool) -> tuple[Decision, str]:

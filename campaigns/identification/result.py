@@ -6,7 +6,6 @@ Its fields are the keys of the document `pkmcal/identification/2`; parameters ar
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,10 +17,10 @@ from campaigns.errors import FindingUnreadable
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, limits_met, spread
-from campaigns.files.table import Column, html_table
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters, ParameterTable
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -51,14 +50,6 @@ class IdentifiedParameter:
         return self.value - self.nominal
 
 
-PARAMETER_COLUMNS: tuple[Column[tuple[str, IdentifiedParameter]], ...] = (
-    Column("parameter", lambda row: row[0], kind="code"),
-    Column("nominal", lambda row: row[1].nominal, decimals=4),
-    Column("identified", lambda row: row[1].value, decimals=4),
-    Column("σ", lambda row: row[1].std, decimals=4),
-)
-
-
 @dataclass(frozen=True, slots=True)
 class Excluded:
     """Shot or pair that was left out, and why; a size only where the others contradict it."""
@@ -80,7 +71,8 @@ class Excluded:
 class Scatter:
     """Noise beside what the tracker stated: of the robot's point and of its joints, 1 σ.
 
-    Where the tracker stated nothing, it holds what the instrument's own noise is not told from.
+    Where the tracker stated nothing, it holds what cannot be distinguished from the
+    instrument's own noise.
     """
 
     point_mm: float
@@ -310,11 +302,6 @@ class IdentificationResult:
         unseen = f", hold-out {self.unseen_mm.after.rms:.4f} mm rms" if self.unseen_mm else ""
         return f"<IdentificationResult: {self.verdict}, {len(self.free)} parameters{unseen}>"
 
-    def _repr_html_(self) -> str:
-        """Return a table of the parameters, as notebooks show it."""
-        rows = [(name, self.parameters[name]) for name in self.free]
-        return f"<p>{escape(repr(self))}</p>{html_table(PARAMETER_COLUMNS, rows)}"
-
     def report(self) -> str:
         """Return parameters, budget and findings as text for a console."""
         lines = [f"verdict: {self.verdict}", *(f"  {reason}" for reason in self.reasons), ""]
@@ -451,6 +438,24 @@ def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification
     if schema != SCHEMA:
         raise FindingUnreadable(f"the identification is {schema}", remedy=remedy)
     return read_body(body, RecordedIdentification, "identification", remedy)
+
+
+def identified_parameters(
+    nominal: Kinematics, fitted: Mapping[str, tuple[float, float | None]]
+) -> dict[str, IdentifiedParameter]:
+    """Return all parameters of a robot, of those `fitted` with their values and 1 σ."""
+    table, old = nominal.mechanism.parameters, nominal.parameters
+    return {
+        name: IdentifiedParameter(
+            nominal=old.get(name, 0.0),
+            value=fitted[name][0] if name in fitted else old[name],
+            std=fitted[name][1] if name in fitted else None,
+            free=name in fitted,
+            group=table[name].field.group,
+        )
+        for name in dict.fromkeys((*table.of_robot, *fitted))
+        if name in old or name in fitted
+    }
 
 
 def _rows(errors_mm: Array) -> tuple[tuple[float, ...], ...]:

@@ -1,7 +1,7 @@
 """Imports into the journal, and exports from it, of shots in files."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,6 @@ from drivers.bounded_files import CSV_BYTES, FileRefused, read_bounded
 
 FILES = "imported_files"
 """Key in an import's settings: what campaign.yaml does not say of it."""
-TOLD_EVERY = 250
 DIGITS = 9
 """Decimals of rad and mm that files keep of joints and points."""
 
@@ -66,12 +65,10 @@ def append_import(
     stage: records.Stage = "import",
     declared: str = "",
     order: Index | None = None,
-    advance: Callable[[int], None] = lambda _: None,
 ) -> int:
     """Write rows as a finished series, in one commit; gives its number.
 
-    Shots are numbered as the rows, and written in the `order` (N,) in which they were measured;
-    `advance` hears now and then how many are written.
+    Shots are numbered as the rows, and written in the `order` (N,) in which they were measured.
 
     The names and digests of the files go into the series' settings. The commanded pose is not
     known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
@@ -90,9 +87,7 @@ def append_import(
         series = journal.start_series(started)
         session = None
         numbers = (np.arange(len(rows)) if order is None else order).tolist()
-        for done, number in enumerate(numbers):
-            if done % TOLD_EVERY == 0:
-                advance(done)
+        for number in numbers:
             row, target = rows[number], pose_of(poses[number])
             if row.session != session:
                 if session is not None:
@@ -103,7 +98,20 @@ def append_import(
             set_, pair, nest = row.purpose.value, row.pair, row.nest
             intent = records.Intent(number, 1, set_, target, row.joints, command, pair, nest=nest)
             journal.append(intent, series=series)
-            journal.append(_outcome(number, row), series=series)
+            outcome = records.Outcome(
+                number,
+                1,
+                row.joints,
+                row.point_in_tracker_mm,
+                row.covariance_mm2,
+                None,  # a file gives the temperature alone: a pressure would be invented
+                IMPORTED,
+                import_note(row.temperature_degC, row.time),
+                None,
+                approach=row.approach or None,
+                part_temperature_degC=row.part_temperature_degC,
+            )
+            journal.append(outcome, series=series)
         journal.append(records.SeriesFinished(), series=series)
         journal.append(records.SessionStopped("finished", "imported"), series=series)
     journal.prove()
@@ -151,22 +159,6 @@ def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
         )
     poses[own] = solution.values
     return poses
-
-
-def _outcome(number: int, row: ShotRow) -> records.Outcome:
-    return records.Outcome(
-        number,
-        1,
-        row.joints,
-        row.point_in_tracker_mm,
-        row.covariance_mm2,
-        None,  # a file gives the temperature alone: a pressure would be invented
-        IMPORTED,
-        import_note(row.temperature_degC, row.time),
-        None,
-        approach=row.approach or None,
-        part_temperature_degC=row.part_temperature_degC,
-    )
 
 
 def exported_shots(

@@ -4,11 +4,10 @@ The joints file is a shots.csv without points, but with names: `name,q0_deg,q1_d
 the shots. Each gets its point by name or by its place in the file.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -27,8 +26,6 @@ from drivers.texts import nearest_word
 Join = Literal["name", "order"]
 LISTED = 5
 """Number of names that an error line lists."""
-
-
 JointsRow = tuple[CsvRow, ShotRow]
 """Row of the joints file: the shot without its point. Its pair is None where the file has none."""
 
@@ -164,17 +161,12 @@ def _pairs(rows: Sequence[JointsRow]) -> tuple[Sequence[int | None], str]:
     lines, sets = [row for row, _ in rows], [shot.purpose for _, shot in rows]
     pairs, note = [shot.pair for _, shot in rows], "pairs as numbered"
     if "pair" not in lines[0].texts:
-        numbers, last = count(), dict[ShotSet, int]()
-        pairs = [_next_pair(purpose, last, numbers) for purpose in sets]
+        numbers, counts = dict[tuple[ShotSet, int], int](), Counter[ShotSet]()
+        for row, purpose in enumerate(sets):
+            key = (purpose, counts[purpose] // SHOTS_OF_A_PAIR)
+            counts[purpose] += 1
+            if purpose.in_pairs:
+                pairs[row] = numbers.setdefault(key, len(numbers))
         note = f"no column pair: each {SHOTS_OF_A_PAIR} shots of a set in a row are a pair"
     check_pairs(lines, sets, pairs)
     return pairs, note
-
-
-def _next_pair(purpose: ShotSet, half: dict[ShotSet, int], numbers: "count[int]") -> int | None:
-    if not purpose.in_pairs:
-        return None
-    if purpose in half:
-        return half.pop(purpose)
-    half[purpose] = next(numbers)
-    return half[purpose]

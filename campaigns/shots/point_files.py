@@ -3,8 +3,8 @@
 How a file is read:
 
 1. A byte-order mark decides how it is decoded, else the encoding given, else it is UTF-8.
-2. Empty lines and comments (`//`, `#`, `;`) are left out, but for a header in a comment that has
-   as many columns as the first row.
+2. Empty lines and comments (`//`, `#`, `;`) are left out, but for a header in a comment whose
+   columns match those of the first row.
 3. A header line that names X, Y and Z determines separator, columns and units, and which columns
    are uncertainties or times. Without one, X Y Z are the first three numbers in a row.
 4. Lines before the first point are skipped, and quoted in a note; `Units: mm` there is the unit.
@@ -60,6 +60,7 @@ _WORD_MEANINGS: Mapping[str, str] = {
 }
 """Meanings of the words in headings of coordinates; u is a standard uncertainty, U an expanded."""
 _UNIT_WORDS = frozenset(word for word, unit in _WORD_MEANINGS.items() if unit in MM_PER_UNIT)
+_GROUP_HEADINGS = ("collection", "group")
 _NAME_HEADINGS = (
     *("name", "point name", "pointname", "point id", "pointid", "point", "id", "label"),
     *("punktname", "punktnummer", "punkt", "pt", "feature", "object", "target"),
@@ -79,7 +80,7 @@ MOST_NAME_PARTS = 3
 FARTHEST_MM = 1e8
 """Largest coordinate that is accepted in any unit."""
 _COMMENT = re.compile(r"//|#|;(?!(?:[^;]*;){2})")
-"""Mark of a comment; a row of semicolons whose first column is empty is none."""
+"""Mark of a comment; a row whose first column is empty begins with a semicolon, too."""
 _UNIT_LINE = re.compile(
     r"(?:(?:lengths?|linear|distances?|coordinates?)\W*)?(?:units?|einheit(?:en)?)\b(.*)", re.I
 )
@@ -149,8 +150,8 @@ class _Heading:
     text: str
     words: tuple[str, ...]
     axis: str
-    kind: str
-    """`point`, `sigma` or `expanded`."""
+    role: str
+    """Meaning as in a layout's `order`."""
     set_: str
     """`actual`, `nominal`, or empty."""
     unit: LengthUnit | None
@@ -170,9 +171,9 @@ class _Layout:
     sigma_unit: LengthUnit | None = None
     headings: tuple[str, ...] = ()
     """Headings of all columns; none without a header or with columns given."""
-
-
-# --- files and watched files
+    header: tuple[_Line, ...] = ()
+    """Lines that hold no points."""
+    rows: tuple[_Line, ...] = ()
 
 
 def read_points(path: Path, form: PointFormat) -> PointFile:
@@ -212,8 +213,8 @@ def point_of_row(row: str, text: str, name: str, form: PointFormat) -> Vector3:
 
 
 def _first_row(lines: Sequence[_Line]) -> int:
-    place = _header_place(lines)
-    begin = 0 if place is None else place + 1
+    header = _find_header(lines)
+    begin = 0 if header is None else header[0] + 1
     while begin < len(lines) and not _may_be_row(lines[begin]):
         begin += 1
     return begin
@@ -247,14 +248,15 @@ def _parse_lines(
     """Read lines; the unit of the file's header goes before that given if `header_first`."""
     if all(line.is_comment for line in lines):
         raise ShotsInvalid(f"{name}: holds no points", remedy="check that it is the right file")
-    layout, header, rows = _divide(lines, replace(form, unit=None) if header_first else form)
+    layout = _divide(lines, replace(form, unit=None) if header_first else form)
+    header = layout.header
     unit = layout.unit or form.unit if header_first else form.unit or layout.unit
     if unit is None:
         raise ShotsInvalid(
             f"{name}: the file does not state its unit of length",
             remedy=f"give it with {form.option}unit {'|'.join(MM_PER_UNIT)}",
         )
-    points = [_point(line, layout, replace(form, unit=unit)) for line in rows]
+    points = [_point(line, layout, replace(form, unit=unit)) for line in layout.rows]
     _check_unique(points)
     points, notes = _with_usable_columns(points, layout, name)
     columns = ", ".join(word for word in layout.order if word != "-")
@@ -269,15 +271,11 @@ def _parse_lines(
     ]
     if header:
         quoted = ", ".join(f"'{shown(line.text)}'" for line in header[:3])
-        more = ", …" if len(header) > 3 else ""
-        lines_word = "line" if len(header) == 1 else "lines"
-        about.append(f"{name}: {len(header)} header {lines_word} skipped: {quoted}{more}")
+        count = "1 header line" if len(header) == 1 else f"{len(header)} header lines"
+        about.append(f"{name}: {count} skipped: {quoted}{', …' if len(header) > 3 else ''}")
     if layout.unit not in {None, unit}:
         about.append(f"{name}: the header states {layout.unit}, {form.option}unit {unit} is used")
     return PointFile(name, tuple(points), unit, (*about, *notes))
-
-
-# --- header
 
 
 def _split_line(line: str, separator: str) -> tuple[str, ...]:
@@ -312,17 +310,24 @@ def _heading(text: str) -> _Heading:
     axes = [axis for axis in AXES if axis in meanings]
     units: list[LengthUnit] = [unit for unit in MM_PER_UNIT if unit in meanings]
     sets = [set_ for set_ in get_args(Coordinates) if set_ in meanings]
+    unknown = [word for word in words if word not in _WORD_MEANINGS]
+    if len(units) > 1:
+        unknown.append(" ".join(units))
+    role = "-"
+    if len(axes) == 1 and not unknown:
+        role = f"{'u' if 'expanded' in meanings else 's' if 'sigma' in meanings else ''}{axes[0]}"
+    elif words and _TIME_WORDS.issuperset(words):
+        role = "time"
+    elif " ".join(words) in (*_GROUP_HEADINGS, *_NAME_HEADINGS):
+        role = "name"
     return _Heading(
         text=text,
         words=tuple(words),
         axis=axes[0] if len(axes) == 1 else "",
-        kind=next((kind for kind in ("expanded", "sigma") if kind in meanings), "point"),
+        role=role,
         set_=sets[0] if sets else "",
         unit=units[0] if len(units) == 1 else None,
-        unknown=next(
-            (word for word in words if word not in _WORD_MEANINGS),
-            " ".join(units) if len(units) > 1 else "",
-        ),
+        unknown=unknown[0] if unknown else "",
     )
 
 
@@ -339,50 +344,34 @@ def _headings(line: str, separator: str) -> list[_Heading]:
     return headings
 
 
-def _header_split(lines: Sequence[_Line], place: int) -> tuple[str, list[_Heading]] | None:
-    """Return the separator and the headings of a line that names X, Y and Z, else None.
+def _find_header(lines: Sequence[_Line]) -> tuple[int, str, list[_Heading]] | None:
+    """Return the place of the first line that names X, Y and Z, its separator and headings.
 
-    A comment must have as many columns as the next row, all with headings that are understood.
+    A comment must have the next row's number of columns, all with headings that are understood.
     """
-    line = lines[place]
-    if not all(axis in line.text.lower() for axis in AXES):
-        return None
-    next_row = next((other.text for other in lines[place:] if not other.is_comment), "")
-    for separator, _ in _possible_splits(line.text):
-        headings = _headings(line.text, separator)
-        axes = {heading.axis for heading in headings if heading.kind == "point"}
-        if axes >= {*AXES} and (
-            not line.is_comment
-            or (
+    for place, line in enumerate(lines):
+        if not all(axis in line.text.lower() for axis in AXES):
+            continue
+        next_row = next((other.text for other in lines[place:] if not other.is_comment), "")
+        for separator, _ in _possible_splits(line.text):
+            headings = _headings(line.text, separator)
+            fits = not line.is_comment or (
                 len(headings) == len(_split_line(next_row, separator))
-                and all(_is_understood(heading) for heading in headings)
+                and all(heading.role != "-" for heading in headings)
             )
-        ):
-            return separator, headings
+            if fits and {heading.axis for heading in headings} >= {*AXES}:
+                return place, separator, headings
     return None
 
 
-def _is_understood(heading: _Heading) -> bool:
-    is_coordinate = bool(heading.axis) and not heading.unknown
-    return is_coordinate or _name_places([heading]) == [0] or _is_time(heading)
-
-
-def _is_time(heading: _Heading) -> bool:
-    return bool(heading.words) and _TIME_WORDS.issuperset(heading.words)
-
-
-def _header_place(lines: Sequence[_Line]) -> int | None:
-    """Return the place of the first line that names X Y Z, None without one."""
-    return next((place for place in range(len(lines)) if _header_split(lines, place)), None)
-
-
-def _divide(lines: Sequence[_Line], form: PointFormat) -> tuple[_Layout, list[_Line], list[_Line]]:
-    """Return the layout of a file's lines, its header lines, and its rows."""
-    place = _header_place(lines)
-    if place is None:
+def _divide(lines: Sequence[_Line], form: PointFormat) -> _Layout:
+    """Return the layout of a file's lines, with its header lines and its rows."""
+    split = _find_header(lines)
+    if split is None:
         return _divide_without_header(lines, form)
+    place, separator, headings = split
     heading = lines[place]
-    layout = _header_layout(lines, place, form)
+    layout = _header_layout(separator, headings, form, heading.where)
     above = [line for line in lines[:place] if not line.is_comment]
     for line in above:
         if _has_point(line.text, layout):
@@ -410,13 +399,12 @@ def _divide(lines: Sequence[_Line], form: PointFormat) -> tuple[_Layout, list[_L
             f"{heading.where}: the columns are in {layout.unit}, a line above states {stated}",
             remedy=f"correct the header, or give {form.option}unit",
         )
-    return replace(layout, unit=layout.unit or stated), header, rows
+    unit = layout.unit or stated
+    return replace(layout, unit=unit, header=tuple(header), rows=tuple(rows))
 
 
-def _divide_without_header(
-    lines: Sequence[_Line], form: PointFormat
-) -> tuple[_Layout, list[_Line], list[_Line]]:
-    """Return layout, header lines and rows of a file whose columns have no names."""
+def _divide_without_header(lines: Sequence[_Line], form: PointFormat) -> _Layout:
+    """Return the layout of a file whose columns have no names."""
     data = [line for line in lines if not line.is_comment]
     layout = _layout_of_data(data, form)
     begin = next((place for place, line in enumerate(data) if _has_point(line.text, layout)), 0)
@@ -426,7 +414,7 @@ def _divide_without_header(
         layout = replace(layout, order=_order_of_runs(rows, layout.separator, form))
         if begin:
             _check_other_headings(data[begin - 1], rows[0], layout, form)
-    return layout, data[:begin], rows
+    return replace(layout, header=tuple(data[:begin]), rows=tuple(rows))
 
 
 def _check_other_headings(header: _Line, row: _Line, layout: _Layout, form: PointFormat) -> None:
@@ -458,29 +446,22 @@ def _unit_row(row: _Line, layout: _Layout) -> list[_Heading] | None:
     return None if has_digit or any(c.words and not c.unit for c in coordinates) else cells
 
 
-def _header_layout(lines: Sequence[_Line], place: int, form: PointFormat) -> _Layout:
+def _header_layout(
+    separator: str, headings: Sequence[_Heading], form: PointFormat, where: str
+) -> _Layout:
     """Return the layout that a header line states; raises `ShotsInvalid`."""
-    where, split = lines[place].where, _header_split(lines, place)
-    assert split is not None, "the line names X, Y and Z"
-    separator, headings = split
-    texts = tuple(heading.text for heading in headings)
     if form.columns is not None:
-        order, texts = [*_given_order(form, where)], ()
+        order, texts = [*_given_order(form, where)], []
     else:
-        order = ["-"] * len(headings)
+        texts = [heading.text for heading in headings]
+        order = ["-" if head.role in {*AXES, "name"} else head.role for head in headings]
         for axis, column in _coordinate_places(headings, form, where).items():
             order[column] = axis
         for column in _name_places(headings):
             order[column] = "name"
-        for column, heading in enumerate(headings):
-            if heading.axis and heading.kind != "point" and not heading.unknown:
-                roles = SIGMAS if heading.kind == "sigma" else EXPANDED
-                order[column] = roles[AXES.index(heading.axis)]
-            elif _is_time(heading):
-                order[column] = "time"
     unit = _common_unit(headings, order, form, where)
     sigma_unit = _common_unit(headings, order, form, where, (*SIGMAS, *EXPANDED))
-    return _Layout(separator, tuple(order), unit, sigma_unit, texts)
+    return _Layout(separator, tuple(order), unit, sigma_unit, tuple(texts))
 
 
 def _given_order(form: PointFormat, where: str) -> tuple[str, ...]:
@@ -507,23 +488,19 @@ def _coordinate_places(
 ) -> dict[str, int]:
     """Return the column of each axis, of the set that is measured; raises `ShotsInvalid`."""
     choose = f"{form.option}columns, for example name,-,-,-,x,y,z"
-    sets: dict[tuple[str, str], dict[str, int]] = {}
+    sets: dict[str, dict[str, int]] = {}
     for place, heading in enumerate(headings):
-        if heading.axis and heading.kind == "point":
-            places = sets.setdefault((heading.set_, heading.unknown), {})
-            if heading.axis in places and not heading.unknown:
+        if heading.role in AXES:
+            places = sets.setdefault(heading.set_, {})
+            if heading.axis in places:
                 raise ShotsInvalid(
                     f"{where}: the header has two columns '{shown(heading.text)}'",
                     remedy=f"choose with {choose}",
                 )
             places[heading.axis] = place
-    readable = {
-        set_: places
-        for (set_, unknown), places in sets.items()
-        if len(places) == len(AXES) and not unknown
-    }
+    readable = {set_: places for set_, places in sets.items() if len(places) == len(AXES)}
     if not readable:
-        unknown = next((word for _, word in sets if word), "")
+        unknown = next((heading.unknown for heading in headings if heading.axis), "")
         raise ShotsInvalid(
             f"{where}: '{shown(unknown)}' beside X Y Z in the header is no known unit"
             if unknown
@@ -552,7 +529,7 @@ def _coordinate_places(
 def _name_places(headings: Sequence[_Heading]) -> list[int]:
     """Return the columns of a point's name: collection, group and name, else a running number."""
     texts = [" ".join(heading.words) for heading in headings]
-    groups = [place for place, text in enumerate(texts) if text in {"collection", "group"}]
+    groups = [place for place, text in enumerate(texts) if text in _GROUP_HEADINGS]
     names = [texts.index(name) for name in _NAME_HEADINGS if name in texts]
     return [*groups, names[0]] if names else []
 
@@ -573,9 +550,6 @@ def _common_unit(
             remedy=f"correct the header, or give {form.option}unit if all are in one unit",
         )
     return units[0] if len(set(units)) == 1 else None
-
-
-# --- rows
 
 
 def _is_number(text: str) -> bool:

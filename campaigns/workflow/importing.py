@@ -21,7 +21,7 @@ from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
-from campaigns.shots.point_header import LengthUnit
+from campaigns.shots.point_files import LengthUnit
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow import validation
@@ -38,14 +38,12 @@ def import_shots(
     unit: LengthUnit = "mm",
     *,
     tell: Callable[[str], None] = lambda _: None,
-    advance: Callable[[int], None] = lambda _: None,
     anyway: bool = False,
 ) -> int:
     """Write shots of files into the journal as a series to identify from; gives its number.
 
-    `unit`: in which the file was read. `tell` hears in which order they are taken, `advance` how
-    many are. Raises `ShotsInvalid`,
-    naming file and cause, for shots that cannot be this robot's, and for copies, unless it is
+    `unit` is that of the file; `tell` reports the order of the shots. Raises `ShotsInvalid`, naming
+    file and cause, for shots that cannot be this robot's, and for copies, unless it is
     `anyway` another import that this one takes the place of.
     """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
@@ -55,14 +53,7 @@ def import_shots(
     order = _order(rows, name, tell)
     with campaign.journal() as journal:
         return append_import(
-            journal,
-            rows,
-            robot.kinematics,
-            robot.digest(),
-            settings,
-            files,
-            order=order,
-            advance=advance,
+            journal, rows, robot.kinematics, robot.digest(), settings, files, order=order
         )
 
 
@@ -111,7 +102,6 @@ def import_validation(
     unit: LengthUnit = "mm",
     *,
     tell: Callable[[str], None] = lambda _: None,
-    advance: Callable[[int], None] = lambda _: None,
     anyway: bool = False,
 ) -> validation.Validated:
     """Write shots into the journal as a validation, and judge it as one that was measured.
@@ -157,7 +147,6 @@ def import_validation(
             stage="after by targets" if by_targets else stage,
             declared=held.file,
             order=order,
-            advance=advance,
         )
         return validation.record_validation(campaign, journal, series, stage, held.by)
 

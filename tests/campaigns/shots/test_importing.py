@@ -11,7 +11,6 @@ from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.fit.tracker_noise import TrackerUncertainty
-from campaigns.shots import import_export
 from campaigns.shots.import_export import (
     ImportedFile,
     append_import,
@@ -58,24 +57,6 @@ def test_nominal_pose_stands_for_the_unknown_commanded_one(tmp_path: Path) -> No
         assert shot.intent.target.theta_rad == pytest.approx(planned.pose.theta_rad, abs=1e-9)
 
 
-def test_covariance_set_and_time_of_a_row_are_kept(tmp_path: Path) -> None:
-    told = tuple(
-        replace(
-            row,
-            covariance_mm2=COVARIANCE_MM2,
-            purpose=ShotSet.VALIDATION,
-            time="2026-03-02T08:00:00Z",
-        )
-        for row in rows()
-    )
-    _, shots = imported(tmp_path, told)
-    data = shots_of_journal(shots, ROBOT.mechanism)
-    assert data.stated_covariance_mm2.shape == (8, 3, 3)
-    assert data.stated_covariance_mm2[0].tolist() == [list(row) for row in COVARIANCE_MM2]
-    assert set(data.purposes) == {ShotSet.VALIDATION}
-    assert "2026-03-02T08:00:00Z" in shots[0].outcome.raw_tracker
-
-
 def test_only_shots_without_a_covariance_get_the_instruments(tmp_path: Path) -> None:
     told = tuple(
         row if place % 2 else replace(row, covariance_mm2=COVARIANCE_MM2)
@@ -99,28 +80,13 @@ def test_joints_that_the_nominal_robot_cannot_take_are_refused_before_anything_i
         assert journal.last_number() == 0
 
 
-def test_of_an_import_that_breaks_off_nothing_is_taken_in(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def stopped(done: int) -> None:
-        if done:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(import_export, "TOLD_EVERY", 3)
+def test_of_an_import_that_breaks_off_nothing_is_taken_in(tmp_path: Path) -> None:
     with plain_journal(tmp_path) as journal:
-        with pytest.raises(KeyboardInterrupt):
-            append_import(journal, rows(), NOMINAL, ROBOT.digest(), {}, advance=stopped)
+        with pytest.raises(IndexError):
+            append_import(journal, rows(), NOMINAL, ROBOT.digest(), {}, order=np.array([0, 1, 99]))
         assert journal.last_number() == 0
         again = append_import(journal, rows(), NOMINAL, ROBOT.digest(), {})
         assert (again, len(journal.shots(again))) == (1, len(rows()))
-
-
-def test_same_shots_have_the_same_digest_and_others_another(tmp_path: Path) -> None:
-    with plain_journal(tmp_path) as journal:
-        for shots in (rows(), rows(), rows()[:6]):
-            append_import(journal, shots, NOMINAL, ROBOT.digest(), {})
-        digests = [series.started.plan_digest for series in journal.series("import")]
-    assert digests[0] == digests[1] != digests[2]
 
 
 def test_shots_are_numbered_as_the_rows_and_written_in_the_order_of_time(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.joined_shots import join_shots
 from campaigns.shots.point_files import PointFormat, read_points
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
+from campaigns.shots.shots_csv import read_shots
 
 POINTS = """\
 A Main p1 1.0 2.0 3.0
@@ -124,12 +124,6 @@ class TestPairs:
             ShotSet.IDENTIFICATION,
         ]
 
-    def test_sets_without_pairs_have_none(self, join):
-        joints = "\n".join(f"{line},drift" for line in JOINTS.splitlines()).replace(
-            "deg,drift", "deg,set"
-        )
-        assert [row.pair for row in join(joints=joints)[0]] == [None] * 4
-
     def test_numbers_are_kept(self, join):
         lines = JOINTS.splitlines()
         numbered = [f"{line},{pair}" for line, pair in zip(lines, "p7337", strict=True)]
@@ -155,13 +149,6 @@ class TestComplaints:
         points = read_points(tmp_path / "points.txt", PointFormat(unit="mm"))
         with pytest.raises(ShotsInvalid, match="check the name of the joints file"):
             join_shots(points, tmp_path / "gone.csv", PAR4, join="name")
-
-
-def test_how_the_files_were_understood_is_told_of_what_is_a_shots_file(join):
-    _, notes = join(unit="m")
-    assert notes[0].endswith("points.txt: name, name, name, x, y, z by blanks, in m")
-    rows = join()[0]
-    assert parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4) == rows
 
 
 def test_reference_campaign_is_the_same_by_way_of_two_files(join):

@@ -74,13 +74,6 @@ def test_columns_may_stand_in_any_order_and_some_be_left_out():
     assert read(text)[0].purpose is ShotSet.IDENTIFICATION
 
 
-def test_windows_file_with_byte_order_mark_and_empty_lines_is_read(tmp_path):
-    path = tmp_path / "shots.csv"
-    text = "\n" + SHOTS.replace("\n", "\n\n") + ",,,,,,,\n \n"
-    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
-    assert read_shots(path, PAR4) == read(SHOTS)
-
-
 def test_an_empty_file_is_refused_and_covariances_come_all_or_none():
     assert "holds no shots" in complaint(HEADER)
     without_szz = "\n".join(line.rsplit(",", 3)[0] for line in FULL.splitlines())

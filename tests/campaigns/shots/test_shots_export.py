@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from campaigns.journal.journal import open_journal
 from campaigns.journal.records import Intent, Outcome, SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
@@ -11,7 +9,7 @@ from campaigns.kinematics.catalog import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.shots.import_export import append_import, exported_shots
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text
+from campaigns.shots.shots_csv import ShotRow
 from drivers.values import Pose, Weather
 
 MEASURED = "2026-05-04T10:00:00.000Z"
@@ -51,25 +49,6 @@ def test_half_a_pair_is_left_out_and_said():
     rows, halves = exported_shots(series(), shots, PAR4)
     assert [row.point_in_tracker_mm[0] for row in rows] == [2000.0, 2001.0, 2003.0]
     assert halves == (2,)
-
-
-def test_file_is_read_again_as_the_same_shots():
-    shots = [shot(0, 0), shot(1, 0), shot(2, 1, "validation"), shot(3, 1, "validation")]
-    rows, _ = exported_shots(series(), [*shots, shot(4, None, "repeatability")], PAR4)
-    again = parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4)
-    assert [replace(row, joints=(), turn=()) for row in again] == [
-        replace(row, joints=(), turn=()) for row in rows
-    ]
-    for row, original in zip(again, rows, strict=True):
-        assert row.joints == pytest.approx(original.joints, abs=1e-13)
-        assert row.turn == pytest.approx(original.turn, abs=1e-13)
-
-
-def test_what_the_journal_lacks_the_file_lacks_too():
-    bare = [shot(n, 0, covariance_mm2=None, weather=None) for n in (0, 1)]
-    (row, *_), _ = exported_shots(series(), bare, PAR4)
-    assert (row.covariance_mm2, row.temperature_degC) == (None, None)
-    assert exported_shots(series(), [], PAR4) == ((), ())
 
 
 def test_imported_shots_come_out_as_they_came_in(tmp_path):
