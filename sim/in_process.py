@@ -41,14 +41,15 @@ class InProcessCell:
             self.step(end_s)
 
     def step(self, end_s: float) -> None:
-        """Let time pass until something is due, or until the end that is given."""
+        """Let time pass until something is due and done, or until the end that is given."""
         now_s = self.now_s()
         open_ones = [c for of in self._conversations.values() for c in of if not c.is_over]
-        dues_s = (due_s for c in open_ones if (due_s := c.next_due_s()) is not None)
-        due_s = max(min(dues_s, default=math.inf), now_s + SHORTEST_WAIT_S)
-        self._time.sleep_s(min(due_s, end_s) - now_s)
-        for conversation in open_ones:
-            conversation.turn()
+        dues_s = {c: due_s for c in open_ones if (due_s := c.next_due_s()) is not None}
+        first_s = max(min(dues_s.values(), default=math.inf), now_s + SHORTEST_WAIT_S)
+        self._time.sleep_s(min(first_s, end_s) - now_s)
+        for conversation, due_s in dues_s.items():
+            if due_s <= self.now_s():
+                conversation.turn()
 
     def connect(self, device: DeviceName, name: str) -> "MemoryPipe":
         """Open a pipe to a device, which errors call by that name."""

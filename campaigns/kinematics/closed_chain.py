@@ -536,7 +536,7 @@ def rotation_less_identity(rotation: Array, vectors: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Return vector products of vectors (…, 3, N, n)."""
-    (ax, ay, az), (bx, by, bz) = (np.moveaxis(factor, -3, 0) for factor in (a, b))
+    (ax, ay, az), (bx, by, bz) = ([v[..., k, :, :] for k in range(3)] for v in (a, b))
     return vectors(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 

@@ -13,6 +13,7 @@ from typing_extensions import override
 
 from campaigns.arrays import Array
 from campaigns.kinematics.axes import POSITION, TURN, Axis
+from campaigns.kinematics.limbs import vectors
 from campaigns.kinematics.parameters import ParameterField, Role
 
 Place = tuple[float, float, float]
@@ -130,7 +131,7 @@ class HingedPlate(Platform):
 
     @override
     def _apart(self, turn: Array) -> Array:
-        return np.stack([-np.sin(turn), np.cos(turn), 0.0 * turn], axis=-3)
+        return vectors(-np.sin(turn), np.cos(turn), 0.0)
 
     @override
     def lever_mm(self, length: float, forearm: float) -> float:

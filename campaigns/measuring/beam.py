@@ -35,7 +35,6 @@ MOST_ANCHORS = 3
 
 As often, over a whole session, at each place where one began.
 """
-MM_PER_M = 1000.0
 
 
 class Beam:
@@ -180,10 +179,10 @@ class Beam:
     def _advise(self, expected_mm: Vector3 | None) -> str:
         """Return what the operator can do."""
         if expected_mm is None:
-            away_m = self._session.work.search_mm / MM_PER_M
+            away_m = self._session.work.search_mm / 1000.0
             put = "put the beam onto the robot's reflector by hand"
             return f"{put}, about {away_m:.1f} m from the tracker"
-        away_m, at = hypot(*expected_mm) / MM_PER_M, ", ".join(f"{v:.0f}" for v in expected_mm)
+        away_m, at = hypot(*expected_mm) / 1000.0, ", ".join(f"{v:.0f}" for v in expected_mm)
         return f"clear the way to ({at}) mm in the tracker's frame, {away_m:.2f} m away"
 
     def _anchors(

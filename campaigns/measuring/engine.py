@@ -116,7 +116,8 @@ class Engine:
                 self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
                 self._gate.reset([shot.shot for shot in self._gate.accepted])
                 self._first_drift_mm = None
-                self._update(None)
+                self._uncertainty = None
+                self._run_state.update(None)
             elif len(references) > 1:
                 self._references = references
 
@@ -422,8 +423,5 @@ class Engine:
         self._fit_due = next_fit(len(accepted), 0.25 if work.goal_mm is None else 0.05)
         posterior = work.uncertainty_monitor.posterior(accepted)
         self._noise = work.noise_by(posterior)
-        self._update(work.uncertainty_monitor.stated(posterior))
-
-    def _update(self, uncertainty: PositionUncertainty | None) -> None:
-        self._uncertainty = uncertainty
-        self._run_state.update(uncertainty)
+        self._uncertainty = work.uncertainty_monitor.stated(posterior)
+        self._run_state.update(self._uncertainty)

@@ -18,13 +18,11 @@ from drivers.values import Vector3, Weather, vector
 
 ALARM_ENDS_AT = 0.8
 """Share of the limit below which an alarm ends: above the noise of one that is just at it."""
-SHOTS_FOR_A_PLACE = 4
 NOMINAL_STD_MM = 3.0
 """Least scatter of a nominal robot's positions, by which the fitted place is uncertain."""
 PLACE_LIMIT_MM = 100.0
 """A place that is given within some cm is right."""
 SIGMAS = 3.0
-MM_PER_M = 1000.0
 WRONG_PLACE = "the tracker stands at"
 """Beginning of the event that says where the tracker was found."""
 
@@ -97,7 +95,7 @@ class StationMonitor:
             yield Event(
                 "tracker place",
                 f"{WRONG_PLACE} {_listed(place_mm)} mm, campaign.yaml says "
-                f"{_listed(station.place_mm)}: {off_mm / MM_PER_M:.1f} m off; "
+                f"{_listed(station.place_mm)}: {off_mm / 1000.0:.1f} m off; "
                 "correct tracker.place_mm",
             )
             yield from self._unseen(station, place_mm)
@@ -124,7 +122,7 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
     positions_mm = modelled.values[modelled.found, :3]
     points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.found]
-    if len(points_mm) < SHOTS_FOR_A_PLACE:
+    if len(points_mm) < 4:
         return None
     extents_mm = np.linalg.svd(positions_mm - positions_mm.mean(axis=0), compute_uv=False)
     if not extents_mm[1] > NOMINAL_STD_MM:
