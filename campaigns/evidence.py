@@ -141,18 +141,17 @@ class Evidence:
     unreadable: tuple[str, ...] = ()
     """What is there and cannot be read, and why."""
 
+    @cached_property
+    def plan_digest(self) -> str | None:
+        """Digest of plan.csv."""
+        mechanism = self.campaign.robot.mechanism
+        return None if self.plan is None else plan_digest(self.plan, mechanism)
+
     @property
     def has_program(self) -> bool:
         """Whether there is a program of plan.csv."""
-        campaign = self.campaign
-        return self.plan is not None and is_program_there(
-            campaign.folder, "run", plan_digest(self.plan, campaign.robot.mechanism)
-        )
-
-    def has_plan(self, digest: str) -> bool:
-        """Return whether plan.csv is the plan of this digest."""
-        mechanism = self.campaign.robot.mechanism
-        return self.plan is not None and plan_digest(self.plan, mechanism) == digest
+        digest = self.plan_digest
+        return digest is not None and is_program_there(self.campaign.folder, "run", digest)
 
     def state(self, digest: str | None) -> ControllerState | None:
         """Return the state of a controller with the set of this digest; None if unknown."""
@@ -264,7 +263,6 @@ class Evaluation:
         return model_errors.ModelErrors(
             model_errors.pair_errors(modelled, ShotSet.IDENTIFICATION),
             model_errors.pair_errors(modelled, ShotSet.VALIDATION),
-            _shot_errors(self.evidence),
             model_errors.position_errors(modelled),
         )
 
@@ -511,14 +509,6 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     )
 
 
-def _shot_errors(evidence: Evidence) -> model_errors.Residuals | None:
-    """Return the residuals of the fitted shots, as identified."""
-    table = evidence.identification.fitted if evidence.identification else None
-    if evidence.run is None or table is None or table.of == "pairs":
-        return None
-    return model_errors.Residuals(table.numbers, table.before, table.after)
-
-
 def _checks(evidence: Evidence) -> Iterator[Check]:
     """Check every link of the chain from plan to controller."""
     run, found, journal = evidence.run, evidence.identification, evidence.journal
@@ -543,16 +533,14 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
 
     Rows may have come since, and rows gone that were never measured.
     """
-    plan, mechanism = evidence.plan, evidence.campaign.robot.mechanism
-    measured = None if evidence.run is None else evidence.run.series.started.plan_digest
-    now = None if plan is None else plan_digest(plan, mechanism)
+    plan, now = evidence.plan, evidence.plan_digest
     if evidence.run is None:
         return now, None
     intents = [shot.intent for shot in evidence.run.series.shots]
     has_all = {intent.shot for intent in intents} <= {shot.shot for shot in plan or ()}
     if intents and has_all and not plan_difference(intents, plan or ()):
         return now, now
-    return now, measured
+    return now, evidence.run.series.started.plan_digest
 
 
 def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Iterator[Check]:

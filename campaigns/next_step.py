@@ -332,7 +332,7 @@ def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
     if not latest.finished:
         return "anew" if other else "run"
     further = {row.shot for row in plan} - {intent.shot for intent in taken}
-    is_same = not (other or further) or evidence.has_plan(latest.started.plan_digest)
+    is_same = not (other or further) or evidence.plan_digest == latest.started.plan_digest
     return "" if is_same else "run"
 
 

@@ -153,10 +153,12 @@ def pair_groups(evaluation: Evaluation) -> list[PairGroup]:
 
 def error_rows(evaluation: Evaluation) -> Iterator[tuple[str, str, ErrorSummary]]:
     """Yield the errors before and after: of what, stage, summary."""
-    shots = evaluation.errors.shots if evaluation.errors else None
+    identification = evaluation.evidence.identification
+    fitted = identification.fitted if identification else None
+    shots = fitted if fitted and fitted.of == "shots" else None
     results = evaluation.before, evaluation.after
     compared = {
-        "fitted positions": (shots.before_mm, shots.after_mm) if shots else (),
+        "fitted positions": (shots.before, shots.after) if shots else (),
         **{group.name: tuple(group.errors_mm.values()) for group in pair_groups(evaluation)},
         "commanded positions": tuple(r.absolute_mm if r else None for r in results),
     }

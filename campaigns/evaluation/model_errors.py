@@ -38,15 +38,12 @@ class ModelledShots:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Modelled minus measured, mm: distances of pairs, (M,), or positions of fitted shots, (N, 3).
-
-    Positions are in the tracker's axes: before with the frame that suits the nominal model best,
-    after with the identified one.
-    """
+    """Modelled minus measured distances of pairs, mm."""
 
     numbers: tuple[int, ...]
-    """Of the pairs, (M,), or of the shots, (N,)."""
+    """Of the pairs, (M,)."""
     before_mm: Array
+    """(M,)"""
     after_mm: Array | None
 
 
@@ -65,12 +62,11 @@ class PositionErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelErrors:
-    """Errors of all kinds; None where there are too few shots, or where the estimator has none."""
+    """Errors of pairs and positions; None where there are too few shots."""
 
     fitted: Residuals | None
     """Distances of fitted pairs."""
     unseen: Residuals | None
-    shots: Residuals | None
     positions: PositionErrors | None
 
 

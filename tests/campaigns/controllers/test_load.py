@@ -177,13 +177,13 @@ def test_old_parameters_that_do_not_come_back_are_loud(
     assert error.remedy.startswith("don't move the robot")
 
 
-@pytest.mark.parametrize(("held", "differs"), [(100.0 + 1e-8, False), (100.0 + 1e-6, True)])
-def test_difference_is_what_exceeds_the_rounding_of_other_units(held: float, differs: bool) -> None:
-    found = differing(OLD | {"plate_mm": held}, OLD)
-    assert found == ([("plate_mm", held)] if differs else [])
-
-
-def test_missing_or_undefined_parameter_differs() -> None:
-    without = {name: value for name, value in OLD.items() if name != "plate_mm"}
-    assert [name for name, _ in differing(without, OLD)] == ["plate_mm"]
-    assert [name for name, _ in differing(OLD | {"plate_mm": float("nan")}, OLD)] == ["plate_mm"]
+@pytest.mark.parametrize(
+    ("held", "differs"),
+    [(100.0 + 1e-8, False), (100.0 + 1e-6, True), (float("nan"), True), (None, True)],
+)
+def test_difference_is_what_exceeds_the_rounding_of_other_units_or_is_no_number(
+    held: float | None, differs: bool
+) -> None:
+    others = {name: value for name, value in OLD.items() if name != "plate_mm"}
+    wrong = differing(others if held is None else others | {"plate_mm": held}, OLD)
+    assert [name for name, _ in wrong] == (["plate_mm"] if differs else [])

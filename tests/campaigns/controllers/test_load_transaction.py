@@ -253,15 +253,6 @@ def test_validation_ends_a_load_that_died_and_refuses_a_mixture(campaign: Campai
     assert controller.held == OLD
 
 
-def test_without_a_controller_it_is_said_how_to_ask_it(campaign: Campaign) -> None:
-    with pytest.raises(PowerCut):
-        loaded(campaign, Controller(next_write="die"))
-    with campaign.journal_reader() as journal:
-        _, left = load_history(journal)
-    assert left is not None
-    assert "not ended; `pkmcal load DIR --dry` says what the controller holds" in left.told(None)
-
-
 @pytest.mark.parametrize("act", ["refuse", "ignore"])
 def test_load_that_fails_is_ended_as_failed(campaign: Campaign, act: str) -> None:
     controller = Controller(next_write=act)

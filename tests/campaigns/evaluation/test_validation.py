@@ -10,7 +10,6 @@ from campaigns.evaluation.iso_figures import cube_frame
 from campaigns.evaluation.validation import (
     ValidationResult,
     distance_test,
-    line_axes,
     line_tests,
     repeatability_test,
     rotation_test,
@@ -88,13 +87,6 @@ def test_each_line_is_recognised_by_its_axis_and_one_point_is_none() -> None:
     assert found.line("x") is None
     assert validated(line(0)[2:3]).lines == ()
     assert validated(line(0)[:2]).lines == ()
-
-
-@pytest.mark.parametrize("points", [3, 4, 5, 17])
-def test_lines_are_recognised_by_what_was_commanded(points: int) -> None:
-    targets = [shot.intent.target for axis in range(3) for shot in line(axis, points)]
-    commanded = np.array([(target.x_mm, target.y_mm, target.z_mm) for target in targets])
-    assert line_axes(commanded).tolist() == [0] * points + [1] * points + [2] * points
 
 
 def test_rotation_is_the_largest_distance_between_any_two_points() -> None:
