@@ -1,5 +1,6 @@
 """What the pages show is what the program takes: files, commands, keys, links."""
 
+import math
 import re
 import shlex
 
@@ -12,6 +13,8 @@ from typer.main import get_command
 
 from app.main import app, run_command
 from campaigns.controllers.corrected_targets import TargetCorrection, correct_poses
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
+from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
@@ -51,8 +54,11 @@ def test_there_are_examples():
 @pytest.mark.parametrize("block", YAML_BLOCKS, ids=str)
 def test_yaml_example_is_taken_by_our_readers(block, tmp_path):
     schema = SCHEMA.search(block.text)
-    if schema is None:
-        take_part(block)
+    if block.text.startswith(PART_OF_A_CELL):
+        parse_scenario(A_CELL + block.text, block.where)
+        return
+    if schema is None:  # a part of a campaign's settings
+        new_config(NEEDED | YAML(typ="safe", pure=True).load(block.text))
         return
     kind = schema[1].split("/")[1]
     (tmp_path / f"{kind}.yaml").write_text(block.text, encoding="utf-8")
@@ -64,14 +70,6 @@ def test_yaml_example_is_taken_by_our_readers(block, tmp_path):
         parse_scenario(block.text, block.where)
     else:
         pytest.fail(f"{block.where}: no reader for {schema[1]}")
-
-
-def take_part(block: Block) -> None:
-    """A part of a cell file when it says so, else of a campaign's settings."""
-    if block.text.startswith(PART_OF_A_CELL):
-        parse_scenario(A_CELL + block.text, block.where)
-        return
-    new_config(NEEDED | YAML(typ="safe", pure=True).load(block.text))
 
 
 @pytest.mark.parametrize("block", CSV_BLOCKS, ids=str)
@@ -100,17 +98,10 @@ def test_command_in_an_example_exists(block):
     for line in block.text.splitlines():
         words = shlex.split(line, comments=True)
         if words and words[0].endswith("pkmcal"):
-            check_command(words[1:])
-
-
-def check_command(words: list[str]) -> None:
-    """The command is known, and so is each of its options."""
-    group = get_command(app)
-    command = group.get_command(Context(group), words[0])
-    assert command is not None, f"pkmcal {words[0]}"
-    known = {option for each in command.params for option in each.opts}
-    used = {word for word in words[1:] if word.startswith("-")}
-    assert used <= known, f"pkmcal {words[0]}: {used - known}"
+            group = get_command(app)
+            command = group.get_command(Context(group), words[1])
+            known = {option for each in command.params for option in each.opts}
+            assert {word for word in words[2:] if word.startswith("-")} <= known, line
 
 
 def test_every_command_is_on_a_page():
@@ -131,6 +122,18 @@ def keys_of(model: type[BaseModel]) -> set[str]:
     definitions = model.model_json_schema()
     sections = [definitions, *definitions.get("$defs", {}).values()]
     return {key for section in sections for key in section.get("properties", {})}
+
+
+def test_table_of_error_sources_has_the_values_of_the_code():
+    rows = (ROOT / "docs/explanation/model.md").read_text(encoding="utf-8").splitlines()
+    every = (own for chain in MECHANISMS.values() for own in chain.parameters.every)
+    units = {(own.field.group, own.unit) for own in every} | set(TRACKER_SOURCES.items())
+    for group, own in SOURCES.items():
+        angle, ratio = f"{math.degrees(own.of_angles):.3g}°", f"{1e6 * own.of_angles:.3g} ppm"
+        shown = {"mm": f"{own.of_lengths:.3g} mm", "deg": angle, "ppm": ratio}
+        tolerance = ", ".join(shown[unit] for unit in shown if (group, unit) in units)
+        learned = "yes" if own.is_learned else "no"
+        assert f"| `{group}` | {own.words} | {tolerance} | {learned} | {own.source} |" in rows
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
