@@ -27,7 +27,7 @@ FEW_SHOTS = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 AT_WORK_SHOTS = 4
 DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 RESUMED = re.compile(rf"series 1 has (\d+) of 59 shots, (\d+) are left, about .*, {DEVICES}")
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
