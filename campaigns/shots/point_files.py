@@ -63,7 +63,7 @@ _UNIT_WORDS = frozenset(word for word, unit in _WORD_MEANINGS.items() if unit in
 _GROUP_HEADINGS = ("collection", "group")
 _NAME_HEADINGS = (
     *("name", "point name", "pointname", "point id", "pointid", "point", "id", "label"),
-    *("punktname", "punktnummer", "punkt", "pt", "feature", "object", "target"),
+    *("punktname", "punktnummer", "punkt", "pt", "target"),
     *("no", "nr", "number", "seq", "index"),
 )
 """Headings of a point's name, the most certain first."""
@@ -249,7 +249,6 @@ def _parse_lines(
     if all(line.is_comment for line in lines):
         raise ShotsInvalid(f"{name}: holds no points", remedy="check that it is the right file")
     layout = _divide(lines, replace(form, unit=None) if header_first else form)
-    header = layout.header
     unit = layout.unit or form.unit if header_first else form.unit or layout.unit
     if unit is None:
         raise ShotsInvalid(
@@ -269,7 +268,7 @@ def _parse_lines(
         f"{name}: {columns} by {_SEPARATORS[layout.separator]}, in {unit}"
         + (f"; not used: {', '.join(unused)}" if unused else "")
     ]
-    if header:
+    if header := layout.header:
         quoted = ", ".join(f"'{shown(line.text)}'" for line in header[:3])
         count = "1 header line" if len(header) == 1 else f"{len(header)} header lines"
         about.append(f"{name}: {count} skipped: {quoted}{', …' if len(header) > 3 else ''}")
@@ -530,8 +529,9 @@ def _name_places(headings: Sequence[_Heading]) -> list[int]:
     """Return the columns of a point's name: collection, group and name, else a running number."""
     texts = [" ".join(heading.words) for heading in headings]
     groups = [place for place, text in enumerate(texts) if text in _GROUP_HEADINGS]
-    names = [texts.index(name) for name in _NAME_HEADINGS if name in texts]
-    return [*groups, names[0]] if names else []
+    wanted = [name for name in _NAME_HEADINGS if groups or name != "target"]  # else a reflector
+    names = [texts.index(name) for name in wanted if name in texts][:1]
+    return [*groups, *names] if names else []
 
 
 def _common_unit(
