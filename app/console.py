@@ -126,7 +126,7 @@ class Terminal:
             raise typer.Exit(Exit.NOT_GOOD)
 
     def asks(self, question: str) -> bool:
-        """Return whether the operator says yes, now; without a terminal nobody does."""
+        """Return whether the operator says yes, now; False without a terminal."""
         try:
             return self.has_somebody and is_yes(self._answer(f"{question} [y/N] "))
         except LinkDown:  # the terminal was closed
@@ -143,7 +143,7 @@ class Terminal:
     def prompt(
         self, display: RunLines | None = None, stop_requested: Callable[[], bool] = lambda: False
     ) -> Prompt | None:
-        """Return a way to ask the operator for a line while a run is shown; None: nobody is there.
+        """Return a way to ask for a line while a run is shown; None without a terminal.
 
         It raises `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed.
         """
@@ -169,7 +169,7 @@ class Terminal:
         return KEYBOARD.line(show, stop_requested)
 
     def require_somebody(self) -> None:
-        """Raise `NotConfirmed` where there is nobody who could be asked."""
+        """Raise `NotConfirmed` where no operator can be asked."""
         self.require_yes("", yes=self.has_somebody)
 
     def require_yes(self, question: str, *, yes: bool) -> None:

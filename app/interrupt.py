@@ -15,15 +15,15 @@ WATCHED = (*ENDING, *SUSPENDING)
 ANSWERED = (signal.SIGINT, *SUSPENDING)
 """Those that come from somebody at the terminal, who can be asked whether to go on."""
 LEFT_ALONE = (signal.SIGHUP, *SUSPENDING)
-"""Those that stay ignored where whoever started us ignores them: nohup outlives its terminal, and
-what nobody could wake again is not suspended."""
+"""Signals that stay ignored if the parent process ignores them: nohup outlives its terminal, and a
+process that no shell could continue is not suspended."""
 
 
 class StopRequest:
     """Request of the operator to stop.
 
     Asking again changes nothing: a stop is under way, and what it waits for has a deadline. But
-    after a signal that nobody can be asked about, nobody is asked any more.
+    after a signal without an operator no further question is asked.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class StopRequest:
             self._asked_by = number
 
     def withdraw(self) -> None:
-        """Go on: whoever asked to stop has been asked, and wants it."""
+        """Withdraw the stop: the operator has confirmed that the work goes on."""
         self._asked_by = None
 
 
@@ -103,7 +103,7 @@ def awaited_signal() -> Iterator[Callable[[], None]]:
 
 
 def suspend() -> None:
-    """Suspend this process as Ctrl-Z does where nobody handles it; returns when it is continued."""
+    """Suspend this process as an unhandled Ctrl-Z does; returns when it is continued."""
     os.kill(os.getpid(), SUSPENDING[0])
 
 

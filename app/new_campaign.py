@@ -97,8 +97,10 @@ class NewOptions:
     @property
     def rehearsed(self) -> str | None:
         """The one device that is simulated beside a real one; None: both are, or neither is."""
-        found = [device for device, url in self.urls.items() if (url or "").startswith(SIMULATED)]
-        return found[0] if len(found) == 1 else None
+        simulated = [
+            device for device, url in self.urls.items() if (url or "").startswith(SIMULATED)
+        ]
+        return simulated[0] if len(simulated) == 1 else None
 
 
 def create_campaign(folder: Path, options: NewOptions) -> CampaignConfig:
@@ -156,8 +158,8 @@ def create_simulated(
     `urls`: that of the one device that is real, if one is; `drivers` of controller and tracker.
 
     `computes_all`: whether its controller computes plate tilt and what gears add. `with_limits`
-    asks in campaign.yaml for what the scenario asks of a calibrated robot. `unattended`: nobody
-    looks on while it measures, so a shipped cell is not paced for anybody.
+    asks in campaign.yaml for what the scenario asks of a calibrated robot. `unattended`: no
+    operator watches, so that a shipped cell is not paced.
 
     Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
@@ -221,7 +223,7 @@ def _device(
     drivers: Mapping[str, str | None],
     simulated: str = "",
 ) -> dict[str, str]:
-    """Return the address, and the driver as named or as the address states it."""
+    """Return the address, and the driver that is named, else the one of the address."""
     url = urls[device] or simulated
     name = drivers[device] or driver_of_address(url)
     return {"url": url} if name is None else {"url": url, "driver": name}

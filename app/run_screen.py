@@ -221,9 +221,9 @@ def state_of(progress: Progress) -> tuple[str, str]:
 
 def shots_and_end(progress: Progress, now: datetime) -> str:
     """Return shots and the end by the clock: `34 of 163 shots · 129 left · ends at 14:32`."""
-    left = progress.total - progress.done
-    shots = f"{progress.done} of {progress.total} shots · {left} left"
-    if progress.eta_s is None or not left:
+    remaining = progress.total - progress.done
+    shots = f"{progress.done} of {progress.total} shots · {remaining} left"
+    if progress.eta_s is None or not remaining:
         return shots
     low, high = (f"{now + timedelta(seconds=s):%H:%M}" for s in progress.eta_s)
     return f"{shots} · ends {f'at {low}' if low == high else f'between {low} and {high}'}"
@@ -242,12 +242,14 @@ def figures(progress: Progress, residuals_mm: list[float]) -> Iterator[str]:
         yield _goal(progress)
 
 
-def certainty(known: PositionUncertainty) -> str:
+def certainty(uncertainty: PositionUncertainty) -> str:
     """Return `positions ±0.006 mm (1 σ) · weakest length arm2.z_mm ±0.021 mm`."""
-    positions = f"positions ±{known.position_std_mm:.3f} mm (1 σ)"
-    if not known.weakest:
+    positions = f"positions ±{uncertainty.position_std_mm:.3f} mm (1 σ)"
+    if not uncertainty.weakest:
         return positions
-    return f"{positions} · weakest length {known.weakest} ±{known.weakest_std_mm:.3f} mm"
+    return (
+        f"{positions} · weakest length {uncertainty.weakest} ±{uncertainty.weakest_std_mm:.3f} mm"
+    )
 
 
 def what_to_do(progress: Progress) -> Iterator[str]:
@@ -264,8 +266,8 @@ def _residual_and_drift(progress: Progress) -> list[str]:
 
 
 def _goal(progress: Progress) -> str:
-    known = progress.known
-    reached = "not known yet" if known is None else f"±{known.position_std_mm:.3f} mm"
+    uncertainty = progress.known
+    reached = "not known yet" if uncertainty is None else f"±{uncertainty.position_std_mm:.3f} mm"
     return f"goal: positions to ±{progress.goal_mm:g} mm, now {reached}"
 
 

@@ -1,7 +1,7 @@
 """Standard streams that outlast their readers, and write UTF-8 whatever the terminal's code page.
 
-A run must not end because nobody reads what it says: whoever stopped reading would not expect the
-robot to stop, nor that it is left without anybody who watches it.
+A run must not end because its output is no longer read: a closed pipe is no wish to stop the
+robot, nor to leave it without supervision.
 """
 
 import errno

@@ -54,8 +54,8 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
 
 def _scenario_source(campaign_folder: Path, url: str) -> str:
     name = url.removeprefix(SIMULATED)
-    own = campaign_folder / f"{name}.yaml"
-    return str(own) if bounded_files.is_file(own) else name
+    cell_file = campaign_folder / f"{name}.yaml"
+    return str(cell_file) if bounded_files.is_file(cell_file) else name
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def connected_cell(
 ) -> Iterator[Devices]:
     """Connect both devices for the time of the block.
 
-    Once a stop is requested, nothing is waited for any more. `alarm` is told what the operator has
+    Once a stop is requested, nothing is waited for any more. `alarm` gets what the operator has
     to read at once. Raises a driver's error when one is not there or not the expected one.
     """
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
@@ -105,11 +105,11 @@ class DeviceConnections:
     stop_requested: StopRequested
     alarm: Alarm
     prompt: Prompt | None
-    """Asks the operator, for devices that he works by hand; None: nobody can be asked."""
+    """Asks the operator, for devices that he works by hand; None without a terminal."""
     controller: DevicePlace
     tracker_place: DevicePlace
     followed: SimulatedController | None = None
-    """Told where a real robot stands, for the simulated one that a simulated tracker looks at."""
+    """Takes the real robot's joints: the simulated tracker measures a robot that stands there."""
 
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
@@ -221,7 +221,7 @@ def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterato
 
 
 def pause_clock(campaign: Campaign) -> Clock:
-    """Clock by which a pause before a new try is waited for; nobody waits for a simulated cell."""
+    """Clock by which a pause before a new try is waited for; event time for a simulated cell."""
     return EventClock() if campaign.is_simulated else SystemClock()
 
 
@@ -246,7 +246,7 @@ def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
 
 
 class _FollowedRobot:
-    """A real robot, whose every rest is told to a simulated one; all else is its own."""
+    """A real robot that hands each of its rests on to a simulated one."""
 
     def __init__(self, robot: RobotController, followed: SimulatedController) -> None:
         self._robot, self._followed = robot, followed
@@ -275,7 +275,7 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
     cell = Cell(scenario, memory=memory, attempts_before=before)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
-    # beside a real device the cell lives by the wall clock, else as fast as it is computed
+    # beside a real device the cell lives by the wall clock, else on event time
     time = EventClock if campaign.is_simulated else ScaledClock
     in_process = InProcessCell(cell, time(scenario.speed_up), tracker_speaks=speaks)
     try:
@@ -292,7 +292,7 @@ def _records(campaign: Campaign) -> int:
     try:
         with campaign.journal_reader() as journal:
             return journal.last_number()
-    except (ShotsMissing, JournalFailed):  # whoever needs the journal says what is wrong with it
+    except (ShotsMissing, JournalFailed):  # the command that needs the journal reports it
         return 0
 
 
@@ -304,14 +304,14 @@ def _remembered(path: Path) -> dict[str, object] | None:
     if not bounded_files.is_there(path):
         return None
     try:
-        found = json.loads(
+        memory = json.loads(
             bounded_files.decoded(bounded_files.read_bounded(path, MEMORY_BYTES), str(path))
         )
     except (bounded_files.FileRefused, RecursionError, ValueError) as error:
         raise SimError(f"{path}: cannot be read ({error})", remedy="delete the file") from error
-    if not isinstance(found, dict):
+    if not isinstance(memory, dict):
         raise SimError(f"{path}: holds no memory of a cell", remedy="delete the file")
-    return found
+    return memory
 
 
 @contextmanager
@@ -392,13 +392,13 @@ def _layout(campaign: Campaign) -> RobotLayout:
         [Coordinate(axis.name, axis.is_revolute) for axis in axes]
         for axes in (mechanism.joints, mechanism.task)
     )
-    known = [(name, space[name].arm, space[name].field.stem) for name in space.names]
-    return RobotLayout.of(joints, task, known, space.optional)
+    parameters = [(name, space[name].arm, space[name].field.stem) for name in space.names]
+    return RobotLayout.of(joints, task, parameters, space.optional)
 
 
-def _check_serial(device: str, found: Identity, expected: str | None) -> None:
-    if expected is not None and found.serial != expected:
+def _check_serial(device: str, answering: Identity, expected: str | None) -> None:
+    if expected is not None and answering.serial != expected:
         raise errors.WrongDevice(
-            f"the {device} has serial number {found.serial}, campaign.yaml expects {expected}",
+            f"the {device} has serial number {answering.serial}, campaign.yaml expects {expected}",
             remedy=f"connect the right {device}, or correct {device}.serial in campaign.yaml",
         )

@@ -157,7 +157,7 @@ def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Planned shots, and what they will tell."""
+    """Planned shots, and the predicted uncertainty."""
 
     shots: tuple[PlannedShot, ...]
     precision: Forecast

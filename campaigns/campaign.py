@@ -155,10 +155,10 @@ class Campaign:
         keys = {"space", "known_lengths"}
         return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
 
-    def outdated(self, found: RecordedIdentification) -> tuple[str, ...]:
+    def outdated(self, identification: RecordedIdentification) -> tuple[str, ...]:
         """Return keys of settings that changed since this identification was judged by them."""
         limits_mm = self.config.acceptance.distances_mm
-        return found.outdated_by(self.identification_settings, limits_mm)
+        return identification.outdated_by(self.identification_settings, limits_mm)
 
     @property
     def instrument(self) -> TrackerUncertainty:
@@ -303,16 +303,19 @@ class Campaign:
         lengths alone is for whatever was measured beside it.
         """
         runs, imports = journal.series("run"), journal.series("import")
-        found = [*runs, *(each for each in imports if each.finished and not each.of_known_lengths)]
-        if not found:
+        finished = [
+            *runs,
+            *(each for each in imports if each.finished and not each.of_known_lengths),
+        ]
+        if not finished:
             raise self._nothing_measured()
-        return max(found, key=lambda series: series.number)
+        return max(finished, key=lambda series: series.number)
 
     def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
         """Return shots of the latest whole import of known lengths alone; () without one."""
         imports = (each for each in journal.series("import") if each.finished)
-        found = [each.shots for each in imports if each.of_known_lengths]
-        return found[-1] if found else ()
+        shots = [each.shots for each in imports if each.of_known_lengths]
+        return shots[-1] if shots else ()
 
     def _nothing_measured(self) -> ShotsMissing:
         return ShotsMissing(

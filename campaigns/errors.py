@@ -56,7 +56,7 @@ class JournalFailed(CampaignError):
 
 
 class FindingUnreadable(CampaignError):
-    """A finding that another version of the software wrote in another form: make it anew."""
+    """A finding that another version of the software wrote in another form: compute it again."""
 
 
 class ResumeRefused(CampaignError):

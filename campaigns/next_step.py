@@ -86,7 +86,7 @@ class CampaignState:
     measured: Literal["", "run", "import"] = ""
     imported: str = "FILE"
     """Name of the file that was imported last."""
-    left: Literal["", "run", "anew"] = ""
+    unmeasured: Literal["", "run", "anew"] = ""
     """Whether plan.csv has shots that are not measured yet, and takes a new series."""
     verdict: Decision | None = None
     """Of an identification of the latest shots."""
@@ -135,7 +135,7 @@ ROWS = (
         "{worker} works on this campaign",
     ),
     Row(
-        lambda s: bool(s.misplaced) and (not s.measured or s.left == "run"),
+        lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured == "run"),
         "plan {folder}",
         "set tracker.place_mm in campaign.yaml ({misplaced})",
     ),
@@ -154,8 +154,8 @@ ROWS = (
     ),
     Row(lambda s: not s.measured and s.offline, "import {folder} run.txt", MEASURE.format("run")),
     Row(lambda s: not (s.measured or s.before), "validate {folder} --stage before"),
-    Row(lambda s: not s.measured or s.left == "run", "run {folder}"),
-    Row(lambda s: s.left == "anew", "run {folder} --anew"),
+    Row(lambda s: not s.measured or s.unmeasured == "run", "run {folder}"),
+    Row(lambda s: s.unmeasured == "anew", "run {folder} --anew"),
     Row(lambda s: s.verdict is None, "identify {folder}"),
     Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
     Row(lambda s: s.check == "again", "check {folder}"),
@@ -268,7 +268,7 @@ def state_of(
         state,
         measured="import" if is_imported else "run",
         imported=next((file.name for file in imported_files(latest.started)), "FILE"),
-        left="" if is_imported else _left(evidence, latest),
+        unmeasured="" if is_imported else _left(evidence, latest),
     )
     known_lengths = (shot for each in series if each.of_known_lengths for shot in each.shots)
     last_record = max(shot.number for shot in (*latest.shots, *known_lengths))

@@ -133,9 +133,9 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
     """
     if name is not None:
         return parse_scenario(cell_text(campaign.robot, name), name)
-    own: Path = campaign.path(SCENARIO)
-    if own.exists():
-        return load_scenario(str(own))
+    scenario_file: Path = campaign.path(SCENARIO)
+    if scenario_file.exists():
+        return load_scenario(str(scenario_file))
     raise OptionsInvalid(
         "this campaign is for real devices: nothing says what robots to simulate",
         remedy="name a scenario, such as --scenario paper-simulation",
@@ -153,9 +153,12 @@ def _noise_of(scenario: Scenario, campaign: Campaign) -> TrackerUncertainty:
             f"scenario {scenario.name}: its tracker has no noise, so every σ would be 0",
             remedy="give tracker.noise in the cell file values above 0",
         )
-    known = campaign.instrument
+    instrument = campaign.instrument
     return replace(
-        noise, scale=known.scale, axes_per_mm=known.axes_per_mm, reflector_mm=known.reflector_mm
+        noise,
+        scale=instrument.scale,
+        axes_per_mm=instrument.axes_per_mm,
+        reflector_mm=instrument.reflector_mm,
     )
 
 
@@ -173,8 +176,8 @@ def _check_assembled(plan: Path, nominal: Kinematics, shots: Sequence[PlannedSho
     """Raise `PlanInvalid` for a shot that the nominal robot cannot take."""
     if not shots:
         return
-    found = nominal.forward(joints_of(shots)).found
-    for shot, is_found in zip(shots, found, strict=True):
+    can_assemble = nominal.forward(joints_of(shots)).found
+    for shot, is_found in zip(shots, can_assemble, strict=True):
         if not is_found:
             raise PlanInvalid(
                 f"{plan}: shot {shot.shot}: the nominal robot cannot be assembled at its joints",

@@ -136,7 +136,7 @@ class CsvRow:
         return self.texts.get(column, "")
 
     def value(self, name: str) -> Any:
-        """Read the value of a column as its kind is; raises for a text that is none.
+        """Read the value of a column as its kind is; raises for any other text.
 
         Any: columns hold numbers and texts.
         """
@@ -236,15 +236,15 @@ def _check_header(header: list[str], where: str, form: CsvForm) -> None:
     if not header:
         raise form.invalid(f"{where}: the file is empty", remedy=remedy)
     _check_separator(header, where, form.invalid)
-    known = [column.name for column in form.columns]
+    names = [column.name for column in form.columns]
     for column in header:
         if not column:
             place = header.index("") + 1
             raise form.invalid(
                 f"{where}: column {place} has no name", remedy="name it, or take it out"
             )
-        if column not in known:
-            absent = [name for name in known if name not in header]
+        if column not in names:
+            absent = [name for name in names if name not in header]
             raise form.invalid(
                 f"{where}: unknown column '{shown(column)}'", remedy=suggestion(column, absent)
             )

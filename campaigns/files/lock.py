@@ -61,7 +61,7 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
         os.write(descriptor, json.dumps(words).encode())
     except OSError as error:
         if descriptor >= 0 and error.errno in WITHOUT_LOCKS:
-            (folder / LOCK_FILE).unlink(missing_ok=True)  # which nobody can hold
+            (folder / LOCK_FILE).unlink(missing_ok=True)  # which no process can hold
         raise WriteFailed(
             f"{folder}: cannot be locked for this process: {error.strerror or error}",
             remedy=REMEDIES.get(

@@ -22,16 +22,16 @@ def shown(text: str) -> str:
     return line if fits else f"{line[:SHOWN_CHARACTERS]}…"
 
 
-def suggestion(word: str, known: Collection[str]) -> str:
+def suggestion(word: str, choices: Collection[str]) -> str:
     """Advice on what to write: the same quantity in its unit, the nearest word, or the choice."""
-    for name in known:
+    for name in choices:
         unit = name.rpartition("_")[2]
         if unit in UNITS and name != word and _quantity(name) == _quantity(word):
             return f"write {name}, with the value in {unit}"
-    nearest = nearest_word(word, known)
+    nearest = nearest_word(word, choices)
     if nearest:
         return f"did you mean {nearest}?"
-    return f"known here: {', '.join(known)}"
+    return f"known here: {', '.join(choices)}"
 
 
 def _quantity(name: str) -> str:

@@ -93,23 +93,23 @@ def key_path(location: Location) -> str:
     return "".join(parts).removeprefix(".")
 
 
-def _problem(found: ErrorDetails) -> str:
-    words = WORDS.get(found["type"], "is {input}: {message}")
-    text = shown(json.dumps(found["input"], ensure_ascii=False, default=str))
-    value = "empty" if found["input"] is None else text
-    known = {"input": value, "message": found["msg"], **found.get("ctx", {})}
-    return f"{key_path(found['loc'])} {words.format_map(known)}".strip()
+def _problem(error: ErrorDetails) -> str:
+    words = WORDS.get(error["type"], "is {input}: {message}")
+    text = shown(json.dumps(error["input"], ensure_ascii=False, default=str))
+    value = "empty" if error["input"] is None else text
+    details = {"input": value, "message": error["msg"], **error.get("ctx", {})}
+    return f"{key_path(error['loc'])} {words.format_map(details)}".strip()
 
 
-def _remedy(found: ErrorDetails, model: type[BaseModel]) -> str:
-    if instead := removed_in_file(key_path(found["loc"]), found["input"]):
+def _remedy(error: ErrorDetails, model: type[BaseModel]) -> str:
+    if instead := removed_in_file(key_path(error["loc"]), error["input"]):
         return instead
-    steps = [*_fields_towards(model, found["loc"])]
-    if found["type"] == "extra_forbidden":
-        key, known = steps[-1]
+    steps = [*_fields_towards(model, error["loc"])]
+    if error["type"] == "extra_forbidden":
+        key, keys = steps[-1]
         if key.isdecimal():  # {arm_mm: 350,5} holds a key 5
             return "write a decimal point, not a comma"
-        return suggestion(key, tuple(known))
+        return suggestion(key, tuple(keys))
     for key, fields in reversed(steps):
         if key in fields and fields[key].description:
             return f"give {fields[key].description}"
@@ -249,21 +249,21 @@ def _plain_json(document: YamlDocument) -> str:
 
 
 def _check_schema(document: YamlDocument, wanted: str) -> None:
-    found = document.tree.get("schema")
-    if found == wanted:
+    schema = document.tree.get("schema")
+    if schema == wanted:
         return
-    if found is None:
+    if schema is None:
         raise ConfigInvalid(
             f"{document.name}:1: schema is missing", remedy=f"begin with 'schema: {wanted}'"
         )
     kind, _, version = wanted.rpartition("/")
     remedy = f"write 'schema: {wanted}'"
-    if not str(found).startswith(f"{kind}/"):
+    if not str(schema).startswith(f"{kind}/"):
         remedy = f"give a {kind} file here"
-    elif (number := re.search(r"/(\d{1,9})$", str(found))) and int(number[1]) > int(version):
+    elif (number := re.search(r"/(\d{1,9})$", str(schema))) and int(number[1]) > int(version):
         remedy = "a newer pkmcal wrote the file: update this one"
     raise ConfigInvalid(
-        f"{document.place_of('schema')}: schema is '{shown(str(found))}', must be '{wanted}'",
+        f"{document.place_of('schema')}: schema is '{shown(str(schema))}', must be '{wanted}'",
         remedy=remedy,
     )
 

@@ -74,8 +74,8 @@ class RobotFile:
         cls, mechanism: ClosedChain, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
         """Robot from values by name, the optional 0 if not named; raises `ConfigInvalid`."""
-        own = checked_parameters(mechanism, values, name)
-        return cls(name, mechanism.with_ripples(own.rate), own, limits)
+        checked = checked_parameters(mechanism, values, name)
+        return cls(name, mechanism.with_ripples(checked.rate), checked, limits)
 
     @property
     def kinematics(self) -> Kinematics:
@@ -122,11 +122,11 @@ class RobotDocument:
 
     def files_in(self, folder: Path, name: str) -> dict[Path, str]:
         """Return the texts of a copy of it in a folder, with the Python file of its mechanism."""
-        file, colon, own = str(self.document.tree["mechanism"]).rpartition(":")
+        file, colon, mechanism = str(self.document.tree["mechanism"]).rpartition(":")
         if not colon:
             return {folder / name: self.document.text}
         module, tree = Path(self.document.name).parent / file, self.document.editable_tree()
-        tree["mechanism"] = f"{module.name}:{own}"
+        tree["mechanism"] = f"{module.name}:{mechanism}"
         code = read_text(module, ConfigInvalid, if_missing="give the mechanism's file again")
         return {folder / module.name: code, folder / name: yaml_file.yaml_text(tree)}
 
@@ -164,8 +164,8 @@ def parse_robot(text: str, name: str) -> RobotDocument:
 
 def shipped_of(mechanism: ClosedChain) -> RobotDocument:
     """Return the first shipped robot of a mechanism."""
-    found = map(find_robot, _shipped_robots())
-    return next(each for each in found if each.robot.mechanism.name == mechanism.name)
+    robots = map(find_robot, _shipped_robots())
+    return next(each for each in robots if each.robot.mechanism.name == mechanism.name)
 
 
 def _typical_of(word: str) -> RobotDocument:
@@ -200,10 +200,10 @@ def compensated(
 
     Its comments stay. Raises `ConfigInvalid` when the set would not make a robot file.
     """
-    own = checked_parameters(nominal.robot.mechanism, parameters, name)
-    known = parameters.std if isinstance(parameters, Parameters) else None
+    checked = checked_parameters(nominal.robot.mechanism, parameters, name)
+    std = parameters.std if isinstance(parameters, Parameters) else None
     tree = nominal.document.editable_tree()
-    _set_values(tree["geometry"], own)
+    _set_values(tree["geometry"], checked)
     tree["name"] = name
     for key in (EXPANSIONS, REFERENCE):
         tree.pop(key, None)  # the nominal's are of other lengths
@@ -211,11 +211,13 @@ def compensated(
         tree[EXPANSIONS] = {key.removesuffix(EXPANSION): ppm for key, ppm in expansions.items()}
         if reference_degC is not None:
             tree[REFERENCE] = reference_degC
-    if (rate := own.table.rate.name) in own and own.rate != nominal.robot.mechanism.rate:
-        tree[rate] = own.rate
-    tree["uncertainty"] = known or {}
+    if (
+        rate := checked.table.rate.name
+    ) in checked and checked.rate != nominal.robot.mechanism.rate:
+        tree[rate] = checked.rate
+    tree["uncertainty"] = std or {}
     tree["provenance"] = dict(provenance or {})
-    tree["sha256"] = own.digest()
+    tree["sha256"] = checked.digest()
     where = str(Path(nominal.document.name).parent / name)
     return parse_robot(yaml_file.yaml_text(tree), where)
 
@@ -237,15 +239,15 @@ def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
 
     What is optional and becomes 0 leaves the file.
     """
-    for each in map(parameters.table.__getitem__, parameters.table.of_robot):
-        holder = geometry if each.arm is None else geometry["arms"][each.arm]
-        value = parameters.get(each.name, 0.0)
-        if value == holder.get(each.field.name, 0.0):
+    for parameter in map(parameters.table.__getitem__, parameters.table.of_robot):
+        holder = geometry if parameter.arm is None else geometry["arms"][parameter.arm]
+        value = parameters.get(parameter.name, 0.0)
+        if value == holder.get(parameter.field.name, 0.0):
             continue
-        if each.name in parameters:
-            holder[each.field.name] = value
+        if parameter.name in parameters:
+            holder[parameter.field.name] = value
         else:
-            del holder[each.field.name]
+            del holder[parameter.field.name]
 
 
 def checked_parameters(
@@ -256,7 +258,7 @@ def checked_parameters(
 ) -> Parameters:
     """Parameters of values by name, the optional ones 0 if not given, and 1 σ of some.
 
-    Ripples come as often as the mechanism's unless the values say it. `name` says whose they are.
+    The rate of ripples is the mechanism's unless the values have one. `name` says whose they are.
     Raises `ConfigInvalid` for what is unknown, missing or not finite.
     """
     space = mechanism.parameters
@@ -315,9 +317,9 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     of_all = contents.geometry.model_dump()
     of_arms = of_all.pop("arms")
     values = {rate: getattr(contents, rate) or 0.0}
-    for each in map(mechanism.parameters.__getitem__, mechanism.parameters.of_robot):
-        holder = of_all if each.arm is None else of_arms[each.arm]
-        values[each.name] = holder[each.field.name]
+    for parameter in map(mechanism.parameters.__getitem__, mechanism.parameters.of_robot):
+        holder = of_all if parameter.arm is None else of_arms[parameter.arm]
+        values[parameter.name] = holder[parameter.field.name]
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     require_millimetres(parameters, f"{document.place_of('geometry')}")
     robot = RobotFile(
@@ -342,7 +344,7 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
 
 
 def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotContents) -> ClosedChain:
-    """Mechanism with the file's plate and drives; raises `ConfigInvalid` for ripples that are none.
+    """Add the file's plate and drives; raises `ConfigInvalid` for ripples without a rate.
 
     A ripple needs its period, and no error of a joint may turn its motion round.
     """

@@ -98,9 +98,9 @@ class CampaignConfig(yaml_file.FileModel):
     @field_validator("known_lengths")
     @classmethod
     def _ends_are_nests(
-        cls, lengths: tuple[sections.KnownLengthConfig, ...], known: ValidationInfo
+        cls, lengths: tuple[sections.KnownLengthConfig, ...], fields: ValidationInfo
     ) -> tuple[sections.KnownLengthConfig, ...]:
-        names = [nest.name for nest in known.data.get("nests", ())]
+        names = [nest.name for nest in fields.data.get("nests", ())]
         for bar in lengths:
             if bar.nests and (len(set(bar.nests)) < 2 or not set(bar.nests) <= set(names)):
                 ends = f"has {bar.name} between {list(bar.nests)}"
@@ -120,7 +120,7 @@ def read_campaign(directory: Path) -> CampaignConfig:
 
 
 def new_config(settings: Mapping[str, object]) -> CampaignConfig:
-    """Make settings from what a new campaign is told; raises `ConfigInvalid`.
+    """Make settings of a new campaign from its keys; raises `ConfigInvalid`.
 
     Needs at least `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
     """

@@ -41,10 +41,10 @@ def options_of(kind: type[Options], words: Mapping[str, object]) -> Options:
 
     Raises `OptionsInvalid` for an unknown name, naming the known ones, and for an unknown value.
     """
-    hints, known = get_type_hints(kind, include_extras=True), [each.name for each in fields(kind)]
+    hints, names = get_type_hints(kind, include_extras=True), [each.name for each in fields(kind)]
     for name in words:
-        if name not in known:
-            remedy = suggestion(name, known)
+        if name not in names:
+            remedy = suggestion(name, names)
             raise OptionsInvalid(f"'{shown(name)}' is not an option", remedy=remedy)
     return kind(**{name: _value_of(name, hints[name], value) for name, value in words.items()})
 
@@ -94,16 +94,16 @@ def remedy_for(error: Mapping[str, Any]) -> str:
 
 def typed_words(options: "DataclassInstance") -> list[str]:
     """Words of options that are not as they are by default, as typed."""
-    hints, found = get_type_hints(type(options), include_extras=True), list[str]()
-    for each in fields(options):
-        option, value = getattr(hints[each.name], "__metadata__", (None,))[-1], None
+    hints, words = get_type_hints(type(options), include_extras=True), list[str]()
+    for field in fields(options):
+        option, value = getattr(hints[field.name], "__metadata__", (None,))[-1], None
         if isinstance(option, Option):
-            value = getattr(options, each.name)
-        if isinstance(option, Option) and value != each.default and value is not None:
-            name = option.name or f"--{each.name.replace('_', '-')}"
+            value = getattr(options, field.name)
+        if isinstance(option, Option) and value != field.default and value is not None:
+            name = option.name or f"--{field.name.replace('_', '-')}"
             values = value if isinstance(value, tuple) and option.read is None else (value,)
-            found += [name] if value is True else [w for v in values for w in (name, _typed(v))]
-    return found
+            words += [name] if value is True else [w for v in values for w in (name, _typed(v))]
+    return words
 
 
 def _typed(value: object) -> str:

@@ -143,18 +143,18 @@ class KnownLengthConfig(FileModel):
 
 
 def bar_of(
-    known: Sequence[KnownLengthConfig], pair: int, nests: Collection[str] = ()
+    lengths: Sequence[KnownLengthConfig], pair: int, nests: Collection[str] = ()
 ) -> int | None:
     """Place of the known length that a pair measures: by its nests or number, else one for all."""
-    for place, each in enumerate(known):
-        if pair in each.pairs or (each.nests and set(each.nests) == set(nests)):
+    for place, length in enumerate(lengths):
+        if pair in length.pairs or (length.nests and set(length.nests) == set(nests)):
             return place
-    for_all = [place for place, each in enumerate(known) if not (each.pairs or each.nests)]
+    for_all = [place for place, length in enumerate(lengths) if not (length.pairs or length.nests)]
     return for_all[0] if len(for_all) == 1 else None
 
 
 class WatchConfig(FileModel):
-    """How rows of a watched file are read; a header in the file tells it too."""
+    """How rows of a watched file are read; a header in the file takes precedence."""
 
     unit: Literal["mm", "m", "inch", "ft", "cm", "um"] = Field(
         default="mm", description="the unit of lengths"
@@ -286,8 +286,8 @@ class SettleConfig(FileModel):
 
     @field_validator("timeout_s")
     @classmethod
-    def _longer_than_settling(cls, timeout_s: float, known: ValidationInfo) -> float:
-        time_s = known.data.get("time_s", 0.0)
+    def _longer_than_settling(cls, timeout_s: float, fields: ValidationInfo) -> float:
+        time_s = fields.data.get("time_s", 0.0)
         if timeout_s > time_s:
             return timeout_s
         raise broken_rule(f"is {timeout_s:g}, must be above time_s, which is {time_s:g}")
@@ -411,7 +411,7 @@ class PeopleConfig(FileModel):
 
 
 class InstrumentsConfig(FileModel):
-    """Facts that no device tells about itself, for the record."""
+    """Facts that no device reports, for the record."""
 
     robot_serial: str = Field(default="", description="the mechanism's serial number, in quotes")
     reflector_serial: str = Field(

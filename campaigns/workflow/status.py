@@ -101,7 +101,7 @@ def phase(state: CampaignState) -> str:
         calibrated = state.verdict == "pass" and state.holds
         return "calibrated, not validated" if calibrated else "identified"
     if state.measured:
-        part = " in part" if state.left == "run" else ""
+        part = " in part" if state.unmeasured == "run" else ""
         return f"{'imported' if state.measured == 'import' else 'measured'}{part}, not identified"
     if state.before:
         return "validated before calibration"

@@ -26,7 +26,7 @@ def status(pkmcal, folder, *words):
         (CampaignState(), "set up"),
         (CampaignState(planned=True), "planned"),
         (CampaignState(planned=True, before=True), "validated before calibration"),
-        (CampaignState(measured="run", left="run"), "measured in part, not identified"),
+        (CampaignState(measured="run", unmeasured="run"), "measured in part, not identified"),
         (CampaignState(measured="import"), "imported, not identified"),
         (CampaignState(measured="run", verdict="not decided"), "identified"),
         (CampaignState(measured="run", verdict="pass"), "identified"),

@@ -100,8 +100,8 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("validate", "--stage", "before"): {"before": True},
     ("import", "before.txt", "--stage", "before"): {"before": True},
     ("import", "run.txt"): {"measured": "import"},
-    ("run",): {"measured": "run", "left": ""},
-    ("run", "--anew"): {"measured": "run", "left": ""},
+    ("run",): {"measured": "run", "unmeasured": ""},
+    ("run", "--anew"): {"measured": "run", "unmeasured": ""},
     ("export",): {"to_export": ""},
     ("export", "--format", "plain"): {"to_export": "", "file": PLAIN_FILE},
     ("load",): {"holds": True},
@@ -135,7 +135,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     walk(CampaignState(planned=True, before=True, misplaced="1 m off"))
     walk(CampaignState(offline=True))
     for left in ("run", "anew"):
-        walk(CampaignState(**MEASURED, left=left))  # type: ignore[arg-type]
+        walk(CampaignState(**MEASURED, unmeasured=left))  # type: ignore[arg-type]
     for check, by_targets in product((*ANSWERS, "again"), (False, True)):
         walk(CampaignState(**PASSED, check=check, by_targets=by_targets))  # type: ignore[arg-type]
     assert len(done) > 100
@@ -149,10 +149,10 @@ def test_no_advice_leads_back_and_all_end() -> None:
             {"planned": True, "before": True, "misplaced": "it stands there"},
             "set tracker.place_mm in campaign.yaml (it stands there), then: plan DIR",
         ),
-        ({**MEASURED, "left": "anew"}, "run DIR --anew"),
-        ({**MEASURED, "left": "run"}, "run DIR"),
+        ({**MEASURED, "unmeasured": "anew"}, "run DIR --anew"),
+        ({**MEASURED, "unmeasured": "run"}, "run DIR"),
         (
-            {**MEASURED, "left": "run", "worker": "process 7"},
+            {**MEASURED, "unmeasured": "run", "worker": "process 7"},
             "wait, or look on by `watch DIR` (process 7 works on this campaign), then: status DIR",
         ),
         (MEASURED, "identify DIR"),
