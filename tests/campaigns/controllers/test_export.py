@@ -4,9 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-import recorded_identifications
 from par4_space import SPACE
-from recorded_identifications import SPREAD
 from tested_journal import plain_journal
 
 from campaigns import errors
@@ -17,6 +15,15 @@ from campaigns.robots.robot import RobotDocument, find_robot, read_robot, with_r
 from campaigns.version import VERSION
 from drivers.values import Identity
 
+SPREAD = {"mean_abs": 1.0, "rms": 1.5, "max_abs": 3.0}
+PROVENANCE = {
+    "series": 1,
+    "shots": 163,
+    "plan_digest": "a" * 64,
+    "journal_digest": "b" * 64,
+    "journal_records": 500,
+    "at_utc": "2026-03-02T08:00:00Z",
+}
 COMMENTS = ("# the robot of line 3", "# measured in 2019")
 
 
@@ -38,9 +45,22 @@ def entry(name: str, old: float) -> dict[str, object]:
 
 
 def body(nominal: RobotDocument, **changes: object) -> dict[str, object]:
-    found = {name: entry(name, value) for name, value in nominal.robot.parameters.items()}
-    own = {"model": "paper", "shots": 163, "robot_digest": nominal.robot.digest()}
-    return recorded_identifications.body(found, **own | changes)
+    """Body of a finding that passed, as journals hold it."""
+    found = {
+        "schema": "pkmcal/identification/2",
+        "model": "paper",
+        "converged": True,
+        "iterations": 9,
+        "parameters": {n: entry(n, value) for n, value in nominal.robot.parameters.items()},
+        "excluded": [],
+        "residuals_mm": {"before": SPREAD, "after": SPREAD},
+        "unseen_mm": {"before": SPREAD, "after": SPREAD},
+        "verdict": "pass",
+        "reasons": ["hold-out pairs: better"],
+        "seconds": 0.1,
+        "robot_digest": nominal.robot.digest(),
+    }
+    return found | PROVENANCE | changes
 
 
 def finding(nominal: RobotDocument, **changes: object) -> RecordedIdentification:
