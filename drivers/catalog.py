@@ -41,7 +41,6 @@ BY_HAND = "by-hand"
 FILE = "file:"
 """Beginning of the address of a tracker whose software writes into a file."""
 
-
 TRACKERS: dict[str, TrackerDriver] = {
     "emscon": TrackerDriver(EmsconTracker, recorded_measurement),
     "pointline": TrackerDriver(pointline.PointlineTracker, pointline.recorded_measurement),

@@ -31,7 +31,6 @@ ARM_FIELDS = ["x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg"]
 ARM_FIELDS += ["joint_offset_deg", "joint_offset_mm", "arm_mm", "forearm_mm"]
 """Parameters of a line `ARM i` in their order; a robot has seven of them."""
 LENGTH = re.compile(r".*(\.arm|\.forearm|plate|pinion)_mm")
-"""Parameters that are positive."""
 DRAWING = re.compile(r"pkmkins\.(arm\d\.(plate_[xyz]_mm|bar_azimuth_deg)|reflector_[xyz]_mm)")
 """Pins of the plate's drawing. The HAL file sets them: no client knows them."""
 TILT = re.compile(r".*(axis_tilt|rail_tilt|skew|bar_turn)_deg|sag_.*")
@@ -101,21 +100,24 @@ class Machine:
     def is_moving(self, patience_s: float = 0.3) -> bool:
         """Whether anything moves, or still has to come to its target, or nothing can tell.
 
-        Pins of a dead realtime part keep their last values. That the robot stands is therefore
-        known after a further cycle of the servo thread, which a loaded machine may delay. By
-        default a client that waits for the end of a motion gets its answer in time.
+        Pins of a dead realtime part keep their last values, and joints follow the trajectory some
+        cycles late. That the robot stands is therefore known after further cycles of the servo
+        thread in which no joint was sent elsewhere; a loaded machine may delay them. By default a
+        client that waits for the end of a motion gets its answer in time.
         """
         if not self.get(POWER):
             self._target = ()
         if not (self._is_at(self._target) and self.get("motion.in-position")):
             return True
         self._target = ()
-        cycle_time, give_up_s = self.get("servo-thread.time"), time.monotonic() + patience_s
-        while self.get("servo-thread.time") == cycle_time:  # it measures each of its cycles
-            if time.monotonic() > give_up_s:
-                return True
-            time.sleep(0.001)
-        return False
+        commands, give_up_s = self._motor_commands(), time.monotonic() + patience_s
+        for _ in range(2):  # the first may end the cycle that gave these commands
+            cycle_time = self.get("servo-thread.time")  # it measures each of its cycles
+            while self.get("servo-thread.time") == cycle_time:
+                if time.monotonic() > give_up_s:
+                    return True
+                time.sleep(0.0005)
+        return bool(self.get(POWER)) and self._motor_commands() != commands
 
     def require_standing(self) -> None:
         """Refuse what a robot that moves must not do."""
@@ -202,6 +204,9 @@ class Machine:
     def _encoders(self) -> list[float]:
         motors = [f"joint.{n}.motor-" for n in self.joints]
         return [self.get(f"{motor}pos-fb") - self.get(f"{motor}offset") for motor in motors]
+
+    def _motor_commands(self) -> list[float]:
+        return [self.get(f"joint.{n}.motor-pos-cmd") for n in self.joints]
 
     def _place(self) -> list[float]:
         """Read where the trajectory is, by letter."""

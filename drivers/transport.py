@@ -19,7 +19,6 @@ URL_FORMS = "use tcp://HOST:PORT or serial:///dev/ttyUSB0?baud=115200"
 
 _BAUD = re.compile(r"[1-9][0-9]{0,7}")
 
-
 Address = tuple[Literal["tcp", "serial"], str, int]
 """Of a socket its host and port, of a serial line its device and baud rate."""
 Peer = tuple[int, Any]

@@ -34,7 +34,6 @@ class ServedSession(ABC):
 SessionFactory = Callable[[Callable[[bytes], None], int], ServedSession]
 """Factory of a session by its `send` and how many connections its device already has."""
 
-
 _Item = tuple[float, bytes | None]
 """Time before which bytes do not go out, and the bytes; None is the end of the connection."""
 

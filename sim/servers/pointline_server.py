@@ -13,8 +13,6 @@ from sim.tracker.instrument import SimulatedTracker
 
 MODEL = "SIM-PL"
 UNSEEN = Refused("BEAM", "no reflector was found")
-
-
 MOST_WAITING = 100
 """Questions that are kept while one is worked on; what comes above is lost, as in a full buffer."""
 

@@ -106,25 +106,30 @@ def test_bad_lines_are_answered_as_the_page_says(file, case):
 
 
 class StandingMachine(linuxcnc_bridge.Machine):
-    """A robot that stands, with a servo thread whose next cycle comes after some seconds."""
+    """A robot in position, with a servo thread of a slow or of no period."""
 
-    letters = ""
+    letters, joints = "", range(2)
 
-    def __init__(self, cycle_after_s):
+    def __init__(self, cycle_s, moves=False):
         self._target = ()
-        self.cycle_s = time.monotonic() + cycle_after_s
+        self.cycle_s, self.moves = cycle_s, moves
 
     def get(self, pin):
-        return float(pin != "servo-thread.time" or time.monotonic() > self.cycle_s)
+        cycle = time.monotonic() // self.cycle_s
+        return cycle if pin == "servo-thread.time" or ("cmd" in pin and self.moves) else 1.0
 
 
 def test_robot_stands_when_a_loaded_machine_delays_the_servo_thread():
-    assert not StandingMachine(cycle_after_s=0.15).is_moving()
-    StandingMachine(cycle_after_s=0.5).require_standing()
+    assert not StandingMachine(cycle_s=0.1).is_moving()
+    StandingMachine(cycle_s=0.4).require_standing()
+
+
+def test_joints_that_still_follow_the_end_of_a_trajectory_are_moving():
+    assert StandingMachine(cycle_s=0.01, moves=True).is_moving()
 
 
 def test_robot_whose_servo_thread_is_dead_counts_as_moving():
-    machine = StandingMachine(cycle_after_s=1e9)
+    machine = StandingMachine(cycle_s=1e9)
     assert machine.is_moving()
     with pytest.raises(Refusal, match="realtime part is dead"):
         machine.require_standing()
