@@ -6,12 +6,12 @@ import shlex
 import signal
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
 from shutil import get_terminal_size
-from textwrap import fill
+from textwrap import fill, wrap
 from typing import Annotated, Any
 
 import typer
@@ -29,15 +29,7 @@ from drivers.texts import printable, shortened
 
 HELP = """Calibrates parallel robots with a laser tracker.
 
-A campaign is a folder. Its usual steps:
-
-\b
-  new, devices, plan                   where to measure
-  validate --stage before, run         measure
-  identify, export, load               find the parameters, load them
-  validate --stage after               see the gain
-
-Try everything without hardware: pkmcal dry-run
+A campaign is a folder; each command names the next one. Try it without hardware: pkmcal dry-run
 """
 
 EXIT_CODES = """Exit codes: 0 done and good; 1 done, but the result is not good; 2 bad input or
@@ -48,33 +40,33 @@ value and limit, what to do next.
 
 COMMANDS = {
     "new": ("new", "Make a campaign's folder: settings and nominal robot."),
-    "robot": ("robot", "Make a robot file from the sizes of a symmetrical robot."),
     "devices": ("devices", "Connect to both devices and show their state; nothing moves."),
     "plan": ("plan", "Choose the poses to measure and write plan.csv."),
-    "run": ("run", "Measure the shots of the plan that are still missing."),
-    "import": ("import_shots", "Import shots measured with other software."),
-    "identify": ("identify", "Find the parameters that explain the measured shots."),
     "validate": ("validate", "Measure how accurate the robot is as its user commands it."),
+    "run": ("run", "Measure the shots of the plan that are still missing."),
+    "identify": ("identify", "Find the parameters that explain the measured shots."),
     "export": ("export", "Write the identified parameters as a robot file."),
-    "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
     "load": ("load", "Put the compensated parameters into the controller."),
-    "status": ("status", "Show where the campaign is, and the next command."),
-    "watch": ("watch", "Serve a live page of the campaign, for a tablet or a wall screen."),
-    "check": ("check", "Test with a few shots whether the robot is still calibrated."),
-    "history": ("history", "Show parameters and errors over campaigns."),
     "report": ("report", "Write the report: the whole campaign on one page."),
-    "study": (
-        "study",
-        "Simulate many campaigns of a plan, and compare what they identify with the truth.",
-    ),
+    "status": ("status", "Show where the campaign is, and the next command."),
+    "check": ("check", "Test with a few shots whether the robot is still calibrated."),
+    "watch": ("watch", "Serve a live page of the campaign, for a tablet or a wall screen."),
+    # from here on under "More commands"
+    "dry-run": ("dry_run", "Run a whole campaign without hardware."),
+    "import": ("import_shots", "Import shots measured with other software."),
+    "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
+    "history": ("history", "Show parameters and errors over campaigns."),
+    "study": ("study", "Simulate many campaigns of a plan; compare them with the truth."),
+    "robot": ("robot", "Make a robot file from the sizes of a symmetrical robot."),
+    "sim": ("simulate", "Serve a simulated cell on loopback."),
     "check-journal": (
         "check_journal",
         "Check whether the journal is intact, and show its contents.",
     ),
-    "sim": ("simulate", "Serve a simulated cell on loopback."),
-    "dry-run": ("dry_run", "Run a whole campaign without hardware."),
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
+FIRST_COMMANDS = 12
+"""Of `COMMANDS`; the others are listed after them."""
 
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
@@ -83,7 +75,76 @@ decomposition of 0.1 ms take 10 ms, once for every shot."""
 LONGEST_LINE = 950
 """Characters of an error line: what a file or option says in it is cut in the middle."""
 
+LONGEST_NAME = 30
+"""Characters of names beside which help explains them, and not below."""
+
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+def write_rows(formatter: Any, heading: str, rows: Sequence[tuple[str, str]]) -> None:
+    """Write names with their explanations under a heading, wrapped between words alone."""
+    column = min(max(len(names) for names, _ in rows), LONGEST_NAME) + 4
+    formatter.write(f"\n{heading}:\n")
+    for names, text in rows:
+        lines = wrap(text, formatter.width - column, break_long_words=False, break_on_hyphens=False)
+        first = f"  {names}".ljust(column)
+        if len(first) > column:  # its explanation begins on the next line
+            formatter.write(f"{first}\n")
+            first = ""
+        formatter.write(f"{first:<{column}}" + ("\n" + " " * column).join(lines) + "\n")
+
+
+def write_paragraphs(formatter: Any, text: str) -> None:
+    """Write paragraphs wrapped between words alone; lines that are to be copied stay whole."""
+    for paragraph in text.split("\n\n"):
+        lines = paragraph.splitlines()
+        if not paragraph.startswith(("pkmcal ", "pair,")):
+            width = formatter.width - 2
+            lines = wrap(paragraph, width, break_long_words=False, break_on_hyphens=False)
+        formatter.write("\n" + "".join(f"  {line}\n" for line in lines))
+
+
+SECTIONS = {
+    "Which shots": "shots placement until seed skip only only-shots hold-out update sessions",
+    "Which model": "model free fix prior",
+    "Devices": "controller tracker offline controller-driver tracker-driver",
+    "Points of other software": "joints join columns coordinates decimal encoding",
+    "Safety": "yes dry force retry verify",
+    "Output": "plot to pdf csv plain json h",
+}
+"""Headings under which help lists options, by their names; all others stand under Options."""
+
+
+class SectionedCommand(TyperCommand):
+    """Command whose help lists its options in sections, and values by plain names."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the usage line: [DIR] for an argument that may be left out."""
+        arguments = [p for p in self.get_params(ctx) if p.param_type_name == "argument"]
+        names = [(p.metavar or str(p.name).upper(), p.required) for p in arguments]
+        return ["[OPTIONS]", *(name if required else f"[{name}]" for name, required in names)]
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write what the command does, and examples."""
+        write_paragraphs(formatter, self.help or "")
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options, each section under its heading."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        sections |= {heading: [] for heading in SECTIONS}
+        for parameter in self.get_params(ctx):
+            names, text = parameter.get_help_record(ctx) or ("", "")
+            text = re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text)
+            text = re.sub(r"x>=(\d+)", r"\1 or more", text)
+            if parameter.param_type_name == "argument":
+                sections["Arguments"].append((str(parameter.metavar), text))
+                continue
+            word = parameter.opts[0].lstrip("-")
+            headings = (head for head, words in SECTIONS.items() if word in words.split())
+            sections[next(headings, "Options")].append((re.sub("[<>]", "", names), text))
+        for heading, rows in sections.items():
+            if rows:
+                write_rows(formatter, heading, rows)
 
 
 class LazyGroup(TyperGroup):
@@ -114,15 +175,22 @@ class LazyGroup(TyperGroup):
             context_settings=SETTINGS,
             rich_markup_mode=None,
         )
-        alone.command(cmd_name)(expanded(imported.command))
+        alone.command(cmd_name, cls=SectionedCommand)(expanded(imported.command))
         command = typer.main.get_command(alone)
         assert isinstance(command, TyperCommand), "one command makes no group"
         return command
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """List of the commands, none of them imported."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, summary) for name, (_, summary) in COMMANDS.items()])
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands, the usual ones first and none of them imported, and the options."""
+        rows = [(name, summary) for name, (_, summary) in COMMANDS.items()]
+        options = [option.get_help_record(ctx) for option in self.get_params(ctx)]
+        sections: dict[str, Any] = {
+            "Commands": rows[:FIRST_COMMANDS],
+            "More commands": rows[FIRST_COMMANDS:],
+            "Options": options,
+        }
+        for heading, lines in sections.items():
+            write_rows(formatter, heading, lines)
 
 
 app = typer.Typer(

@@ -8,10 +8,11 @@ from uuid import uuid4
 
 import numpy as np
 
+from app.options import completed
 from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
-from campaigns.robots.robot import RobotFile, find_robot, with_ripples_per_turn
+from campaigns.robots.robot import RobotFile, find_robot, shipped_robots, with_ripples_per_turn
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.option import Option
 from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
@@ -23,6 +24,7 @@ from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shippe
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
+COMPLETED_ROBOT, COMPLETED_SCENARIO = completed(shipped_robots), completed(shipped_scenarios)
 DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
 SCENARIO = "cell.yaml"
@@ -41,7 +43,12 @@ class NewOptions:
     """
 
     robot: Annotated[
-        str, Option("The nominal robot: a shipped one, or a robot file.", metavar="NAME")
+        str,
+        Option(
+            "The nominal robot: a shipped one, or a robot file.",
+            metavar="NAME",
+            words=shipped_robots,
+        ),
     ] = DEFAULT_ROBOT
     scenario: Annotated[
         str | None,
@@ -49,6 +56,7 @@ class NewOptions:
             "The simulated cell: a shipped scenario, or a cell file.",
             metavar="NAME",
             default=f"{DEFAULT_SCENARIO}, without a real cell",
+            words=shipped_scenarios,
         ),
     ] = None
     controller: Annotated[
@@ -60,10 +68,14 @@ class NewOptions:
         bool, Option("No device is connected: programs go out, measured files come in.")
     ] = False
     controller_driver: Annotated[
-        str | None, Option(f"Its protocol: {', '.join(CONTROLLERS)}.", metavar="NAME")
+        str | None,
+        Option(
+            f"Its protocol: {', '.join(CONTROLLERS)}.", metavar="NAME", words=lambda: [*CONTROLLERS]
+        ),
     ] = None
     tracker_driver: Annotated[
-        str | None, Option(f"Its protocol: {', '.join(TRACKERS)}.", metavar="NAME")
+        str | None,
+        Option(f"Its protocol: {', '.join(TRACKERS)}.", metavar="NAME", words=lambda: [*TRACKERS]),
     ] = None
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, worded once; options objects as options."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import GenericAlias
@@ -78,6 +78,11 @@ Plot = Annotated[
 Seed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Seed, instead of the scenario's.")
 ]
+
+
+def completed(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return what completes an option by those of the words that begin as what was typed."""
+    return lambda incomplete: [word for word in words() if word.startswith(incomplete)]
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
@@ -172,6 +177,7 @@ def _typed(name: str, hint: Any, default: Any) -> tuple[Any, Any]:
         min=option.least,
         max=option.most,
         show_default=option.default or True,
+        autocompletion=option.words and completed(option.words),
     )
     return Annotated[kind, words], default
 

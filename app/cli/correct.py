@@ -56,6 +56,9 @@ def command(
 
     For each wanted pose: the pose to command, so that the robot stands where it would with the
     identified parameters loaded. A line is refused if its pose is out of reach or not allowed.
+
+    pkmcal correct cell-3 --poses poses.csv
+    pkmcal correct cell-3 --poses poses.csv --robot found.yaml --to commands.csv
     """
     path = to or poses.parent / f"{poses.stem}{WORD}{poses.suffix}"
     found = correct_file(campaign, poses, path, robot, overwrite=force)

@@ -8,7 +8,13 @@ import typer
 
 from app.cli.report import report
 from app.console import BAD, GOOD, Terminal
-from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_simulated
+from app.new_campaign import (
+    COMPLETED_ROBOT,
+    COMPLETED_SCENARIO,
+    DEFAULT_ROBOT,
+    DEFAULT_SCENARIO,
+    create_simulated,
+)
 from app.next import tell_next
 from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
@@ -22,12 +28,15 @@ from drivers.bounded_files import is_there
 BETTER = "calibration improved accuracy at independent poses"
 NOTHING_TO_CORRECT = "no change shown at poses that were not fitted: there is nothing to correct"
 NewFolder = Annotated[
-    Path | None, typer.Argument(metavar="[DIR]", help="Default: a new folder dry-run-N.")
+    Path | None, typer.Argument(metavar="DIR", help="Default: a new folder dry-run-N.")
 ]
 Scenario = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME", help="A shipped scenario or a cell file.", show_default="paper-prototype"
+        metavar="NAME",
+        help="A shipped scenario or a cell file.",
+        show_default="paper-prototype",
+        autocompletion=COMPLETED_SCENARIO,
     ),
 ]
 
@@ -37,6 +46,7 @@ Robot = Annotated[
         metavar="NAME",
         help="The nominal robot: a shipped one, or a robot file. The cell becomes one of its kind.",
         show_default=DEFAULT_ROBOT,
+        autocompletion=COMPLETED_ROBOT,
     ),
 ]
 

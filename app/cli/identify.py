@@ -31,6 +31,10 @@ def command(
     shell pattern of them, or a group of error sources, such as backlash.
 
     Exit code 1: computed, but must not be used; the reasons are given.
+
+    pkmcal identify cell-3
+    pkmcal identify cell-3 --only-shots 0-60 --fix eccentricity
+    pkmcal identify cell-3 --hold-out 20%
     """
     with terminal.telling("identifying"):
         found = update_by_check(campaign) if update else identify(campaign, options)

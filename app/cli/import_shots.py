@@ -101,6 +101,7 @@ def command(
     force: Annotated[
         bool,
         typer.Option(
+            "--force",
             help="Import although it is already imported or measured, or the wrong stage."
         ),
     ] = False,
@@ -131,6 +132,10 @@ def command(
     same meaning as for `pkmcal validate`.
 
     The journal keeps the files' names and sha256, and the report shows them.
+
+    pkmcal import cell-5 shots.csv
+    pkmcal import cell-5 points.txt --unit mm
+    pkmcal import cell-5 points.txt --stage before
     """
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)

@@ -71,6 +71,10 @@ def command(
 
     Exit code 1: with --verify, distances after loading are worse than before; the old parameters
     are back.
+
+    pkmcal load cell-3 --dry
+    pkmcal load cell-3 --verify 8
+    pkmcal load cell-3 --rollback
     """
     campaign.require_devices()
     wish = StopRequest()

@@ -34,9 +34,7 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     software measure, and `pkmcal import` reads their files.
 
     pkmcal new first-try
-
-    pkmcal new cell-3 --controller tcp://192.168.0.10:5020 --tracker tcp://192.168.0.1:700
-
+    pkmcal new cell-3 --controller tcp://10.0.0.5:5020 --tracker tcp://10.0.0.6:700
     pkmcal new cell-5 --offline
     """
     config = create_campaign(folder, options)

@@ -65,6 +65,10 @@ def command(
 
     --program csv writes it as a table of poses and joints, by safe paths, for a controller that is
     not connected.
+
+    pkmcal plan cell-3 --shots 60
+    pkmcal plan cell-3 --until 0.02
+    pkmcal plan cell-5 --program csv
     """
     if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
         written = _write(terminal, campaign, programs)

@@ -77,7 +77,6 @@ def command(
     typical values: replace them by those of the data sheet, then: pkmcal new DIR --robot FILE
 
     pkmcal robot delta --base 200 --platform 45 --arm 300 --forearm 800
-
     pkmcal robot linear-delta --base 295 --platform 45 --forearm 520 --travel 900
     """
     kind = _known(mechanism)

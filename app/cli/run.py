@@ -71,6 +71,9 @@ def command(
     The screen shows how surely positions are known by the shots so far (1 σ on average, by the
     model that identify fits). --until ends the run when that is enough; a later run without it
     measures the rest.
+
+    pkmcal run cell-3
+    pkmcal run cell-3 --until 0.02 --retry 5 --yes
     """
     campaign.require_devices()
     with terminal.telling("reading the plan") as now_at:

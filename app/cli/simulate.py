@@ -7,7 +7,7 @@ import typer
 
 from app.console import Terminal
 from app.interrupt import awaited_signal
-from app.new_campaign import cell_text
+from app.new_campaign import COMPLETED_ROBOT, COMPLETED_SCENARIO, cell_text
 from app.options import Port, Seed
 from campaigns.robots.robot import find_robot
 from sim.cell import Cell
@@ -17,7 +17,12 @@ from sim.servers.server import CellServer
 from sim.sessions import controller_sessions, tracker_sessions
 
 Name = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A shipped scenario's name, or a cell file.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A shipped scenario's name, or a cell file.",
+        autocompletion=COMPLETED_SCENARIO,
+    ),
 ]
 Serial = Annotated[
     bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
@@ -32,6 +37,7 @@ Robot = Annotated[
         metavar="NAME",
         help="A shipped robot or a robot file, of which the cell becomes one.",
         show_default="the scenario's",
+        autocompletion=COMPLETED_ROBOT,
     ),
 ]
 

@@ -21,7 +21,7 @@ from campaigns.studies.table import StudyTable
 def command(
     terminal: Terminal, campaign: Campaign, options: StudyOptions, *, plot: Plot = None
 ) -> None:
-    """Simulate many campaigns of a plan, and compare what they identify with the truth.
+    """Simulate many campaigns of a plan; compare them with the truth.
 
     Each campaign draws a robot with every source of error at its tolerance, and the tracker's
     noise, and is identified as `pkmcal identify` does. The study shows whether the stated σ are

@@ -142,7 +142,7 @@ def find_robot(name_or_path: str) -> RobotDocument:
 
     A mechanism of one's own, `my.py:OWN`, has typical values: those of a shipped robot.
     """
-    shipped = _shipped_robots()
+    shipped = shipped_robots()
     if name_or_path in shipped:
         text = shipped[name_or_path].read_text(encoding="utf-8")
         return parse_robot(text, f"{name_or_path}.yaml")
@@ -164,7 +164,7 @@ def parse_robot(text: str, name: str) -> RobotDocument:
 
 def shipped_of(mechanism: ClosedChain) -> RobotDocument:
     """Return the first shipped robot of a mechanism."""
-    robots = map(find_robot, _shipped_robots())
+    robots = map(find_robot, shipped_robots())
     return next(each for each in robots if each.robot.mechanism.name == mechanism.name)
 
 
@@ -177,7 +177,7 @@ def _typical_of(word: str) -> RobotDocument:
     mechanism = find_mechanism(word)
     assert mechanism is not None, "as contents_model has found it"
     names = mechanism.parameters.names
-    for shipped in map(find_robot, _shipped_robots()):
+    for shipped in map(find_robot, shipped_robots()):
         if shipped.robot.mechanism.parameters.names == names:
             tree = shipped.document.editable_tree()
             tree |= {"mechanism": Path(word).name, "name": mechanism.name}
@@ -293,7 +293,7 @@ def require_millimetres(parameters: Parameters, where: str) -> None:
         )
 
 
-def _shipped_robots() -> dict[str, Traversable]:
+def shipped_robots() -> dict[str, Traversable]:
     """Return the robot files that come with the software, by name."""
     files = [f for f in resources.files("campaigns.robots").iterdir() if f.name.endswith(".yaml")]
     return {f.name.removesuffix(".yaml"): f for f in sorted(files, key=lambda file: file.name)}

@@ -1,6 +1,6 @@
 """Options of a step of the work: a field each, whose annotation says how a command offers it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -34,6 +34,8 @@ class Option:
     """Name, if not the field's."""
     default: str | None = None
     """What is said of the default where None stands for it."""
+    words: Callable[[], Iterable[str]] | None = None
+    """Words that the shell completes by Tab."""
 
 
 def options_of(kind: type[Options], words: Mapping[str, object]) -> Options:

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import os
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -18,9 +19,9 @@ from campaigns.version import COMMIT_FILE, commit
 from drivers.errors import LinkDown
 
 COMMANDS = (
-    *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export"),
-    *("correct", "load", "status", "watch", "check", "history", "report"),
-    *("study", "check-journal", "sim", "dry-run"),
+    *("new", "devices", "plan", "validate", "run", "identify", "export", "load", "report"),
+    *("status", "check", "watch"),
+    *("dry-run", "import", "correct", "history", "study", "robot", "sim", "check-journal"),
 )
 REPOSITORY = Path(__file__).parents[2]
 HEAVY = {
@@ -36,8 +37,12 @@ def test_without_arguments_it_helps(pkmcal):
         assert f"  {command} " in out
 
 
-def test_commands_stand_in_the_order_of_the_usual_way():
+def test_usual_commands_are_listed_first_and_fit_on_one_screen(pkmcal):
     assert tuple(main.COMMANDS) == COMMANDS
+    lines = pkmcal("--help").out.splitlines()[:20]
+    assert [name for name in COMMANDS if any(line.startswith(f"  {name} ") for line in lines)] == [
+        *COMMANDS[: main.FIRST_COMMANDS]
+    ]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -49,6 +54,7 @@ def test_every_command_explains_itself_as_the_list_of_commands_does(pkmcal, comm
     assert code == 0
     assert "Usage: pkmcal" in out
     assert max(map(len, out.splitlines())) <= 100
+    assert not re.search(r"list\[|<|\[\[|\{[A-Z]|x>=", out), "names of types"
     assert ("--json" in out) is (command != "sim"), "programs are spoken to"
     moves_or_changes = command in {"run", "validate", "check", "load"}
     assert ("--dry" in out and "--yes" in out) is moves_or_changes
@@ -242,6 +248,8 @@ def test_completion_can_be_shown_and_installed(pkmcal, capsys, monkeypatch):
         ("pkmcal re", ("report",)),
         ("pkmcal plan --pl", ("--placement", "--plot")),
         ("pkmcal plan --fly", ()),
+        ("pkmcal new x --robot linear", ("linear-delta",)),
+        ("pkmcal sim re", ("realistic",)),
     ],
 )
 def test_what_was_typed_is_completed(capsys, monkeypatch, typed, words):
