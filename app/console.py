@@ -36,6 +36,8 @@ DECISIONS: Mapping[str, str] = {
 }
 """How each decision looks."""
 TALK, WARNING = "dim", "yellow"
+COLUMN_GAP = 3
+"""Characters between two columns of a table."""
 
 
 def is_yes(typed: str) -> bool:
@@ -49,7 +51,8 @@ class Terminal:
     def __init__(self, *, as_json: bool, verbose: bool = False, command: str = "") -> None:
         self._as_json = as_json
         self._command = command
-        self._verbose = verbose
+        self.is_verbose = verbose
+        """Whether the user asked for more lines."""
 
     @cached_property
     def _talk(self) -> Console:
@@ -73,14 +76,22 @@ class Terminal:
 
     def detail(self, text: str) -> None:
         """Print a line of talk for those who asked for more."""
-        if self._verbose:
+        if self.is_verbose:
             self.note(text)
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Print a table; all columns but the first are numbers or short words, set to the right.
 
         A last column without a name holds words, which are broken into lines before anything else.
+        A table that is too wide for the screen is printed row by row: no name is cut.
         """
+        words = len(columns) - 1 if not columns[-1] else 0
+        contents = [*zip(columns, *rows, strict=True)]
+        widths = [max(map(len, column)) for column in contents]
+        widths[words] = max(len(word) for cell in contents[words] for word in cell.split() or [""])
+        if sum(widths) + COLUMN_GAP * (len(columns) - 1) > self._answers.width:
+            self._print_by_rows(title, columns, rows)
+            return
         table = Table(
             title=printable(title),
             title_justify="left",
@@ -89,7 +100,6 @@ class Terminal:
             show_edge=False,
             pad_edge=False,
         )
-        words = len(columns) - 1 if not columns[-1] else 0
         for place, column in enumerate(columns):
             numbers = place not in {0, words}
             kept_whole = place != words
@@ -97,6 +107,16 @@ class Terminal:
         for row in rows:
             table.add_row(*(printable(cell) for cell in row))
         self._answers.print("", table, "", sep="\n")
+
+    def _print_by_rows(
+        self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
+    ) -> None:
+        """Print a line for each row, with its columns' names."""
+        self.say(title, "bold")
+        for first, *cells in rows:
+            pairs = zip(columns[1:], cells, strict=True)
+            named = [f"{head} {cell.strip()}".strip() for head, cell in pairs if cell.strip()]
+            self.say(f"{first}: {'; '.join(named)}")
 
     def rows(self, title: str, columns: Sequence[Column[T]], rows: Iterable[T]) -> None:
         """Print the table of these rows."""
@@ -191,6 +211,6 @@ class Terminal:
 
     def watching(self, title: str, *, plain: bool = False) -> RunLines:
         """Return the display of a run; `plain` by lines."""
-        if self._talk.is_interactive and not plain and not self._verbose:
+        if self._talk.is_interactive and not plain and not self.is_verbose:
             return RunScreen(self._talk, title)
-        return RunLines(self._talk, title, verbose=self._verbose)
+        return RunLines(self._talk, title, verbose=self.is_verbose)

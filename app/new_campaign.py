@@ -28,6 +28,7 @@ COMPLETED_ROBOT, COMPLETED_SCENARIO = completed(shipped_robots), completed(shipp
 DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
 SCENARIO = "cell.yaml"
+NO_LIMITS: Mapping[str, float] = {}
 NO_DRIVERS: Mapping[str, str | None] = {"controller": None, "tracker": None}
 UNATTENDED_SPEED_UP = 10_000
 """By which motions take a few looks at the controller each, and no time beside these."""
@@ -107,6 +108,11 @@ class NewOptions:
         return {"controller": self.controller, "tracker": self.tracker}
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether at least one device is simulated, so that a scenario states the limits."""
+        return not self.offline and (self.controller is None or self.rehearsed is not None)
+
+    @property
     def rehearsed(self) -> str | None:
         """The one device that is simulated beside a real one; None: both are, or neither is."""
         simulated = [
@@ -115,17 +121,24 @@ class NewOptions:
         return simulated[0] if len(simulated) == 1 else None
 
 
-def create_campaign(folder: Path, options: NewOptions) -> CampaignConfig:
-    """Create a campaign by its options, on real devices or on a simulated cell."""
+def create_campaign(
+    folder: Path, options: NewOptions, limits: Mapping[str, float] = NO_LIMITS
+) -> CampaignConfig:
+    """Create a campaign by its options; on real devices or on a simulated cell.
+
+    `limits` for `acceptance` of a real robot; a simulated one has those of its scenario.
+    """
     urls, simulated = options.urls, options.rehearsed
     drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
     controller, tracker = urls.values()
     if controller is not None and tracker is not None and simulated is None:
-        return create_for_devices(folder, options.robot, controller, tracker, drivers)
+        return create_for_devices(folder, options.robot, controller, tracker, drivers, limits)
     named = (urls[simulated] or "").removeprefix(SIMULATED) if simulated else "cell"
     scenario = options.scenario or (DEFAULT_SCENARIO if named == "cell" else named)
     real = {device: None if device == simulated else url for device, url in urls.items()}
-    return create_simulated(folder, options.robot, scenario, urls=real, drivers=drivers)
+    return create_simulated(
+        folder, options.robot, scenario, with_limits=True, urls=real, drivers=drivers
+    )
 
 
 def create_for_devices(
@@ -134,10 +147,11 @@ def create_for_devices(
     controller: str,
     tracker: str,
     drivers: Mapping[str, str | None] = NO_DRIVERS,
+    limits: Mapping[str, float] = NO_LIMITS,
 ) -> CampaignConfig:
     """Create a campaign on real devices; raise `ConfigInvalid`, `OutputExists` or `WriteFailed`.
 
-    `drivers` of controller and tracker; None: the default.
+    `drivers` of controller and tracker; None: the default. `limits` for `acceptance`.
     """
     nominal = find_robot(robot)
     config = new_config(
@@ -146,6 +160,7 @@ def create_for_devices(
             "controller": _device("controller", {"controller": controller}, drivers),
             "tracker": _device("tracker", {"tracker": tracker}, drivers)
             | {"reflector": DEFAULT_REFLECTOR},
+            "acceptance": dict(limits),
             **_validation(nominal.robot),
         }
     )

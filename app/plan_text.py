@@ -24,15 +24,16 @@ PREDICTED = (
 def show_forecast(
     terminal: Terminal, campaign: Campaign, planned: PlannedCampaign, until_mm: float | None
 ) -> None:
-    """Show the predicted uncertainty of positions, the weakest of each group, and what is wrong."""
+    """Show the predicted uncertainty of positions and what is wrong; verbose: of each group."""
     forecast, table = planned.forecast, campaign.robot.mechanism.parameters
-    terminal.say(PREDICTED)
-    columns = ("source of error", "weakest", "predicted σ")
-    terminal.table("Predicted uncertainty", columns, group_rows(forecast, table))
     for line in forecast_lines(forecast, table, until_mm):
         terminal.say(line)
     for line in warnings(forecast):
         terminal.say(line, WARNING)
+    if terminal.is_verbose:
+        columns = ("source of error", "weakest", "predicted σ")
+        terminal.table("Predicted uncertainty", columns, group_rows(forecast, table))
+        terminal.say(PREDICTED)
 
 
 def group_rows(forecast: Forecast, table: ParameterTable) -> list[tuple[str, ...]]:
@@ -55,7 +56,7 @@ def forecast_lines(
     std_mm = forecast.position_std_mm
     yield (
         f"positions in the workspace ±{std_mm.mean():.4f} mm on average, "
-        f"±{std_mm.max():.4f} mm at most (1 σ)"
+        f"±{std_mm.max():.4f} mm at most (1 σ, predicted)"
     )
     if until_mm is not None:
         yield f"--until {until_mm:g}: ±{std_mm.mean():.4f} mm by {forecast.shots} shots"

@@ -27,6 +27,10 @@ class ShotsInvalid(CampaignError):
     page = "docs/reference/files.md#shotscsv"
 
 
+class CoordinatesAmbiguous(ShotsInvalid):
+    """A file of points has measured and nominal coordinates: say which ones count."""
+
+
 class ShotsMissing(CampaignError):
     """The work asked for needs shots that have not been taken yet: run or import first."""
 

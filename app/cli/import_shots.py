@@ -1,9 +1,10 @@
 """pkmcal import: shots measured with other software."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast, get_args
 
 import typer
 
@@ -12,7 +13,7 @@ from app.next import tell_next
 from app.options import Folder, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
@@ -22,12 +23,18 @@ from campaigns.shots.point_files import (
     Coordinates,
     DecimalSign,
     LengthUnit,
+    PointFile,
     PointFormat,
     read_points,
 )
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import in_unit, read_shots
-from campaigns.workflow.importing import declared_set, import_shots, import_validation
+from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
+from campaigns.workflow.importing import (
+    declared_set,
+    import_shots,
+    import_validation,
+    replaced_import,
+)
 from campaigns.workflow.programs import joints_path
 from drivers.bounded_files import Encoding, is_there
 
@@ -102,7 +109,7 @@ def command(
         bool,
         typer.Option(
             "--force",
-            help="Import although it is already imported or measured, or the wrong stage."
+            help="Import although it is already imported or measured, or the wrong stage.",
         ),
     ] = False,
 ) -> None:
@@ -162,16 +169,17 @@ def command(
             "other software",
             remedy="add --format ascii, or leave them out",
         )
+    points = None if joints is None else _read_asking(terminal, file, of_points)
+    if points is None or joints is None:
+        read_in = unit or "mm"
+        rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[read_in]))
+    else:
+        read_in = points.unit
+        rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
+        for note in (*points.notes, joined):
+            terminal.note(note)
+    force = force or (stage is None and _may_replace(terminal, campaign, rows, file))
     with terminal.telling(f"reading {file}") as now_at:
-        points = None if joints is None else read_points(file, of_points)
-        if points is None or joints is None:
-            read_in = unit or "mm"
-            rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[read_in]))
-        else:
-            read_in = points.unit
-            rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
-            for note in (*points.notes, joined):
-                terminal.note(note)
         files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
         now_at("comparing the shots with the robot and the journal")
         name, tell = str(file), terminal.note
@@ -195,6 +203,26 @@ def command(
         )
     following = tell_next(terminal, campaign, evaluation=found)
     terminal.conclude(ImportAnswer(series, len(rows)), following)
+
+
+def _read_asking(terminal: Terminal, file: Path, form: PointFormat) -> PointFile:
+    """Read points, and where the file has two sets of coordinates ask which one counts."""
+    try:
+        return read_points(file, form)
+    except CoordinatesAmbiguous as error:
+        prompt = terminal.prompt()
+        typed = prompt(f"{error.problem}. Which ones count, actual or nominal? ") if prompt else ""
+        if typed.strip() not in get_args(Coordinates):
+            raise
+        return read_points(file, replace(form, coordinates=cast("Coordinates", typed.strip())))
+
+
+def _may_replace(
+    terminal: Terminal, campaign: Campaign, rows: Sequence[ShotRow], file: Path
+) -> bool:
+    """Return whether the operator agrees that the shots count in the place of earlier ones."""
+    objection = replaced_import(campaign, rows, str(file))
+    return bool(objection and terminal.asks(f"{objection.problem}. Import it in their place?"))
 
 
 def _planned_joints(campaign: Campaign, file: Path, stage: str) -> Path:

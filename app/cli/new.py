@@ -1,6 +1,7 @@
 """pkmcal new: a campaign's folder."""
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from app.console import Terminal
@@ -8,7 +9,14 @@ from app.new_campaign import NewOptions, create_campaign
 from app.next import tell_next
 from app.options import NewFolder
 from campaigns.campaign import open_campaign
+from campaigns.files.text_file import refuse_existing
 from campaigns.settings.sections import OFFLINE
+
+LIMITS = {
+    "distance_mean_mm": "mean error of distances",
+    "distance_max_mm": "largest error of distances",
+}
+"""Limits that `new` asks for; the others are rare."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +45,34 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     pkmcal new cell-3 --controller tcp://10.0.0.5:5020 --tracker tcp://10.0.0.6:700
     pkmcal new cell-5 --offline
     """
-    config = create_campaign(folder, options)
+    limits = {} if options.is_simulated else ask_limits(terminal, folder)
+    config = create_campaign(folder, options, limits)
     answer = NewAnswer(folder, config.controller.url, config.tracker.url)
     devices = OFFLINE if options.offline else f"with {answer.controller} and {answer.tracker}"
     terminal.say(f"made: {folder}, {devices}")
     terminal.conclude(answer, tell_next(terminal, open_campaign(folder)))
+
+
+def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:
+    """Ask for limits that the robot must meet; return those given, none without a terminal."""
+    refuse_existing(folder / "campaign.yaml")
+    prompt, limits = terminal.prompt(), dict[str, float]()
+    if prompt is None:
+        return limits
+    terminal.note("Limits that the calibrated robot must meet; Enter: none. More: `acceptance`")
+    for name, words in LIMITS.items():
+        while typed := prompt(f"{words}, mm: ").removesuffix("mm").strip():
+            value = _number(typed)
+            if 0.0 < value < inf:
+                limits[name] = value
+                break
+            terminal.note("give a number above 0, such as 0.1, or nothing")
+    return limits
+
+
+def _number(text: str) -> float:
+    """Return the number that was typed, 0 for other text."""
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return 0.0

@@ -143,7 +143,10 @@ def plan_answer(
 def show(
     terminal: Terminal, campaign: Campaign, planned: PlannedCampaign, until_mm: float | None = None
 ) -> None:
-    """Show the plan: refusals, predicted uncertainty, duration."""
+    """Show the plan: number of shots, duration, refusals, predicted uncertainty."""
+    detours = planned.checked.detours
+    by_detours = f"; {detours} moves take a detour" if detours else ""
+    terminal.say(f"{plan_text.plan_line(planned.checked)}{by_detours}")
     if planned.refusals is not None:
         for line in plan_text.refusals_lines(campaign.space, planned.refusals):
             terminal.say(line)
@@ -157,6 +160,3 @@ def show(
             WARNING,
         )
     plan_text.show_forecast(terminal, campaign, planned, until_mm)
-    detours = planned.checked.detours
-    round_ = f"; {detours} moves take a detour" if detours else ""
-    terminal.say(f"{plan_text.plan_line(planned.checked)}{round_}")

@@ -5,18 +5,20 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.console import BAD, Terminal
 from app.next import tell_next, tell_who_works
-from app.report.page import Page, page_of
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from drivers.bounded_files import is_file, is_there
+
+if TYPE_CHECKING:
+    from app.report.page import Page
 
 FILE_NAME = "report.html"
 HEAD = 1000
@@ -73,11 +75,13 @@ def command(
     terminal.conclude(answer, following, is_good=verdict.decision != "fail")
 
 
-def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
+def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path]":
     """Write the report; return also what is on it.
 
     Raises `JournalFailed`, `OutputExists` or `WriteFailed`.
     """
+    from app.report.page import page_of  # with matplotlib, 1 s that --help need not wait for
+
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
     page = page_of(evaluate(campaign), now_utc())

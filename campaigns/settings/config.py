@@ -1,7 +1,7 @@
 """campaign.yaml (`pkmcal/campaign/1`): what a campaign works with and by which rules."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,13 +10,17 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
+from campaigns.files.wording import shown
 from campaigns.robots.robot import RobotDocument
 from campaigns.settings import sections
 from campaigns.settings.space import SpaceConfig
 from drivers.bounded_files import is_file
+from drivers.texts import nearest_word
 
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
+MOST_NAMED = 5
+"""Campaigns that an error names."""
 
 
 class CampaignConfig(yaml_file.FileModel):
@@ -81,7 +85,8 @@ class CampaignConfig(yaml_file.FileModel):
     )
     acceptance: sections.AcceptanceConfig = Field(
         default=sections.AcceptanceConfig(),
-        description="the largest errors that are good; empty: not specified",
+        description="limits that the robot must meet, for example distance_mean_mm: 0.1 and "
+        "distance_max_mm: 0.3; empty: no limit",
     )
     people: sections.PeopleConfig = Field(
         default=sections.PeopleConfig(), description="who and where, for the record"
@@ -111,12 +116,35 @@ class CampaignConfig(yaml_file.FileModel):
 def read_campaign(directory: Path) -> CampaignConfig:
     """Read a campaign's settings; raises `ConfigInvalid`."""
     path = directory / FILE_NAME
-    remedy = f"name a campaign's folder, or make one with `pkmcal new {directory}`"
     if not is_file(path):
+        remedy = _campaigns_nearby(directory)
         raise ConfigInvalid(f"{directory} holds no {FILE_NAME}", remedy=remedy)
+    remedy = "name a campaign's folder"
     return yaml_file.checked(
         yaml_file.read_document(path, if_missing=remedy), SCHEMA, CampaignConfig
     )
+
+
+def _campaigns_nearby(directory: Path) -> str:
+    """Return which folder was probably meant: one within, the one around, or one beside it."""
+    name = directory.absolute().name
+    within = sorted(path.parent for path in directory.glob(f"*/{FILE_NAME}"))
+    if within:
+        return f"name a campaign; here are {_listed(within)}"
+    if is_file(directory.parent / FILE_NAME) and directory.parent != directory:
+        return f"{directory.absolute().parent} is a campaign: name that folder"
+    beside = sorted(path.parent for path in directory.absolute().parent.glob(f"*/{FILE_NAME}"))
+    nearest = nearest_word(name, [folder.name for folder in beside])
+    if nearest:
+        return f"did you mean {directory.parent / nearest}?"
+    if beside:
+        return f"name a campaign; beside it are {_listed(beside)}"
+    return "name a campaign's folder, or make one with `pkmcal new DIR`"
+
+
+def _listed(folders: Sequence[Path]) -> str:
+    names = ", ".join(shown(folder.name) for folder in folders[:MOST_NAMED])
+    return names + (f" and {len(folders) - MOST_NAMED} more" if len(folders) > MOST_NAMED else "")
 
 
 def new_config(settings: Mapping[str, object]) -> CampaignConfig:

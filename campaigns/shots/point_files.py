@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 from campaigns.arrays import AXES
-from campaigns.errors import ShotsInvalid
+from campaigns.errors import CoordinatesAmbiguous, ShotsInvalid
 from campaigns.files.csv_file import NUMBER, WITH_COMMA, check_lines
 from campaigns.files.wording import shown, suggestion
 from drivers.bounded_files import CSV_BYTES, Encoding, FileRefused, decoded, read_bounded
@@ -516,7 +516,7 @@ def _coordinate_places(
     if len(readable) == 1 and "nominal" not in readable:
         return next(iter(readable.values()))
     names = " and ".join(f"'{shown(headings[places['x']].text)}'" for places in readable.values())
-    raise ShotsInvalid(
+    raise CoordinatesAmbiguous(
         f"{where}: the header has {len(readable)} sets of X Y Z, {names}"
         if len(readable) > 1
         else f"{where}: the header names nominal coordinates only, {names}",

@@ -47,8 +47,8 @@ def import_shots(
     `anyway` another import that this one takes the place of.
     """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
-    if not anyway and any(row.purpose.on_robot for row in rows):
-        _require_first(campaign, name)
+    if not anyway and (again := replaced_import(campaign, rows, name)):
+        raise again
     _check(campaign, rows, name, unit, {"import"} if anyway else set())
     order = _order(rows, name, tell)
     with campaign.journal() as journal:
@@ -151,17 +151,20 @@ def import_validation(
         return validation.record_validation(campaign, journal, series, stage, held.by)
 
 
-def _require_first(campaign: Campaign, name: str) -> None:
-    """Raise `OptionsInvalid` for shots that would count in the place of others."""
+def replaced_import(
+    campaign: Campaign, rows: Sequence[ShotRow], name: str
+) -> OptionsInvalid | None:
+    """Return the objection to shots that would count in the place of others."""
     earlier = [series for series in _measured(campaign) if series.to_identify]
-    if earlier:
-        raise OptionsInvalid(
-            f"{name}: series {earlier[-1].number} of {len(earlier[-1].shots)} shots "
-            f"({earlier[-1].started.stage}) is there already; from this import on the new shots "
-            "alone would count",
-            remedy="--force takes them in its place; to use both, import one file with all shots "
-            "and a column session, 1 or 2, for the tracker's stations",
-        )
+    if not earlier or not any(row.purpose.on_robot for row in rows):
+        return None
+    return OptionsInvalid(
+        f"{name}: series {earlier[-1].number} of {len(earlier[-1].shots)} shots "
+        f"({earlier[-1].started.stage}) is there already; from this import on the new shots "
+        "alone would count",
+        remedy="--force takes them in its place; to use both, import one file with all shots "
+        "and a column session, 1 or 2, for the tracker's stations",
+    )
 
 
 def _measured(campaign: Campaign) -> tuple[Series, ...]:

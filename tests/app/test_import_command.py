@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from command_line import Keyboard
 
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
@@ -84,7 +85,7 @@ def test_points_without_joints_are_refused(pkmcal, folder):
     assert "points.txt: points alone do not state where the joints were → give --joints" in said
 
 
-def test_second_import_says_that_it_alone_would_count(pkmcal, folder, tmp_path):
+def test_second_import_says_that_it_alone_would_count(pkmcal, folder, tmp_path, monkeypatch):
     first = write_shots(tmp_path / "first.csv", table(folder))
     rng = np.random.default_rng(6)
     other = table(folder) + np.hstack([np.zeros((12, 3)), 0.01 * rng.normal(size=(12, 3))])
@@ -97,6 +98,20 @@ def test_second_import_says_that_it_alone_would_count(pkmcal, folder, tmp_path):
     assert len(imported(folder)) == 1
     assert pkmcal("import", folder, second, "--force").code == 0
     assert len(imported(folder)) == 2
+    monkeypatch.setattr("sys.stdin", Keyboard("y\n"))
+    assert pkmcal("import", folder, first).code == 0, "asked, and answered"
+    assert len(imported(folder)) == 3
+
+
+def test_which_of_two_sets_of_coordinates_counts_is_asked(pkmcal, folder, monkeypatch):
+    points = write_points(folder, header="Name;X;Y;Z;Nominal X;Nominal Y;Nominal Z\n")
+    head, *lines = points.read_text().splitlines()
+    points.write_text("\n".join([head, *(f"{line};1;2;3" for line in lines)]) + "\n")
+    words = ("import", folder, points, "--unit", "mm")
+    assert "2 sets of X Y Z" in pkmcal(*words).error_line
+    monkeypatch.setattr("sys.stdin", Keyboard("actual\n"))
+    assert pkmcal(*words).code == 0
+    assert len(imported(folder)[-1].shots) == 12
 
 
 def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):

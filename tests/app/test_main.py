@@ -105,7 +105,7 @@ def test_a_name_of_the_api_says_which_folder_hides_our_packages(tmp_path):
     ("arguments", "words"),
     [
         (["fly"], ["No such command 'fly'", "`pkmcal --help`"]),
-        (["plan"], ["holds no campaign.yaml", "`pkmcal new .`"]),
+        (["plan"], ["holds no campaign.yaml", "`pkmcal new DIR`"]),
         (["plan", "x", "--shot", "5"], ["--shot", "`pkmcal plan --help`"]),
         (["plan", "x", "--shots", "many"], ["--shots", "many"]),
         (["plan", "x", "--shots", "7"], ["7", "even"]),

@@ -145,7 +145,7 @@ def test_the_document_says_how_the_plan_was_made_and_what_it_will_give(campaign,
 def test_what_people_read_names_prior_noise_goal_and_the_weakest(campaign, capsys):
     picture = campaign.path("plan.svg")
     words = ("--until", "0.1", "--plot", str(picture))
-    assert run_command(["plan", str(campaign.folder), *words]) == 0
+    assert run_command(["--verbose", "plan", str(campaign.folder), *words]) == 0
     text = " ".join(capsys.readouterr().out.split())
     for words in ("prior: every source", "noise: the tracker's", "positions in the workspace ±"):
         assert words in text

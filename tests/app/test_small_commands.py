@@ -5,9 +5,11 @@ import os
 import shutil
 
 import pytest
+from command_line import change
 
 from app import new_campaign
 from app.cli.dry_run import prepared
+from app.console import Terminal
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
@@ -96,12 +98,28 @@ def test_new_plans_by_what_the_simulated_tracker_is_like(tmp_path, scenario, lim
     assert tuple(tracker.uncertainty.model_dump().values()) == limits
 
 
-def test_limits_of_the_scenario_are_asked_for_where_they_are_wanted(tmp_path):
-    new_campaign.create_simulated(tmp_path / "new", "par4-prototype", "paper-prototype")
-    assert not any(open_campaign(tmp_path / "new").config.acceptance.model_dump().values())
-    new_campaign.create_simulated(
-        tmp_path / "try", "par4-prototype", "paper-prototype", with_limits=True
-    )
+@pytest.mark.parametrize(
+    ("typed", "limits"), [(["0.1", "x", "0,3 mm"], (0.1, 0.3)), (["", ""], (None, None))]
+)
+def test_new_for_a_real_cell_asks_for_limits(pkmcal, tmp_path, monkeypatch, typed, limits):
+    answers = iter(typed)
+    monkeypatch.setattr(Terminal, "prompt", lambda _: lambda _question: next(answers))
+    words = ("new", tmp_path / "cell-3", "--controller", CONTROLLER, "--tracker", TRACKER)
+    assert pkmcal(*words).code == 0
+    made = open_campaign(tmp_path / "cell-3").config.acceptance
+    assert (made.distance_mean_mm, made.distance_max_mm) == limits
+
+
+def test_limit_of_rotation_is_refused_where_nothing_turns(pkmcal, tmp_path):
+    folder = tmp_path / "delta"
+    assert pkmcal("new", folder, "--robot", "linear-delta").code == 0
+    assert pkmcal("status", folder).code == 0
+    change(folder / "campaign.yaml", {"acceptance.rotation_mm": 0.1})
+    assert "acceptance.rotation_mm is 0.1, but the plate" in pkmcal("status", folder).error_line
+
+
+def test_new_campaign_has_the_limits_of_its_scenario(pkmcal, tmp_path):
+    assert pkmcal("new", tmp_path / "try", "--scenario", "paper-prototype").code == 0
     asked = open_campaign(tmp_path / "try").config.acceptance
     assert asked.model_dump() == load_scenario("paper-prototype").acceptance.model_dump()
     assert (asked.distance_mean_mm, asked.distance_max_mm) == (0.4, 1.2)

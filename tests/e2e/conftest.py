@@ -15,7 +15,7 @@ from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.robotline import LineRobot, RobotlineDeadlines
 
-SMALL = {"plan.shots": 48, "plan.validation_pairs": 4, **SMALL_TESTS}
+SMALL = {"acceptance": {}, "plan.shots": 48, "plan.validation_pairs": 4, **SMALL_TESTS}
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 FAST = {
     "speed_up": 1000,

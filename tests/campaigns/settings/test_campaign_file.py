@@ -3,6 +3,7 @@
 import math
 import re
 from functools import partial
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -103,10 +104,23 @@ def test_angles_are_given_in_deg_and_used_in_rad():
     assert config.settle.in_place_rad == math.radians(0.1)
 
 
-def test_folder_without_settings_is_no_campaign(tmp_path):
-    with pytest.raises(ConfigInvalid, match="pkmcal new") as caught:
-        read_campaign(tmp_path)
-    assert str(tmp_path) in str(caught.value)
+def test_folder_without_settings_names_the_campaigns_nearby(tmp_path, monkeypatch):
+    def refused(folder):
+        with pytest.raises(ConfigInvalid, match=r"holds no campaign\.yaml") as caught:
+            read_campaign(Path(folder))
+        return caught.value.remedy
+
+    (tmp_path / "hall").mkdir()
+    monkeypatch.chdir(tmp_path / "hall")
+    assert "`pkmcal new DIR`" in refused(".")
+    for name in ("cell-7", "press"):
+        write_new_campaign(Path(name), new_config(TOLD), PROTOTYPE)
+    assert refused(".") == "name a campaign; here are cell-7, press"
+    assert refused("cell7") == "did you mean cell-7?"
+    assert refused("zzz") == "name a campaign; beside it are cell-7, press"
+    assert "is a campaign: name that folder" in refused("cell-7/x")
+    monkeypatch.chdir("cell-7")
+    assert "new" not in refused("x")
 
 
 def test_campaign_is_not_made_over_another(tmp_path):
