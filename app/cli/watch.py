@@ -50,19 +50,20 @@ def command(
         serving.start()
         terminal.say(f"live page: {server.url}")
         if server.token:
-            terminal.note(qr_code(server.url), "")
+            for line in qr_code(server.url):
+                terminal.note(line, "")
         terminal.conclude({"url": server.url})
         wait()
         server.shutdown()
         serving.join()
 
 
-def qr_code(text: str) -> str:
-    """Return a QR code in block characters, or how to get one."""
+def qr_code(text: str) -> list[str]:
+    """Return the lines of a QR code in block characters, or how to get one."""
     try:
         segno = importlib.import_module("segno")
     except ModuleNotFoundError:
-        return "for a QR code of it: pip install segno"
+        return ["for a QR code of it: pip install segno"]
     drawn = io.StringIO()
     segno.make(text).terminal(drawn, compact=True)
-    return drawn.getvalue().rstrip("\n")
+    return drawn.getvalue().splitlines()

@@ -3,6 +3,7 @@
 import http.client
 import json
 import sqlite3
+import sys
 import threading
 from contextlib import closing
 from datetime import datetime
@@ -11,6 +12,7 @@ from urllib.request import urlopen
 import pytest
 from paper_campaign import CENTRE, MECHANISM, new_campaign
 
+from app.cli.watch import qr_code
 from app.monitor import live_state as module
 from app.monitor.live_state import live_state
 from app.monitor.server import LiveServer, own_address
@@ -143,6 +145,15 @@ def test_the_hall_needs_the_token(serve):
     assert len(token) > 20
     assert [ask(hall, path)[0] for path in ("/", "/?token=x", "/state")] == [403, 403, 403]
     assert [ask(hall, f"{path}?token={token}")[0] for path in ("/", "/state")] == [200, 200]
+
+
+def test_the_address_is_drawn_as_a_code_if_segno_is_installed(monkeypatch):
+    pytest.importorskip("segno")
+    lines = qr_code("http://192.0.2.1:8080/?token=x")
+    assert len({len(line) for line in lines}) == 1
+    assert set("".join(lines)) <= set(" ▀▄█")
+    monkeypatch.setitem(sys.modules, "segno", None)
+    assert qr_code("x") == ["for a QR code of it: pip install segno"]
 
 
 @pytest.mark.parametrize(
