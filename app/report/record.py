@@ -116,7 +116,8 @@ def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
         "people.site": config.people.site,
         "people.operator": config.people.operator,
     }
-    lacks = [f"`{key}` in campaign.yaml" for key, value in needed.items() if not value]
+    empty = ", ".join(f"`{key}`" for key, value in needed.items() if not value)
+    lacks = [f"{empty} in campaign.yaml"] if empty else []
     if evaluation.after is None:
         lacks.append("a validation after calibration")
     if evidence.simulated:
@@ -156,7 +157,7 @@ def faults(evaluation: Evaluation) -> Iterator[str]:
     """Yield what a certificate lacks, files not readable, sessions without an end."""
     evidence = evaluation.evidence
     if lacks := certificate_lacks(evaluation):
-        yield f"A calibration certificate lacks {'; '.join(lacks)}."
+        yield f"As a calibration certificate this report lacks {'; '.join(lacks)}."
     if not evidence.simulated and evidence.journal and (why := why_untraceable(evidence)):
         yield f"No traceability to the SI is stated: {why}."
     for problem in evidence.unreadable:

@@ -35,7 +35,7 @@ def limits(head: str) -> tuple[Column[Requirement], ...]:
         words(head, lambda r: r.name),
         Column("e", lambda r: "not measured" if r.error is None else r.error, "mm"),
         Column("U", lambda r: r.expanded_uncertainty, "mm"),
-        Column("limit", lambda r: "none set" if r.limit is None else r.limit, "mm"),
+        Column("limit", lambda r: "not specified" if r.limit is None else r.limit, "mm"),
         Column("margin", lambda r: r.margin, "mm", signed=True),
         words("decision", lambda r: r.decision or NOTHING),
     )

@@ -78,7 +78,7 @@ def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
     )
     found = page(paper)
     assert "<title>Calibration report" in found.html
-    assert "A calibration certificate lacks a validation after" in found.missing[-1]
+    assert "As a calibration certificate this report lacks a validation after" in found.missing[-1]
     paper.validate("after", frozenset({ShotSet.REPEATABILITY}))
     found = page(paper)
     assert "<title>Calibration certificate" in found.html
@@ -89,7 +89,9 @@ def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
 def test_what_a_certificate_lacks_is_named(certified, pkmcal) -> None:
     folder = certified(WHOLE.model_copy(update={"number": ""})).folder
     said = pkmcal("report", folder, "--json")
-    lacks = next(text for text in said.document["missing"] if "certificate lacks" in text)
+    lacks = next(
+        text for text in said.document["missing"] if "certificate this report lacks" in text
+    )
     for key in ("certificate.number", "instruments.robot_serial", "people.site", "people.operator"):
         assert f"`{key}`" in lacks
     assert "certificate.customer" not in lacks
