@@ -277,8 +277,8 @@ class ValidationResult:
         repeated, absolute = self.repeatability, self.absolute_mm
         return {
             "repeatability, l̄ + 3 S": repeated.rp.value_mm if repeated else None,
-            "absolute error (fitted frame), mean": None if absolute is None else absolute.mean(),
-            "absolute error (fitted frame), largest": None if absolute is None else absolute.max(),
+            "absolute position error, mean": None if absolute is None else absolute.mean(),
+            "absolute position error, largest": None if absolute is None else absolute.max(),
         }
 
     def document(self) -> dict[str, JsonValue]:
