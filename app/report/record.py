@@ -10,7 +10,7 @@ from campaigns.evaluation.time_series import TimeSeries, stated_uncertainty_mm, 
 from campaigns.evaluation.verdict import Check
 from campaigns.evidence import Evaluation, Evidence, Incident, JournalFacts
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
-from campaigns.identification.result import Excluded, Frame, RecordedIdentification
+from campaigns.identification.result import Frame, RecordedIdentification
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
 from campaigns.settings.sections import CertificateConfig
@@ -32,10 +32,6 @@ FRAMES: tuple[Column[tuple[str, Frame]], ...] = (
     Column("φ", lambda row: row[1].phi_deg, "°", 4),
     Column("γ", lambda row: row[1].gamma_deg, "°", 4),
     Column("ψ", lambda row: row[1].psi_deg, "°", 4),
-)
-EXCLUDED: tuple[Column[Excluded], ...] = (
-    words("", lambda excluded: excluded.what),
-    words("reason", lambda excluded: excluded.reason),
 )
 INCIDENTS: tuple[Column[Incident], ...] = (
     words("time", lambda incident: moment(incident.at_utc)),
@@ -242,7 +238,8 @@ def incidents_section(evaluation: Evaluation) -> Section:
     section = Section("incidents", "Excluded shots and events")
     journal, found = evaluation.evidence.journal, evaluation.evidence.identification
     if found is not None and found.excluded:
-        section.table("Left out of the identification", EXCLUDED, found.excluded)
+        excluded = [(row.what, row.reason) for row in found.excluded]
+        section.table("Left out of the identification", by_place("", "reason"), excluded)
     else:
         section.note("The identification left out no shot and no pair.")
     for title, is_event in (("Rejected shots and voided pairs", False), ("Events", True)):

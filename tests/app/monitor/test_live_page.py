@@ -7,7 +7,6 @@ import sys
 import threading
 from contextlib import closing
 from datetime import datetime
-from urllib.request import urlopen
 
 import pytest
 from paper_campaign import CENTRE, MECHANISM, new_campaign
@@ -68,8 +67,7 @@ def test_the_last_word_of_the_journal_gives_the_colour(
     state_of_run, more, held_by, how, colour, state
 ):
     shown = state_of_run(more, held_by, **how)
-    assert shown["colour"] == colour
-    assert shown["state"].startswith(state)
+    assert (shown["colour"], shown["state"][: len(state)]) == (colour, state)
 
 
 def test_events_are_shown_the_latest_first_and_without_control_characters(state_of_run):
@@ -169,10 +167,3 @@ def test_loopback_is_asked_for_by_its_own_name(serve, host, code):
 
 def test_nothing_but_the_page_and_its_state_is_served(serve):
     assert ask(serve(), "/campaign.db")[0] == 404
-
-
-def test_page_is_served_over_version_6_of_the_protocol_too(serve):
-    server = serve("::1")
-    assert server.url == f"http://[::1]:{server.server_address[1]}/"
-    with urlopen(server.url, timeout=5.0) as answer:
-        assert answer.status == 200

@@ -65,10 +65,6 @@ def test_the_method_counts_the_shots_that_were_fitted(whole: PaperCampaign) -> N
     assert fitted < found.shots, "those of validation and drift are not fitted"
 
 
-def test_facts_that_nobody_stated_are_left_out(certified) -> None:
-    assert "customer" not in words_of(page(certified(CertificateConfig())).html)
-
-
 def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
     paper = new_campaign(
         tmp_path / "c",
