@@ -172,8 +172,8 @@ class Evidence:
         if self.parameter_file is None:
             return None
         digest = self.parameter_file.digest()
-        known = self.state(digest)
-        return known.origin if known and known.origin else digest
+        state = self.state(digest)
+        return state.origin if state and state.origin else digest
 
     @property
     def loaded_since(self) -> bool:
@@ -206,8 +206,8 @@ class Evidence:
     @property
     def unanswered(self) -> RecordedCheck | None:
         """Latest check, where it is not good and no new shots followed it."""
-        check, found = self.checked, self.identification
-        if check is None or found is None or check.decision == "pass":
+        check, identification = self.checked, self.identification
+        if check is None or identification is None or check.decision == "pass":
             return None
         series = self.journal.series if self.journal else ()
         new = any(each.number > check.series and each.to_identify for each in series)
@@ -290,16 +290,20 @@ class Evaluation:
     @cached_property
     def verdict(self) -> CampaignVerdict:
         """Verdict on the whole campaign."""
-        found = self.evidence.identification
+        identification = self.evidence.identification
         return campaign_verdict(
             None
-            if found is None
-            else IdentificationVerdict(found.verdict, found.reasons, found.accepted),
+            if identification is None
+            else IdentificationVerdict(
+                identification.verdict, identification.reasons, identification.accepted
+            ),
             self.validated("after"),
             self.checks,
             validated=self.after is not None,
             notes=(*self._held_in_words(), *_limits_set_later(self.evidence)),
-            gained=gained_in_words(self.gains, found.unseen_mm if found else None),
+            gained=gained_in_words(
+                self.gains, identification.unseen_mm if identification else None
+            ),
         )
 
     def _held_in_words(self) -> Iterator[str]:
@@ -312,8 +316,8 @@ class Evaluation:
     def _validation(self, every: tuple[MeasuredSeries, ...]) -> validation.ValidationResult | None:
         instrument = self.evidence.campaign.instrument
         return validation.latest_of_each_test(
-            validation.evaluate_validation(each.shots, instrument, each.series.number)
-            for each in every
+            validation.evaluate_validation(item.shots, instrument, item.series.number)
+            for item in every
         )
 
 
@@ -405,11 +409,11 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
 def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[WrittenSet]:
     """Return what was written last to each file that is a form to be loaded, latest first."""
     names = set[str]()
-    for each in written:
-        if each.file not in names and campaign.path(each.file).exists():
-            names.add(each.file)
-            if each.projection and each.projection.name == PLAIN:
-                yield each
+    for export in written:
+        if export.file not in names and campaign.path(export.file).exists():
+            names.add(export.file)
+            if export.projection and export.projection.name == PLAIN:
+                yield export
 
 
 def _read_if_there(
@@ -474,7 +478,7 @@ def _identified_series(
     if identification is None:
         measured = (each for each in all_series if each.started.stage in {"run", "import"})
         runs = [each for each in measured if not each.of_known_lengths]
-        return tuple(sorted(runs, key=lambda each: (each.finished, each.number))[-1:])
+        return tuple(sorted(runs, key=lambda series: (series.finished, series.number))[-1:])
     return tuple(each for each in all_series if each.number == identification.series)
 
 
@@ -491,33 +495,39 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     """
     if evidence.run is None:
         return None
-    found, nominal = evidence.identification, evidence.campaign.robot.kinematics
+    identification, nominal = evidence.identification, evidence.campaign.robot.kinematics
     shots = evidence.run.shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    if found is None:
+    if identification is None:
         solution, after = nominal.forward(shots.joints), None
         rows = np.flatnonzero(solution.found)
         shots, before = shots.rows(rows), solution.values[rows]
-    elif found.modelled is None:  # by the paper's method in an older version
+    elif identification.modelled is None:  # by the paper's method in an older version
         return None
     else:
-        table, places = found.modelled, {number: row for row, number in enumerate(shots.numbers)}
+        table, places = (
+            identification.modelled,
+            {number: row for row, number in enumerate(shots.numbers)},
+        )
         shots = shots.rows(np.array([places[number] for number in table.numbers], dtype=np.intp))
         shots = replace(shots, purposes=table.purposes, pairs=table.pairs)
         before, after = np.array(table.before), np.array(table.after)
     return model_errors.ModelledShots(
-        shots=shots, before=before, after=after, sessions=found is not None and bool(found.sessions)
+        shots=shots,
+        before=before,
+        after=after,
+        sessions=identification is not None and bool(identification.sessions),
     )
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:
     """Check every link of the chain from plan to controller."""
-    run, found, journal = evidence.run, evidence.identification, evidence.journal
+    run, identification, journal = evidence.run, evidence.identification, evidence.journal
     if run is None or run.series.started.stage != "import":
         yield same_digest("plan.csv is the plan that was measured", *_plan_digests(evidence))
-    if found is None:
+    if identification is None:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:
-        yield from _identified_checks(evidence, found)
+        yield from _identified_checks(evidence, identification)
     check = evidence.unanswered
     if check is not None and check.decision == "fail":
         detail = f"check, series {check.series}: {check.says}"
@@ -543,17 +553,19 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
     return now, evidence.run.series.started.plan_digest
 
 
-def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Iterator[Check]:
+def _identified_checks(
+    evidence: Evidence, identification: RecordedIdentification
+) -> Iterator[Check]:
     """Check the digests that the identification stated, and of what it found."""
     nominal, journal = evidence.campaign.robot, evidence.journal
-    parameters = found.in_table(nominal.mechanism.parameters).digest()
+    parameters = identification.in_table(nominal.mechanism.parameters).digest()
     statement = "the nominal robot is the one that was identified from"
-    yield same_digest(statement, nominal.digest(), found.robot_digest)
+    yield same_digest(statement, nominal.digest(), identification.robot_digest)
     statement = "the journal is unchanged up to the identification"
     journal_now = None if journal is None else journal.identified_digest
-    yield same_digest(statement, journal_now, found.journal_digest)
+    yield same_digest(statement, journal_now, identification.journal_digest)
     statement = "campaign.yaml says what it said when the identification was judged by it"
-    if outdated := evidence.campaign.outdated(found):
+    if outdated := evidence.campaign.outdated(identification):
         yield Check(statement, holds=False, detail=f"{', '.join(outdated)} changed since")
     else:
         yield Check(statement, holds=True, detail="as then")
@@ -582,9 +594,9 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
     """Check that a set is the identified one, or a form of it."""
     if held is None or not held.origin:
         return same_digest(statement, held.digest if held else None, identified)
-    found = same_digest(statement, held.origin, identified)
-    told = held.form or held.declared
-    return replace(found, detail=f"{held.says}, {found.detail}") if told else found
+    check = same_digest(statement, held.origin, identified)
+    is_qualified = held.form or held.declared
+    return replace(check, detail=f"{held.says}, {check.detail}") if is_qualified else check
 
 
 def _before_check(evidence: Evidence) -> Check:

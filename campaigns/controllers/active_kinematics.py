@@ -78,8 +78,8 @@ class ActiveKinematics:
 
     def pose(self, joints: Sequence[float]) -> Pose:
         """Return the pose of joints; raise `LimitViolation`."""
-        found = self._kinematics.forward(np.array([joints], dtype=np.float64))
-        return pose_of(_only(found, f"joints {_listed(self._mechanism.joints, joints)}"))
+        solution = self._kinematics.forward(np.array([joints], dtype=np.float64))
+        return pose_of(_only(solution, f"joints {_listed(self._mechanism.joints, joints)}"))
 
 
 def _listed(axes: Sequence[Axis], values: Iterable[float]) -> str:

@@ -39,10 +39,10 @@ class ControllerState:
     @property
     def says(self) -> str:
         """What the controller holds."""
-        known = "targets corrected with " if self.targets else ""
-        known += self.form.says if self.form else self._named
-        known += ", before the latest identification" if self.superseded else ""
-        return f"{known} (declared by {self.declared}, not read)" if self.declared else known
+        words = "targets corrected with " if self.targets else ""
+        words += self.form.says if self.form else self._named
+        words += ", before the latest identification" if self.superseded else ""
+        return f"{words} (declared by {self.declared}, not read)" if self.declared else words
 
     @property
     def _named(self) -> str:
@@ -73,36 +73,36 @@ class KnownSets:
         identified: dict[str, RecordedIdentification] = {}
         forms: dict[str, ReducedForm] = {}
         sets = {nominal.digest(): nominal.parameters}
-        for each in findings:
+        for finding in findings:
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
-                if each.kind == "identification":
-                    found = read_identification(each.body)
-                    own = found.in_table(space)
-                    sets[own.digest()] = own
-                    identified.pop(own.digest(), None)
-                    identified[own.digest()] = found
-                elif each.kind in {"load begun", "load", "export"}:
-                    wanted, digest = each.body.get("wanted"), str(each.body.get("digest"))
+                if finding.kind == "identification":
+                    identification = read_identification(finding.body)
+                    parameters = identification.in_table(space)
+                    sets[parameters.digest()] = parameters
+                    identified.pop(parameters.digest(), None)
+                    identified[parameters.digest()] = identification
+                elif finding.kind in {"load begun", "load", "export"}:
+                    wanted, digest = finding.body.get("wanted"), str(finding.body.get("digest"))
                     if isinstance(wanted, Mapping):
                         values = TypeAdapter(dict[str, float]).validate_python(wanted)
                         sets[digest] = Parameters.of(space, values)
-                    form = form_of(each.body, each.kind)
+                    form = form_of(finding.body, finding.kind)
                     if form is not None:
                         forms[digest] = form
         return cls(nominal.parameters, identified, forms, tuple(sets.values()))
 
     def held(self, values: Mapping[str, float]) -> Parameters:
         """Return the known set that a controller holds, perhaps in other units; else its own."""
-        for known in self.sets:
-            if not differing(values, known):
-                return known
+        for candidate in self.sets:
+            if not differing(values, candidate):
+                return candidate
         return Parameters.of(self.nominal.table, values)
 
     def are_one(self, digest: str, other: str) -> bool:
         """Return whether two sets are the same to a controller, which may use other units."""
-        known = {each.digest(): each for each in self.sets}
-        both = digest in known and other in known
-        return digest == other or (both and not differing(known[digest], known[other]))
+        by_digest = {each.digest(): each for each in self.sets}
+        both = digest in by_digest and other in by_digest
+        return digest == other or (both and not differing(by_digest[digest], by_digest[other]))
 
     def state_of(self, values: Mapping[str, float]) -> ControllerState:
         """Return the state of a controller that holds these values."""

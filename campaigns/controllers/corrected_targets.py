@@ -47,12 +47,12 @@ class TargetCorrection:
     def commanded(self, wanted: Array, approach: Array | None = None) -> KinematicSolution:
         """Return the poses (N, t) to command for wanted ones that joints reach by `approach`."""
         joints = self.identified.inverse(wanted, approach)
-        found = joints.found.copy()
+        is_solved = joints.found.copy()
         values = np.full_like(wanted, np.nan)
-        poses = self.nominal.forward(joints.values[found], wanted[found])
-        values[found] = poses.values
-        found[found] = poses.found
-        return KinematicSolution.where(found, values)
+        poses = self.nominal.forward(joints.values[is_solved], wanted[is_solved])
+        values[is_solved] = poses.values
+        is_solved[is_solved] = poses.found
+        return KinematicSolution.where(is_solved, values)
 
     def require_possible(self, wanted: Array, place: Callable[[int], str]) -> None:
         """Raise `TargetsInvalid` for the first of the poses (N, t) that the robot cannot take.

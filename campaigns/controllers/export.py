@@ -51,9 +51,9 @@ class WrittenSet:
     projection: ReducedForm | None = None
 
     @classmethod
-    def of(cls, file: str, own: Parameters, **more: Any) -> Self:
+    def of(cls, file: str, parameters: Parameters, **more: Any) -> Self:
         """Set of these parameters. Any: the fields beyond."""
-        return cls(file, own.digest(), dict(own), **more)
+        return cls(file, parameters.digest(), dict(parameters), **more)
 
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
@@ -76,7 +76,7 @@ def latest_identification(journal: JournalReader) -> RecordedIdentification:
 def compensated_robot(
     campaign: str,
     nominal: RobotDocument,
-    found: RecordedIdentification,
+    identification: RecordedIdentification,
     controller: Identity | None = None,
 ) -> RobotDocument:
     """Return the nominal robot with the identified parameters, their 1 σ and their provenance.
@@ -84,27 +84,28 @@ def compensated_robot(
     `controller` answered when the shots were taken; None where nobody knows, as of an import.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
-    require_usable(nominal, found)
-    own, provenance = nominal.robot, _provenance(campaign, nominal, found, controller)
-    name = f"{own.name}-compensated"
-    table, values = own.mechanism.parameters, found.flat()
-    if own.mechanism.rate:
-        values[table.rate.name] = own.mechanism.rate
-    parameters = Parameters.of(table, values, found.std())
+    require_usable(nominal, identification)
+    robot, provenance = nominal.robot, _provenance(campaign, nominal, identification, controller)
+    name = f"{robot.name}-compensated"
+    table, values = robot.mechanism.parameters, identification.flat()
+    if robot.mechanism.rate:
+        values[table.rate.name] = robot.mechanism.rate
+    parameters = Parameters.of(table, values, identification.std())
     growth = table.select(Role.GROWTH)
-    expansions = {each: values[each] for each in growth if each in found.free}
-    reference = found.reference_degC if expansions else None
+    expansions = {each: values[each] for each in growth if each in identification.free}
+    reference = identification.reference_degC if expansions else None
     return compensated(nominal, name, parameters, provenance, expansions, reference)
 
 
-def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
+def require_usable(nominal: RobotDocument, identification: RecordedIdentification) -> None:
     """Raise `VerdictBad` for a result that did not pass, or that rests on another nominal robot."""
-    if found.verdict != "pass":
+    if identification.verdict != "pass":
+        reasons = "; ".join(identification.reasons)
         raise VerdictBad(
-            f"the identification's verdict is '{found.verdict}': {'; '.join(found.reasons)}",
+            f"the identification's verdict is '{identification.verdict}': {reasons}",
             remedy="measure more or correct the campaign, then identify again",
         )
-    if found.robot_digest != nominal.robot.digest():
+    if identification.robot_digest != nominal.robot.digest():
         raise VerdictBad(
             "the identification rests on another nominal robot than the campaign's file holds now",
             remedy="bring the robot file back, or identify again",
@@ -114,17 +115,17 @@ def require_usable(nominal: RobotDocument, found: RecordedIdentification) -> Non
 def _provenance(
     campaign: str,
     nominal: RobotDocument,
-    found: RecordedIdentification,
+    identification: RecordedIdentification,
     controller: Identity | None,
 ) -> dict[str, JsonValue]:
-    document = found.document()
+    document = identification.document()
     return {
         "campaign": campaign,
         "software": f"pkmcal {VERSION}",
         "nominal_robot": nominal.robot.name,
         "nominal_digest": nominal.robot.digest(),
         "controller_serial": controller.serial or None if controller else None,
-        "identified_utc": found.at_utc,
+        "identified_utc": identification.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
-        **({"pedigree": document["pedigree"]} if found.pedigree else {}),
+        **({"pedigree": document["pedigree"]} if identification.pedigree else {}),
     }

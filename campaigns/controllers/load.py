@@ -45,8 +45,10 @@ def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]
     """
     new, std, space = robot.parameters, robot.parameters.std or {}, robot.mechanism.parameters
     beyond = (name for name in space.optional if name in active or name in new)
-    own = tuple(Change(n, active[n], new[n], std.get(n)) for n in space.names)
-    return own + tuple(Change(n, active.get(n, 0.0), new.get(n, 0.0), std.get(n)) for n in beyond)
+    changes = tuple(Change(n, active[n], new[n], std.get(n)) for n in space.names)
+    return changes + tuple(
+        Change(n, active.get(n, 0.0), new.get(n, 0.0), std.get(n)) for n in beyond
+    )
 
 
 def write_verified(

@@ -61,14 +61,14 @@ class Load:
         begun = f"a load of {self.source} was begun at {self.at_utc} and not ended"
         if held is None:
             return f"{begun}; `pkmcal load DIR --dry` says what the controller holds now"
-        found = self.holding(held)
+        holding = self.holding(held)
         advice = {
             Holding.NEW: ", without the verification asked for" if self.verify else "",
             Holding.OLD: "",
             Holding.OTHER: ": don't move the robot; load again, or put the old ones back with "
             "`pkmcal load DIR --rollback`",
         }
-        return f"{begun}; the controller holds {found.value} now{advice[found]}"
+        return f"{begun}; the controller holds {holding.value} now{advice[holding]}"
 
     def _ended(self) -> dict[str, JsonValue]:
         """Return the body of the record that it took effect."""
@@ -102,11 +102,11 @@ class Load:
 
     def settle(self, journal: Journal, held: Mapping[str, float], reason: str) -> None:
         """Write the end that it lacks, by what the controller holds, where that tells."""
-        found = self.holding(held)
-        if found is Holding.NEW:
+        holding = self.holding(held)
+        if holding is Holding.NEW:
             body = self._ended() | {"verification": None, "reason": reason}
             journal.append(Finding("load", body))
-        elif found is Holding.OLD:
+        elif holding is Holding.OLD:
             self.fail(journal, reason)
 
 
@@ -115,9 +115,9 @@ def standing_loads(journal: JournalReader, held: Mapping[str, float]) -> tuple[L
     effective, unended = load_history(journal)
     if unended is None:
         return effective
-    found = unended.holding(held)
+    holding = unended.holding(held)
     going_back = unended.rolls_back is not None
-    if found is Holding.OLD or (found is Holding.OTHER and going_back):
+    if holding is Holding.OLD or (holding is Holding.OTHER and going_back):
         return effective
     return _after(effective, unended)
 

@@ -75,7 +75,7 @@ def decide(error: float, standard_uncertainty: float, limit: float) -> Decision:
 
 def decide_all(decisions: Iterable[Decision]) -> Decision:
     """Decide all: one failure fails all; all pass only if each does, and there is one."""
-    found = set(decisions)
-    if "fail" in found:
+    kinds = set(decisions)
+    if "fail" in kinds:
         return "fail"
-    return "pass" if found == {"pass"} else "not decided"
+    return "pass" if kinds == {"pass"} else "not decided"

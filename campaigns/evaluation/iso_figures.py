@@ -31,29 +31,29 @@ class IsoRow:
 def cube_poses(**stages: ValidationResult | None) -> tuple[tuple[str, str, RepeatabilityTest], ...]:
     """Return the stage, name and visits of each of the standard's poses, P1 to P5."""
     return tuple(
-        (stage, f"P{number}", each)
-        for stage, found in stages.items()
-        for number, each in enumerate(found.cube if found else (), start=1)
+        (stage, f"P{number}", pose)
+        for stage, result in stages.items()
+        for number, pose in enumerate(result.cube if result else (), start=1)
     )
 
 
-def cube_frame(found: ValidationResult) -> str:
+def cube_frame(result: ValidationResult) -> str:
     """Return the frame of AP: that of the pairs where they are of the same series."""
-    if not found.cube[0].in_base:
+    if not result.cube[0].in_base:
         return NO_FRAME
-    pairs, own = (found.series.get(name) for name in ("distances", "iso9283"))
-    of = "the pairs" if pairs is not None and pairs == own else "these poses alone"
+    pairs, cube = (result.series.get(name) for name in ("distances", "iso9283"))
+    of = "the pairs" if pairs is not None and pairs == cube else "these poses alone"
     return f"frame fitted to {of}"
 
 
-def iso_rows(found: ValidationResult) -> tuple[IsoRow, ...]:
+def iso_rows(result: ValidationResult) -> tuple[IsoRow, ...]:
     """Return AP and RP of the standard's five poses, the worst of each; none where not measured."""
-    if not found.cube:
+    if not result.cube:
         return ()
-    visits = min(len(each.points_mm) for each in found.cube)
-    how = f"{visits} visits from one direction to each of {len(found.cube)} poses"
-    accuracy, rp = found.worst_of_cube
+    visits = min(len(each.points_mm) for each in result.cube)
+    how = f"{visits} visits from one direction to each of {len(result.cube)} poses"
+    accuracy, rp = result.worst_of_cube
     return (
-        IsoRow(CUBE_FIGURES[0], accuracy, visits, f"{how}; {cube_frame(found)}", AP),
+        IsoRow(CUBE_FIGURES[0], accuracy, visits, f"{how}; {cube_frame(result)}", AP),
         IsoRow(CUBE_FIGURES[1], rp, visits, how, RP),
     )

@@ -24,16 +24,16 @@ class ModelledShots:
 
     def frames(self) -> Iterator[Index]:
         """Return rows of each frame's shots, where they are enough for one."""
-        own = self.shots.session if self.sessions else np.zeros(len(self.shots))
-        for each in np.unique(own).tolist():
-            rows = np.flatnonzero(own == each)
+        session_of = self.shots.session if self.sessions else np.zeros(len(self.shots))
+        for session in np.unique(session_of).tolist():
+            rows = np.flatnonzero(session_of == session)
             if len(rows) >= SHOTS_FOR_A_FRAME:
                 yield rows
 
     def pairs(self, purpose: ShotSet) -> Index:
         """Return rows (M, 2) of the whole pairs of a set, each of one frame."""
-        rows, own = self.shots.whole_pairs(purpose).rows, self.shots.session
-        return rows[own[rows[:, 0]] == own[rows[:, 1]]] if self.sessions else rows
+        rows, session_of = self.shots.whole_pairs(purpose).rows, self.shots.session
+        return rows[session_of[rows[:, 0]] == session_of[rows[:, 1]]] if self.sessions else rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -99,7 +99,7 @@ def beyond_tolerance(
     """Return changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
     limits = {name: tolerance.of(space[name]) for name in changes}
     beyond = {name: change for name, change in changes.items() if not abs(change) <= limits[name]}
-    for name in sorted(beyond, key=lambda each: -abs(beyond[each]) / limits[each]):
+    for name in sorted(beyond, key=lambda key: -abs(beyond[key]) / limits[key]):
         sign = space[name].sign
         yield f"{name} changed by {beyond[name]:+.4g}{sign}, tolerance ± {limits[name]:g}{sign}"
 
@@ -133,8 +133,8 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
         return
     positions, points = modelled.values[rows, :3], shots.points_in_tracker_mm[rows]
     part = _greater_part(positions, points, scaled=False)
-    _, left = _similarity(positions, points, part, scaled=False)
-    off_mm = np.linalg.norm(left, axis=1)
+    _, residuals = _similarity(positions, points, part, scaled=False)
+    off_mm = np.linalg.norm(residuals, axis=1)
     worst = int(np.argmax(off_mm))
     if off_mm[worst] > limit_mm:
         raise ShotsInvalid(
@@ -325,9 +325,9 @@ def _readings(
     """
     solution = robot.forward(np.concatenate([*meant.values()]))
     values = np.split(solution.values[:, :3], len(meant))
-    found = np.split(solution.found, len(meant))
+    solved = np.split(solution.found, len(meant))
     factors = [MM_PER_UNIT[unit] / MM_PER_UNIT[right] for right in UNITS] + [2.0, 0.5]
-    for of_joints, poses, is_found in zip(meant, values, found, strict=True):
+    for of_joints, poses, is_found in zip(meant, values, solved, strict=True):
         positions, seen = poses[is_found], points[is_found]
         causes = (*on_half, *of_joints)
         if len(seen) < FEWEST:
@@ -359,9 +359,9 @@ def _similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
     And its misfit: root mean square left over the points' spread.
     """
     rows = _greater_part(modelled, measured, scaled=True)
-    scale, left = _similarity(modelled, measured, rows, scaled=True)
+    scale, residuals = _similarity(modelled, measured, rows, scaled=True)
     size = float(np.linalg.norm(measured[rows] - measured[rows].mean(axis=0)))
-    return scale, float(np.linalg.norm(left[rows])) / size if size > 0.0 else math.inf
+    return scale, float(np.linalg.norm(residuals[rows])) / size if size > 0.0 else math.inf
 
 
 def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
@@ -369,8 +369,8 @@ def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
     rows = np.arange(len(modelled))
     keep = max(FEWEST - 1, int(KEPT * len(modelled)))
     for _ in range(TRIMMINGS):
-        _, left = _similarity(modelled, measured, rows, scaled=scaled)
-        rows = np.sort(np.argsort(np.linalg.norm(left, axis=1), kind="stable")[:keep])
+        _, residuals = _similarity(modelled, measured, rows, scaled=scaled)
+        rows = np.sort(np.argsort(np.linalg.norm(residuals, axis=1), kind="stable")[:keep])
     return rows
 
 

@@ -28,12 +28,12 @@ class Region:
     def of(cls, poses: Array, std_mm: Array, at_shots_mm: Array, task: Sequence[Axis]) -> "Region":
         """Return the region by poses (N, t), σ of their positions (N,) and of the shots' (M,)."""
         inside = std_mm <= FARTHER_OFF * at_shots_mm.max()
-        ends, told = dict[str, tuple[float, float]](), list[str]()
+        ends, words = dict[str, tuple[float, float]](), list[str]()
         for axis, values in zip(task, poses[inside].T, strict=True):
             if inside.any():
                 low, high = float(values.min()), float(values.max())
                 ends[axis.column] = axis.to_file(low), axis.to_file(high)
-                told.append(f"{axis.name} {axis.to_file(low):.0f} to {axis.text(high, '.0f')}")
+                words.append(f"{axis.name} {axis.to_file(low):.0f} to {axis.text(high, '.0f')}")
         share = float(np.mean(inside))
-        says = f"valid for {100.0 * share:.0f} % of the workspace: {', '.join(told)}"
+        says = f"valid for {100.0 * share:.0f} % of the workspace: {', '.join(words)}"
         return cls(1.0 - share, ends, says)

@@ -22,15 +22,15 @@ def simulated_devices(series: Iterable[Series], *, planned: bool) -> str:
     simulated cell, which counts as long as there is no series at all.
     """
     every = tuple(series)
-    found = {
+    series_of = {
         name: tuple(each.number for each in every if name in simulated_in(each.started))
         for name in DEVICES
     }
     numbers = tuple(each.number for each in every)
-    everything = all(each == numbers for each in found.values()) if every else planned
+    everything = all(each == numbers for each in series_of.values()) if every else planned
     if everything:
         return NO_REAL_ROBOT
-    parts = [f"the {name} of series {_listed(each)}" for name, each in found.items() if each]
+    parts = [f"the {name} of series {_listed(each)}" for name, each in series_of.items() if each]
     return f"Simulated: {'; '.join(parts)}." if parts else ""
 
 

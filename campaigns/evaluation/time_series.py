@@ -55,13 +55,13 @@ def time_series(name: str, shots: Shots) -> TimeSeries:
     at_s = shots.elapsed_s()
     at_s = np.arange(len(shots), dtype=np.float64) if at_s is None else at_s
     order = shots.order_of_time()
-    known = order[~np.isnan(shots.temperature_degC)[order]]
+    with_temperature = order[~np.isnan(shots.temperature_degC)[order]]
     drift = np.array([row for row in order.tolist() if shots.purposes[row] is ShotSet.DRIFT], int)
     points = shots.points_in_tracker_mm[drift]
     return TimeSeries(
         name,
-        at_s[known],
-        shots.temperature_degC[known],
+        at_s[with_temperature],
+        shots.temperature_degC[with_temperature],
         at_s[drift],
         np.linalg.norm(points - points[:1], axis=1),
     )
@@ -95,8 +95,8 @@ def settling(
 def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
     """Return median and largest σ as the tracker stated it, in each shot's worst direction."""
     stated = shots.stated_covariance_mm2
-    known = stated[~np.isnan(stated).any(axis=(1, 2))]
-    if len(known) == 0:
+    finite = stated[~np.isnan(stated).any(axis=(1, 2))]
+    if len(finite) == 0:
         return None
-    worst = np.sqrt(np.linalg.eigvalsh(known)[:, -1])
+    worst = np.sqrt(np.linalg.eigvalsh(finite)[:, -1])
     return float(np.median(worst)), float(worst.max())

@@ -164,12 +164,12 @@ class RepeatabilityTest:
         """AP along x, y and z, mean less commanded; None without a base frame."""
         away = self.points_mm.mean(axis=0) - self.commanded_mm
         own_mm = np.sqrt(np.diag(self.instrument_mm2))
-        each = zip(away.tolist(), own_mm.tolist(), np.eye(3), strict=True)
-        found = tuple(
+        axes = zip(away.tolist(), own_mm.tolist(), np.eye(3), strict=True)
+        lengths = tuple(
             MeasuredLength(mm, std_mm).with_scatter(self._scatter_of_mean_mm(axis))
-            for mm, std_mm, axis in each
+            for mm, std_mm, axis in axes
         )
-        return found if self.in_base else None
+        return lengths if self.in_base else None
 
     def _scatter_of_mean_mm(self, direction: Array) -> float:
         along = self.points_mm @ direction
@@ -262,15 +262,15 @@ class ValidationResult:
             "repeatability, radius of the sphere": OF_THE_OUTERMOST,
             **dict.fromkeys(CUBE_FIGURES, 0.0),  # their own scatter is in them
         }
-        found = {
+        lengths = {
             name: length and length.with_scatter(scatter_mm * float(shares.get(name, 1.0)))
             for name, length in self.figures().items()
         }
         if self.distances is not None:
             mean = self.distances.mean.with_scatter(scatter_mm * float(np.sqrt(2.0)))
             together = mean.standard_uncertainty_mm / float(np.sqrt(len(self.distances.pairs)))
-            found["distances, mean error"] = MeasuredLength(mean.value_mm, together)
-        return found
+            lengths["distances, mean error"] = MeasuredLength(mean.value_mm, together)
+        return lengths
 
     def further_figures_mm(self) -> dict[str, float | None]:
         """Return the further figures, of which no limit is asked."""
@@ -346,7 +346,7 @@ def evaluate_validation(
 
     in_base = frame is not None
     absolute_mm = np.asarray(np.linalg.norm(points[pairs] - commanded[pairs, :3], axis=1))
-    found = ValidationResult(
+    result = ValidationResult(
         distance_test(whole, commanded, points, covariance, common),
         absolute_mm if in_base and len(pairs) else None,
         rotation_test(*of(ShotSet.ROTATION)),
@@ -354,18 +354,18 @@ def evaluate_validation(
         repeatability_test(*of(ShotSet.REPEATABILITY), in_base=in_base),
         cube_tests(*of(ShotSet.ISO_CUBE), in_base=in_base),
     )
-    made = (found.distances, found.rotation, found.lines, found.repeatability, found.cube)
+    made = (result.distances, result.rotation, result.lines, result.repeatability, result.cube)
     return replace(
-        found, series={name: series for name, each in zip(SET_OF, made, strict=True) if each}
+        result, series={name: series for name, each in zip(SET_OF, made, strict=True) if each}
     )
 
 
 def latest_of_each_test(oldest_first: Iterable[ValidationResult]) -> ValidationResult | None:
     """Return validations of one stage as one: of each test the latest counts; None without any."""
-    found = None
-    for each in oldest_first:
-        found = each if found is None else each.over(found)
-    return found
+    latest = None
+    for result in oldest_first:
+        latest = result if latest is None else result.over(latest)
+    return latest
 
 
 def distance_test(
@@ -395,15 +395,15 @@ def distance_test(
 
 def line_tests(commanded: Array, points_mm: Array, covariance_mm2: Array) -> tuple[LineTest, ...]:
     """Return every line of at least three shots, in the order x, y, z."""
-    along, found = line_axes(commanded[:, :3]), []
+    along, lines = line_axes(commanded[:, :3]), []
     for place, axis in enumerate(AXES):
         rows = np.flatnonzero(along == place)
         if len(rows) >= SHOTS_OF_A_LINE:
             away = rigid_transforms.away_from_best_line(points_mm[rows])
             straightness = _longest(away, covariance_mm2[rows])
             line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness)
-            found.append(line)
-    return tuple(found)
+            lines.append(line)
+    return tuple(lines)
 
 
 def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> RotationTest | None:
@@ -434,23 +434,23 @@ def cube_tests(
 
     Poses of fewer than two visits are left out.
     """
-    places_mm, found = commanded[:, :3], []
+    places_mm, tests = commanded[:, :3], []
     if not len(places_mm):
         return ()
     low, high = places_mm.min(axis=0), places_mm.max(axis=0)
     near_mm, middle = SAME_POSE_SHARE * float((high - low).max()) + SAME_MM, 0.5 * (low + high)
-    left = np.arange(len(places_mm))
-    while len(left):
-        own = np.linalg.norm(places_mm[left] - places_mm[left[0]], axis=1) <= near_mm
-        each = (values[left[own]] for values in (commanded, points_mm, covariance_mm2))
-        found.append(repeatability_test(*each, in_base=in_base))
-        left = left[~own]
+    remaining = np.arange(len(places_mm))
+    while len(remaining):
+        is_near = np.linalg.norm(places_mm[remaining] - places_mm[remaining[0]], axis=1) <= near_mm
+        arrays = (values[remaining[is_near]] for values in (commanded, points_mm, covariance_mm2))
+        tests.append(repeatability_test(*arrays, in_base=in_base))
+        remaining = remaining[~is_near]
 
     def place(test: RepeatabilityTest) -> tuple[bool, float]:
         x_mm, y_mm, _ = away = test.commanded_mm - middle
         return bool(np.linalg.norm(away) > near_mm), float(np.arctan2(y_mm, x_mm))
 
-    return tuple(sorted(filter(None, found), key=place))
+    return tuple(sorted(filter(None, tests), key=place))
 
 
 def line_axes(commanded_mm: Array) -> Index:

@@ -67,8 +67,8 @@ class Gain:
     def in_words(self) -> str:
         """Return the name, both values, and whether they differ."""
         values = (each.value_mm for each in (self.before, self.after) if each is not None)
-        told = f"{self.name} {' → '.join(f'{value:.3f}' for value in values)} mm"
-        return f"{told} ({NO_CHANGE})" if self.shown is False else told
+        words = f"{self.name} {' → '.join(f'{value:.3f}' for value in values)} mm"
+        return f"{words} ({NO_CHANGE})" if self.shown is False else words
 
 
 def gains(before: ValidationResult | None, after: ValidationResult | None) -> tuple[Gain, ...]:
@@ -92,9 +92,9 @@ def gained_in_words(all_gains: Iterable[Gain], unseen: BeforeAfter | None) -> st
 
     Empty where neither was compared.
     """
-    told = [gain.in_words() for gain in all_gains if gain.shown is not None]
-    if told:
-        return f"Measured before and after: {'; '.join(told[:2])}."
+    sentences = [gain.in_words() for gain in all_gains if gain.shown is not None]
+    if sentences:
+        return f"Measured before and after: {'; '.join(sentences[:2])}."
     if unseen is None:
         return ""
     return (
@@ -194,13 +194,13 @@ class Check:
     """Whether nothing can pass when it does not hold."""
 
 
-def same_digest(statement: str, one: str | None, other: str | None) -> Check:
+def same_digest(statement: str, digest: str | None, other: str | None) -> Check:
     """Check that two digests agree."""
-    if not one or not other:
+    if not digest or not other:
         return Check(statement, None, "nothing to compare")
-    if one == other:
-        return Check(statement, holds=True, detail=f"sha256 {one[:16]}…")
-    return Check(statement, holds=False, detail=f"sha256 {one[:16]}… is not {other[:16]}…")
+    if digest == other:
+        return Check(statement, holds=True, detail=f"sha256 {digest[:16]}…")
+    return Check(statement, holds=False, detail=f"sha256 {digest[:16]}… is not {other[:16]}…")
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +213,8 @@ class IdentificationVerdict:
     """Doubts that somebody accepted, in words."""
 
     def __str__(self) -> str:
-        told = "passed: " if self.decision == "pass" else f"is {self.decision}: "
-        return f"The identification {told}{'; '.join(self.reasons)}."
+        words = "passed: " if self.decision == "pass" else f"is {self.decision}: "
+        return f"The identification {words}{'; '.join(self.reasons)}."
 
 
 @dataclass(frozen=True, slots=True)

@@ -170,10 +170,10 @@ class Engine:
 
     def _measure_queue(self, groups_left: Sequence[Group], *, is_last_try: bool = False) -> None:
         """Measure groups one after another; those that fail are deferred, at last skipped."""
-        left = self.leave_out_superfluous(groups_left)
-        while left:
-            group, *others = left
-            left = tuple(others)
+        pending = self.leave_out_superfluous(groups_left)
+        while pending:
+            group, *others = pending
+            pending = tuple(others)
             attempts = 1 if is_last_try else self._work.gate.attempts
             match self._shots.retry(partial(self._measure_group, group), attempts):
                 case Accepted():
@@ -185,8 +185,8 @@ class Engine:
                 case Lost() as lost:
                     self._defer(group, lost)
                 case Refused() as refused:
-                    left = (*self._recover(group, refused), *left)
-            left = self.leave_out_superfluous(self._apply_wishes(left))
+                    pending = (*self._recover(group, refused), *pending)
+            pending = self.leave_out_superfluous(self._apply_wishes(pending))
 
     def _measure_group(self, group: Group) -> ShotResult:
         """Measure a pair or a single shot once, as a whole."""
@@ -353,18 +353,18 @@ class Engine:
         shots = shots_of(group)
         self._log.announce(Event("shot skipped", f"{in_words(shots)} {how}", shots))
 
-    def _apply_wishes(self, left: tuple[Group, ...]) -> tuple[Group, ...]:
+    def _apply_wishes(self, pending: tuple[Group, ...]) -> tuple[Group, ...]:
         """Apply the operator's wishes between two groups; return what is to be measured now."""
         wishes = self._session.wishes
         while True:
             if wishes.take(Wish.AGAIN):
-                left = (*self._void_last(), *left)
+                pending = (*self._void_last(), *pending)
             if wishes.take(Wish.PARK):
                 self._park()
             elif wishes.take(Wish.PAUSE):
                 self._pause("paused by the operator")
             else:
-                return left
+                return pending
 
     def _void_last(self) -> tuple[Group, ...]:
         """Void the group of the last shot that counts, and return it; none without such a shot."""

@@ -151,8 +151,8 @@ def _explain(
     for name, by_cause in causes.items():
         columns = np.einsum("nab,nbm->nam", whitening, by_cause).reshape(seen.size, -1)
         size, *_ = np.linalg.lstsq(columns, seen, rcond=None)
-        left, count = float(np.sum((seen - columns @ size) ** 2)), len(size)
-        if not _may_be_chance(left, seen.size - count, freedom):
+        square, count = float(np.sum((seen - columns @ size) ** 2)), len(size)
+        if not _may_be_chance(square, seen.size - count, freedom):
             continue
         if name in axes:
             change = axes[name].text(float(size[0]), "+.3f")
@@ -162,7 +162,7 @@ def _explain(
                 f"the tracker, its stand or the robot's base has moved: the points by "
                 f"{size_mm:.3f} mm, turned by {np.degrees(np.linalg.norm(size[:3])):.4f}°"
             )
-        able.append((left + 2.0 * count, words))
+        able.append((square + 2.0 * count, words))
     if not able:
         return (
             f"the robot has changed: the points moved by {size_mm:.3f} mm, and neither a motion of "
@@ -172,12 +172,12 @@ def _explain(
     return "; or ".join(words for score, words in able if score <= able[0][0] + LIKELY)
 
 
-def _may_be_chance(left: float, rest: int, freedom: float) -> bool:
+def _may_be_chance(square: float, count: int, freedom: float) -> bool:
     """Test whether scatter alone leaves as much, by Fisher's F: the scatter is an estimate."""
     p = (
-        scipy.special.fdtrc(rest, freedom, left / rest)
+        scipy.special.fdtrc(count, freedom, square / count)
         if isfinite(freedom)
-        else scipy.special.chdtrc(rest, left)
+        else scipy.special.chdtrc(count, square)
     )
     return bool(p >= SIGNIFICANCE)
 

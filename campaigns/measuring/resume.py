@@ -36,18 +36,18 @@ class ResumeState:
 def resume_state(steps: Sequence[Step], accepted: Sequence[AcceptedShot]) -> ResumeState:
     """Sort what has been accepted of these steps into whole groups and cut ones."""
     taken = {shot.intent.shot for shot in accepted}
-    left = tuple(group for group in groups(steps) if not set(shots_of(group)) <= taken)
+    unmeasured = tuple(group for group in groups(steps) if not set(shots_of(group)) <= taken)
     reason = "the session ended between the two shots of the pair"
     cut = (
         (group[0].planned.pair, tuple(shot for shot in shots_of(group) if shot in taken))
-        for group in left
+        for group in unmeasured
     )
     halves = tuple(
         PairVoided(pair, shots, reason) for pair, shots in cut if shots and pair is not None
     )
     voided = {shot for half in halves for shot in half.shots}
     kept = tuple(shot for shot in accepted if shot.intent.shot not in voided)
-    return ResumeState(kept, halves, left)
+    return ResumeState(kept, halves, unmeasured)
 
 
 def missing_shots(series: Series, work: Work) -> tuple[int, ...]:

@@ -135,9 +135,9 @@ class RunState:
             )
         )
 
-    def update(self, known: PositionUncertainty | None) -> None:
+    def update(self, uncertainty: PositionUncertainty | None) -> None:
         """Show the uncertainty by the shots that count."""
-        self._progress = replace(self._progress, known=known)
+        self._progress = replace(self._progress, known=uncertainty)
 
     def leave_out(self, shots: int) -> None:
         """Take shots of the plan out of the total."""

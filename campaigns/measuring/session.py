@@ -52,9 +52,11 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
         if set(shots) <= set(missing)
     }
     left_out = len(missing) - sum(map(len, skipped))
-    known = work.known_from(measured.shots)
+    uncertainty = work.known_from(measured.shots)
     settling = next((event for event in reversed(events) if event.kind == "settling"), None)
-    return RunResult(series, len(measured.shots), left_out, work.goal_mm, known, skipped, settling)
+    return RunResult(
+        series, len(measured.shots), left_out, work.goal_mm, uncertainty, skipped, settling
+    )
 
 
 def measure_series(
@@ -122,15 +124,15 @@ def measure_series(
     return series
 
 
-def _without_skipped(session: Session, left: Sequence[Group]) -> tuple[Group, ...]:
+def _without_skipped(session: Session, pending: Sequence[Group]) -> tuple[Group, ...]:
     """Return the groups that shall be measured; note the others in the journal."""
     skipped = session.work.skipped_groups
-    for group in left:
+    for group in pending:
         if group in skipped:
             shots = shots_of(group)
             text = f"{in_words(shots)} skipped: left out by --skip"
             session.log.write(records.Event("shot skipped", text, shots))
-    return tuple(group for group in left if group not in skipped)
+    return tuple(group for group in pending if group not in skipped)
 
 
 def _beam_start(cell: Cell) -> records.BeamStart | None:

@@ -31,7 +31,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
     Raise `ShotsMissing` and `VerdictBad` without an identification that passed, and `PlanInvalid`.
     """
     with campaign.journal_reader() as journal:
-        found, _ = _stored(campaign, journal)
+        identification, _ = _stored(campaign, journal)
     fitted = [s for s in campaign.read_plan() if s.purpose is ShotSet.IDENTIFICATION]
     count = min(options.shots or CHECK_SHOTS, len(fitted))
     places = np.unique(np.linspace(0, len(fitted) - 1, count).astype(int)).tolist()
@@ -39,18 +39,18 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
         replace(fitted[place], shot=number, purpose=ShotSet.CHECK, pair=None)
         for number, place in enumerate(places)
     ]
-    robot = Kinematics.of(campaign.robot.mechanism, found.flat())
+    robot = Kinematics.of(campaign.robot.mechanism, identification.flat())
     how = identification_options(campaign)
-    digest = _digest(campaign, found)
+    digest = _digest(campaign, identification)
     return engine_work(campaign, "check", joint_steps(planned), robot, digest, how)
 
 
 def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedCheck:
     """Judge a check that was measured, and write the finding into the journal."""
-    found, posterior = _stored(campaign, journal)
+    identification, posterior = _stored(campaign, journal)
     shots = _shots(campaign, journal, series)
     judged = check(campaign.robot.kinematics, shots, posterior, identification_options(campaign))
-    of = _digest(campaign, found)
+    of = _digest(campaign, identification)
     recorded = RecordedCheck(**asdict(judged), series=series, of=of, at_utc=now_utc())
     journal.append(Finding("check", asdict(recorded)), series=series)
     return recorded
@@ -62,8 +62,8 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
     Raise `ShotsMissing` without a check of that set, `VerdictBad` without a set that passed.
     """
     with campaign.journal() as journal:
-        found, posterior = _stored(campaign, journal)
-        digest = _digest(campaign, found)
+        identification, posterior = _stored(campaign, journal)
+        digest = _digest(campaign, identification)
         checks = journal.findings("check")
         checked = read_check(checks[-1].record.body) if checks else None
         if checked is None or checked.of != digest:
@@ -74,21 +74,21 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
         shots = _shots(campaign, journal, checked.series)
         how = identification_options(campaign)
         result = update(campaign.robot.kinematics, shots, posterior, how, checked.parts)
-        positions = found.position_std_mm
+        positions = identification.position_std_mm
         recorded = RecordedIdentification.of(
             result,
-            series=found.series,
+            series=identification.series,
             shots=len(shots),
             asked=("--update",),
             robot_digest=campaign.robot.digest(),
-            plan_digest=found.plan_digest,
+            plan_digest=identification.plan_digest,
             journal_digest=journal.digest(),
             journal_records=journal.last_number(),
             at_utc=now_utc(),
             settings=campaign.identification_settings,
             pedigree=Pedigree(
                 updates=digest,
-                series=(found.series, checked.series),
+                series=(identification.series, checked.series),
                 shots=len(shots),
                 position_std_before_mm=positions.mean if positions else None,
             ),
@@ -104,17 +104,18 @@ def _stored(
 
     Raise `ShotsMissing` without one, `VerdictBad` for one that did not pass or has no posterior.
     """
-    found = latest_identification(journal)
-    require_usable(campaign.nominal, found)
-    if found.posterior is None:
+    identification = latest_identification(journal)
+    require_usable(campaign.nominal, identification)
+    if identification.posterior is None:
         raise VerdictBad(
-            f"--model {found.model} keeps nothing to check by", remedy="identify again without it"
+            f"--model {identification.model} keeps nothing to check by",
+            remedy="identify again without it",
         )
-    return found, found.posterior
+    return identification, identification.posterior
 
 
-def _digest(campaign: Campaign, found: RecordedIdentification) -> str:
-    return found.in_table(campaign.robot.mechanism.parameters).digest()
+def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
+    return identification.in_table(campaign.robot.mechanism.parameters).digest()
 
 
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:

@@ -23,19 +23,21 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
     σ are known where the set is that of an identification in the journal. Raises `ShotsMissing`
     without measured shots.
     """
-    found = known_sets(campaign).identified.get(robot.digest())
+    identification = known_sets(campaign).identified.get(robot.digest())
     with campaign.journal_reader() as journal:
-        series = found.series if found else campaign.measured_series(journal).number
+        series = (
+            identification.series if identification else campaign.measured_series(journal).number
+        )
         shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
-    identified, own = robot.kinematics.controlled, campaign.robot.kinematics.controlled
+    identified, nominal = robot.kinematics.controlled, campaign.robot.kinematics.controlled
     measured = identified.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
     poses = measured.values[measured.found]
     return TargetCorrection(
         identified,
-        own,
+        nominal,
         campaign.robot.limits,
         campaign.space,
-        None if found is None else found.covariance,
+        None if identification is None else identification.covariance,
         poses,
     )
 
@@ -69,7 +71,7 @@ def correct_file(
     text = read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
     robot = identified_set(campaign, identified)
     form = form_of(robot.provenance, robot.name)
-    found = correct_poses(text, str(source), _target_correction(campaign, robot))
+    corrected = correct_poses(text, str(source), _target_correction(campaign, robot))
     with recorded(campaign, to, robot.parameters, "targets", form):
-        write_text_unless_there(to, found.text, overwrite=overwrite)
-    return found
+        write_text_unless_there(to, corrected.text, overwrite=overwrite)
+    return corrected

@@ -41,16 +41,16 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
     Raises `ShotsMissing` without one, and `VerdictBad` for one that did not pass.
     """
     with campaign.journal_reader() as journal:
-        found = latest_identification(journal)
-        measured = next((s for s in journal.series() if s.number == found.series), None)
-    if outdated := campaign.outdated(found):
+        identification = latest_identification(journal)
+        measured = next((s for s in journal.series() if s.number == identification.series), None)
+    if outdated := campaign.outdated(identification):
         raise VerdictBad(
             f"{', '.join(outdated)} in campaign.yaml changed since the identification, which rests "
             "on it",
             remedy="identify again, or write it as it was",
         )
     controller = measured.started.robot if measured else None
-    return compensated_robot(campaign.config.name, campaign.nominal, found, controller)
+    return compensated_robot(campaign.config.name, campaign.nominal, identification, controller)
 
 
 def export(
@@ -141,7 +141,7 @@ def _workspace(campaign: Campaign) -> Array:
 def recorded(
     campaign: Campaign,
     path: Path,
-    own: Parameters,
+    parameters: Parameters,
     by: CalibrationRoute = "parameters",
     form: ReducedForm | None = None,
 ) -> Iterator[None]:
@@ -151,13 +151,13 @@ def recorded(
     """
     with campaign.journal_reader() as reader:
         last = next(written_sets(reader), None)
-    if by == "targets" and last is not None and (last.digest, last.by) == (own.digest(), by):
+    if by == "targets" and last is not None and (last.digest, last.by) == (parameters.digest(), by):
         yield
         return
     with campaign.journal() as journal:
         yield
         sha256 = "" if by == "targets" else ImportedFile.of(path).sha256
-        written = WrittenSet.of(path.name, own, by=by, sha256=sha256, projection=form)
+        written = WrittenSet.of(path.name, parameters, by=by, sha256=sha256, projection=form)
         if written != last:
             journal.append(Finding("export", asdict(written)))
 

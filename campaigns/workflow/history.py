@@ -68,8 +68,8 @@ def _epochs(campaign: Campaign) -> Iterator[Epoch]:
             remedy=f"`pkmcal identify {campaign.folder}`, or leave it out",
         )
     evaluation = evaluate(campaign)
-    for number, found in identifications.items():
-        yield _epoch_of(campaign, found, series.get(number), evaluation)
+    for number, identification in identifications.items():
+        yield _epoch_of(campaign, identification, series.get(number), evaluation)
     for check in checks:
         yield Epoch(
             folder=str(campaign.folder),
@@ -81,31 +81,34 @@ def _epochs(campaign: Campaign) -> Iterator[Epoch]:
 
 
 def _epoch_of(
-    campaign: Campaign, found: RecordedIdentification, series: Series | None, evaluation: Evaluation
+    campaign: Campaign,
+    identification: RecordedIdentification,
+    series: Series | None,
+    evaluation: Evaluation,
 ) -> Epoch:
     """Return the epoch of an identification; `after` only if the controller held its values."""
-    space, good = campaign.robot.mechanism.parameters, found.verdict == "pass"
-    measured_utc = _measured_utc(series, found.at_utc)
+    space, good = campaign.robot.mechanism.parameters, identification.verdict == "pass"
+    measured_utc = _measured_utc(series, identification.at_utc)
     before, after = (
         stage.distances.mean.value_mm if stage and stage.distances else None
         for stage in (evaluation.before, evaluation.after)
     )
     held = evaluation.evidence.held("after")
-    is_held = held is not None and held.origin == found.in_table(space).digest()
+    is_held = held is not None and held.origin == identification.in_table(space).digest()
     return Epoch(
         folder=str(campaign.folder),
         kind="campaign",
         measured_utc=measured_utc,
-        decision=found.verdict,
-        says="" if good else "; ".join(found.reasons),
+        decision=identification.verdict,
+        says="" if good else "; ".join(identification.reasons),
         parameters=tuple(
             ParameterError(name, measured_utc, parameter.delta, parameter.std, space[name].unit)
-            for name, parameter in found.parameters.items()
+            for name, parameter in identification.parameters.items()
             if good and parameter.free and parameter.std is not None
         ),
         before_mm=before,
         after_mm=after if is_held else None,
-        unseen_mm=found.unseen_mm.after.mean_abs if found.unseen_mm else None,
+        unseen_mm=identification.unseen_mm.after.mean_abs if identification.unseen_mm else None,
     )
 
 
@@ -140,5 +143,5 @@ def _identities(first: Campaign, other: Campaign) -> Iterator[tuple[str, str, st
 
 def _controller(campaign: Campaign) -> str:
     with campaign.journal_reader() as journal:
-        known = [each.started.robot for each in journal.series() if each.started.robot]
-    return known[-1].serial if known else ""
+        robots = [each.started.robot for each in journal.series() if each.started.robot]
+    return robots[-1].serial if robots else ""

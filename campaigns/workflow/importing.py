@@ -75,12 +75,12 @@ def declared_set(
             written = tuple(written_sets(journal))
     if path is not None:
         sha256 = ImportedFile.of(path).sha256
-        found = next((each for each in written if each.sha256 == sha256), None)
+        parameters = next((each for each in written if each.sha256 == sha256), None)
     else:
-        found = next(iter(written), None)
+        parameters = next(iter(written), None)
         path = campaign.path(FILE_NAME)
-    if found is not None:
-        return found
+    if parameters is not None:
+        return parameters
     if not is_there(path):
         raise OptionsInvalid(
             f"--stage {stage}: nothing says what the controller held: neither `pkmcal export` nor "
@@ -204,9 +204,10 @@ def _check(
     of the stages whose place these take.
     """
     counting = (
-        each
-        for each in _measured(campaign)
-        if not each.started.imported or (each.finished and each.started.stage not in replacing)
+        series
+        for series in _measured(campaign)
+        if not series.started.imported
+        or (series.finished and series.started.stage not in replacing)
     )
     refuse_copies(rows, counting, name)
     nominal = campaign.robot.kinematics

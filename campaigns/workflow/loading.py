@@ -223,13 +223,13 @@ class _Loading:
             )
             robot.require_known(lacking, remedy)
         serial = self.controller.identity().serial
-        found = (
+        objections = (
             *load_checks.serial_objections(expected_serial, serial),
             *load_checks.held_objections(held, self.campaign.robot),
         )
         if not self.options.force:
-            load_checks.refuse(source, found)
-        return found
+            load_checks.refuse(source, objections)
+        return objections
 
     def _carry_out(
         self,
@@ -239,8 +239,8 @@ class _Loading:
         overruled: tuple[errors.ConfigInvalid, ...],
         takes_back: int | None = None,
     ) -> LoadResult:
-        for each in overruled:
-            self.terms.tell(f"overruled by --force: {each.problem}")
+        for objection in overruled:
+            self.terms.tell(f"overruled by --force: {objection.problem}")
         wanted, controller = robot.parameters, self.controller.identity()
         if not differing(held, wanted):
             return LoadResult(source, "already", state=self._state(held))
@@ -249,7 +249,7 @@ class _Loading:
         self.terms.approve(controller, changes(held, robot))
         if self.terms.dry:
             return LoadResult(source, "dry", state=self._state(held))
-        forced = tuple(each.problem for each in overruled)
+        forced = tuple(objection.problem for objection in overruled)
         with self.terms.uninterrupted:
             before = self._measured_before(held, shots) if shots else None
             kept = keep(self.campaign.folder, self.campaign.nominal, held)
@@ -266,9 +266,9 @@ class _Loading:
                 projection=form_of(robot.provenance, str(source)),
             ).begin(self.journal)
             self._write(begun)
-            found = None if before is None else self._verified(begun, shots, *before)
-            begun.end(self.journal, None if found is None else asdict(found))
-        return LoadResult(source, "loaded", kept, forced, self._state(wanted), found)
+            verification = None if before is None else self._verified(begun, shots, *before)
+            begun.end(self.journal, None if verification is None else asdict(verification))
+        return LoadResult(source, "loaded", kept, forced, self._state(wanted), verification)
 
     def _state(self, held: Mapping[str, float]) -> ControllerState:
         findings = (each.record for each in self.journal.records_of(Finding))

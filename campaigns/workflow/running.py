@@ -84,24 +84,24 @@ def run_preview(
 
     Raises `ResumeRefused` as far as that can be known without one.
     """
-    found, kept = None, resume.ResumeState((), (), groups(work.steps))
+    series, kept = None, resume.ResumeState((), (), groups(work.steps))
     if campaign.journal_path.exists() and not anew:
         with campaign.journal_reader() as journal:
-            found = resume.series_to_take_up(journal, work)
-            if found is not None:
+            series = resume.series_to_take_up(journal, work)
+            if series is not None:
                 config = campaign.config
-                resume.check_same_devices(found, config.controller.serial, config.tracker.serial)
-                kept = resume.resume_state(work.steps, found.shots)
+                resume.check_same_devices(series, config.controller.serial, config.tracker.serial)
+                kept = resume.resume_state(work.steps, series.shots)
     not_wanted = work.skipped_groups
     skipped = [group for group in kept.left if group in not_wanted]
-    left = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
+    unmeasured = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
     return RunPreview(
-        None if found is None else found.number,
+        None if series is None else series.number,
         len(work.steps),
         len(work.steps) - sum(map(len, kept.left)),
-        tuple(left),
+        tuple(unmeasured),
         tuple(shot for group in skipped for shot in shots_of(group)),
-        seconds * len(left) / max(len(work.steps), 1),
+        seconds * len(unmeasured) / max(len(work.steps), 1),
     )
 
 

@@ -68,12 +68,12 @@ class CampaignStatus:
 def campaign_status(campaign: Campaign) -> CampaignStatus:
     """Return the status of a campaign; raise `JournalFailed` for a journal that cannot be read."""
     evaluation = evaluate(campaign)
-    evidence, found = evaluation.evidence, evaluation.evidence.identification
+    evidence, identification = evaluation.evidence, evaluation.evidence.identification
     state = state_of(evaluation)
     worker = lock_holder(campaign.folder)
     every = evidence.journal.series if evidence.journal else ()
     series = tuple(_progress(evidence, each) for each in every)
-    verdict = evaluation.verdict if found is not None else None
+    verdict = evaluation.verdict if identification is not None else None
     return CampaignStatus(
         folder=str(campaign.folder),
         name=campaign.config.name,
@@ -114,8 +114,8 @@ def _progress(evidence: Evidence, series: Series) -> StageProgress:
     if series.started.stage == "run" and evidence.plan is not None:
         planned = len(evidence.plan)
         if not plan_difference([shot.intent for shot in series.shots], evidence.plan):
-            left = resume_state(joint_steps(evidence.plan), series.shots).left
-            shots = planned - sum(map(len, left))
+            pending = resume_state(joint_steps(evidence.plan), series.shots).left
+            shots = planned - sum(map(len, pending))
     return StageProgress(
         series=series.number,
         stage=series.started.stage,
@@ -137,11 +137,11 @@ def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str
 
 def doubtful(evaluation: Evaluation) -> Iterator[str]:
     """Return findings that count, a bad check, and checks that do not hold."""
-    found, check = evaluation.evidence.identification, evaluation.evidence.unanswered
-    if found is None:
+    identification, check = evaluation.evidence.identification, evaluation.evidence.unanswered
+    if identification is None:
         return
     if check is not None and check.decision != "fail":  # which is among the checks
         yield f"check, series {check.series}: {check.says}"
-    yield from (finding.says for finding in found.findings if finding.affects_verdict)
+    yield from (finding.says for finding in identification.findings if finding.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)
     yield from (f"not confirmed: {each.statement} ({each.detail})" for each in broken)

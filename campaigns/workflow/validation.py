@@ -50,8 +50,8 @@ class Validated:
     @property
     def whole(self) -> validation.ValidationResult:
         """Of each test of the stage the latest."""
-        found = self.evaluation
-        return (found.before if self.stage == "before" else found.after) or self.result
+        evaluation = self.evaluation
+        return (evaluation.before if self.stage == "before" else evaluation.after) or self.result
 
     @property
     def verdict(self) -> ValidationVerdict:
@@ -88,8 +88,8 @@ def validation_work(
         correct = _to_controlled_point(held)
         work, notes = _work(campaign, options.stage, held, tests, unseen, correct)
     else:
-        identified, own = identified_set(campaign), held.kinematics.controlled
-        correct = TargetCorrection(identified.kinematics, own, held.limits).commanded
+        identified, nominal = identified_set(campaign), held.kinematics.controlled
+        correct = TargetCorrection(identified.kinematics, nominal, held.limits).commanded
         work, notes = _work(campaign, "after by targets", identified, tests, unseen, correct)
     skip = known_shots((step.planned.shot for step in work.steps), options.skip, "this validation")
     return replace(work, skip=skip), notes
@@ -118,8 +118,8 @@ def verification_pairs(
         both
         for both in pairs.values()
         if not any(
-            each.first_reason(np.array([pose_row(shot.pose) for shot in both]))
-            for each in reachable
+            pair.first_reason(np.array([pose_row(shot.pose) for shot in both]))
+            for pair in reachable
         )
     ]
     if len(able) < count:
@@ -226,17 +226,17 @@ def replaced(
     if stage == "after":
         return None
     done = [each for each in gather(campaign).before if each.series.finished]
-    found = {
+    measured = {
         name: each.series.number
         for name, test in validation.SET_OF.items()
         for each in done
         if test in tests and test in each.shots.purposes
     }
-    if not found:
+    if not measured:
         return None
-    series = ", ".join(map(str, sorted(set(found.values()))))
+    series = ", ".join(map(str, sorted(set(measured.values()))))
     return OptionsInvalid(
-        f"--stage before: measured already (series {series}): {', '.join(found)}; a later one "
+        f"--stage before: measured already (series {series}): {', '.join(measured)}; a later one "
         "would count in its place",
         remedy=f"keep them and go on; {AGAIN}",
     )
@@ -246,10 +246,10 @@ def require_or_record(
     campaign: Campaign, objections: Iterable[OptionsInvalid | None], *, anyway: bool
 ) -> None:
     """Raise the first objection to a stage, or write into the journal what is done `anyway`."""
-    found = [each for each in objections if each is not None]
-    if found and not anyway:
-        raise found[0]
-    for wrong in found:
+    errors = [each for each in objections if each is not None]
+    if errors and not anyway:
+        raise errors[0]
+    for wrong in errors:
         with campaign.journal() as journal:
             record_objection(journal, wrong)
 
@@ -293,10 +293,10 @@ def record_validation(
     by: CalibrationRoute = "parameters",
 ) -> Validated:
     """Evaluate a series that was measured, and write the finding into the journal."""
-    found = _evaluated(campaign, journal, series)
-    body = {"stage": stage, "by": by, "series": series, **found.document()}
+    result = _evaluated(campaign, journal, series)
+    body = {"stage": stage, "by": by, "series": series, **result.document()}
     journal.append(Finding("validation", body), series=series)
-    return Validated(stage, found, evaluate(campaign))
+    return Validated(stage, result, evaluate(campaign))
 
 
 def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str], None]) -> str:
@@ -333,9 +333,9 @@ def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
 
 def _to_controlled_point(held: RobotFile) -> Correct | None:
     """Return the poses to command where the reflector is on another part of the plate."""
-    model, own = held.kinematics, held.kinematics.controlled
-    same = own.mechanism == model.mechanism
-    return None if same else TargetCorrection(model, own, held.limits).commanded
+    model, controlled = held.kinematics, held.kinematics.controlled
+    same = controlled.mechanism == model.mechanism
+    return None if same else TargetCorrection(model, controlled, held.limits).commanded
 
 
 def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:

@@ -68,10 +68,10 @@ def _park_joints(campaign: Campaign, kinematics: Kinematics) -> tuple[float, ...
         return ()
     pose = np.zeros((1, len(campaign.robot.mechanism.task)))
     pose[0, :3] = park_mm
-    found = kinematics.feasibility(campaign.robot.limits, pose)
-    if not found.feasible[0]:
+    feasibility = kinematics.feasibility(campaign.robot.limits, pose)
+    if not feasibility.feasible[0]:
         raise ConfigInvalid(
-            f"run.park_mm in campaign.yaml: {found.describe(0)[0]}",
+            f"run.park_mm in campaign.yaml: {feasibility.describe(0)[0]}",
             remedy="name a place that the robot can take, or leave it out",
         )
-    return tuple(found.joints[0].tolist())
+    return tuple(feasibility.joints[0].tolist())
