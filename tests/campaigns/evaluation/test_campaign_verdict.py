@@ -75,7 +75,7 @@ def test_where_only_a_limit_lacks_the_answer_is_that_none_was_asked_for(
     found = judged(after, AcceptanceConfig(), gained="Gained: much.")
     assert found.decision == NO_LIMIT
     assert {r.decision for r in found.requirements} == {None}
-    assert found.headline.startswith("Gained: much. No limits are set")
+    assert found.headline.startswith("Gained: much. No acceptance limits are specified")
     assert judged(after, WIDE, gained="Gained: much.").decision == "pass"
     assert "Gained" not in judged(after, WIDE, gained="Gained: much.").headline
 
