@@ -193,8 +193,8 @@ def _scanned(posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Ind
         score = _over_spans(transposed @ pulls, spans)
         shared = _over_spans(transposed @ weighted, spans)
         alone = _over_spans(transposed @ (posterior.weights @ columns), spans)
-        left = alone - shared @ posterior.covariance @ shared.swapaxes(1, 2)
-        matrix = left + np.eye(columns.shape[2])
+        scatter = alone - shared @ posterior.covariance @ shared.swapaxes(1, 2)
+        matrix = scatter + np.eye(columns.shape[2])
         gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
         log_factors = 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1]
         candidates[part] = spans, log_factors

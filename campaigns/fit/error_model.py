@@ -110,13 +110,13 @@ class ErrorModel:
         """Names of the unknowns, (P,): parameters of the robot, then sources of the tracker."""
         mechanism = self.nominal.mechanism
         table, has_rate = mechanism.parameters, mechanism.rate != 0.0
-        own = [
+        names = [
             parameter.name
             for parameter in table.every
             if (parameter.field.role is not Role.GROWTH or self.with_growth)
             and (parameter.field.group != "ripple" or has_rate)
         ]
-        return tuple(name for name in (*own, *TRACKER_SOURCES) if name not in self.held)
+        return tuple(name for name in (*names, *TRACKER_SOURCES) if name not in self.held)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -239,8 +239,8 @@ class ErrorModel:
             columns = np.concatenate([columns, changes], axis=2)
         by_frames = np.zeros((len(observations), 3, 6 * len(frames)))
         for number in range(len(frames)):
-            own = observations.frame == number
-            by_frames[own, :, 6 * number : 6 * number + 6] = frame_columns(turned[own])
+            rows = observations.frame == number
+            by_frames[rows, :, 6 * number : 6 * number + 6] = frame_columns(turned[rows])
         return Linearised(
             x=x,
             frames=frames,
@@ -292,9 +292,9 @@ def first_frames(
     positions = assembly.poses[:, :3]
     for _ in range(3):
         frames = tuple(
-            fit_transform(positions[own], observations.points[own])
+            fit_transform(positions[rows], observations.points[rows])
             for number in range(int(observations.frame.max()) + 1)
-            for own in [kept & (observations.frame == number)]
+            for rows in [kept & (observations.frame == number)]
         )
         turns, shifts = frames_of_shots(frames, observations.frame)
         predicted = (turns @ positions[..., None])[..., 0] + shifts

@@ -68,9 +68,9 @@ def shot_information(jacobian: Array, weights: Array) -> Array:
 
 def marginal_information(information: Array, size: int) -> Array:
     """Return the information on the first `size` unknowns, the others eliminated."""
-    own, mixed = information[:size, :size], information[:size, size:]
+    parameters, mixed = information[:size, :size], information[:size, size:]
     frames = information[size:, size:]
-    return np.asarray(own - mixed @ np.linalg.solve(frames, mixed.T))
+    return np.asarray(parameters - mixed @ np.linalg.solve(frames, mixed.T))
 
 
 def null_directions_of(information: Array, names: tuple[str, ...]) -> NullDirections:
@@ -122,7 +122,7 @@ def budget(posterior: Posterior, by: Array) -> Mapping[str, float]:
         shares[part] = float(((spread.reshape(rows.shape) @ influence.T) ** 2).sum()) / points
     groups = (*posterior.model.groups, *("changes",) * (len(posterior.at.x) - size))
     for group in dict.fromkeys(groups):
-        places = [place for place, own in enumerate(groups) if own == group]
-        own = influence[:, places] @ posterior.prior[np.ix_(places, range(len(covariance)))]
-        shares[group] = float((own * influence).sum()) / points
+        places = [place for place, share in enumerate(groups) if share == group]
+        share = influence[:, places] @ posterior.prior[np.ix_(places, range(len(covariance)))]
+        shares[group] = float((share * influence).sum()) / points
     return shares

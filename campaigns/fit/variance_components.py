@@ -133,14 +133,14 @@ def _noise_ratios(
     model: LinearModel, factors: dict[str, float], weights: Array, covariance: Array, step: Array
 ) -> dict[str, float]:
     """Return by how much each estimated part of the noise must be multiplied."""
-    left = (weights @ (model.at.residual + model.at.jacobian @ step)[..., None])[..., 0]
+    residuals = (weights @ (model.at.residual + model.at.jacobian @ step)[..., None])[..., 0]
     rows = weights @ model.at.jacobian
     spread = weights - (rows @ covariance) @ rows.swapaxes(1, 2)
     ratios = {}
     for part, covariance_of_part in model.noise.items():
         if part != "stated":
             factor = factors[part]
-            squares = factor * np.einsum("ni,nij,nj->", left, covariance_of_part, left)
+            squares = factor * np.einsum("ni,nij,nj->", residuals, covariance_of_part, residuals)
             redundancy = factor * float((covariance_of_part * spread).sum())
             ratios[part] = _with_half_cauchy(squares, max(redundancy, 0.0), factor)
     return ratios

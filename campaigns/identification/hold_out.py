@@ -59,8 +59,8 @@ def unseen_pairs(
     usable = at_nominal.found[pairs].all(axis=1)
     if options.sessions:
         session = shots.session[pairs]
-        known = shots.session[shots.rows_of(ShotSet.IDENTIFICATION)]
-        usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], known)
+        sessions = shots.session[shots.rows_of(ShotSet.IDENTIFICATION)]
+        usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], sessions)
     taken = identified.found[pairs].all(axis=1)
     lost = tuple(
         Excluded("the identified robot cannot be assembled there", pair=shots.pairs[row])
@@ -90,17 +90,17 @@ def _tested(
 ) -> HoldOut:
     """Test the distances of pairs (M, 2) by their covariance: of parameters, and of both points."""
     used, places = np.unique(rows, return_inverse=True)
-    some = shots.rows(used)
-    observations = observations_of(some, near[used], options)
+    subset = shots.rows(used)
+    observations = observations_of(subset, near[used], options)
     if options.sessions:
-        known = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
-        observations = replace(observations, frame=np.searchsorted(known, some.session))
+        sessions = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
+        observations = replace(observations, frame=np.searchsorted(sessions, subset.session))
     model, factors = posterior.model, posterior.components.factors
     at = model.linearise(observations, posterior.x, posterior.at.frames, observations.near)
     parts = noise_parts(model, observations, at.by_joint).items()
     noise = sum(factors.get(part, 1.0) * covariance for part, covariance in parts)
     first, second = places.reshape(rows.shape).T
-    along = directions(some.points_in_tracker_mm, first, second)
+    along = directions(subset.points_in_tracker_mm, first, second)
     by_points = np.zeros((len(rows), len(used), 3))
     pair = np.arange(len(rows))
     by_points[pair, second] += along

@@ -148,11 +148,11 @@ class _Case:
             positions = uncertainty_of_positions(posterior, identified, options.workspace, ratio)
         region = None if positions is None else positions.region
         residuals = self._residuals()
-        found = (
+        findings = (
             *self._findings(null, unseen, region),
             *([] if lengths is None else lengths.findings),
         )
-        decision, reasons, obstacles = _verdict(found, residuals, unseen.errors, region)
+        decision, reasons, obstacles = _verdict(findings, residuals, unseen.errors, region)
         frames = tuple(map(Frame.of, posterior.at.frames))
         return IdentificationResult(
             model="full",
@@ -174,7 +174,7 @@ class _Case:
             budget=positions.shares if positions else (),
             region=region,
             hold_out=unseen.test,
-            findings=found,
+            findings=findings,
             frame=frames[0],
             sessions=self._sessions(frames) if options.sessions else (),
             reference_degC=options.reference_degC if posterior.model.with_growth else None,
@@ -197,10 +197,10 @@ class _Case:
 
     def _covariance(self, null: NullDirections, ratio: float) -> ParameterCovariance:
         model, table = self.posterior.model, self.nominal.mechanism.parameters
-        own = [n for n, name in enumerate(model.names) if name in table.of_robot]
-        names = tuple(model.names[place] for place in own)
-        tolerance = model.file_tolerance[own]
-        matrix = null.without(self.posterior.own_covariance)[np.ix_(own, own)]
+        places = [n for n, name in enumerate(model.names) if name in table.of_robot]
+        names = tuple(model.names[place] for place in places)
+        tolerance = model.file_tolerance[places]
+        matrix = null.without(self.posterior.own_covariance)[np.ix_(places, places)]
         matrix = matrix * np.outer(tolerance, tolerance)
         return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
 
@@ -235,9 +235,9 @@ class _Case:
             f"robot repeatability: {point:.3g} mm per axis, {shown} per joint (1 σ), included in σ"
         )
         if of_instrument:
-            own = ", ".join(f"{value:.2g} × {part}" for part, value in of_instrument.items())
+            values = ", ".join(f"{value:.2g} × {part}" for part, value in of_instrument.items())
             says = (
-                f"the file states no σ of points: noise estimated, {own} the beam of the data "
+                f"the file states no σ of points: noise estimated, {values} the beam of the data "
                 f"sheet's; robot repeatability {point:.3g} mm per axis, {shown} per joint (1 σ)"
             )
         return Scatter(point, joint, of_instrument, says)
@@ -249,18 +249,20 @@ class _Case:
         points, frame = self.fitted.points_in_tracker_mm[kept], posterior.observations.frame[kept]
         before = np.empty_like(points)
         for number in np.unique(frame).tolist():
-            own = frame == number
-            fitted = fit_transform(positions[own], points[own])
-            before[own] = fitted.apply(positions[own]) - points[own]
+            rows = frame == number
+            fitted = fit_transform(positions[rows], points[rows])
+            before[rows] = fitted.apply(positions[rows]) - points[rows]
         numbers = np.array(self.fitted.numbers)[kept].tolist()
         after = posterior.at.residual[kept]
         return ResidualTable.from_arrays("shots", numbers, before, after)
 
     def _modelled(self, solution: KinematicSolution, pairs: Index) -> ModelledTable:
         counted = np.array(self.fitted.numbers)[self.posterior.kept]
-        own = self.shots.rows_of(ShotSet.IDENTIFICATION)
-        own = own[np.isin(np.array(self.shots.numbers)[own], counted) & solution.found[own]]
-        rows = np.union1d(own, pairs.ravel())
+        fitted = self.shots.rows_of(ShotSet.IDENTIFICATION)
+        fitted = fitted[
+            np.isin(np.array(self.shots.numbers)[fitted], counted) & solution.found[fitted]
+        ]
+        rows = np.union1d(fitted, pairs.ravel())
         before, after = self.at_nominal.values[rows], solution.values[rows]
         return ModelledTable.of(self.shots.rows(rows), before, after)
 
@@ -274,11 +276,11 @@ class _Case:
             yield Excluded(reason, shot=number, pair=pair, size_mm=size)
 
     def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
-        own, numbers = self.shots.session, np.array(self.shots.numbers)
+        session_of, numbers = self.shots.session, np.array(self.shots.numbers)
         fitted = dict(zip(np.unique(self.fitted.session).tolist(), frames, strict=True))
         return tuple(
-            SessionFrame(tuple(numbers[own == session].tolist()), fitted.get(session))
-            for session in np.unique(own).tolist()
+            SessionFrame(tuple(numbers[session_of == session].tolist()), fitted.get(session))
+            for session in np.unique(session_of).tolist()
         )
 
     def _findings(
@@ -315,13 +317,13 @@ class _Case:
 
 
 def _verdict(
-    found: tuple[Finding, ...],
+    findings: tuple[Finding, ...],
     residuals: ResidualTable,
     unseen: ResidualTable | None,
     region: Region | None,
 ) -> tuple[Decision, tuple[str, ...], tuple[str, ...]]:
     """Decide whether the result may be used; return reasons, and the findings against a pass."""
-    against = [own for own in found if own.affects_verdict]
+    against = [own for own in findings if own.affects_verdict]
     failed = [own for own in against if own.decision == "fail"]
     if against or unseen is None:
         shown = failed or against

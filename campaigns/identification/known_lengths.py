@@ -50,9 +50,9 @@ def known_lengths(
     weights = np.linalg.solve(covariance, lengths)
     variance = 1.0 / float(lengths @ weights)
     share = variance * float(weights @ residuals)
-    left = residuals - share * lengths
-    chi2 = float(left @ np.linalg.solve(covariance, left))
-    p = float(scipy.special.chdtrc(len(left) - 1, chi2)) if len(left) > 1 else 1.0
+    unexplained = residuals - share * lengths
+    chi2 = float(unexplained @ np.linalg.solve(covariance, unexplained))
+    p = float(scipy.special.chdtrc(len(unexplained) - 1, chi2)) if len(unexplained) > 1 else 1.0
     findings = []
     if p < SCATTER_LEVEL:
         worst = int(np.abs(residuals / np.sqrt(np.diag(covariance))).argmax())
@@ -69,9 +69,9 @@ def known_lengths(
     return KnownLengths((share, variance**0.5), tuple(findings))
 
 
-def _bar_of(pair: int, nests: tuple[str, ...], known: Sequence[KnownLengthConfig]) -> int:
+def _bar_of(pair: int, nests: tuple[str, ...], bars: Sequence[KnownLengthConfig]) -> int:
     """Return the place of the known length that a pair was measured at."""
-    place = bar_of(known, pair, nests)
+    place = bar_of(bars, pair, nests)
     if place is None:
         raise ShotsInvalid(
             f"pair {pair} of the set known-length belongs to no length of known_lengths",

@@ -129,16 +129,16 @@ def _pairs(
     rows = shots.whole_pairs(purpose).rows
     session = shots.session[rows]
     of_one = session[:, 0] == session[:, 1] if options.sessions else np.ones(len(rows), dtype=bool)
-    found = at_nominal.found[rows].all(axis=1)
+    is_solved = at_nominal.found[rows].all(axis=1)
     excluded = tuple(
         Excluded(reason, pair=shots.pairs[row])
         for reason, wrong in (
             ("its shots are of two sessions", ~of_one),
-            ("the nominal robot cannot be assembled at its joints", of_one & ~found),
+            ("the nominal robot cannot be assembled at its joints", of_one & ~is_solved),
         )
         for row in rows[wrong, 0].tolist()
     )
-    return rows[of_one & found], excluded
+    return rows[of_one & is_solved], excluded
 
 
 def _verdict(unseen: ResidualTable | None, *, converged: bool) -> tuple[Decision, str]:

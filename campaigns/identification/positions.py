@@ -68,7 +68,7 @@ def uncertainty_of_positions(
 
 
 def std_of_positions(
-    robot: Kinematics, known: ParameterCovariance, poses: Array, about: Array
+    robot: Kinematics, covariance: ParameterCovariance, poses: Array, about: Array
 ) -> Array:
     """Return 1 σ of positions at poses (N, t), (N,), after the best fit of the frame.
 
@@ -77,10 +77,10 @@ def std_of_positions(
     both = np.vstack([poses, about])
     joints = robot.inverse(both).values_or_raise()
     table = robot.mechanism.parameters
-    places = table.places(known.names)
+    places = table.places(covariance.names)
     by = robot.jacobian(joints, both)[:, :3, places] * table.file_unit[places]
-    std = position_std_mm(without_frame(by, both[:, :3]), known.array)
-    return known.hold_out_ratio * std[: len(poses)]
+    std = position_std_mm(without_frame(by, both[:, :3]), covariance.array)
+    return covariance.hold_out_ratio * std[: len(poses)]
 
 
 def _shares(squares: Mapping[str, float], ratio: float, rms: float) -> tuple[Share, ...]:

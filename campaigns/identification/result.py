@@ -307,9 +307,9 @@ class IdentificationResult:
         lines = [f"verdict: {self.verdict}", *(f"  {reason}" for reason in self.reasons), ""]
         lines.append(f"{'parameter':28}{'nominal':>12}{'identified':>12}{'± σ':>10}")
         for name in self.free:
-            own = self.parameters[name]
-            std = "held" if own.std is None else f"{own.std:.4f}"
-            lines.append(f"{name:28}{own.nominal:12.4f}{own.value:12.4f}{std:>10}")
+            parameter = self.parameters[name]
+            std = "held" if parameter.std is None else f"{parameter.std:.4f}"
+            lines.append(f"{name:28}{parameter.nominal:12.4f}{parameter.value:12.4f}{std:>10}")
         if self.budget:
             lines += ["", "uncertainty of positions, 1 σ, rms over the workspace, mm"]
             lines += [f"  {share.words:52} {share.kind} {share.mm:9.4f}" for share in self.budget]

@@ -55,12 +55,12 @@ class JournalReader:
         self._connection = connection
         self._entries: list[Entry[kinds.Record]] = []
         try:
-            found = verify(connection, self._path)
-            require_whole(self._path, found.problems, found.records)
+            verified = verify(connection, self._path)
+            require_whole(self._path, verified.problems, verified.records)
         except BaseException:
             close_untouched(connection, self._path)
             raise
-        self._stored = found.records
+        self._stored = verified.records
 
     def __enter__(self) -> Self:
         return self

@@ -136,11 +136,11 @@ def is_whole(path: Path, number: int, digest: str) -> bool:
     """Whether a journal verifies, and ends with the record of that number and digest."""
     try:
         with closing(database.connect_to_read(path)) as connection:
-            found = verify(connection, path)
+            verified = verify(connection, path)
     except JournalFailed:
         return False
-    end = len(found.records), last_digest(found.records)
-    return not found.problems and end == (number, digest)
+    end = len(verified.records), last_digest(verified.records)
+    return not verified.problems and end == (number, digest)
 
 
 def require_whole(
@@ -182,12 +182,12 @@ def inspect_journal(path: Path) -> Inspection:
     """
     connection = database.connect_to_read(path)
     try:
-        found = verify(connection, path)
+        verified = verify(connection, path)
         version = database.version_of(connection)
     finally:
         close_untouched(connection, path)
-    entries, problems = list[Entry[Record]](), list(found.problems)
-    for record in found.records:
+    entries, problems = list[Entry[Record]](), list(verified.problems)
+    for record in verified.records:
         try:
             entries.append(entry_of(record))
         except ValueError as error:
@@ -197,9 +197,9 @@ def inspect_journal(path: Path) -> Inspection:
         path=path,
         whole=not problems,
         version=version,
-        records=len(found.records),
-        chained=found.chained,
-        digest=last_digest(found.records),
+        records=len(verified.records),
+        chained=verified.chained,
+        digest=last_digest(verified.records),
         series=len(every),
         sessions=sum(series.sessions for series in every),
         crashed_sessions=sum(series.unstopped for series in every),

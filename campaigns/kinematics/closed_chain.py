@@ -150,14 +150,14 @@ class ClosedChain:
 
         Parameters are the same: a frame takes up where on a part the point is.
         """
-        own = self.controlled or self.platform
+        point = self.controlled or self.platform
         if part is not None:
-            seen = own.seen_from(part)
-            return replace(self, platform=seen, controlled=None if seen == own else own)
+            seen = point.seen_from(part)
+            return replace(self, platform=seen, controlled=None if seen == point else point)
         if self.controlled is None:
             return self
         plate = self.plate and replace(self.plate, reflector_mm=(0.0, 0.0, 0.0))
-        return replace(self, platform=own, controlled=None, plate=plate)
+        return replace(self, platform=point, controlled=None, plate=plate)
 
     def geometry(self, p: Array) -> Geometry:
         """Sort a vector (P,) by fields; parameters beyond its end are 0."""
@@ -176,8 +176,8 @@ class ClosedChain:
     @cached_property
     def _own_length(self) -> str:
         """Stem of the platform's own field: `plate`, `pinion`, or nothing."""
-        own = (f.stem for f in self.parameters.platform_fields())
-        return next(own, "")
+        stems = (f.stem for f in self.parameters.platform_fields())
+        return next(stems, "")
 
     def _typical_plate(self, fields: Fields) -> PlateGeometry:
         outward = self.limb.outward_rad(fields).reshape(-1)
@@ -252,8 +252,11 @@ class ClosedChain:
         by_closures = _by_closures(by_y)[:, :size]
         columns = np.zeros((len(joints), size, len(table.of_robot)))
         by_fields = self._by_fields(geometry, true, y)
-        for stem, own in by_fields.items():  # a field of arm i touches the closures of arm i alone
-            both = by_closures * own[:, None]
+        for (
+            stem,
+            by_field,
+        ) in by_fields.items():  # a field of arm i touches the closures of arm i alone
+            both = by_closures * by_field[:, None]
             columns[..., self._columns[stem]] = both.reshape(*both.shape[:2], 2, -1).sum(axis=2)
         if self._own_length:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
@@ -318,8 +321,8 @@ class ClosedChain:
         forearms = by_p[..., places["forearm"]] @ p[places["forearm"]]
         on_plate = np.array(geometry.plate.joints_mm).T
         frame = sum(
-            by_p[..., places[axis]] @ (p[places[axis]] + own)
-            for axis, own in zip(("x", "y", "z"), on_plate, strict=True)
+            by_p[..., places[axis]] @ (p[places[axis]] + column)
+            for axis, column in zip(("x", "y", "z"), on_plate, strict=True)
         )
         return np.stack([arms, forearms, frame], axis=2)
 
@@ -337,13 +340,13 @@ class ClosedChain:
         geometry = self.geometry(p)
         true, size = self.true_joints(geometry, joints, approach), len(self.task)
         y = np.empty((len(joints), size + 3 if geometry.tilts else size))
-        found = np.empty(len(joints), dtype=bool)
+        is_solved = np.empty(len(joints), dtype=bool)
         for first in range(0, len(joints), CHUNK):
             rows = slice(first, first + CHUNK)
             start = None if near is None else near[rows]
-            y[rows], found[rows] = self._assembled(geometry, true[rows], start)
-        y[~found] = np.nan
-        return Assembly(y, self._sagged(geometry, y), found)
+            y[rows], is_solved[rows] = self._assembled(geometry, true[rows], start)
+        y[~is_solved] = np.nan
+        return Assembly(y, self._sagged(geometry, y), is_solved)
 
     def _sagged(self, geometry: Geometry, y: Array) -> Array:
         """Return the poses (N, t) of a plate whose unknowns y (N, k) leave its sag out."""
@@ -359,9 +362,9 @@ class ClosedChain:
         sign, size = self.assembly_sign(geometry), len(self.task)
         starts = [] if near is None else [near[:, :size]]
         ends = self.limb.upper_ends(geometry.arms, joints)
-        y, found = np.empty((len(joints), size)), np.zeros(len(joints), dtype=bool)
+        y, is_solved = np.empty((len(joints), size)), np.zeros(len(joints), dtype=bool)
         for number in range(len(starts) + len(GUESSES)):
-            rows = np.flatnonzero(~found)
+            rows = np.flatnonzero(~is_solved)
             if not len(rows):
                 break
             if number < len(starts):
@@ -370,17 +373,17 @@ class ClosedChain:
                 start = self._guess(geometry, ends[:, rows], *GUESSES[number - len(starts)])
             y[rows], settled = self._newton(geometry, ends[:, rows], start)
             wanted = self._is_wanted(geometry, ends[:, rows], y[rows], sign)
-            found[rows] = settled & wanted
-        ends = ends[:, found]
+            is_solved[rows] = settled & wanted
+        ends = ends[:, is_solved]
         if geometry.compliance.any():
-            loads = self._loads(geometry, joints[found], y[found])
-            yielded = joints[found] + geometry.compliance * loads
+            loads = self._loads(geometry, joints[is_solved], y[is_solved])
+            yielded = joints[is_solved] + geometry.compliance * loads
             ends = self.limb.upper_ends(geometry.arms, yielded)
         if geometry.tilts:
             y = np.pad(y, ((0, 0), (0, 3)))
         if geometry.tilts or geometry.compliance.any():
-            y[found], found[found] = self._newton(geometry, ends, y[found])
-        return y, found
+            y[is_solved], is_solved[is_solved] = self._newton(geometry, ends, y[is_solved])
+        return y, is_solved
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _newton(self, geometry: Geometry, ends: Array, start: Array) -> tuple[Array, Mask]:
@@ -456,10 +459,10 @@ class ClosedChain:
         agree.
         """
         geometry, goal = self.geometry(p), poses.copy()
-        joints, found = self._level_inverse(geometry, goal)
+        joints, is_solved = self._level_inverse(geometry, goal)
         is_level = not (geometry.tilts or geometry.compliance.any() or geometry.sag.any())
         y = np.pad(poses, ((0, 0), (0, 3))) if geometry.tilts else poses.copy()
-        rows = np.flatnonzero(found)
+        rows = np.flatnonzero(is_solved)
         for _ in range(0 if is_level else READ_ROUNDS):
             # one step of the forward model a round: both settle together
             true = joints[rows]
@@ -471,14 +474,14 @@ class ClosedChain:
             error = poses[rows] - self._sagged(geometry, y[rows])
             goal[rows] += error
             joints[rows], held = self._level_inverse(geometry, goal[rows])
-            found[rows] = held & np.isfinite(error).all(axis=1)
+            is_solved[rows] = held & np.isfinite(error).all(axis=1)
             moving = np.maximum(np.abs(error).max(axis=1), np.abs(step).max(axis=1))
-            rows = rows[found[rows] & (moving > READ_TO_MM)]
+            rows = rows[is_solved[rows] & (moving > READ_TO_MM)]
             if not len(rows):
                 break
-        joints[~found] = np.nan
+        joints[~is_solved] = np.nan
         read = transmission.encoder_readings(geometry.arms, joints, approach, self.phase_rate)
-        return read, found
+        return read, is_solved
 
     def _level_inverse(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
         return self.limb.inverse(geometry.arms, self.lower_ends(geometry, poses))

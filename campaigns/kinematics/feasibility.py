@@ -122,10 +122,10 @@ class Feasibility:
 
 def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> Feasibility:
     """Judge poses (N, t) by reach, limits, forearm swing and distance from singularities."""
-    joints, found = chain.inverse(p, poses)
+    joints, is_solved = chain.inverse(p, poses)
     margins = path_feasibility(chain, p, limits, joints, poses)
     beyond = outside(joints, limits.joint).any(axis=1) * int(Violation.JOINT_LIMIT)
-    violations = margins.violations | ~found * int(Violation.OUT_OF_REACH) | beyond
+    violations = margins.violations | ~is_solved * int(Violation.OUT_OF_REACH) | beyond
     return replace(margins, violations=violations.astype(np.uint8))
 
 

@@ -29,10 +29,10 @@ class KinematicSolution:
     """Rows that hold a solution, (N,)."""
 
     @classmethod
-    def where(cls, found: Mask, values: Array) -> Self:
+    def where(cls, is_solved: Mask, values: Array) -> Self:
         """Take the values (N, k) of the rows that were found, NaN elsewhere."""
-        values[~found] = np.nan
-        return cls(values, found)
+        values[~is_solved] = np.nan
+        return cls(values, is_solved)
 
     def values_or_raise(self) -> Array:
         """Return the values of all rows; raise `NoSolution` naming the first row without any."""
@@ -53,8 +53,11 @@ class Kinematics:
     @classmethod
     def of(cls, mechanism: ClosedChain, values: Mapping[str, float]) -> Self:
         """Make a model from values by name in mm and deg; raise `KeyError` for a missing one."""
-        own = Parameters.of(mechanism.parameters, values)
-        return cls(mechanism.with_ripples(own.rate) if own.rate else mechanism, own.vector)
+        parameters = Parameters.of(mechanism.parameters, values)
+        return cls(
+            mechanism.with_ripples(parameters.rate) if parameters.rate else mechanism,
+            parameters.vector,
+        )
 
     @property
     def parameters(self) -> Parameters:
@@ -73,8 +76,10 @@ class Kinematics:
 
     def inverse(self, poses: ArrayLike, approach: ArrayLike | None = None) -> KinematicSolution:
         """Return encoder readings (N, n) of poses (N, t) that joints reach by `approach` (N, n)."""
-        joints, found = self.mechanism.inverse(self.p, self._poses(poses), self._signs(approach))
-        return KinematicSolution(joints, found)
+        joints, is_solved = self.mechanism.inverse(
+            self.p, self._poses(poses), self._signs(approach)
+        )
+        return KinematicSolution(joints, is_solved)
 
     def forward(
         self, joints: ArrayLike, near: ArrayLike | None = None, approach: ArrayLike | None = None
@@ -91,9 +96,9 @@ class Kinematics:
     def assembled(self, poses: Array) -> tuple[Array, Array]:
         """Return the joints (M, n) and poses (M, t) of those poses (N, t) that it can take."""
         joints = self.inverse(poses)
-        found = joints.found.copy()
-        found[found] = self.forward(joints.values[found], poses[found]).found
-        return joints.values[found], poses[found]
+        is_solved = joints.found.copy()
+        is_solved[is_solved] = self.forward(joints.values[is_solved], poses[is_solved]).found
+        return joints.values[is_solved], poses[is_solved]
 
     def jacobian(
         self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None

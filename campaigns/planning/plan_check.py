@@ -151,7 +151,7 @@ def _space_faults(shots: Sequence[PlannedShot], space: RestrictedSpace) -> Itera
 
 
 def _nest_faults(
-    shots: Sequence[PlannedShot], nests: Collection[str], known: Sequence[KnownLengthConfig]
+    shots: Sequence[PlannedShot], nests: Collection[str], lengths: Sequence[KnownLengthConfig]
 ) -> Iterator[str]:
     """Name shots of nests and lengths that campaign.yaml lacks, and nests without a shot."""
     ends: dict[int, list[str]] = {}
@@ -166,7 +166,7 @@ def _nest_faults(
         elif shot.pair is not None and shot.nest:
             ends.setdefault(shot.pair, []).append(shot.nest)
     for pair, both in ends.items():
-        if len(set(both)) < len(both) or bar_of(known, pair, both) is None:
+        if len(set(both)) < len(both) or bar_of(lengths, pair, both) is None:
             yield f"pair {pair}: no known length lies between nests {' and '.join(both)}"
     for nest in sorted({*nests} - {shot.nest for shot in shots}):
         yield f"no shot measures nest {nest} of campaign.yaml"

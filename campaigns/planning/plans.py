@@ -255,13 +255,13 @@ def ordered_shots(
 
 
 def with_nests(
-    shots: Sequence[PlannedShot], nests: Sequence[NestConfig], known: Sequence[KnownLengthConfig]
+    shots: Sequence[PlannedShot], nests: Sequence[NestConfig], lengths: Sequence[KnownLengthConfig]
 ) -> tuple[PlannedShot, ...]:
     """Add shots of all nests behind each drift shot, the robot standing there, and renumber.
 
     Nests at the ends of known lengths are measured as these, the others for themselves.
     """
-    bars = [bar.nests for bar in known if bar.nests]
+    bars = [bar.nests for bar in lengths if bar.nests]
     alone = [nest.name for nest in nests if not any(nest.name in bar for bar in bars)]
     pair = max((shot.pair for shot in shots if shot.pair is not None), default=-1)
     with_all: list[PlannedShot] = []

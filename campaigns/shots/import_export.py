@@ -48,9 +48,9 @@ def imported_files(started: records.SeriesStarted) -> tuple[ImportedFile, ...]:
     """Return the files of an import; none where older software did not keep them."""
     kept = started.configuration.get(FILES)
     return tuple(
-        ImportedFile(str(each.get("name", "")), str(each.get("sha256", "")))
-        for each in (kept if isinstance(kept, list) else [])
-        if isinstance(each, dict)
+        ImportedFile(str(entry.get("name", "")), str(entry.get("sha256", "")))
+        for entry in (kept if isinstance(kept, list) else [])
+        if isinstance(entry, dict)
     )
 
 
@@ -78,9 +78,9 @@ def append_import(
     poses = _poses(held, rows)
     digest = hashlib.sha256(shots_text(rows, held.mechanism).encode()).hexdigest()
     kept: list[JsonValue] = [asdict(each) for each in files]
-    known = {**settings, FILES: kept} if kept else settings
+    config = {**settings, FILES: kept} if kept else settings
     started = records.SeriesStarted(
-        stage, digest, known, VERSION, robot_digest, None, None, None, declared
+        stage, digest, config, VERSION, robot_digest, None, None, None, declared
     )
     command: records.Command = "joints" if stage == "import" else "pose"
     with journal.in_one_commit():
@@ -125,10 +125,10 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
         for series in journal
         for shot in series.shots
     }
-    own: dict[tuple[float, ...], int] = {}
+    places: dict[tuple[float, ...], int] = {}
     for place, row in enumerate(rows):
         key = _digits(row.joints, row.point_in_tracker_mm)
-        shot, series = seen.get(key, (own.setdefault(key, place), None))
+        shot, series = seen.get(key, (places.setdefault(key, place), None))
         if row.purpose.in_pairs and (series or shot != place):
             of = f" of series {series.number} ({series.started.stage})" if series else ""
             raise ShotsInvalid(
@@ -147,17 +147,17 @@ def _digits(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, 
 def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
     """Return poses (N, t); zeros of shots without the robot."""
     poses = np.zeros((len(rows), len(held.mechanism.task)))
-    own = [place for place, row in enumerate(rows) if row.joints]
-    if not own:
+    placed = [place for place, row in enumerate(rows) if row.joints]
+    if not placed:
         return poses
-    solution = held.forward(np.array([rows[place].joints for place in own]))
+    solution = held.forward(np.array([rows[place].joints for place in placed]))
     if not solution.found.all():
-        row = own[int(solution.found.argmin())]
+        row = placed[int(solution.found.argmin())]
         raise ShotsInvalid(
             f"shot {row + 1} of the file: the nominal robot cannot be assembled at its joints",
             remedy="check the order and signs of the joints, and that it is this robot's file",
         )
-    poses[own] = solution.values
+    poses[placed] = solution.values
     return poses
 
 

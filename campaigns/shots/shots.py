@@ -116,8 +116,8 @@ class Shots:
         sides = np.zeros(rows.shape) if approach is None else batch(approach, names, "approach")
         words = [sets] * count if isinstance(sets, str) else sets
         purposes = tuple(map(ShotSet, words))
-        own = [None] * count if pairs is None else pairs
-        numbers = tuple(None if pair is None else int(pair) for pair in own)
+        pair_of = [None] * count if pairs is None else pairs
+        numbers = tuple(None if pair is None else int(pair) for pair in pair_of)
         _require_pairs(purposes, numbers)
         return cls(
             numbers=tuple(range(count)),
@@ -137,7 +137,8 @@ class Shots:
 
     def __repr__(self) -> str:
         counts = ", ".join(
-            f"{n} {each}" for each, n in Counter(each.value for each in self.purposes).items()
+            f"{n} {purpose}"
+            for purpose, n in Counter(purpose.value for purpose in self.purposes).items()
         )
         return f"<Shots: {len(self)} ({counts}) of {self.joints.shape[1]} joints>"
 
@@ -196,8 +197,8 @@ class Shots:
 
     def whole_pairs(self, purpose: ShotSet) -> PairRows:
         """Return the whole pairs of a set, and the rows whose partner is missing."""
-        own = zip(self.purposes, self.pairs, strict=True)
-        return pair_rows([pair if kind is purpose else None for kind, pair in own])
+        labels = zip(self.purposes, self.pairs, strict=True)
+        return pair_rows([pair if kind is purpose else None for kind, pair in labels])
 
     def measured_distances_mm(self, rows: Index) -> Array:
         """Return the distances between the two shots of each row of (M, 2), (M,)."""
@@ -277,8 +278,8 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
     if not count:
         return shots
     purposes = list(shots.purposes)
-    for some in np.array_split(np.arange(len(rows)), count):
-        for row in rows[rng.choice(some)].tolist():
+    for part in np.array_split(np.arange(len(rows)), count):
+        for row in rows[rng.choice(part)].tolist():
             purposes[row] = ShotSet.VALIDATION
     taken = {pair for pair in shots.pairs if pair is not None}
     pairs = list(shots.pairs)
@@ -302,10 +303,12 @@ def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
             f"part_temperatures in campaign.yaml and the shots do not go together: {lacking}",
             remedy='give times as those of the shots, "2026-11-21T09:00:00Z"',
         )
-    own, at, read = shots.part_temperature_degC, *np.split(seconds, [len(shots)])
+    temperature, at, read = shots.part_temperature_degC, *np.split(seconds, [len(shots)])
     order = np.argsort(read, kind="stable")
     between = np.interp(at, read[order], np.array([*readings.values()])[order])
-    return replace(shots, part_temperature_degC=np.where(np.isnan(own), between, own))
+    return replace(
+        shots, part_temperature_degC=np.where(np.isnan(temperature), between, temperature)
+    )
 
 
 def import_note(temperature_degC: float | None, time: str | None) -> str:
@@ -316,10 +319,10 @@ def import_note(temperature_degC: float | None, time: str | None) -> str:
 
 def noted(note: str) -> tuple[float | None, str | None]:
     """Read temperature in °C and time of a note; None for what it lacks."""
-    found = NOTE.fullmatch(note)
-    if found is None:
+    match = NOTE.fullmatch(note)
+    if match is None:
         return None, None
-    return None if found["air"] is None else float(found["air"]), found["time"]
+    return None if match["air"] is None else float(match["air"]), match["time"]
 
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
@@ -454,20 +457,20 @@ def approach_directions(
     shot measured again comes after others of higher numbers.
     """
     scale = np.array([axis.scale for axis in axes])
-    found = np.zeros((len(outcomes), len(axes)))
+    signs = np.zeros((len(outcomes), len(axes)))
     before, standing = np.zeros(len(axes)), (np.nan,) * len(axes)
     for row in order:
         outcome = outcomes[row]
         if not outcome.joints:
             continue
         if outcome.approach is not None:
-            found[row] = outcome.approach
+            signs[row] = outcome.approach
         if outcome.came_from is not None:
             came_from = np.array(outcome.came_from)
             straight = bool((np.abs(came_from - standing) < AT_REST_RAD * scale).all())
-            found[row] = _direction((outcome.joints - came_from) / scale, before * straight)
-        before, standing = found[row], outcome.joints
-    return found
+            signs[row] = _direction((outcome.joints - came_from) / scale, before * straight)
+        before, standing = signs[row], outcome.joints
+    return signs
 
 
 def _direction(moved_rad: Array, before: Array) -> Array:
