@@ -128,18 +128,26 @@ def read_campaign(directory: Path) -> CampaignConfig:
 def _campaigns_nearby(directory: Path) -> str:
     """Return which folder was probably meant: one within, the one around, or one beside it."""
     name = directory.absolute().name
-    within = sorted(path.parent for path in directory.glob(f"*/{FILE_NAME}"))
+    within = _campaigns_in(directory)
     if within:
         return f"name a campaign; here are {_listed(within)}"
     if is_file(directory.parent / FILE_NAME) and directory.parent != directory:
         return f"{directory.absolute().parent} is a campaign: name that folder"
-    beside = sorted(path.parent for path in directory.absolute().parent.glob(f"*/{FILE_NAME}"))
+    beside = _campaigns_in(directory.absolute().parent)
     nearest = nearest_word(name, [folder.name for folder in beside])
     if nearest:
         return f"did you mean {directory.parent / nearest}?"
     if beside:
         return f"name a campaign; beside it are {_listed(beside)}"
     return "name a campaign's folder, or make one with `pkmcal new DIR`"
+
+
+def _campaigns_in(folder: Path) -> list[Path]:
+    """Return the campaigns in a folder; none in one that cannot be listed."""
+    try:
+        return sorted(path.parent for path in folder.glob(f"*/{FILE_NAME}"))
+    except (OSError, ValueError):
+        return []
 
 
 def _listed(folders: Sequence[Path]) -> str:

@@ -53,7 +53,8 @@ def test_hints_after_options_of_all_commands_can_be_typed(pkmcal, tmp_path):
     for command, options in OPTIONS.items():
         if command == "run":  # which was planned, and is validated before
             assert step == f"pkmcal validate {folder} --stage before"
-            assert pkmcal(*shlex.split(step)[1:], "--only", "distances", "--yes").code == 0
+            before = pkmcal(*shlex.split(step)[1:], "--only", "distances", "--yes")
+            assert before.code in {0, 1}, "the scenario's limits are for a calibrated robot"
             step = f"pkmcal run {folder}"
         assert step == f"pkmcal {command} {folder}"
         ended = pkmcal(command, folder, *options.split())

@@ -8,11 +8,14 @@ SHOTS = VECTORS / "table1-tracker-noise.csv"
 
 
 def test_a_folder_without_a_campaign(pkmcal, tmp_path):
-    for command in (("plan", tmp_path), ("run", tmp_path / "nowhere", "--yes")):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    for command in (("plan", empty), ("run", tmp_path / "nowhere", "--yes")):
         ended = pkmcal(*command)
         assert ended.code == 2
         assert "holds no campaign.yaml → name a campaign's folder, or make one" in ended.error_line
-    assert contents(tmp_path) == {}
+    assert contents(empty) == {}
+    assert [*tmp_path.iterdir()] == [empty]
 
 
 def lifted_by_a_metre(plan):
