@@ -77,7 +77,7 @@ class Scenario(Section):
     speed_up: Annotated[float, Field(gt=0.0, le=10_000.0)] = 100.0
     robot: RobotSection
     controller: ControllerSection = ControllerSection()
-    tracker: TrackerSection
+    tracker: TrackerSection = TrackerSection()
     faults: tuple[FaultSection, ...] = ()
     acceptance: AcceptanceSection = AcceptanceSection()
 

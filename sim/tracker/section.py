@@ -63,8 +63,9 @@ class TrackerSection(Section):
     """Tracker as it is delivered, and the state in which it is found."""
 
     serial: Annotated[str, Field(pattern="^[0-9]{1,9}$")] = "390001"
-    station: StationSection
-    noise: Noise
+    station: StationSection = StationSection(x_mm=1930.0, y_mm=-1480.0, z_mm=-260.0, yaw_deg=137.0)
+    noise: Noise = Noise(coordinate_mm=0.01)
+    """A tracker without noise would state points without uncertainty, which no driver takes."""
     air: Air = Air()
     initialise_s: NotNegative = 20.0
     warm_up_s: NotNegative = 0.0

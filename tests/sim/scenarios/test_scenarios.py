@@ -100,6 +100,13 @@ def test_any_shipped_robot_is_a_nominal_one(name):
     assert flat == {each: robot.parameters[each] for each in flat}
 
 
+def test_a_cell_that_says_nothing_of_its_tracker_has_a_usual_one():
+    text = "schema: pkmcal/cell/1\nname: d\nrobot: {mechanism: delta, nominal: delta}\n"
+    tracker = parse_scenario(text, "cell.yaml").tracker
+    assert tracker.noise.coordinate_mm == 0.01
+    assert tracker.station.x_mm > 1000.0
+
+
 def test_a_nominal_robot_of_another_mechanism_or_name_is_refused():
     said = explained(MINIMAL.replace("par4-prototype", "delta"))
     assert "nominal 'delta' is no par4; give mechanism: delta" in said
