@@ -31,7 +31,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 demo: $(VENV)/installed
 	@mkdir -p demo
-	$(BIN)/pkmcal dry-run $(DEMO)
+	$(BIN)/pkmcal dry-run $(DEMO) --scenario realistic
 	@echo "Open file://$(CURDIR)/$(DEMO)/report.html"
 
 test: $(VENV)/installed-dev

@@ -30,7 +30,14 @@ def rehearsed() -> dict[str, Any]:
     """Document of `pkmcal dry-run`."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(  # noqa: S603 - our own command, no input from anywhere
-            [Path(sys.executable).with_name("pkmcal"), "dry-run", "rehearsal", "--json"],
+            [
+                Path(sys.executable).with_name("pkmcal"),
+                "dry-run",
+                "rehearsal",
+                "--scenario",
+                "realistic",
+                "--json",
+            ],
             cwd=folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -61,7 +68,7 @@ def drawn(document: dict[str, Any]) -> Figure:
     axes.legend(frameon=False, loc="upper left")
     means = [document[stage]["distances_mm"]["mean_abs"] for stage in ("before", "after")]
     figure.suptitle(
-        f"A simulated Par4: mean error of distances {means[0]:.1f} mm → {means[1]:.2f} mm"
+        f"A simulated Par4: mean error of distances {means[0]:.2f} mm → {means[1]:.3f} mm"
     )
     return figure
 

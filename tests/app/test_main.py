@@ -129,7 +129,10 @@ def test_a_name_of_the_api_says_which_folder_hides_our_packages(tmp_path):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("json", [[], ["--json"]])
-def test_a_command_that_makes_no_sense(pkmcal, arguments, words, json):
+def test_a_command_that_makes_no_sense(pkmcal, arguments, words, json, tmp_path, monkeypatch):
+    alone = tmp_path / "shop" / "floor"  # no campaign lies beside it
+    alone.mkdir(parents=True)
+    monkeypatch.chdir(alone)
     code, out, err = pkmcal(*arguments, *json)
     assert code == 2
     assert ("error" in loads(out)) if json else out == ""

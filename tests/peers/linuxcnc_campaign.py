@@ -19,7 +19,10 @@ def made_campaign(folder, linuxcnc, robot, settings, cell=MappingProxyType({})):
     words = ["new", str(folder), "--robot", robot, "--scenario", "paper-simulation"]
     assert run_command(words) == 0
     address = {"controller.url": linuxcnc.url, "controller.speed_percent": 100.0}
-    change(folder / "campaign.yaml", settings | address)
+    only_distances = dict.fromkeys(  # are measured
+        ("acceptance.rotation_mm", "acceptance.straightness_mm", "acceptance.repeatability_mm")
+    )
+    change(folder / "campaign.yaml", settings | address | only_distances)
     change(folder / "cell.yaml", cell)
     linuxcnc.make_ready()
     return folder
