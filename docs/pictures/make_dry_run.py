@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def printed() -> str:
-    """The answers with their colours; progress goes to stderr and is left out."""
+    """Return the answers with their colours; progress goes to stderr and is left out."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(  # noqa: S603 - our own command, no input from anywhere
             [Path(sys.executable).with_name("pkmcal"), *COMMAND],
@@ -44,7 +44,7 @@ def printed() -> str:
 
 
 def drawn(text: Text) -> str:
-    """The text as an SVG that looks nothing up elsewhere."""
+    """Return the text as an SVG that looks nothing up elsewhere."""
     console = Console(record=True, width=WIDTH, file=io.StringIO(), force_terminal=True)
     console.print(text)
     return WEB_FONTS.sub("", console.export_svg(title="pkmcal", unique_id="dry-run"))

@@ -66,7 +66,7 @@ def main() -> None:
 
 
 def live_pages(folder: Path) -> None:
-    """The live page on a desktop and a phone, while a run is going on."""
+    """Draw the live page on a desktop and a phone, while a run is going on."""
     watch = subprocess.Popen(  # noqa: S603 - our own command
         [*PKMCAL, "watch", str(folder), "--json"], stdout=subprocess.PIPE, text=True
     )
