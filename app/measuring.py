@@ -97,7 +97,7 @@ def measure(
 ) -> Result:
     """Measure a job: ask, connect, measure, and connect again after what may be over then.
 
-    `yes`: the cell is clear, and nobody may be there to help. `anew`: begin a new series although
+    `yes`: the cell is clear, and no one may be there to help. `anew`: begin a new series although
     one is unfinished. `plain`: print progress by lines, and hear no keys.
     Raise `Interrupted` when the operator stopped and does not want to go on now.
     """

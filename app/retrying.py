@@ -16,7 +16,7 @@ RETRIED = (
     errors.DeviceNotReady,
     errors.ImplausibleAnswer,
 )
-"""What may be over by the next try. Not an emergency stop: whoever pressed it starts the robot."""
+"""Faults that may be over by the next try. An emergency stop is none: people release it."""
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
 LOOK_S = 0.02

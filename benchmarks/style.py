@@ -75,7 +75,8 @@ def prose_of(module: ast.Module, text: str) -> Iterator[tuple[int, str]]:
 
 
 def stop_words(module: ast.Module, text: str) -> Iterator[tuple[str, int, str, str]]:
-    for begin, words in prose_of(module, text):
+    for begin, prose in prose_of(module, text):
+        words = re.sub("`[^`\n]*`", lambda code: "`" * len(code[0]), prose)  # code is no prose
         for pattern, instead in INSTEAD.items():
             for hit in re.finditer(pattern, words, re.IGNORECASE | re.MULTILINE):
                 line = begin + words.count("\n", 0, hit.start())

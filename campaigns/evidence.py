@@ -273,7 +273,7 @@ class Evaluation:
 
     @cached_property
     def time_series(self) -> tuple[TimeSeries, ...]:
-        """Temperature and drift of each series that tells of them."""
+        """Temperature and drift of each series that has them."""
         every = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
         return tuple(each for each in every if not each.is_empty)
 

@@ -46,7 +46,7 @@ class HandSettings:
 
 
 def _require_somebody(prompt: Prompt | None, device: str) -> Prompt:
-    """Return whom to ask; raises `AddressInvalid` where there is nobody."""
+    """Return whom to ask; raises `AddressInvalid` where there is no one."""
     if prompt is None:
         raise AddressInvalid(
             f"the {device} is worked by hand, and there is no terminal to ask at",
@@ -89,7 +89,7 @@ class RobotByHand(RobotController):
         return values.Identity("operator", "robot", self._settings.serial, "-", "by hand")
 
     def state(self) -> values.RobotState:
-        """Return the joints typed last: asked for if none were, empty if nobody can be asked."""
+        """Return the joints typed last: asked for if none were, empty if no one can be asked."""
         if self._joints is None and self._prompt is not None:
             axes = self._layout.joints
             question = "where is the robot? type the joints that its display shows"
@@ -123,7 +123,7 @@ class RobotByHand(RobotController):
         self._move(f"move the robot to the pose {place}, by its controller's kinematics", target)
 
     def stop(self) -> None:
-        """Do nothing: whoever moves the robot stands beside it."""
+        """Do nothing: the operator moves the robot and stands beside it."""
 
     @override
     def read_geometry(self) -> Mapping[str, float]:
@@ -210,7 +210,7 @@ class TrackerByHand(LaserTracker):
         return values.Identity("operator", "tracker", self._serial, "-", "by hand")
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
-        """Raise `AddressInvalid` where nobody can be asked; the rest is its operator's."""
+        """Raise `AddressInvalid` where no one can be asked; the rest is its operator's."""
         _require_somebody(self._prompt, "tracker")
 
     def measure(self) -> values.Measurement:
@@ -228,7 +228,7 @@ class TrackerByHand(LaserTracker):
         point_mm, _ = recorded_measurement(text)
         before, self._last = self._last, point_mm
         if point_mm == before:
-            self._last = None  # whoever gives it once more means it
+            self._last = None  # typed once more, it is confirmed
             raise WireError(
                 "this is the point before, to the last digit",
                 remedy="copy the new one; if it is right, give it once more",

@@ -23,7 +23,7 @@ class Surroundings:
     settings: object = None
     """What a campaign says to this driver alone, whose type only that driver knows."""
     prompt: Prompt | None = None
-    """Asks the operator; None where nobody can be asked."""
+    """Asks the operator; None without a terminal."""
     in_process: bool = False
     """Whether the device is simulated in this process."""
 

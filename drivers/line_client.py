@@ -41,7 +41,7 @@ class LineClient(LinkClient[Answer]):
     """Client that asks one question after another; only the last one can be answered.
 
     An answer to another number is stale (after a fault it can sit in a serial line's buffer): the
-    link keeps it with the events, of which these protocols have none, and nobody ever reads it.
+    link keeps it with the events, of which these protocols have none, and no one ever reads it.
     `numbers` are those of its questions. The verb `first` is sent before anything is read, so that
     noise on the line cannot keep it back, behind an empty line, which ends what an earlier client
     left half sent.

@@ -17,7 +17,7 @@ reading, and the stop has to be on its wire within 0.1 s."""
 
 
 def never() -> bool:
-    """Return False: nobody wishes to stop."""
+    """Return False: no stop is requested."""
     return False
 
 
@@ -27,7 +27,7 @@ class Link(Generic[Message]):
     A question that is not answered in time, is answered by something else, or is abandoned, closes
     the link: what arrives later must never be read as the answer to the next question.
     `feed` gives the messages that bytes complete, keeps what is incomplete and raises only
-    `WireError`. `keeps` is told every event at its arrival, once: is it worth queueing?
+    `WireError`. `keeps` gets every event at its arrival, once: is it worth queueing?
     `clock_s` is real time, also where a simulated cell runs faster: the wire is real.
     """
 
@@ -97,7 +97,7 @@ class Link(Generic[Message]):
         return taken
 
     def has_lost_events(self) -> bool:
-        """Tell whether events fell out of a full queue since this was last asked."""
+        """Return whether events fell out of a full queue since this was last asked."""
         has_lost, self._has_lost_events = self._has_lost_events, False
         return has_lost
 

@@ -98,7 +98,7 @@ class Machine:
         return wire.ControllerStatus(moving, estop, fault[:70], tuple(self._encoders()))
 
     def is_moving(self, patience_s: float = 0.3) -> bool:
-        """Whether anything moves, or still has to come to its target, or nothing can tell.
+        """Whether anything moves, or still has to come to its target, or nothing is known.
 
         Pins of a dead realtime part keep their last values, and joints follow the trajectory some
         cycles late. That the robot stands is therefore known after further cycles of the servo

@@ -50,7 +50,7 @@ def require_point(where: str, point_mm: values.Vector3) -> None:
 
 
 def require_weather(where: str, air: values.Weather) -> None:
-    """Raise `ImplausibleAnswer` for air in which nobody measures."""
+    """Raise `ImplausibleAnswer` for air that cannot be measured in."""
     require(where, values.TEMPERATURE, air.temperature_degC)
     require(where, values.PRESSURE, air.pressure_hPa)
     require(where, values.HUMIDITY, air.humidity_percent)

@@ -13,7 +13,7 @@ NAP_S = 0.05
 class WakefulClock:
     """Clock whose sleep ends soon after the operator wants to stop: nothing waits on in its sleep.
 
-    A signal alone ends no sleep. Whoever sleeps looks at the wish himself.
+    A signal alone ends no sleep. The one who sleeps looks at the wish himself.
     """
 
     def __init__(self, clock: Clock, cancelled: Callable[[], bool]) -> None:

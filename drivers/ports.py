@@ -66,7 +66,7 @@ class RobotController(Protocol):
         """Replace all parameters at once, or none; the robot stands still meanwhile."""
 
     def reconnect(self) -> None:
-        """Open anew after a fault of the wire; raises `WrongDevice` when somebody else answers."""
+        """Open again after a fault of the wire; raises `WrongDevice` when somebody else answers."""
 
     def close(self) -> None:
         """Leave the robot standing and the wire free."""
@@ -131,7 +131,7 @@ class LaserTracker(Protocol):
         return
 
     def reconnect(self) -> None:
-        """Open anew after a fault of the wire and set the instrument's state as it was prepared."""
+        """Open again after a fault of the wire, and prepare the instrument as it was."""
 
     def close(self) -> None:
         """Leave the instrument as it is and the wire free."""

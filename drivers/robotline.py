@@ -91,7 +91,7 @@ class LineRobot(RobotController):
             self._session.open()
 
     def reconnect(self) -> None:
-        """Open anew after a fault. The controller has stopped, and dropped what was staged."""
+        """Open again after a fault. The controller has stopped, and dropped what was staged."""
         self.connect()
 
     @override
@@ -154,7 +154,7 @@ class LineRobot(RobotController):
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters at once, or none; raises `DeviceRefused`.
 
-        When the wire breaks here, only reading back tells which parameters the controller has.
+        When the wire breaks here, only reading back shows which parameters the controller has.
         """
         _check_geometry(geometry, self._layout)
         client = self._session.connection
@@ -185,7 +185,7 @@ class LineRobot(RobotController):
     def _known_extensions(self) -> tuple[str, ...]:
         """Return the parameters of imperfect parts that it has; asked once a connection.
 
-        It has those of a kind of all arms or of none, so that the first of a kind tells.
+        It has those of a kind of all arms or of none, so that the first of a kind decides.
         """
         if self._extensions is None:
             kinds = self._layout.extension_kinds

@@ -59,7 +59,7 @@ class DeviceSession(Generic[Connected]):
         return self._identity
 
     def open(self) -> None:
-        """Open anew and greet; raises what opening and greeting raise.
+        """Open again and greet; raises what opening and greeting raise.
 
         From the second time on it must be the same device that answers, else `WrongDevice`.
         """
@@ -72,7 +72,7 @@ class DeviceSession(Generic[Connected]):
             raise
 
     def use(self, connection: Connected) -> None:
-        """Go on over a connection that nobody was greeted over."""
+        """Go on over a connection without a greeting."""
         self._latest = connection
 
     def close(self) -> None:
@@ -104,7 +104,7 @@ class Preparation:
 
 
 class PreparedTracker(LaserTracker, Generic[Connected, Agreed]):
-    """A tracker at the other end of a wire, prepared anew after each reconnection.
+    """A tracker at the other end of a wire, prepared again after each reconnection.
 
     Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
     """
@@ -115,12 +115,12 @@ class PreparedTracker(LaserTracker, Generic[Connected, Agreed]):
         self._agreed: Agreed | None = None
 
     def connect(self) -> None:
-        """Open anew; the tracker then counts as not prepared."""
+        """Open again; the tracker then counts as not prepared."""
         self._agreed = None
         self._session.open()
 
     def reconnect(self) -> None:
-        """Open anew after a fault, and set the tracker up as it was wanted last, if ever."""
+        """Open again after a fault, and set the tracker up as it was wanted last, if ever."""
         self.connect()
         if self._wanted is not None:
             self.prepare(self._wanted.reflector, self._wanted.measuring_time_s)

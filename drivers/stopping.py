@@ -19,7 +19,7 @@ Alarm = Callable[[str], None]
 
 
 def unheard(_alarm: str) -> None:
-    """Alarm that nobody hears."""
+    """Alarm without effect."""
 
 
 StopOnce = Callable[[float, float], None]
@@ -33,7 +33,7 @@ may open a connection where there is none.
 class StopProcedure:
     """Stop of a robot: how it is done, and whether it is under way. `clock` is real time.
 
-    `answer_s` is the first try's patience with an answer; `alarm` is told when that was in vain.
+    `answer_s` is the first try's patience with an answer; `alarm` is raised when that was in vain.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class StopProcedure:
     def await_standstill(self, is_moving: Callable[[], bool], *, give_up_s: float) -> None:
         """Return when the robot stands; raises `MotionFault` when it moves on until `give_up_s`.
 
-        The alarm comes as early as where nobody answers: a stop that is taken may still do nothing.
+        The alarm comes as early as where no one answers: a stop that is taken may still do nothing.
         """
 
         def stands() -> bool:

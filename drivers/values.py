@@ -161,7 +161,7 @@ class TrackerState:
     beam_locked: bool
     reflector: str
     packets_passed_over: int = 0
-    """Of this connection: of kinds that nobody knows, and states that nobody asked for."""
+    """Of this connection: of unknown kinds, and states that were not asked for."""
 
 
 LEAST_DETERMINANT = 1e-12

@@ -54,7 +54,7 @@ class _Contents:
             return rows[1:] if had_begun else rows
         changed = sum(old != new for old, new in zip(before.rows, self.rows, strict=False))
         if changed == 1 and len(self.rows) == count > 1:
-            return []  # an old row was written anew in its place, with more digits say
+            return []  # an old row was written again in its place, with more digits say
         old_rows = [*before.rows, before.partial]
         return [*(Counter(self.rows) - Counter(old_rows)).elements()]
 

@@ -59,7 +59,7 @@ class CellMemory(BaseModel):
     selected_reflector: int
     beam_on: str | None
     taken: tuple[TakenShot, ...] = ()
-    """What the tracker told, as it really was; memories from before have none."""
+    """What the tracker reported, as it really was; memories from before have none."""
 
     @model_validator(mode="after")
     def _geometry_is_a_robot(self) -> Self:

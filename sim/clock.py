@@ -1,4 +1,4 @@
-"""The simulated cell's time: passed by whoever waits, or faster than the wall clock."""
+"""The simulated cell's time: passed by waiting, or faster than the wall clock."""
 
 import math
 import time

@@ -18,7 +18,7 @@ from sim.tracker.optics import TrackerPose
 PLATE_RADIUS_MM = 45.0
 """Of a single platform's joints, where the cell file says nothing of them."""
 PART_HALF_WIDTH_MM = 60.0
-"""Half of the way between the two joints of a part, likewise."""
+"""Half of the way between the two joints of a part, also."""
 RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
 RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
 RAD_PER_MRAD = 1e-3
@@ -67,7 +67,7 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
 
 
 def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
-    """Return (n, 3): as told, or on either side of two parts, or around a single one."""
+    """Return (n, 3): as stated, or on either side of two parts, or around a single one."""
     if robot.plate_joints_mm is not None:
         return np.array(robot.plate_joints_mm)
     if geometry.kind.turn is None:
@@ -96,7 +96,7 @@ def known_ripple_rate(scenario: Scenario) -> float | None:
 
 
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:
-    """Return (n,): as told, or 0 for every arm."""
+    """Return (n,): as stated, or 0 for every arm."""
     return np.array(values) if values else np.zeros(kind.arms)
 
 

@@ -131,7 +131,7 @@ def command(
     nominal robot puts it than gate.distance_mm in campaign.yaml.
 
     A point export of tracker software (SpatialAnalyzer, OpenIndy, Leica) is read with a file of
-    the --joints of each point. Its header tells columns, unit, uncertainties and times.
+    the --joints of each point. Its header states columns, unit, uncertainties and times.
 
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
     "validation", then the default, and the sets rotation, straightness, repeatability and iso-cube.

@@ -1,4 +1,4 @@
-"""State of a controller: which parameter set it holds, told by what the journal knows of sets."""
+"""State of a controller: which parameter set it holds, by the sets in the journal."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress

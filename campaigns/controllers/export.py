@@ -81,7 +81,7 @@ def compensated_robot(
 ) -> RobotDocument:
     """Return the nominal robot with the identified parameters, their 1 σ and their provenance.
 
-    `controller` answered when the shots were taken; None where nobody knows, as of an import.
+    `controller` answered when the shots were taken; None if unknown, as of an import.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
     require_usable(nominal, identification)

@@ -102,7 +102,7 @@ def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tu
 def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
     """Write and read back; gives what is wrong then, nothing when it verified.
 
-    The wire is opened anew before: what this connection alone knows is not in the controller.
+    The wire is opened again before: what this connection alone knows is not in the controller.
     """
     interruption = ""
     try:

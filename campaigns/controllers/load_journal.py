@@ -57,7 +57,7 @@ class Load:
         return Holding.OTHER if differing(held, self.held) else Holding.OLD
 
     def told(self, held: Mapping[str, float] | None) -> str:
-        """Describe a load without an end; None: nobody has asked the controller."""
+        """Describe a load without an end; None: no one has asked the controller."""
         begun = f"a load of {self.source} was begun at {self.at_utc} and not ended"
         if held is None:
             return f"{begun}; `pkmcal load DIR --dry` says what the controller holds now"
@@ -101,7 +101,7 @@ class Load:
         journal.append(Finding("load failed", body))
 
     def settle(self, journal: Journal, held: Mapping[str, float], reason: str) -> None:
-        """Write the end that it lacks, by what the controller holds, where that tells."""
+        """Write the end that it lacks, by what the controller holds, if that decides it."""
         holding = self.holding(held)
         if holding is Holding.NEW:
             body = self._ended() | {"verification": None, "reason": reason}

@@ -1,7 +1,7 @@
 """Plausibility of measured shots and of found parameters, by what is known of the nominal robot.
 
-A fit cannot tell points in metres from a robot a thousand times smaller, and pairs that it never
-saw agree, being in the same unit. Only the nominal robot speaks against it: its positions at the
+A fit cannot distinguish points in metres from a robot a thousand times smaller, and hold-out pairs
+agree, being in the same unit. Only the nominal robot speaks against it: its positions at the
 joints read must be the measured points up to a rigid motion, and nearly so before any fit.
 """
 
@@ -42,7 +42,7 @@ KEPT = 0.8
 """Share of the shots by which a fit is judged, so that a few gross errors say nothing."""
 TRIMMINGS = 5
 THIN = 0.02
-"""Points whose second spread is below this part of the first lie on a line and tell nothing."""
+"""Points whose second spread is below this part of the first lie on a line: no frame."""
 NEAR = 0.06
 """Misfit in parts of the points' spread: robots with lengths off by 10 mm and joints by 5° stay
 below it, and one of the wrong order of joints is above."""
@@ -114,8 +114,8 @@ def check_shots(
     """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's.
 
     `where` names the file or series. `place_mm` is the tracker's rough place in the base frame: it
-    alone tells arms apart where the robot is symmetrical about its axis. `unit`: in which the file
-    was read.
+    alone distinguishes arms where the robot is symmetrical about its axis. `unit`: of the file as
+    it was read.
     """
     _check_joints(nominal, shots, where)
     _check_reading(nominal, shots, where, place_mm, unit)

@@ -1,4 +1,4 @@
-"""Region of validity: where positions are about as sure as at the shots of a result.
+"""Region of validity: where σ of positions is at most a few times that at the shots of a result.
 
 Beyond it σ of positions is that of an extrapolation.
 """

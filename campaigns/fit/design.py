@@ -40,7 +40,7 @@ class ShotDesign:
         self._restart()
 
     def _restart(self) -> None:
-        """Form all products anew from what is chosen: rounding of many changes is left behind."""
+        """Form all products again from what is chosen: rounding of many changes is left behind."""
         rows = self.jacobians[self.chosen].reshape(-1, self.jacobians.shape[2])
         self.covariance = np.linalg.inv(self.prior + rows.T @ rows)
         self._products = self.jacobians @ self.covariance

@@ -74,7 +74,7 @@ def marginal_information(information: Array, size: int) -> Array:
 
 
 def null_directions_of(information: Array, names: tuple[str, ...]) -> NullDirections:
-    """Return the directions along which information (P, P) is as good as none."""
+    """Return the directions along which information (P, P) is practically zero."""
     values, vectors = np.linalg.eigh(information)
     return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names)
 

@@ -42,7 +42,7 @@ WORSE = "unseen-worse"
 NOT_ARRIVED = "not-arrived"
 KNOWN_LENGTH = "known-length"
 ACCEPTABLE = (BEYOND_TOLERANCE,)
-"""Findings with which a result may be taken all the same, by `--force`."""
+"""Findings with which a result may be taken nevertheless, by `--force`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ def observations_of(shots: Shots, near: Array, options: IdentificationOptions) -
 
 
 def _require_covariances(shots: Shots, is_stated: Mask) -> None:
-    """Raise `ShotsInvalid` for the first stated covariance that is none."""
+    """Raise `ShotsInvalid` for the first stated covariance that is not positive definite."""
     rows = np.flatnonzero(is_stated)
     least = np.linalg.eigvalsh(shots.stated_covariance_mm2[rows])[:, 0]
     for row in rows[least <= 0.0].tolist():

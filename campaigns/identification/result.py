@@ -350,7 +350,7 @@ class IdentificationResult:
 
     @property
     def accepted(self) -> tuple[str, ...]:
-        """Findings with which somebody took the result all the same, in words."""
+        """Findings with which somebody took the result nevertheless, in words."""
         return tuple(finding.says for finding in self.findings if finding.accepted)
 
     def nominal_flat(self) -> dict[str, float]:

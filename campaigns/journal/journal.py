@@ -229,7 +229,7 @@ class Journal(JournalReader):
         self._require_same_files()
 
     def prove(self) -> None:
-        """Close the file and open it anew: all that was written has to be in it, and whole.
+        """Close the file and open it again: all that was written has to be in it, and whole.
 
         A second connection beside the first would not do: it reads by the same index in memory.
         Raises `JournalFailed`.

@@ -55,8 +55,8 @@ class SeriesStarted:
 
     `declared`: the file by which somebody says what the controller held while shots were measured
     elsewhere for a validation; "" where it was read from the controller.
-    `model` is what the shots were planned to tell, by the word of `--model`; `lacks` what the
-    controller's kinematics has no parameters for. Empty and None in older files: nobody said so.
+    `model` is what the shots were planned to determine, by the word of `--model`; `lacks` what the
+    controller's kinematics has no parameters for. Empty and None in older files: no one said so.
     """
 
     stage: Stage
@@ -97,7 +97,7 @@ class BeamStart:
 class SessionStarted:
     """A process takes up a series, for the first time or after a stop or a crash.
 
-    `beam` is None where the tracker told no direction, or the robot was moving; and in old files.
+    `beam` is None where the tracker reported no direction or the robot moved, and in old files.
     """
 
     software_version: str
@@ -147,7 +147,7 @@ class Durations:
 class Outcome:
     """An accepted shot: the joints as read, the point as measured, both raw answers beside them.
 
-    `came_from` is where the joints stood before the last leg of the way; None: nobody knows.
+    `came_from` is where the joints stood before the last leg of the way; None if unknown.
     """
 
     shot: int
@@ -186,7 +186,7 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class PairVoided:
-    """The outcomes that these shots have so far no longer count; the pair is measured anew.
+    """The outcomes that these shots have so far no longer count; the pair is measured again.
 
     Without a pair, it is one shot that stands alone.
     """

@@ -26,9 +26,9 @@ LOOK_AT_THE_DRIVES = (
     "by hand; then run again: it resumes"
 )
 REPEATED_AFTER_S = (30.0, 300.0, 3000.0)
-"""Times at which the operator is told again that the beam is still broken.
+"""Times at which the operator is reminded that the beam is still broken.
 
-He is told at once while the reflector's place is unknown: then he has to place the beam.
+The reminder comes at once while the reflector's place is unknown: then he has to place the beam.
 """
 MOST_ANCHORS = 3
 """Poses, latest first, at which the reflector is looked for where it was measured.
@@ -123,8 +123,8 @@ class Beam:
     def look_back(self, standing_mm: Vector3 | None = None) -> bool:
         """Bring robot and beam together where the reflector was seen before; False: nowhere.
 
-        At the pose of a shot that counts, the latest first; else where a session began: whoever
-        began it has put the beam onto the robot's reflector, unless it pointed at one that is
+        At the pose of a shot that counts, the latest first; else where a session began: there its
+        operator has put the beam onto the robot's reflector, unless it pointed at one that is
         known to stand elsewhere, at `standing_mm`.
         """
         return any(self._lock_at(*anchor) for anchor in self._anchors(standing_mm))

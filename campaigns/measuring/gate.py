@@ -26,7 +26,7 @@ FEWEST_SHOTS = 5
 SPREAD_FOR_A_FRAME_MM = 50.0
 """Least extent of the points across their main direction: less places no frame."""
 SCATTER = {"points": 0.04, "joints": 0.04}
-"""Variance of the robot's scatter as a share of its tolerance's, which first shots cannot tell."""
+"""Variance of the robot's scatter as a share of its tolerance's, which first shots cannot show."""
 POINTING_STD_MM = 20.0
 """Standard deviation of a prediction, up to which the tracker is pointed there; it searches 50."""
 FIRST_SHOTS = 12

@@ -73,7 +73,7 @@ class StationMonitor:
     def __init__(
         self, station: Station | None, kinematics: Kinematics, planned: Sequence[PlannedShot]
     ) -> None:
-        """`station` is None where nobody said where the tracker stands."""
+        """`station` is None where no one said where the tracker stands."""
         self._station = station
         self._kinematics = kinematics
         self._planned = planned

@@ -53,7 +53,7 @@ class Mover:
         self._last_target: Joints | None = None
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
-        """Take the step's way and settle at its end; `entering` is told each new state.
+        """Take the step's way and settle at its end; `entering` gets each new state.
 
         Raises before anything moves `TargetOutOfReach` when no safe way is known and `JogRequired`
         when none may begin here; `NotSettled`, `Interrupted`, or a driver's error.
@@ -134,7 +134,7 @@ class Mover:
         return state
 
     def _at_rest(self) -> RobotState:
-        """Return the robot's state before a motion, once nobody else is moving it."""
+        """Return the robot's state before a motion, once no one else is moving it."""
         deadline_s = self._deadline_s()
         while True:
             self.check_stop()

@@ -31,7 +31,7 @@ class NestPointer:
     def leave(self) -> None:
         """Point at the robot's reflector again, if the beam has left it, before the robot moves.
 
-        Raise `GateRefused` where nobody puts it back.
+        Raise `GateRefused` where no one puts it back.
         """
         if not self._is_away:
             return
@@ -66,7 +66,7 @@ class NestPointer:
     def point_at(self, name: str) -> None:
         """Point at a nest's reflector.
 
-        Raise `BeamBroken` where there is none, and `GateRefused` where nobody puts one there.
+        Raise `BeamBroken` where there is none, and `GateRefused` where no one puts one there.
         """
         nest, work = self._nests[name], self._session.work
         place_mm = self._latest_mm.get(name, nest.place_mm)

@@ -21,7 +21,7 @@ class Loss(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """Outcome that agrees with the accepted shots; nobody has written it yet."""
+    """Outcome that agrees with the accepted shots; no one has written it yet."""
 
     outcome: Outcome
 

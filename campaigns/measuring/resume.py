@@ -96,7 +96,7 @@ def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
 def check_same_devices(
     series: Series, controller_serial: str | None, tracker_serial: str | None
 ) -> None:
-    """Raise `ResumeRefused` unless both are those that it began with; None: nobody says which."""
+    """Raise `ResumeRefused` unless both are those that it began with; None: no one says which."""
     began = series.started
     for device, before, now in (
         ("controller", began.robot, controller_serial),

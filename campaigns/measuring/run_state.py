@@ -74,7 +74,7 @@ class RunObserver:
 
 
 SILENT = RunObserver()
-"""For runs that nobody watches."""
+"""For runs without a screen."""
 
 
 def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float, float] | None:
@@ -89,7 +89,7 @@ def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float
 
 
 class RunState:
-    """The state of a run, and its progress for whoever shows it."""
+    """The state of a run, and its progress for its display."""
 
     def __init__(
         self, observer: RunObserver, *, done: int, total: int, goal_mm: float | None = None

@@ -49,12 +49,12 @@ class SeriesLog:
             self._open = None
 
     def announce(self, event: records.Event) -> None:
-        """Write an event, and tell it to whoever shows the run."""
+        """Write an event, and pass it to the display of the run."""
         self.write(event)
         self.tell(event.text)
 
     def tell(self, text: str) -> None:
-        """Tell whoever shows the run what the journal has already."""
+        """Show the display of the run what the journal has already."""
         self._observer.event(text)
 
     def close(self, how: records.Ending, reason: str) -> None:

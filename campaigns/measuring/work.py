@@ -29,7 +29,7 @@ from drivers.ports import Clock, LaserTracker, RobotController
 from drivers.values import Matrix3, Vector3
 
 UNKNOWN_NOISE = 0.25
-"""Standard deviation, in parts of the limit of drift, of a robot whose noise nobody knows yet."""
+"""Standard deviation, in parts of the limit of drift, of a robot whose noise is unknown yet."""
 FEWEST_FREEDOM = 6.0
 """Degrees of freedom of a fit from which the robot's scatter is estimated by it."""
 UNATTENDED_BEAM_WAIT_S = 600.0
@@ -78,7 +78,7 @@ class Cell:
     """Time as the operator lives it: what is left."""
     raw_readers: RawReaders | None = None
     ask: Callable[[str], bool] = lambda _: False
-    """Whether the operator, who is told what to do, says that it is done."""
+    """Whether the operator, who is shown what to do, confirms that it is done."""
     beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
     """Longest wait for a broken beam; infinite where an operator is there to place it."""
 

@@ -31,7 +31,7 @@ from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
 
 FRAME_PRECISION = 1e-8
-"""Precision of the frame's unknowns, in mm and mrad, before any shot: as good as none."""
+"""Precision of the frame's unknowns, in mm and mrad, before any shot: practically none."""
 FEWEST_SHOTS = 4
 """Shots that place the tracker's frame, with one to spare."""
 LEAST_SHARE = 0.9

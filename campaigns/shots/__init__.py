@@ -1,1 +1,1 @@
-"""Measured shots, whoever measured them: as arrays, and in and out of files."""
+"""Measured shots of any origin: as arrays, and in and out of files."""

@@ -61,7 +61,7 @@ class Shots:
     nests: tuple[str, ...] = ()
     """Name of the fixed place that each is of; empty, or "", of the robot's reflector."""
     session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    """Which session of the series each was measured in, (N,); 0 where nobody told."""
+    """Which session of the series each was measured in, (N,); 0 if not stated."""
     part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
     """Temperature of the robot's parts, (N,); NaN where it is not known."""
 

@@ -42,9 +42,9 @@ STOPPED = (errors.Interrupted, Cancelled, KeyboardInterrupt)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadTerms:
-    """Terms of a load: who is asked and told, and whether it is one at all.
+    """Terms of a load: who is asked and informed, and whether it is one at all.
 
-    `approve` is told which controller and which changes, and raises what keeps them from being
+    `approve` gets which controller and which changes, and raises what keeps them from being
     made; `tell` gets what should be said; `uninterrupted` holds signals off from the first to the
     last record.
     """

@@ -1,4 +1,4 @@
-"""Planning of a campaign: poses chosen, checked and written, and what they will tell."""
+"""Planning of a campaign: poses chosen, checked and written, and the predicted uncertainty."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

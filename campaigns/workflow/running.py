@@ -68,7 +68,7 @@ class RunPreview:
 def state_by_journal(campaign: Campaign) -> ControllerState | None:
     """Return the state of the controller after the latest load in the journal; None without any.
 
-    Joints are commanded in a run: nothing depends on it, and nobody is asked.
+    Joints are commanded in a run: nothing depends on it, and no one is asked.
     """
     if not campaign.journal_path.exists():
         return None

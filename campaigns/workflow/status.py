@@ -25,7 +25,7 @@ class StageProgress:
     stage: str
     shots: int
     planned: int | None
-    """Shots of plan.csv for a run; None where nobody knows."""
+    """Shots of plan.csv for a run; None if unknown."""
     finished: bool
     latest_utc: str
     """When its latest shot was measured; of a series without any when it began."""

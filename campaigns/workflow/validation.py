@@ -79,7 +79,7 @@ def validation_work(
     Planned with the parameters that are active in the controller, which takes the pose commands; by
     targets with the identified ones of the exported file, the active ones being the controller's.
     Raises `ConfigInvalid` for a file that is not for this campaign, and `OptionsInvalid` for a shot
-    to skip that is none.
+    to skip that is unknown.
     """
     tests = options.tests
     unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()

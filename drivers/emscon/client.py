@@ -152,7 +152,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         self.changes_confirmed = 0
         """Count of `changes_heard` up to which settings were read back and found unchanged."""
         self.passed_over = 0
-        """Packets so far of types that nobody knows, and states that nobody asked for."""
+        """Packets so far of unknown types, and states that were not asked for."""
 
     def ask(
         self,
@@ -219,7 +219,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         return message, self._first_end_s - self._asked_s
 
     def await_idle_and_see_another_end(self) -> bool:
-        """Wait until the tracker is idle, and tell whether the measurement ended a second time.
+        """Wait until the tracker is idle, and return whether the measurement ended a second time.
 
         When the tracker is no longer busy, the measurement's own result has come: a second one
         shows that the first may be that of an earlier measurement. So does a tracker that stays
@@ -237,7 +237,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
     def abandon_measurement(self) -> None:
         """Stop a measurement that failed; closes the wire when it cannot be stopped.
 
-        Its result may be under way all the same: the end of the next one is then looked at twice.
+        Its result may be under way nevertheless: the end of the next one is then looked at twice.
         """
         self.may_hear_old_results = True
         if self.attempt(Command.STOP_MEASUREMENT) == ResultStatus.SERVER_BUSY:
@@ -253,7 +253,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
     def changes_heard(self) -> int:
         """Drain, and count what may have changed settings since the connection was opened.
 
-        That is each event that says so, whoever caused it, all live results, which we have switched
+        That is each event that says so, by any client, all live results, which we have switched
         off, and a queue that was too short for what came.
         """
         self.drain()
@@ -270,7 +270,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         return events
 
     def _hear(self, event: wire.FromServer) -> bool:
-        """Note what an event says at its arrival, and tell whether it is worth queueing."""
+        """Note what an event says at its arrival, and return whether it is worth queueing."""
         self._changes += _may_change_settings(event)
         self.passed_over += _is_passed_over(event)
         ends = _ends_measurement(event)
@@ -311,14 +311,14 @@ def _body_of(reply: wire.FromServer, kind: type[BodyType]) -> BodyType:
 
 
 def _is_answer(message: wire.FromServer, command: Command) -> bool:
-    """Tell whether a message answers a command: also an error that names it."""
+    """Return whether a message answers a command: also an error that names it."""
     if isinstance(message, bodies.ErrorResponse) and message.status != ResultStatus.ALL_OK:
         return message.command == command or _is_other_client(message)
     return isinstance(message, wire.Answer) and message.command == command
 
 
 def is_event(message: wire.FromServer) -> bool:
-    """Tell whether a message that answers no open question may come all the same.
+    """Return whether a message that answers no open question may come nevertheless.
 
     An answer may not, but for one about the tracker's state and those of a list after its first.
     """
@@ -342,7 +342,7 @@ def _is_reflector(message: wire.FromServer) -> bool:
 
 
 def _ends_measurement(message: wire.FromServer) -> bool:
-    """Tell whether a message is a result, or an error that is not about a setting or question."""
+    """Return whether a message is a result, or an error that is not about a setting or question."""
     if isinstance(message, bodies.ErrorResponse):
         is_about_it = message.command not in SETTINGS_COMMANDS or _is_other_client(message)
         return is_about_it and message.status != ResultStatus.ALL_OK
@@ -350,7 +350,7 @@ def _ends_measurement(message: wire.FromServer) -> bool:
 
 
 def _may_change_settings(message: wire.FromServer) -> bool:
-    """Tell whether settings must be read back after a message: a change, or an unwanted stream.
+    """Return whether settings must be read back after a message: a change, or an unwanted stream.
 
     A stream of positions or of continuous results shows that somebody switched it on.
     """

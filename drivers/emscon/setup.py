@@ -96,12 +96,12 @@ def require_laser(where: str, status: bodies.SystemStatus) -> None:
 
 
 def is_warm(status: bodies.SystemStatus) -> bool:
-    """Tell whether the laser can be used."""
+    """Return whether the laser can be used."""
     return status.laser_status not in LASER_REMEDIES
 
 
 def is_initialised(status: bodies.SystemStatus) -> bool:
-    """Tell whether the tracker has climbed its start-up ladder to the end."""
+    """Return whether the tracker has climbed its start-up ladder to the end."""
     return status.processor_status == constants.ProcessorStatus.INITIALIZED
 
 

@@ -54,7 +54,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         """As it came, over all connections."""
 
     def reconnect(self) -> None:
-        """Open anew after a fault, and prepare the tracker as it was.
+        """Open again after a fault, and prepare the tracker as it was.
 
         It may still hold the broken connection, and refuse a new one for a while.
         """
@@ -179,7 +179,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         return setup.set_up(client, wanted.reflector, wanted.measuring_time_s, self._deadlines)
 
     def _knows_its_time(self) -> bool:
-        """Tell whether the tracker's seconds are known: a simulated one's may be shorter."""
+        """Return whether the tracker's seconds are known: a simulated one's may be shorter."""
         return self._given.in_process or self._session.identity.model != SIMULATED
 
     def _move(self, command: Command, body: bodies.Body) -> None:

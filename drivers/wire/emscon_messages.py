@@ -231,7 +231,7 @@ class TrackerInfo(Body):
 
 @dataclass(frozen=True, slots=True)
 class ErrorResponse(Body):
-    """An error that nobody asked for, such as a broken beam."""
+    """An unasked error, such as a broken beam."""
 
     command: int
     status: int

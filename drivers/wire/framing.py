@@ -29,7 +29,7 @@ class LineFramer:
 
     A line comes without its line feed and without a carriage return before it. One that is longer
     than `limit_bytes` (carriage return counted) comes cut to `limit_bytes + 1`, as soon as that is
-    known, so that whoever reads it sees that it is too long; its remainder is thrown away. Nothing
+    known, so that its reader sees that it is too long; its remainder is thrown away. Nothing
     that a peer sends makes this hold more than that.
     """
 

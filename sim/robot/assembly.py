@@ -82,7 +82,7 @@ JUMP_LIMIT_MM = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
-    """Solved state of the mechanism; `side` tells two assemblies of the same joints apart."""
+    """Solved state of the mechanism; `side` distinguishes two assemblies of the same joints."""
 
     joints: Array
     """(n,) rad or mm"""

@@ -73,7 +73,7 @@ def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float)
 
 
 def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
-    """Brake a motion at once on its own path; one as good as over stays unchanged."""
+    """Brake a motion at once on its own path; one that is nearly over stays unchanged."""
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
@@ -95,7 +95,7 @@ class Refusal(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Trouble:
-    """Reason why the robot stands although nobody stopped it, and until when."""
+    """Reason why the robot stands although no one stopped it, and until when."""
 
     kind: str
     text: str
@@ -106,7 +106,7 @@ NO_TROUBLE = _Trouble("", "", math.inf)
 
 
 class SimulatedController:
-    """A controller with its own clockwork: every call is told the time."""
+    """A controller with its own clockwork: every call gets the time."""
 
     vendor = "pkmcal"
     firmware = "1.0"

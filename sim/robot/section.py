@@ -28,7 +28,7 @@ ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
 """Keys of a robot that list something of each arm, and how many values of it."""
 
 OF_CARRIAGES = ("_mm", "drive_n_per_um")
-"""Ends of the keys that tell of carriages what others tell of cranks."""
+"""Ends of the keys that carriages have instead of cranks'."""
 
 FlatDeltas = dict[str, float]
 """Differences of single parameters, by flat name, in the name's unit."""
@@ -170,7 +170,7 @@ class WeightSection(Section):
 
 
 class MountSection(Section):
-    """The reflector on the plate. It faces the tracker from the workspace's centre unless told."""
+    """The reflector on the plate; by default it faces the tracker from the workspace's centre."""
 
     offset_mm: Point = (20.0, -30.0, -45.0)
     facing: Point | None = None

@@ -23,7 +23,7 @@ CLOSE_MM = 1e-8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPlate:
-    """Sizes of a platform that parameters do not tell."""
+    """Sizes of a platform that no parameter holds."""
 
     joints_mm: Array
     """(n, 3): where the bars sit, as seen from the contracted joints."""

@@ -45,7 +45,7 @@ FOUND = (
 
 @dataclass(frozen=True, slots=True)
 class EmsconOutcome:
-    """Outcome of a command: a status, one answer or several, and what others are told."""
+    """Outcome of a command: a status, one answer or several, and what other clients get."""
 
     status: int = ResultStatus.ALL_OK
     bodies: tuple[said.Body, ...] = (NOTHING,)
@@ -56,7 +56,7 @@ NOT_IMPLEMENTED = EmsconOutcome(ResultStatus.NOT_IMPLEMENTED)
 
 
 class EmsconInstrument:
-    """Settings, as an instrument keeps them from power-on whoever is connected, and readings."""
+    """Settings that an instrument keeps from power-on for all its clients, and readings."""
 
     def __init__(self, tracker: SimulatedTracker) -> None:
         self._tracker = tracker

@@ -69,13 +69,13 @@ class EmsconSession(ServedSession):
         self._fault: Fault | None = None
         self._latest_result: bytes | None = None
         self._straggler: tuple[bytes, float] | None = None
-        """Result that comes after its measurement has been told to have failed, and when."""
+        """Result that comes after its measurement has been reported as failed, and when."""
 
     @override
     def received(self, data: bytes, now_s: float) -> None:
         """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
 
-        What that changes is told by `advance`, which is to be called next.
+        What that changes is reported by `advance`, which is to be called next.
         """
         for request in self._requests(data):
             self._catch_up(now_s)
@@ -83,7 +83,7 @@ class EmsconSession(ServedSession):
 
     @override
     def advance(self, now_s: float) -> None:
-        """End what is due, and tell what has happened by now."""
+        """End what is due, and report what has happened by now."""
         self._catch_up(now_s)
         if not self._is_second:
             self._show(self._light(now_s))
@@ -278,7 +278,7 @@ class EmsconSession(ServedSession):
             self._send(emscon.encode(said.ErrorResponse(failed, BEAM_LOST_STATUS)))
 
     def _show(self, light: TrackerLight) -> None:
-        """Tell the light when it changes; the first one is what the client finds."""
+        """Report the light when it changes; the first one is what the client finds."""
         if self._shown not in {None, light}:
             self._tell(LIGHT_CHANGES[light])
         self._shown = light

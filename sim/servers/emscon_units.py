@@ -61,7 +61,7 @@ def told(message: Message, units: said.Units) -> Message:
 
 
 def heard(message: Message, units: said.Units) -> Message:
-    """Convert a message from the wire; nobody tells a tracker the weather that it obeys."""
+    """Convert a message from the wire; no one gives a tracker the weather that it obeys."""
     mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
     return _converted(message, {"l": lambda value: value * mm, "a": lambda value: value * rad})
 

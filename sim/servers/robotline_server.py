@@ -44,7 +44,7 @@ class RobotlineSession(ServedSession):
 
     @override
     def closed(self, now_s: float) -> None:
-        """Stop the motion that nobody watches any more."""
+        """Stop the motion whose client is lost."""
         self._staged.clear()
         if self._has_moved and self._controller.state(now_s).moving:
             self._controller.stop(now_s)

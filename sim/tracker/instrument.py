@@ -18,13 +18,13 @@ from sim.tracker.section import S_PER_H, TrackerSection
 SLEW_RAD_PER_S = math.radians(90.0)
 FOREVER_S = 1e9
 EVENTS_KEPT = 100
-"""Of a tracker whose protocol tells nothing unasked."""
+"""Of a tracker whose protocol reports nothing unasked."""
 PPM = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class TakenShot:
-    """Record of truth of one shot: what was told, of which reflector, and where the robot stood.
+    """Record of truth of one shot: what was reported, of which reflector, where the robot stood.
 
     The place is the encoders' in whole microdegrees. Records from before have no true point.
     """
@@ -39,7 +39,7 @@ class TakenShot:
 
 
 class SimulatedTracker:
-    """A tracker with its own clockwork: every call is told the time."""
+    """A tracker with its own clockwork: every call gets the time."""
 
     vendor = "pkmcal"
     model = "simulated tracker"
@@ -62,7 +62,7 @@ class SimulatedTracker:
         taken: Iterable[TakenShot] = (),
     ) -> None:
         self.taken = list(taken)
-        """All shots that were ever told, oldest first. A back door for tests."""
+        """All shots that were ever reported, oldest first. A back door for tests."""
         self.serial = section.serial
         self.reflectors = section.reflectors
         self.selected = selected
@@ -102,7 +102,7 @@ class SimulatedTracker:
         self.advance(now_s)
         return self._action is not None
 
-    def weather(self, now_s: float) -> tuple[float, float, float]:  # noqa: ARG002 - all calls tell it
+    def weather(self, now_s: float) -> tuple[float, float, float]:  # noqa: ARG002 - all calls pass it
         """Return the temperature °C, pressure hPa, humidity %, as its own station reads them."""
         air = self._section.air
         warmer = air.drift_degC_per_h * self._worked.seconds / S_PER_H
@@ -162,7 +162,7 @@ class SimulatedTracker:
     def go_to(self, point_in_tracker_mm: Vector3, now_s: float) -> float:
         """Start pointing there and say how long it takes, s.
 
-        At the end `beam_locked` tells whether a reflector was found within the search radius.
+        At the end `beam_locked` says whether a reflector was found within the search radius.
         """
         self.advance(now_s)
         aim = Aim(point_in_tracker_mm, self.search_radius_mm, any_distance=False)
