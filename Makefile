@@ -46,7 +46,7 @@ long: $(VENV)/installed-dev
 
 # One after the other: controllers and browsers need the processors for themselves.
 peers: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -m "peer and not long"
+	$(BIN)/python -m pytest -o cache_dir=.pytest_cache/peers -m "peer and not long"
 
 lint: $(VENV)/installed-dev
 	@failed=0; \
