@@ -2,7 +2,6 @@
 
 import os
 import re
-import shlex
 import signal
 import sys
 import traceback
@@ -25,7 +24,7 @@ from campaigns.errors import OptionsInvalid
 from campaigns.removed import removed_in_command
 from campaigns.version import VERSION, commit
 from drivers.errors import ExplainedError
-from drivers.texts import printable, shortened
+from drivers.texts import printable, quoted, shortened
 
 HELP = """Calibrates parallel robots with a laser tracker.
 
@@ -288,7 +287,7 @@ def _with_folder(text: str, arguments: list[str]) -> str:
     from drivers.bounded_files import is_file  # with the YAML reader, which no --help needs
 
     words = (word for word in (*arguments, ".") if is_file(Path(word) / "campaign.yaml"))
-    folder = shlex.quote(next(words, "DIR"))
+    folder = quoted(next(words, "DIR"))
     return re.sub("(`pkmcal (?!new )[a-z-]+ )DIR", lambda match: match[1] + folder, text)
 
 

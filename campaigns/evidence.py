@@ -3,7 +3,6 @@
 Only reads. The report and the live page show it; neither judges anything itself.
 """
 
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -48,6 +47,7 @@ from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from drivers.bounded_files import is_file
+from drivers.texts import quoted
 
 FoundT = TypeVar("FoundT")
 STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
@@ -388,7 +388,7 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
             digest=journal.digest(),
             identified_digest=identified_digest,
             unended_load=_unended_load(journal, unreadable).replace(
-                "DIR", shlex.quote(str(campaign.folder))
+                "DIR", quoted(str(campaign.folder))
             ),
         ),
         before=_measured(campaign, _chosen(all_series, STAGES["before"])),

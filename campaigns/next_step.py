@@ -4,8 +4,6 @@
 applies to it. The command of a row changes what made the row apply, so no advice leads back.
 """
 
-import os
-import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -23,6 +21,7 @@ from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
 from campaigns.planning.plan_file import plan_difference
 from campaigns.shots.import_export import imported_files
+from drivers.texts import quoted
 
 LOOK = "look through campaign.yaml (tracker.place_mm!)"
 MEASURE = "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt"
@@ -55,13 +54,6 @@ class NextStep:
         if self.before:
             yield f"{'first' if self.first else 'because'}: {self.before}"
         yield f"next: {self.text}"
-
-
-def quoted(word: str) -> str:
-    r"""Quote a word for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`."""
-    if word.isprintable():
-        return shlex.quote(word)
-    return "$'" + "".join(f"\\x{byte:02x}" for byte in os.fsencode(word)) + "'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,5 +1,6 @@
 """Texts of devices, files and operators, made fit to be shown: the one place that cleans them."""
 
+import shlex
 import unicodedata
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -21,6 +22,14 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(INSTEAD if _is_hidden(sign) else sign for sign in text.translate(_AS_BLANKS))
+
+
+def quoted(word: str) -> str:
+    r"""Quote a word for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`."""
+    if word.isprintable():
+        return shlex.quote(word)
+    escaped = (f"\\x{byte:02x}" for byte in word.encode("utf-8", "surrogateescape"))
+    return f"$'{''.join(escaped)}'"
 
 
 def shortened(text: str, most: int) -> str:

@@ -1,6 +1,5 @@
 """pkmcal robot: a robot file from the sizes of a symmetrical robot."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.next_step import NextStep
 from campaigns.robots.robot import write_new_robot
 from campaigns.robots.symmetrical import Sizes, symmetrical_robot
+from drivers.texts import quoted
 
 LONGEST_MM = 100_000.0
 
@@ -89,7 +89,7 @@ def command(
     document = symmetrical_robot(kind, path.stem, sizes, joint)
     write_new_robot(path, document)
     terminal.say(f"made: {path}, mechanism {kind.name}")
-    step = NextStep(f"pkmcal new DIR --robot {shlex.quote(str(path))}", "correct its limits")
+    step = NextStep(f"pkmcal new DIR --robot {quoted(str(path))}", "correct its limits")
     for line in step.lines:
         terminal.note(line)
     robot = document.robot

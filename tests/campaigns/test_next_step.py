@@ -24,21 +24,14 @@ from campaigns.identification.result import IdentifiedParameter
 from campaigns.journal.records import Event
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
-from campaigns.next_step import (
-    LOOK,
-    CampaignState,
-    NextStep,
-    next_step,
-    quoted,
-    remedy_for,
-    state_of,
-)
+from campaigns.next_step import LOOK, CampaignState, NextStep, next_step, remedy_for, state_of
 from campaigns.options import CheckOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.workflow.checking import check_work
 from campaigns.workflow.status import doubtful
 from campaigns.workflow.work import known_sets
+from drivers.texts import quoted
 
 FAILING = (
     findings.BEYOND_TOLERANCE,

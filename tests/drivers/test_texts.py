@@ -1,5 +1,7 @@
 """Texts of devices and files: nothing hidden in them is shown."""
 
+import os
+import subprocess
 import unicodedata
 
 import pytest
@@ -7,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import DeviceRefused
-from drivers.texts import printable, shortened
+from drivers.texts import printable, quoted, shortened
 
 ANY_SIGN = st.characters(codec=None)
 
@@ -50,3 +52,11 @@ def test_an_error_is_one_clean_line_of_bounded_length_with_its_remedy():
     assert said.startswith("name ?[2J ")
     assert said.endswith(" end → look?")
     assert len(said) < 1000
+
+
+@pytest.mark.parametrize("name", [b"cell 7", b"M\xfcller's (2)/c", b"a\x1bb", "Müller".encode()])
+def test_a_quoted_name_is_typed_as_it_is_and_can_be_shown(name):
+    word = quoted(os.fsdecode(name))
+    assert word.isprintable()
+    typed = subprocess.run(["bash", "-c", f"printf %s {word}"], capture_output=True, check=True)
+    assert typed.stdout == name
