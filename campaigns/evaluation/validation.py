@@ -249,11 +249,11 @@ class ValidationResult:
         return accuracy, max([p.rp for p in self.cube], key=_most_mm, default=None)
 
     def comparable_figures(self) -> dict[str, MeasuredLength | None]:
-        """Return the figures for comparison with another validation's of the same tests.
+        """Return the figures with their uncertainty in a comparison with another validation.
 
-        Beside the instrument the uncertainty holds by how much the robot's own scatter would change
-        a figure, so far as repeated visits show it. That of the mean error is reduced by averaging:
-        what an instrument's errors have in common, two validations have too.
+        The robot's own scatter, known from repeated visits, is added to the instrument's
+        uncertainty. That of the mean error of N distances is divided by √N: an error of the
+        instrument that all distances share is the same in both validations.
         """
         scatter_mm = self.repeatability.scatter_mm if self.repeatability else 0.0
         shares = {
