@@ -558,7 +558,7 @@ def _identified_checks(
 ) -> Iterator[Check]:
     """Check the digests that the identification stated, and of what it found."""
     nominal, journal = evidence.campaign.robot, evidence.journal
-    parameters = identification.in_table(nominal.mechanism.parameters).digest()
+    parameters = identification.parameter_set(nominal.mechanism).digest()
     statement = "the nominal robot is the one that was identified from"
     yield same_digest(statement, nominal.digest(), identification.robot_digest)
     statement = "the journal is unchanged up to the identification"

@@ -275,7 +275,7 @@ def state_of(
     if identification.verdict != "pass":
         remedy, first = remedy_for(identification)
         return replace(state, verdict=identification.verdict, remedy=remedy, remedy_first=first)
-    identified = identification.in_table(campaign.robot.mechanism.parameters)
+    identified = identification.parameter_set(campaign.robot.mechanism)
     state = replace(state, verdict="pass", check=_answer_to_check(evidence, identified))
     return _with_controller(evaluation, identified, _with_file(evidence, identified, state), held)
 

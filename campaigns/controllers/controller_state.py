@@ -69,7 +69,6 @@ class KnownSets:
     @classmethod
     def of(cls, nominal: RobotFile, findings: Iterable[Finding]) -> "KnownSets":
         """Return the sets in findings, but for findings of another form."""
-        space = nominal.mechanism.parameters
         identified: dict[str, RecordedIdentification] = {}
         forms: dict[str, ReducedForm] = {}
         sets = {nominal.digest(): nominal.parameters}
@@ -77,7 +76,7 @@ class KnownSets:
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
                 if finding.kind == "identification":
                     identification = read_identification(finding.body)
-                    parameters = identification.in_table(space)
+                    parameters = identification.parameter_set(nominal.mechanism)
                     sets[parameters.digest()] = parameters
                     identified.pop(parameters.digest(), None)
                     identified[parameters.digest()] = identification
@@ -85,7 +84,7 @@ class KnownSets:
                     wanted, digest = finding.body.get("wanted"), str(finding.body.get("digest"))
                     if isinstance(wanted, Mapping):
                         values = TypeAdapter(dict[str, float]).validate_python(wanted)
-                        sets[digest] = Parameters.of(space, values)
+                        sets[digest] = Parameters.of(nominal.parameters.table, values)
                     form = form_of(finding.body, finding.kind)
                     if form is not None:
                         forms[digest] = form

@@ -87,11 +87,8 @@ def compensated_robot(
     require_usable(nominal, identification)
     robot, provenance = nominal.robot, _provenance(campaign, nominal, identification, controller)
     name = f"{robot.name}-compensated"
-    table, values = robot.mechanism.parameters, identification.flat()
-    if robot.mechanism.rate:
-        values[table.rate.name] = robot.mechanism.rate
-    parameters = Parameters.of(table, values, identification.std())
-    growth = table.select(Role.GROWTH)
+    parameters, values = identification.parameter_set(robot.mechanism), identification.flat()
+    growth = parameters.table.select(Role.GROWTH)
     expansions = {each: values[each] for each in growth if each in identification.free}
     reference = identification.reference_degC if expansions else None
     return compensated(nominal, name, parameters, provenance, expansions, reference)

@@ -20,8 +20,9 @@ from campaigns.evaluation.summary import BeforeAfter, limits_met, spread
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.kinematics.parameters import Parameters, ParameterTable
+from campaigns.kinematics.parameters import Parameters
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -361,9 +362,15 @@ class IdentificationResult:
         """Return the identified parameters by name."""
         return {name: own.value for name, own in self.parameters.items()}
 
-    def in_table(self, table: ParameterTable) -> Parameters:
-        """Return the identified parameter set; its digest says which set a file or check is of."""
-        return Parameters.of(table, self.flat())
+    def parameter_set(self, mechanism: ClosedChain) -> Parameters:
+        """Return the identified set with the ripples' rate of the robot that was fitted.
+
+        Its digest says which set a file or a check is of.
+        """
+        values = self.flat()
+        if mechanism.rate:
+            values[mechanism.parameters.rate.name] = mechanism.rate
+        return Parameters.of(mechanism.parameters, values, self.std())
 
     def std(self) -> dict[str, float]:
         """Return 1 σ by name, where it is known."""

@@ -115,7 +115,7 @@ def _stored(
 
 
 def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
-    return identification.in_table(campaign.robot.mechanism.parameters).digest()
+    return identification.parameter_set(campaign.robot.mechanism).digest()
 
 
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:

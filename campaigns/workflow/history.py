@@ -94,7 +94,8 @@ def _epoch_of(
         for stage in (evaluation.before, evaluation.after)
     )
     held = evaluation.evidence.held("after")
-    is_held = held is not None and held.origin == identification.in_table(space).digest()
+    digest = identification.parameter_set(campaign.robot.mechanism).digest()
+    is_held = held is not None and held.origin == digest
     return Epoch(
         folder=str(campaign.folder),
         kind="campaign",

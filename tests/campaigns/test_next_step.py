@@ -325,14 +325,14 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
     found, journal = evidence.identification, evidence.journal
     assert found is not None
     assert journal is not None
-    space = evidence.campaign.robot.mechanism.parameters
+    mechanism = evidence.campaign.robot.mechanism
     terms = {"arm1.axis_tilt_deg": 0.02, "arm2.backlash_deg": 0.01}
     added = {
         name: IdentifiedParameter(nominal=0.0, value=value, std=0.001, free=True)
         for name, value in terms.items()
     }
     found = replace(found, parameters=found.parameters | added)
-    identified = found.in_table(space)
+    identified = found.parameter_set(mechanism)
     lacking = tuple(
         replace(each, started=replace(each.started, lacks=tuple(terms))) for each in journal.series
     )
@@ -345,7 +345,9 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
     )
 
     def form(of: str = identified.digest(), file: str = PLAIN_FILE) -> WrittenSet:
-        own = Parameters.of(space, {k: v for k, v in identified.items() if k not in terms})
+        own = Parameters.of(
+            mechanism.parameters, {k: v for k, v in identified.items() if k not in terms}
+        )
         return WrittenSet.of(file, own, projection=ReducedForm(of, 0.1, 0.2, 0.1, PLAIN))
 
     for forms, said in (
@@ -388,8 +390,8 @@ def test_a_check_is_of_the_set_that_files_and_other_findings_name(whole: PaperCa
 def bad_check(evidence: Evidence, decision: Decision, parts: tuple[str, ...]) -> RecordedCheck:
     """A check of the latest set that is not good."""
     assert evidence.identification is not None
-    table = evidence.campaign.robot.mechanism.parameters
-    digest = evidence.identification.in_table(table).digest()
+    mechanism = evidence.campaign.robot.mechanism
+    digest = evidence.identification.parameter_set(mechanism).digest()
     return RecordedCheck(
         decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=0.0, parts=parts,
         log_factors={}, series=50, of=digest, at_utc="",

@@ -15,8 +15,8 @@ from sim.scenarios.adaptation import computing_all
 from sim.scenarios.scenario import load_scenario
 
 ROBOTS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
-SCENARIOS = ("drawn-robots", "realistic")
-"""The tracker's noise alone on a robot that 22 parameters explain; and much that they cannot."""
+SCENARIOS = ("drawn-robots", "realistic", "gears")
+"""Noise alone on a robot that 22 parameters explain; much that they cannot; ripples, too."""
 WAYS = ("full", "plain", "targets", "imported")
 SMALL = {"plan.shots": 60, "plan.validation_pairs": 10, **SMALL_TESTS}
 QUICK = SMALL | {"plan.shots": 20, "plan.validation_pairs": 3}

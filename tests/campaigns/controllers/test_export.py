@@ -107,6 +107,19 @@ def test_ripples_are_exported_with_the_nominal_robot_s_rate(nominal: RobotDocume
     assert robots[29.0].digest() != robots[30.0].digest()
 
 
+def test_the_file_is_the_identified_set_by_its_digest_with_ripples_too(
+    nominal: RobotDocument,
+) -> None:
+    """An identification lists no rate, which is of the robot that it rests on."""
+    geared = with_ripples_per_turn(nominal, 30.0)
+    ripple = {"nominal": 0.0, "value": 0.003, "std": 0.001, "free": True}
+    listed = {n: entry(n, value) for n, value in nominal.robot.parameters.items()}
+    identification = finding(geared, parameters=listed | {"arm2.ripple_cos_deg": ripple})
+    exported = compensated_robot("press 4", geared, identification).robot
+    assert exported.parameters.rate == 30.0
+    assert identification.parameter_set(geared.robot.mechanism).digest() == exported.digest()
+
+
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:
     controller = Identity("Acme", "Par4", "R-1", "1.0", "robotline 1")
     robot = compensated_robot("press 4", nominal, finding(nominal), controller).robot
