@@ -165,7 +165,7 @@ def position_error_mm(mechanism: str, truth: Truth, values: dict[str, float], se
     robot = nominal.of(nominal.mechanism, values, name="identified", limits=nominal.limits)
     sample = sample_workspace(nominal, 150, seed=seed)
     inverse = robot.kinematics.inverse(sample)
-    poses, joints = sample[inverse.found], inverse.values[inverse.found]
+    poses, joints = sample[inverse.is_solved], inverse.values[inverse.is_solved]
     true = points_of(truth, truth.now, mechanism, joints, np.zeros(joints.shape), poses)
     left = fit_transform(poses[:, :3], true).apply(poses[:, :3]) - true
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))

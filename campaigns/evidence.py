@@ -499,7 +499,7 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     shots = evidence.run.shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     if identification is None:
         solution, after = nominal.forward(shots.joints), None
-        rows = np.flatnonzero(solution.found)
+        rows = np.flatnonzero(solution.is_solved)
         shots, before = shots.rows(rows), solution.values[rows]
     elif identification.modelled is None:  # by the paper's method in an older version
         return None

@@ -176,7 +176,7 @@ def _check_assembled(plan: Path, nominal: Kinematics, shots: Sequence[PlannedSho
     """Raise `PlanInvalid` for a shot that the nominal robot cannot take."""
     if not shots:
         return
-    can_assemble = nominal.forward(joints_of(shots)).found
+    can_assemble = nominal.forward(joints_of(shots)).is_solved
     for shot, is_found in zip(shots, can_assemble, strict=True):
         if not is_found:
             raise PlanInvalid(

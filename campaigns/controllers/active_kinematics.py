@@ -88,7 +88,7 @@ def _listed(axes: Sequence[Axis], values: Iterable[float]) -> str:
 
 
 def _only(solution: KinematicSolution, what: str) -> Array:
-    if not solution.found.all():
+    if not solution.is_solved.all():
         raise LimitViolation(
             f"{what}: the mechanism cannot be assembled there",
             remedy="compare the plan's robot file with the parameters in use",

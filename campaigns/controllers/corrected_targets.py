@@ -47,11 +47,11 @@ class TargetCorrection:
     def commanded(self, wanted: Array, approach: Array | None = None) -> KinematicSolution:
         """Return the poses (N, t) to command for wanted ones that joints reach by `approach`."""
         joints = self.identified.inverse(wanted, approach)
-        is_solved = joints.found.copy()
+        is_solved = joints.is_solved.copy()
         values = np.full_like(wanted, np.nan)
         poses = self.nominal.forward(joints.values[is_solved], wanted[is_solved])
         values[is_solved] = poses.values
-        is_solved[is_solved] = poses.found
+        is_solved[is_solved] = poses.is_solved
         return KinematicSolution.where(is_solved, values)
 
     def require_possible(self, wanted: Array, place: Callable[[int], str]) -> None:
@@ -60,7 +60,7 @@ class TargetCorrection:
         The real robot's limits count, at the joints that it will have. `place` names a row.
         """
         judged = self.identified.feasibility(self.limits, wanted)
-        is_possible = judged.feasible & self.commanded(wanted).found
+        is_possible = judged.feasible & self.commanded(wanted).is_solved
         is_possible &= (self.space.clearance_mm(wanted[:, :3]) >= -ROUNDING_MM).all(axis=1)
         if is_possible.all():
             return

@@ -29,9 +29,11 @@ def position_errors(controller: Kinematics, identified: Kinematics, poses: Array
     from_above = np.arange(len(poses))[:, None] >> np.arange(len(identified.mechanism.joints)) & 1
     approach = np.where(from_above, 1.0, -1.0)
     joints = controller.inverse(poses, approach)
-    wanted = poses[joints.found]
-    reached = identified.forward(joints.values[joints.found], wanted, approach[joints.found])
-    points, targets = reached.values[reached.found, :3], wanted[reached.found, :3]
+    wanted = poses[joints.is_solved]
+    reached = identified.forward(
+        joints.values[joints.is_solved], wanted, approach[joints.is_solved]
+    )
+    points, targets = reached.values[reached.is_solved, :3], wanted[reached.is_solved, :3]
     errors = fit_transform(points, targets).apply(points) - targets
     return np.asarray(np.linalg.norm(errors, axis=1))
 
@@ -45,13 +47,13 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
     """
     mechanism = identified.mechanism
     solution = identified.inverse(poses)
-    if solution.found.sum() < LEAST_SHARE * len(poses):
+    if solution.is_solved.sum() < LEAST_SHARE * len(poses):
         raise IdentificationRefused(
-            f"the identified robot can take {solution.found.sum()} of {len(poses)} poses of the "
-            f"workspace (limit {100.0 * LEAST_SHARE:g} %)",
+            f"the identified robot can take {solution.is_solved.sum()} of {len(poses)} poses of "
+            f"the workspace (limit {100.0 * LEAST_SHARE:g} %)",
             remedy="correct limits in robot.yaml or `space` in campaign.yaml",
         )
-    joints, poses = solution.values[solution.found], poses[solution.found]
+    joints, poses = solution.values[solution.is_solved], poses[solution.is_solved]
     p = identified.p.copy()
     p[len(mechanism.parameters.names) :] = 0.0
     free = mechanism.parameters.places(mechanism.free_by_paper)
@@ -59,7 +61,7 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
     for _ in range(ROUNDS):
         controller = Kinematics(mechanism, p)
         reached = controller.forward(joints, poses)
-        if not reached.found.all():
+        if not reached.is_solved.all():
             raise IdentificationRefused(
                 "the controller's kinematics cannot be assembled all over the workspace",
                 remedy="correct targets with `pkmcal correct DIR --poses FILE` instead",

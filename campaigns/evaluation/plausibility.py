@@ -128,7 +128,7 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
     The same gate that a run has, after the best rigid fit of the greater part.
     """
     modelled = nominal.forward(shots.joints)
-    rows = np.flatnonzero(modelled.found & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
+    rows = np.flatnonzero(modelled.is_solved & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
     if len(rows) < FEWEST:
         return
     positions, points = modelled.values[rows, :3], shots.points_in_tracker_mm[rows]
@@ -328,7 +328,7 @@ def _readings(
     """
     solution = robot.forward(np.concatenate([*meant.values()]))
     values = np.split(solution.values[:, :3], len(meant))
-    solved = np.split(solution.found, len(meant))
+    solved = np.split(solution.is_solved, len(meant))
     factors = [MM_PER_UNIT[unit] / MM_PER_UNIT[right] for right in UNITS] + [2.0, 0.5]
     for of_joints, poses, is_found in zip(meant, values, solved, strict=True):
         positions, seen = poses[is_found], points[is_found]

@@ -168,7 +168,7 @@ def misfits(posterior: Posterior) -> Array:
     return np.asarray((residual * scaled).sum(axis=1))
 
 
-def since_before(posterior: Posterior) -> dict[str, float]:
+def log_factors_since_prior(posterior: Posterior) -> dict[str, float]:
     """Return the log Bayes factor of a change of each part that all shots show.
 
     For shots fitted with a former result as prior: parts that changed since. The frame of a new
@@ -238,10 +238,10 @@ def _likeliest(posterior: Posterior) -> Change | None:
         for part, log_factors in by_part.items()
         if part != SHOT
     }
-    return Change(best, since, until, as_likely(evidence), 0.0, 0.0)
+    return Change(best, since, until, likely_parts(evidence), 0.0, 0.0)
 
 
-def as_likely(evidence: Mapping[str, float]) -> tuple[str, ...]:
+def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:
     """Return the parts whose log evidence comes close to the best one's, that one first."""
     order = sorted(evidence, key=evidence.__getitem__, reverse=True)
     return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)

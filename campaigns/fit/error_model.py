@@ -112,7 +112,7 @@ class ErrorModel:
         table, has_rate = mechanism.parameters, mechanism.rate != 0.0
         names = [
             parameter.name
-            for parameter in table.every
+            for parameter in table.rows
             if (parameter.field.role is not Role.GROWTH or self.with_growth)
             and (parameter.field.group != "ripple" or has_rate)
         ]
@@ -288,7 +288,7 @@ def first_frames(
     session of fewer than three shots, or of points on a line.
     """
     _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
-    kept = kept & assembly.found
+    kept = kept & assembly.is_solved
     positions = assembly.poses[:, :3]
     for _ in range(3):
         frames = tuple(

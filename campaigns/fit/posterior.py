@@ -69,7 +69,7 @@ class Posterior:
     """Inverse covariance of each shot, (N, 3, 3); zero where it did not count."""
     kept: Mask
     """Shots that counted, (N,)."""
-    arrived: bool
+    has_converged: bool
     rounds: int
     measured: tuple[str, ...] = ()
     """Sources of the tracker that known lengths measured."""
@@ -80,7 +80,7 @@ class Posterior:
         return self.at.x[: len(self.model.names)]
 
     @property
-    def own_covariance(self) -> Array:
+    def model_covariance(self) -> Array:
         """Covariance of the model's unknowns in tolerances, (P, P)."""
         size = len(self.model.names)
         return self.covariance[:size, :size]
@@ -88,7 +88,7 @@ class Posterior:
     @property
     def std(self) -> Array:
         """1 σ of the model's unknowns in tolerances, (P,)."""
-        return np.sqrt(np.diag(self.own_covariance))
+        return np.sqrt(np.diag(self.model_covariance))
 
     @property
     def scatter(self) -> tuple[float, float]:
@@ -177,7 +177,7 @@ def fit(
         noise=state.noise,
         weights=state.weights(components.factors),
         kept=kept,
-        arrived=gain < NEAR_GAIN,
+        has_converged=gain < NEAR_GAIN,
         rounds=rounds,
         measured=tuple(prior.lengths),
     )

@@ -32,11 +32,11 @@ class NullDirections:
         """Return orthonormal directions (P, k) with the names of the unknowns in each."""
         return cls(vectors, _named(vectors, names))
 
-    def at_nominal(self, x: Array) -> Array:
+    def transform(self, x: Array) -> Array:
         """Return unknowns (P,) in the datum in which these directions are held at nominal."""
         return np.asarray(x - self.vectors @ (self.vectors.T @ x))
 
-    def without(self, covariance: Array) -> Array:
+    def transform_covariance(self, covariance: Array) -> Array:
         """Return a covariance (P, P) of the unknowns in the datum in which these are held."""
         projector = np.eye(len(self.vectors)) - self.vectors @ self.vectors.T
         return np.asarray(projector @ covariance @ projector)

@@ -15,7 +15,14 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
 from campaigns.evaluation.decision import Decision
-from campaigns.fit.changes import ALARM, ENCODER_RAD, PARTS, STEP_MM, as_likely, since_before
+from campaigns.fit.changes import (
+    ALARM,
+    ENCODER_RAD,
+    PARTS,
+    STEP_MM,
+    likely_parts,
+    log_factors_since_prior,
+)
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.posterior import Posterior, Prior, fit
@@ -128,11 +135,11 @@ def check(
             log_factors={},
         )  # fmt: skip
     posterior = fit_with_former(nominal, shots, former, options)
-    factors = since_before(posterior)
+    factors = log_factors_since_prior(posterior)
     values = np.array(list(factors.values()))
     log_mean = float(scipy.special.logsumexp(values) - np.log(len(values)))
     chi2, dof, p = goodness(posterior, former)
-    parts = as_likely(factors)
+    parts = likely_parts(factors)
     decision: Decision = "fail"
     if log_mean > -np.log(ALARM):
         says = f"the robot has changed: most likely {' or '.join(parts)}"

@@ -94,8 +94,8 @@ def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[F
     Along the directions `null` that no shot determines nothing is known, so nothing is far off.
     """
     model = posterior.model
-    x = null.at_nominal(posterior.x)
-    std = np.sqrt(np.maximum(np.diag(null.without(posterior.own_covariance)), 0.0))
+    x = null.transform(posterior.x)
+    std = np.sqrt(np.maximum(np.diag(null.transform_covariance(posterior.model_covariance)), 0.0))
     excess = np.abs(x) - SURE_SIGMAS * std - FAR_TOLERANCES
     groups = np.array(model.groups)
     for group in dict.fromkeys(model.groups):

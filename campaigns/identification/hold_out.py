@@ -56,12 +56,12 @@ def unseen_pairs(
     session, both shots of a pair must be of one session that was fitted.
     """
     pairs = shots.whole_pairs(ShotSet.VALIDATION).rows
-    usable = at_nominal.found[pairs].all(axis=1)
+    usable = at_nominal.is_solved[pairs].all(axis=1)
     if options.sessions:
         session = shots.session[pairs]
         sessions = shots.session[shots.rows_of(ShotSet.IDENTIFICATION)]
         usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], sessions)
-    taken = identified.found[pairs].all(axis=1)
+    taken = identified.is_solved[pairs].all(axis=1)
     lost = tuple(
         Excluded("the identified robot cannot be assembled there", pair=shots.pairs[row])
         for row in pairs[usable & ~taken][:, 0].tolist()

@@ -139,7 +139,7 @@ class _Case:
         identified = posterior.model.kinematics(posterior.x)
         null = self.datum or null_directions(posterior)
         near = self.at_nominal.values.copy()
-        near[~self.at_nominal.found] = near[self.at_nominal.found][0]
+        near[~self.at_nominal.is_solved] = near[self.at_nominal.is_solved][0]
         solution = identified.forward(self.shots.joints, near, approach=self.shots.approach)
         unseen = unseen_pairs(posterior, self.shots, self.at_nominal, solution, options)
         ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
@@ -156,7 +156,7 @@ class _Case:
         frames = tuple(map(Frame.of, posterior.at.frames))
         return IdentificationResult(
             model="full",
-            converged=posterior.arrived,
+            converged=posterior.has_converged,
             iterations=posterior.rounds,
             parameters=self._parameters(null),
             undetermined=null.names,
@@ -186,8 +186,8 @@ class _Case:
 
     def _parameters(self, null: NullDirections) -> dict[str, IdentifiedParameter]:
         model, old = self.posterior.model, self.nominal.parameters
-        variances = np.diag(null.without(self.posterior.own_covariance)).tolist()
-        deviations = (null.at_nominal(self.posterior.x) * model.file_tolerance).tolist()
+        variances = np.diag(null.transform_covariance(self.posterior.model_covariance)).tolist()
+        deviations = (null.transform(self.posterior.x) * model.file_tolerance).tolist()
         fitted = {}
         for place, name in enumerate(model.parameters):
             std = max(variances[place], 0.0) ** 0.5 * float(model.file_tolerance[place])
@@ -200,7 +200,7 @@ class _Case:
         places = [n for n, name in enumerate(model.names) if name in table.of_robot]
         names = tuple(model.names[place] for place in places)
         tolerance = model.file_tolerance[places]
-        matrix = null.without(self.posterior.own_covariance)[np.ix_(places, places)]
+        matrix = null.transform_covariance(self.posterior.model_covariance)[np.ix_(places, places)]
         matrix = matrix * np.outer(tolerance, tolerance)
         return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
 
@@ -217,7 +217,7 @@ class _Case:
             posterior.model.names,
             tuple(posterior.model.tolerance.tolist()),
             tuple(posterior.x.tolist()),
-            tuple(map(tuple, posterior.own_covariance.tolist())),
+            tuple(map(tuple, posterior.model_covariance.tolist())),
             {group: float(own) for group, own in posterior.components.sizes.items()},
             {part: float(own) for part, own in posterior.components.factors.items()},
             tuple(map(tuple, null.vectors.T.tolist())),
@@ -260,7 +260,7 @@ class _Case:
         counted = np.array(self.fitted.numbers)[self.posterior.kept]
         fitted = self.shots.rows_of(ShotSet.IDENTIFICATION)
         fitted = fitted[
-            np.isin(np.array(self.shots.numbers)[fitted], counted) & solution.found[fitted]
+            np.isin(np.array(self.shots.numbers)[fitted], counted) & solution.is_solved[fitted]
         ]
         rows = np.union1d(fitted, pairs.ravel())
         before, after = self.at_nominal.values[rows], solution.values[rows]
@@ -288,7 +288,7 @@ class _Case:
     ) -> Iterator[Finding]:
         posterior, options = self.posterior, self.options
         revolute = self.nominal.mechanism.joints[0].is_revolute
-        if not posterior.arrived:
+        if not posterior.has_converged:
             says = "the fit did not settle: look for gross errors, or measure at more poses"
             yield Finding(findings.NOT_ARRIVED, says, "fail")
         accepted = findings.ACCEPTABLE if options.accept_large_change else ()

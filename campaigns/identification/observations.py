@@ -88,9 +88,9 @@ def rows_to_fit(
     order = order[np.isin(order, shots.rows_of(ShotSet.IDENTIFICATION))]
     excluded = tuple(
         Excluded("the nominal robot cannot be assembled at its joints", shot=shots.numbers[row])
-        for row in order[~at_nominal.found[order]].tolist()
+        for row in order[~at_nominal.is_solved[order]].tolist()
     )
-    rows = order[at_nominal.found[order]]
+    rows = order[at_nominal.is_solved[order]]
     sessions = shots.session[rows] if options.sessions else np.zeros(len(rows), dtype=np.intp)
     counts = np.unique(sessions, return_counts=True)[1].tolist() or [0]
     if min(counts) < FEWEST_SHOTS:

@@ -71,7 +71,7 @@ def identify_as_paper(
     if len(validation):
         unseen = distance_errors(shots, validation, nominal_poses, poses)
     counted = np.union1d(rows, validation)
-    counted = counted[solution.found[counted]]
+    counted = counted[solution.is_solved[counted]]
     std = np.sqrt(np.diag(covariance)).tolist()
     values = zip((solved.x / units).tolist(), std, strict=True)
     decision, reason = _verdict(unseen, converged=bool(solved.success))
@@ -129,7 +129,7 @@ def _pairs(
     rows = shots.whole_pairs(purpose).rows
     session = shots.session[rows]
     of_one = session[:, 0] == session[:, 1] if options.sessions else np.ones(len(rows), dtype=bool)
-    is_solved = at_nominal.found[rows].all(axis=1)
+    is_solved = at_nominal.is_solved[rows].all(axis=1)
     excluded = tuple(
         Excluded(reason, pair=shots.pairs[row])
         for reason, wrong in (

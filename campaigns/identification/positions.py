@@ -46,7 +46,7 @@ def uncertainty_of_positions(
     `ratio` multiplies it where hold-out pairs showed more than it states. Return None where the
     identified robot can take too few of the poses.
     """
-    at_sample, sample = identified.assembled(workspace)
+    at_sample, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
         return None
     shots, count = posterior.observations.rows(posterior.kept), len(sample)
@@ -54,10 +54,10 @@ def uncertainty_of_positions(
         np.vstack([at_sample, shots.joints]), np.vstack([sample, shots.near])
     )
     robot, assembly = posterior.model.positions(posterior.x, both, both.near)
-    if not assembly.found.all():
+    if not assembly.is_solved.all():
         return None
     by, _ = posterior.model.robot_columns(robot, both, assembly.unknowns)
-    covariance = posterior.own_covariance
+    covariance = posterior.model_covariance
     by_sample = without_frame(by[:count], assembly.poses[:count, :3])
     std = ratio * position_std_mm(by_sample, covariance)
     of_both = position_std_mm(without_frame(by, assembly.poses[:, :3]), covariance)

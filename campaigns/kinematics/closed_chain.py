@@ -89,7 +89,7 @@ class Assembly:
     """Plate's pose, and its tilt where it tilts, (N, t) or (N, t + 3); NaN where not found."""
     poses: Array
     """(N, t)"""
-    found: Mask
+    is_solved: Mask
     """(N,)"""
 
 

@@ -30,7 +30,7 @@ class Limits:
     singularity_margin: float = SINGULARITY_MARGIN
     elbow_margin: float = ELBOW_MARGIN
 
-    def drawn_in(
+    def narrowed_by(
         self, *, joint: float = 0.0, task: float = 0.0, swing_rad: float = 0.0
     ) -> "Limits":
         """Return limits narrower by some amounts at each end; negative amounts widen them."""

@@ -25,7 +25,7 @@ class KinematicSolution:
     """Joints or poses (N, k); rows at which the mechanism cannot be assembled hold NaN."""
 
     values: Array
-    found: Mask
+    is_solved: Mask
     """Rows that hold a solution, (N,)."""
 
     @classmethod
@@ -36,9 +36,9 @@ class KinematicSolution:
 
     def values_or_raise(self) -> Array:
         """Return the values of all rows; raise `NoSolution` naming the first row without any."""
-        if not np.all(self.found):
-            row = int(np.argmin(self.found))
-            raise NoSolution(f"no assembly for row {row} of {len(self.found)}")
+        if not np.all(self.is_solved):
+            row = int(np.argmin(self.is_solved))
+            raise NoSolution(f"no assembly for row {row} of {len(self.is_solved)}")
         return self.values
 
 
@@ -91,13 +91,13 @@ class Kinematics:
         start = None if near is None else self._poses(near)
         signs = self._signs(approach)
         assembly = self.mechanism.assemble(self.p, self._joints(joints), start, signs)
-        return KinematicSolution(assembly.poses, assembly.found)
+        return KinematicSolution(assembly.poses, assembly.is_solved)
 
-    def assembled(self, poses: Array) -> tuple[Array, Array]:
+    def select_reachable(self, poses: Array) -> tuple[Array, Array]:
         """Return the joints (M, n) and poses (M, t) of those poses (N, t) that it can take."""
         joints = self.inverse(poses)
-        is_solved = joints.found.copy()
-        is_solved[is_solved] = self.forward(joints.values[is_solved], poses[is_solved]).found
+        is_solved = joints.is_solved.copy()
+        is_solved[is_solved] = self.forward(joints.values[is_solved], poses[is_solved]).is_solved
         return joints.values[is_solved], poses[is_solved]
 
     def jacobian(

@@ -137,7 +137,7 @@ class ParameterTable:
     field of all arms together.
     """
 
-    every: tuple[Parameter, ...]
+    rows: tuple[Parameter, ...]
     rate: Parameter
     """How often a ripple repeats: `ripples_per_turn`, or `drive_period_mm` of carriages."""
 
@@ -152,17 +152,17 @@ class ParameterTable:
         """Make the table of a mechanism of equal arms."""
         numbers = range(arms)
         of_arms = [field for field in arm_fields if field.role is Role.GEOMETRY]
-        every = [Parameter(arm, field) for arm in numbers for field in of_arms]
+        rows = [Parameter(arm, field) for arm in numbers for field in of_arms]
         for role in Role:
             if role is not Role.GEOMETRY:
                 of_role = [field for field in arm_fields if field.role is role]
-                every += [Parameter(arm, field) for field in of_role for arm in numbers]
-            every += [Parameter(None, field) for field in platform_fields if field.role is role]
-        return cls((*every, *(Parameter(None, field) for field in EXPANSIONS)), rate)
+                rows += [Parameter(arm, field) for field in of_role for arm in numbers]
+            rows += [Parameter(None, field) for field in platform_fields if field.role is role]
+        return cls((*rows, *(Parameter(None, field) for field in EXPANSIONS)), rate)
 
     def __getitem__(self, name: str) -> Parameter:
         """Return the parameter of a name; raise `KeyError` for an unknown one."""
-        return self.rate if name == self.rate.name else self.every[self._places[name]]
+        return self.rate if name == self.rate.name else self.rows[self._places[name]]
 
     def __contains__(self, name: object) -> bool:
         return name in self._places
@@ -176,7 +176,7 @@ class ParameterTable:
         """
         return tuple(
             parameter.name
-            for parameter in self.every
+            for parameter in self.rows
             if (not roles or parameter.field.role in roles)
             and field in (None, parameter.field.name, parameter.field.stem)
             and group in (None, parameter.field.group)
@@ -191,12 +191,12 @@ class ParameterTable:
         return self._fields(None, roles)
 
     def _fields(self, arm: int | None, roles: tuple[Role, ...]) -> tuple[ParameterField, ...]:
-        fields = (parameter.field for parameter in self.every if parameter.arm == arm)
+        fields = (parameter.field for parameter in self.rows if parameter.arm == arm)
         return tuple(field for field in fields if field.role in (roles or (Role.GEOMETRY,)))
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        return {parameter.name: place for place, parameter in enumerate(self.every)}
+        return {parameter.name: place for place, parameter in enumerate(self.rows)}
 
     @property
     def arms(self) -> int:
@@ -221,7 +221,7 @@ class ParameterTable:
     @cached_property
     def file_unit(self) -> Array:
         """Factors (M,) from the units of files to those of vectors."""
-        return np.array([INNER[parameter.unit] for parameter in self.every])
+        return np.array([INNER[parameter.unit] for parameter in self.rows])
 
     def whole(self, p: Array) -> Array:
         """Return a copy (P,) of a vector or of its geometry (G,), 0 for all that it leaves out."""
@@ -232,7 +232,7 @@ class ParameterTable:
     @cached_property
     def columns(self) -> Mapping[str, Index]:
         """Places in a vector by stem of the field: of all arms, (n,), or of the platform, (1,)."""
-        stems = np.array([parameter.field.stem for parameter in self.every])
+        stems = np.array([parameter.field.stem for parameter in self.rows])
         return {stem: np.flatnonzero(stems == stem) for stem in dict.fromkeys(stems.tolist())}
 
     def places(self, names: Sequence[str]) -> Index:
@@ -284,7 +284,7 @@ class Parameters(Mapping[str, float]):
 
     @cached_property
     def _listed(self) -> dict[str, float]:
-        named = zip(self.table.every, self.values_in_file, strict=False)
+        named = zip(self.table.rows, self.values_in_file, strict=False)
         listed = {p.name: v for p, v in named if v or p.field.role not in OPTIONAL}
         has_ripple = any(self.table[name].field.group == "ripple" for name in listed)
         return listed | ({self.table.rate.name: self.rate} if has_ripple and self.rate else {})

@@ -116,7 +116,7 @@ class Gate:
         observation = Observations.unmeasured(np.array([joints]), estimate.near)
         with np.errstate(all="ignore"):  # of joints at which nothing can be assembled
             at = self._model.linearise(observation, estimate.x, (estimate.frame,), estimate.near)
-        if not at.assembly.found[0]:
+        if not at.assembly.is_solved[0]:
             return None
         spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
         return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
@@ -169,7 +169,7 @@ class Gate:
         estimate, compared = self._estimate, (*others, shot)
         robot = self._model.nominal if estimate is None else self._model.kinematics(estimate.x)
         solution = robot.forward(np.array([outcome.joints for outcome in compared]))
-        if not solution.found.all():
+        if not solution.is_solved.all():
             problem = "the robot's model cannot be assembled at the joints that were read"
             return GateDecision(None, None, problem)
         positions_mm = solution.values[:, :3]
@@ -207,7 +207,7 @@ class Gate:
         points_mm = np.array([shot.point_in_tracker_mm for shot in self.accepted])
         solution = model.kinematics(x).forward(joints)
         extent_mm = np.linalg.svd(points_mm - points_mm.mean(axis=0), compute_uv=False)[1]
-        if extent_mm / np.sqrt(count) < SPREAD_FOR_A_FRAME_MM or not solution.found.all():
+        if extent_mm / np.sqrt(count) < SPREAD_FOR_A_FRAME_MM or not solution.is_solved.all():
             return
         near = solution.values
         noise = {"stated": point_covariance_mm2(points_mm, self._instrument)}

@@ -120,8 +120,8 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
     None while the shots determine no frame.
     """
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
-    positions_mm = modelled.values[modelled.found, :3]
-    points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.found]
+    positions_mm = modelled.values[modelled.is_solved, :3]
+    points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.is_solved]
     if len(points_mm) < 4:
         return None
     extents_mm = np.linalg.svd(positions_mm - positions_mm.mean(axis=0), compute_uv=False)

@@ -187,7 +187,7 @@ def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Arra
     outcomes = outcomes[:: 1 + len(outcomes) // SHOTS_FOR_AXES]
     modelled = nominal.forward(np.array([shot.joints for shot in outcomes]))
     points = np.array([shot.point_in_tracker_mm for shot in outcomes])
-    solved = modelled.found
+    solved = modelled.is_solved
     return fit_transform(modelled.values[solved, :3], points[solved]).rotation
 
 

@@ -48,13 +48,13 @@ class UncertaintyMonitor:
         if len(shots) < FEWEST_SHOTS:
             return None
         solution = self._model.nominal.forward(shots.joints, approach=shots.approach)
-        rows = np.flatnonzero(solution.found)
+        rows = np.flatnonzero(solution.is_solved)
         observations = observations_of(shots.rows(rows), solution.values[rows], self._options)
         try:
             posterior, _ = fit_with_changes(self._model, observations)
         except (ValueError, np.linalg.LinAlgError):  # the shots place no frame yet
             return None
-        return posterior if posterior.arrived else None
+        return posterior if posterior.has_converged else None
 
     def predicted(
         self, tracker_mm: Vector3, count: int | None = None
@@ -96,7 +96,7 @@ class UncertaintyMonitor:
         """
         if posterior is None:
             return None
-        std = position_std_mm(self._judged, posterior.own_covariance)
+        std = position_std_mm(self._judged, posterior.model_covariance)
         name, length_std = self._worst_length(posterior)
         scatter, _ = posterior.scatter
         count = int(posterior.kept.sum())
@@ -105,7 +105,7 @@ class UncertaintyMonitor:
     def _worst_length(self, posterior: Posterior) -> tuple[str, float]:
         """Return the length that is known worst, with its 1 σ in mm."""
         table = self._model.nominal.mechanism.parameters
-        covariance = null_directions(posterior).without(posterior.own_covariance)
+        covariance = null_directions(posterior).transform_covariance(posterior.model_covariance)
         std: Array = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * self._model.tolerance
         lengths = {
             name: float(std[place])

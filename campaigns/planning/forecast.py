@@ -88,7 +88,7 @@ def forecast(
     null = null_directions_of(marginal_information(information, size), model.names)
     return Forecast(
         shots=len(rows),
-        std=_std_by_name(model, null.without(covariance[:size, :size])),
+        std=_std_by_name(model, null.transform_covariance(covariance[:size, :size])),
         units=dict(zip(model.parameters, model.units, strict=False)),
         position_std_mm=position_std_mm(judged, covariance[:size, :size]),
         from_below=tuple(positive_approach_shares(joints, joints[0], identify).tolist()),
@@ -127,13 +127,15 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
     if poses is None:
         poses = otherwise
     joints = robot.kinematics.inverse(poses)
-    if joints.found.sum() < LEAST_SHARE * len(poses):
+    if joints.is_solved.sum() < LEAST_SHARE * len(poses):
         raise ConfigInvalid(
-            f"robot.yaml: the robot can be assembled at {joints.found.sum()} of {len(poses)} poses "
-            f"of its workspace (limit {100.0 * LEAST_SHARE:g} %)",
+            f"robot.yaml: the robot can be assembled at {joints.is_solved.sum()} of {len(poses)} "
+            f"poses of its workspace (limit {100.0 * LEAST_SHARE:g} %)",
             remedy="correct its geometry and limits",
         )
-    return judged_at(model, robot.kinematics, joints.values[joints.found], poses[joints.found])
+    return judged_at(
+        model, robot.kinematics, joints.values[joints.is_solved], poses[joints.is_solved]
+    )
 
 
 def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Array:

@@ -96,7 +96,7 @@ class RobotModel:
     def standing_fault(self, joints: Joints) -> str:
         """Return the zone in which the plate stands at joints, in words; empty: none."""
         solution = self.kinematics.forward(np.array([joints]))
-        if not solution.found[0]:
+        if not solution.is_solved[0]:
             return ""
         clearance_mm = self.space.clearance_mm(solution.values[:, :3])
         return (
@@ -124,7 +124,7 @@ class RobotModel:
         if safe.all():
             return paths
         poses = self.kinematics.forward(stops)
-        blocked = np.flatnonzero(~safe & poses.found[:-1] & poses.found[1:])
+        blocked = np.flatnonzero(~safe & poses.is_solved[:-1] & poses.is_solved[1:])
         for via in _detours(poses.values[:-1], poses.values[1:], self.centre):
             if not blocked.size:
                 break
@@ -137,7 +137,7 @@ class RobotModel:
     def _ways_by(self, starts: Array, via: Array, ends: Array) -> tuple[Array, Mask]:
         """Return the ways (K + 2, M, n) by poses (K, M, t), and which of them are safe."""
         solution = self.kinematics.inverse(via.reshape(-1, via.shape[-1]))
-        within = solution.found & ~outside(solution.values, self.limits.joint).any(axis=1)
+        within = solution.is_solved & ~outside(solution.values, self.limits.joint).any(axis=1)
         safe: Mask = np.asarray(within.reshape(via.shape[:2]).all(axis=0))
         joints = solution.values.reshape(*via.shape[:2], -1)
         ways = np.concatenate([starts[None], joints, ends[None]])
@@ -151,10 +151,10 @@ class RobotModel:
         move, part, joints = self._samples(starts, ends)
         solution = self.kinematics.forward(joints)
         violations = np.zeros(len(joints), dtype=np.intp)
-        violations[solution.found] = self._passing_violations(
-            joints[solution.found], solution.values[solution.found]
+        violations[solution.is_solved] = self._passing_violations(
+            joints[solution.is_solved], solution.values[solution.is_solved]
         )
-        violations[~solution.found] = Violation.OUT_OF_REACH
+        violations[~solution.is_solved] = Violation.OUT_OF_REACH
         faults: list[PathFault | None] = [None] * len(starts)
         for bad in np.unique(move[violations != 0]).tolist():
             rows = np.flatnonzero(move == bad)
@@ -173,7 +173,7 @@ class RobotModel:
 
     def _passing_violations(self, joints: Array, poses: Array) -> Index:
         """Return the violations (N,) at poses (N, t) that are passed, not measured."""
-        wider = self.limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
+        wider = self.limits.narrowed_by(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
         passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
         kinematics = self.kinematics
         passed = path_feasibility(kinematics.mechanism, kinematics.p, passing, joints, poses)
@@ -228,7 +228,7 @@ class RobotModel:
             part = np.linspace(0.0, 1.0, count + 1)[:, None]
             joints = starts[alike, None] + part * (ends - starts)[alike, None]
             solution = self.kinematics.forward(joints.reshape(-1, joints.shape[-1]))
-            assembled = solution.found.reshape(len(alike), -1).all(axis=1)
+            assembled = solution.is_solved.reshape(len(alike), -1).all(axis=1)
             points = solution.values[:, :3].reshape(len(alike), -1, 3)
             second = np.linalg.norm(np.diff(points, 2, axis=1), axis=2)
             around = np.maximum(

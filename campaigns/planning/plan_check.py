@@ -112,7 +112,7 @@ def _pose_faults(
     """Name poses that cannot be taken, and joints that are not those of their pose."""
     # a pose exactly on a limit keeps it
     joint_scale = kinematics.mechanism.joints[0].scale
-    tolerant = limits.drawn_in(
+    tolerant = limits.narrowed_by(
         joint=-TOLERANCE_RAD * joint_scale, task=-TOLERANCE_RAD, swing_rad=-TOLERANCE_RAD
     )
     judged = kinematics.feasibility(tolerant, poses_of(shots))

@@ -90,7 +90,7 @@ def region_of(
     robot: RobotFile, view: View, centre: Pose, space: RestrictedSpace = UNRESTRICTED
 ) -> FeasibleRegion:
     """Return the region where poses may be planned: all limits of robot and space drawn in."""
-    limits = robot.limits.drawn_in(
+    limits = robot.limits.narrowed_by(
         joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
         task=POSE_RESERVE_RAD,
         swing_rad=POSE_RESERVE_RAD,
@@ -155,7 +155,7 @@ def make_plan(
     _check_tracker(region)
     # validation poses keep further off the joints' limits
     further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
-    limits = region.limits.drawn_in(joint=further * robot.mechanism.joints[0].scale)
+    limits = region.limits.narrowed_by(joint=further * robot.mechanism.joints[0].scale)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
         unseen = interior_poses(replace(region, limits=limits), 2 * request.validation_pairs, rng)

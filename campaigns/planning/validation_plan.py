@@ -64,7 +64,7 @@ class Reachable:
         for pose in poses:
             if fault := self.space.fault(pose[:3]):
                 return fault
-        if self.correct is not None and not self.correct(poses, None).found.all():
+        if self.correct is not None and not self.correct(poses, None).is_solved.all():
             return "the controller's own kinematics cannot be assembled there"
         return ""
 

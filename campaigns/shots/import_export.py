@@ -151,8 +151,8 @@ def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
     if not placed:
         return poses
     solution = held.forward(np.array([rows[place].joints for place in placed]))
-    if not solution.found.all():
-        row = placed[int(solution.found.argmin())]
+    if not solution.is_solved.all():
+        row = placed[int(solution.is_solved.argmin())]
         raise ShotsInvalid(
             f"shot {row + 1} of the file: the nominal robot cannot be assembled at its joints",
             remedy="check the order and signs of the joints, and that it is this robot's file",

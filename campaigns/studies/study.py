@@ -151,8 +151,8 @@ def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
     """Return errors and stated σ of the robot's parameters, (F,), in file units."""
     model = posterior.model
     count, null = len(model.parameters), null_directions(posterior)
-    off = null.at_nominal(posterior.x - true)
-    variance = np.diag(null.without(posterior.own_covariance))
+    off = null.transform(posterior.x - true)
+    variance = np.diag(null.transform_covariance(posterior.model_covariance))
     scale = model.file_tolerance[:count]
     return off[:count] * scale, np.sqrt(np.maximum(variance[:count], 0.0)) * scale
 
@@ -166,7 +166,7 @@ def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tup
     )
     best_fit = fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
     judged = judged_at(posterior.model, identified, joints, modelled)
-    std = position_std_mm(judged, posterior.own_covariance)
+    std = position_std_mm(judged, posterior.model_covariance)
     return float(np.sqrt(((real[:, :3] - best_fit) ** 2).sum(axis=1).mean())), float(
         np.sqrt((std**2).mean())
     )

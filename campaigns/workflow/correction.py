@@ -31,7 +31,7 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
         shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
     identified, nominal = robot.kinematics.controlled, campaign.robot.kinematics.controlled
     measured = identified.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
-    poses = measured.values[measured.found]
+    poses = measured.values[measured.is_solved]
     return TargetCorrection(
         identified,
         nominal,

@@ -126,7 +126,7 @@ def keys_of(model: type[BaseModel]) -> set[str]:
 
 def test_table_of_error_sources_has_the_values_of_the_code():
     rows = (ROOT / "docs/explanation/model.md").read_text(encoding="utf-8").splitlines()
-    every = (own for chain in MECHANISMS.values() for own in chain.parameters.every)
+    every = (own for chain in MECHANISMS.values() for own in chain.parameters.rows)
     units = {(own.field.group, own.unit) for own in every} | set(TRACKER_SOURCES.items())
     for group, own in SOURCES.items():
         angle, ratio = f"{math.degrees(own.of_angles):.3g}°", f"{1e6 * own.of_angles:.3g} ppm"

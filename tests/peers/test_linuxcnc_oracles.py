@@ -31,10 +31,10 @@ CARRIAGES = [
 def reachable(robot, count, seed):
     """Poses well within the limits."""
     draw, (lowest, highest) = np.random.default_rng(seed), robot.limits.joint
-    inner = robot.limits.drawn_in(joint=0.1 * (highest - lowest))
+    inner = robot.limits.narrowed_by(joint=0.1 * (highest - lowest))
     joints = draw.uniform(*inner.joint, (400 * count, len(robot.mechanism.joints)))
     found = robot.kinematics.forward(joints)
-    poses = found.values[found.found]
+    poses = found.values[found.is_solved]
     poses = poses[robot.kinematics.feasibility(inner, poses).feasible]
     poses = poses[(np.abs(poses[:, 3:]) < 1.0).all(axis=1)][:count].round(DECIMALS)
     assert len(poses) == count

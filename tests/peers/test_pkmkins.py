@@ -101,7 +101,7 @@ def drawn(name, *, extended, seed=5):
     kept = np.empty((0, len(nominal.mechanism.task)))
     for _ in range(60):
         found = model.forward(draw.uniform(*limits.joint, (POSES, space.arms)))
-        poses = found.values[found.found]
+        poses = found.values[found.is_solved]
         kept = np.concatenate([kept, poses[model.feasibility(limits, poses).feasible]])[:POSES]
         if len(kept) == POSES:
             break

@@ -65,7 +65,7 @@ class Member:
     @property
     def well_inside(self):
         """Leaves room for errors of ten millimetres or of a tenth of a radian."""
-        narrow = self.limits.drawn_in(joint=0.1 * self.mechanism.joints[0].scale, swing_rad=0.1)
+        narrow = self.limits.narrowed_by(joint=0.1 * self.mechanism.joints[0].scale, swing_rad=0.1)
         return replace(narrow, singularity_margin=0.3)
 
     @property

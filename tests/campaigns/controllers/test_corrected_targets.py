@@ -61,7 +61,7 @@ def test_the_first_pose_out_of_reach_is_named(member):
     wanted[3, 0] += 10_000.0
     with pytest.raises(TargetsInvalid, match=r"^3: .*out of reach"):
         correction.require_possible(wanted, str)
-    assert not correction.commanded(wanted).found[3]
+    assert not correction.commanded(wanted).is_solved[3]
 
 
 def test_a_pose_beyond_a_limit_or_outside_the_space_is_refused_with_value_and_limit():

@@ -56,7 +56,7 @@ def measured(name, seed=1, share=0.3, half=None):
     found = off.forward(planned.joints)
     turn = Rotation.random(random_state=seed).as_matrix()
     points = found.values[:, :3] @ turn.T + np.array([1500.0, -800.0, 300.0])
-    return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(found.found))
+    return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(found.is_solved))
 
 
 def complaint(name, shots, place_mm=None, told_half=None, unit="mm"):

@@ -118,7 +118,7 @@ def test_an_elbow_stretched_straight_is_refused():
     poses = np.column_stack([np.zeros_like(down), np.full_like(down, -50.0), down, 0.0 * down])
     limits = replace(LIMITS, joint=(-np.pi, np.pi), singularity_margin=0.0)
     judged = NOMINAL.feasibility(limits, poses)
-    deepest = int(np.flatnonzero(NOMINAL.inverse(poses).found)[-1])
+    deepest = int(np.flatnonzero(NOMINAL.inverse(poses).is_solved)[-1])
     assert judged.elbow[deepest] < 0.05
     assert Violation(int(judged.violations[deepest])) is Violation.SINGULAR
     assert judged.feasible[0]
@@ -182,7 +182,7 @@ def test_a_platform_above_its_elbows_is_another_assembly():
     judged = member.nominal.feasibility(member.limits, above)
     assert judged.describe(0) == ["another assembly: the platform would be above its elbows"]
     hung = member.nominal.forward(judged.joints, above)
-    assert not hung.found[0] or hung.values[0, 2] < -100.0
+    assert not hung.is_solved[0] or hung.values[0, 2] < -100.0
 
 
 @pytest.mark.parametrize("name", ["par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l"])

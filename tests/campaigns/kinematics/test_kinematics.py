@@ -114,7 +114,7 @@ class TestReferenceModel:
     @pytest.mark.parametrize("pose", PAR4_REFERENCE["unreachable_poses_mm_rad"])
     def test_poses_that_it_cannot_reach_say_so(self, pose):
         solution = NOMINAL.inverse(np.array([pose], dtype=float))
-        assert not solution.found[0]
+        assert not solution.is_solved[0]
         with pytest.raises(NoSolution, match="row 0 of 1"):
             solution.values_or_raise()
 
@@ -157,7 +157,7 @@ class TestForwardAndInverse:
         aside = np.random.default_rng(1).uniform(-1.0, 1.0, poses.shape)
         for hint in (None, poses + 0.1 * aside, poses + aside * [20, 20, 20, 0.1][: len(unit)]):
             found = robot.forward(joints, hint)
-            assert found.found.all()
+            assert found.is_solved.all()
             assert np.abs((found.values - poses) / unit).max() < CLOSE
         again = robot.inverse(found.values).values_or_raise()
         apart = (again - joints) / member.file_units(member.mechanism.joints)
@@ -224,7 +224,7 @@ class TestForwardAndInverse:
     )
     def test_joints_without_the_wanted_assembly_say_so(self, name, degrees):
         solution = BY_NAME[name].nominal.forward(np.radians([degrees]))
-        assert not solution.found[0]
+        assert not solution.is_solved[0]
         with pytest.raises(NoSolution, match="row 0 of 1"):
             solution.values_or_raise()
 
@@ -237,7 +237,7 @@ class TestForwardAndInverse:
         poses = np.array([[0.0, 0.0, -420.0], [30.0, -40.0, -450.0]])
         joints = robot.inverse(poses).values_or_raise()
         assert np.abs(robot.forward(joints).values_or_raise() - poses).max() < CLOSE
-        assert not robot.forward(np.zeros((1, 3))).found[0]
+        assert not robot.forward(np.zeros((1, 3))).is_solved[0]
 
     @pytest.mark.slow
     @given(st.sampled_from(ALL_MEMBERS), st.integers(0, 2**32 - 1), st.booleans())
@@ -247,7 +247,7 @@ class TestForwardAndInverse:
         joints = scale * rng.uniform(-1.0, 1.0, (1, len(scale)))
         hint = rng.uniform(-2000.0, 2000.0, (1, len(member.mechanism.task))) if hinted else None
         solution = robot.forward(joints, hint)
-        if not solution.found[0]:
+        if not solution.is_solved[0]:
             assert np.isnan(solution.values).all()
             return
         pose = solution.values
@@ -262,9 +262,9 @@ class TestForwardAndInverse:
         poses = member.reachable_poses(member.nominal, 3, seed=1)
         joints = member.nominal.inverse(poses).values_or_raise()
         hint = np.full(poses.shape, bad)
-        assert member.nominal.forward(joints, hint).found.all()
+        assert member.nominal.forward(joints, hint).is_solved.all()
         joints[1, 2] = np.nan
-        assert member.nominal.forward(joints, hint).found.tolist() == [True, False, True]
+        assert member.nominal.forward(joints, hint).is_solved.tolist() == [True, False, True]
 
     @some_members
     def test_one_unreachable_pose_leaves_the_others_alone(self, member):
@@ -272,7 +272,7 @@ class TestForwardAndInverse:
         expected = member.nominal.inverse(poses).values_or_raise()
         poses[1, 0] = 5000.0
         solution = member.nominal.inverse(poses)
-        assert solution.found.tolist() == [True, False, True]
+        assert solution.is_solved.tolist() == [True, False, True]
         assert np.isnan(solution.values[1]).all()
         assert (solution.values[[0, 2]] == expected[[0, 2]]).all()
         with pytest.raises(NoSolution, match="row 1 of 3"):

@@ -52,9 +52,9 @@ def test_perfect_parts_leave_the_plate_level_and_one_bad_row_the_others_alone():
     bad = joints.copy()
     bad[2] = [-3.0, 3.0, 1.0, -2.0]
     found = drawn.forward(bad)
-    assert found.found.tolist() == [True, True, False, True, True]
+    assert found.is_solved.tolist() == [True, True, False, True, True]
     good = drawn.forward(joints).values
-    assert np.abs(found.values - good)[found.found].max() < 1e-9
+    assert np.abs(found.values - good)[found.is_solved].max() < 1e-9
 
 
 def test_the_reflector_s_place_matters_as_much_as_the_plate_turns():

@@ -78,7 +78,7 @@ def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(5)
     poses = CENTRE + rng.uniform(-1.0, 1.0, (400, 4)) * (350.0, 350.0, 200.0, 0.75)
     joints = NOMINAL.inverse(poses)
-    inside = joints.found & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
+    inside = joints.is_solved & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
     ends = joints.values[inside]
     for here, there in pairwise(ends):
         way = OPEN.safe_path(here, there)

@@ -82,7 +82,7 @@ def test_what_a_plan_predicts_is_what_a_fit_of_its_shots_states(plan, fitted) ->
     robot = MODEL.kinematics(fitted.x)
     poses = sample_workspace(NOMINAL, LIMITS, CENTRE)
     joints = robot.inverse(poses)
-    judged = judged_at(MODEL, robot, joints.values[joints.found], poses[joints.found])
+    judged = judged_at(MODEL, robot, joints.values[joints.is_solved], poses[joints.is_solved])
     size = len(MODEL.names)
     stated = position_std_mm(judged, fitted.covariance[:size, :size])
     assert mean_mm(foreseen(plan)) == pytest.approx(stated.mean(), rel=0.1)

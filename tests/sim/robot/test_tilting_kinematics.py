@@ -50,9 +50,9 @@ def drawn(name, *, bends=True):
         name=name,
         limits=nominal.limits,
     )
-    limits = nominal.limits.drawn_in(swing_rad=0.1)
+    limits = nominal.limits.narrowed_by(swing_rad=0.1)
     found = robot.kinematics.forward(draw.uniform(*limits.joint, (50 * POSES, kind.arms)))
-    poses = found.values[found.found]
+    poses = found.values[found.is_solved]
     feasible = robot.kinematics.feasibility(limits, poses).feasible
     return robot, kind, drawing, poses[feasible][:POSES]
 
