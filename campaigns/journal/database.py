@@ -1,4 +1,18 @@
-"""Journal as an SQLite file: its tables and rules, opened, read, written, and errors explained."""
+"""Journal as an SQLite file: its tables and rules, opened, read, written, and errors explained.
+
+One table holds all records, one row a record, and only grows. The rules of the campaign are written
+into the file itself, as CHECKs, unique indexes and triggers: what this program may not do, another
+program that opens the file (a viewer, a script, an older version) cannot do by accident either.
+They refuse to change, remove or replace a record, to use a number twice, to end an attempt that was
+never begun or has ended, and to write into a series that has not begun.
+
+Every write goes into SQLite's write-ahead log (WAL) and, with `synchronous = FULL`, is on the disk
+when the commit returns: a kill or a power cut leaves all records up to the last one that was
+committed. Reading never blocks writing, so that `status` and `report` look at a run while it
+measures.
+
+Version 1 had no digests. It is read as it is, and upgraded when it is opened to write.
+"""
 
 import os
 import sqlite3
@@ -13,9 +27,10 @@ from campaigns.journal.journal_files import FROM_BACKUP, close_untouched, log_of
 
 APPLICATION_ID = 0x706B6D63  # "pkmc"
 VERSION = 2
-CHAINED = 2
+CHAINED_SINCE = 2
 """Version from which records have digests."""
 LOCK_TIMEOUT_S = 2.0
+"""Longest wait for another program's transaction."""
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
 _OTHER_PROGRAM = "close the other program that has the journal open, then start again: it resumes"
@@ -50,25 +65,28 @@ class StoredRecord(NamedTuple):
 def sqlite_errors_explained(path: Path, what: str) -> Iterator[None]:
     """Turn any error of SQLite or the system inside into `JournalFailed`.
 
-    `what` says what did not work.
+    `what` is a clause that names the step, such as "the journal cannot be opened".
     """
     try:
         yield
     except sqlite3.Error as error:
         remedy = _REMEDIES.get(primary_code(error), _AGAIN)
         if remedy == _OTHER_PROGRAM and not has_record_locks(path.with_name("campaign.yaml")):
-            remedy = NO_LOCKS  # of which SQLite says that the database is locked
+            remedy = NO_LOCKS  # SQLite reports a file system without locks as a locked database
         raise JournalFailed(f"{path}: {what}: {error}", remedy=remedy) from error
     except OSError as error:
         raise JournalFailed(f"{path}: {what}: {error.strerror or error}", remedy=_RIGHTS) from error
 
 
 def primary_code(error: sqlite3.Error) -> int:
-    """Return the family of SQLite's extended code; 0 for an error of Python's own."""
+    """Return the family of SQLite's extended code; 0 for an error that Python itself raised."""
+    # The lowest byte of an extended code is the primary one, by which the remedies are listed.
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
-# The columns repeat from `body` what the database itself watches over: kind and numbers.
+# The columns repeat from `body` what the rules below compare: kind and numbers.
+# `typeof` in the CHECKs, because a column's type binds no value in SQLite: text that is no number
+# stays text in an INTEGER column, and a digest of it would verify.
 # No STRICT table and no JSON functions: some supported systems come with an older SQLite.
 _RECORD_TABLE = """
 CREATE TABLE record (
@@ -87,6 +105,11 @@ CREATE TABLE record (
 
 # The unique indexes alone would not do: INSERT OR REPLACE removes the older row to make room, and
 # fires no DELETE trigger. So a BEFORE INSERT trigger refuses a taken number first.
+#
+# Each rule answers one accident. Never changed, removed, replaced: an editor, a clean-up script.
+# Comes last: two programs that number records at a time. Begins and finishes once, of a series that
+# began: shots that would count for another plan. A new number, its intent, ends once: an attempt
+# whose outcome could be taken for another's after a crash.
 _RULES = (
     "CREATE UNIQUE INDEX one_series ON record (series) WHERE kind = 'series-started'",
     "CREATE UNIQUE INDEX one_finish ON record (series) WHERE kind = 'series-finished'",
@@ -139,7 +162,9 @@ BEGIN SELECT RAISE(ABORT, 'numbers are never reused: this attempt has its outcom
 )
 
 
-# `chain_end` shows when the last records are missing. Records of version 1 have no digest.
+# `chain_end` shows when the last records are missing. Records of version 1 have no digest, so the
+# column may be NULL, and a trigger demands a digest of new records. `chain_end` follows each record
+# by a trigger, in the record's own transaction: the two never disagree after a crash.
 _DIGESTS = "ALTER TABLE record ADD COLUMN digest TEXT"
 _CHAIN = (
     """
@@ -162,10 +187,13 @@ BEGIN SELECT RAISE(ABORT, 'the journal is append-only: the chain keeps its end')
 
 
 def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
-    """Make a journal of these records; raises `JournalFailed`.
+    """Make a journal of these records; raise `JournalFailed`.
 
-    It is made under another name first: a kill leaves a whole one at the path, or none.
+    The file is made under another name first: a kill leaves a whole journal at the path, or none.
     """
+    # In rollback mode and synced, then renamed: the rename is atomic, and there is no log of the
+    # old name yet that would have to follow. The log is turned on when the journal is opened to
+    # write.
     unfinished = path.with_name(f"{path.name}.new")
     with sqlite_errors_explained(path, "the journal cannot be made"):
         unfinished.unlink(missing_ok=True)
@@ -175,12 +203,15 @@ def create_journal(path: Path, records: Sequence[StoredRecord] = ()) -> None:
                 _create_tables(connection, records)
             unfinished.replace(path)
         finally:
-            with suppress(OSError):  # after success there is none
+            with suppress(OSError):  # after success it has been renamed
                 unfinished.unlink()
 
 
 def _create_tables(connection: sqlite3.Connection, records: Sequence[StoredRecord]) -> None:
-    """Write tables and records at once, and the rules last: version 1 had no digests."""
+    """Write tables, records and rules in one transaction.
+
+    The rules come last: they would refuse rescued records of version 1, which have no digests.
+    """
     with transaction(connection, "WRITE"):
         connection.execute(_RECORD_TABLE)
         connection.execute(_DIGESTS)
@@ -197,19 +228,22 @@ def _create_tables(connection: sqlite3.Connection, records: Sequence[StoredRecor
 def connect_to_write(path: Path) -> sqlite3.Connection:
     """Open a connection in autocommit mode, to a new journal if there is none at the path.
 
-    Nothing is written yet; the caller closes it. Raises `JournalFailed`.
+    An existing journal is not changed yet; the caller closes the connection. Raise `JournalFailed`.
     """
+    # Mode "rw" below, not "rwc": SQLite itself never makes a file, which would be an empty one.
     if not path.exists():
         create_journal(path)
     return _connect(path, "rw")
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
-    """Open a connection that refuses to write; the caller closes it. Raises `JournalFailed`.
+    """Open a connection that refuses to write; the caller closes it. Raise `JournalFailed`.
 
     The file is opened for writing where it can be: only then does SQLite clear its -wal and -shm
     files away at the end. On a medium that cannot be written the bare file is read.
     """
+    # `immutable` skips the log and the locks, neither of which SQLite can make there. The records
+    # in a log would be passed over in silence, so a log that holds any is refused first.
     if not path.is_file():
         raise JournalFailed(
             f"{path}: there is no journal", remedy="measure first (`run`), or `import` shots"
@@ -224,15 +258,16 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
-    """Open a file; one that is not a journal or is newer is refused and left as it was."""
+    """Open a file; refuse one that is not a journal or is newer, and leave it as it was."""
     with sqlite_errors_explained(path, "the journal cannot be opened"):
         connection = sqlite3.connect(
             f"{path.resolve().as_uri()}?mode={mode}",
             uri=True,
-            isolation_level=None,
+            isolation_level=None,  # autocommit: Python would begin transactions of its own
             timeout=LOCK_TIMEOUT_S,
         )
-        # what is no UTF-8 becomes surrogates, which no digest takes
+        # Bytes that are not UTF-8 become surrogates, which `digest_after` refuses: the record is
+        # reported as damaged, where Python's default decoder would end the reading of all.
         connection.text_factory = lambda text: text.decode("utf-8", errors="surrogateescape")
         try:
             _require_ours(connection, path)
@@ -243,6 +278,8 @@ def _connect(path: Path, mode: str) -> sqlite3.Connection:
 
 
 def _require_ours(connection: sqlite3.Connection, path: Path) -> None:
+    # Before anything is written: a wrong file name must not turn another program's database into a
+    # journal, and this program would misread a newer version's records.
     version = version_of(connection)
     if _pragma(connection, "application_id") != APPLICATION_ID or version < 1:
         raise JournalFailed(
@@ -265,17 +302,23 @@ def _require_empty_log(path: Path) -> None:
 
 
 def prepare_to_write(connection: sqlite3.Connection, path: Path, *, waits_for_disk: bool) -> None:
-    """Turn the write-ahead log on, and bring an older journal up to this version."""
+    """Turn the write-ahead log on, and upgrade an older journal to this version."""
     with sqlite_errors_explained(path, "the journal cannot be opened"):
         mode: str = connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
+        # A file system without shared memory (a network drive) keeps the old mode without an error.
         if mode != "wal":
             raise JournalFailed(
                 f"{path}: the file system allows no write-ahead log (mode {mode!r})",
                 remedy="put the campaign folder on a local disk",
             )
+        # FULL syncs the log at each commit. NORMAL syncs it only when it is moved into the
+        # database: a kill loses nothing, a power cut may. That is enough where the cell is
+        # simulated, for there no robot has moved.
         connection.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'NORMAL'}")
         connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache
-        if version_of(connection) < CHAINED:
+        if version_of(connection) < CHAINED_SINCE:
+            # The version rises in the same transaction as the tables: a kill leaves one or the
+            # other.
             with transaction(connection, "WRITE"):
                 for statement in (_DIGESTS, *_CHAIN, f"PRAGMA user_version = {VERSION}"):
                     connection.execute(statement)
@@ -293,22 +336,27 @@ def _pragma(connection: sqlite3.Connection, name: str) -> int:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, kind: Literal["READ", "WRITE"]) -> Iterator[None]:
-    """Read all inside from one moment, or commit what is written inside; on any error nothing."""
+    """Read inside from one moment, or commit all that is written inside; on any error nothing."""
+    # IMMEDIATE takes the lock for writing at once. A transaction that reads first and writes later
+    # can fail in the middle, when another program has written in between.
     connection.execute("BEGIN IMMEDIATE" if kind == "WRITE" else "BEGIN")
     with connection:  # commits, or rolls back
         yield
 
 
 def stated_end(connection: sqlite3.Connection) -> tuple[int, str]:
-    """Return number and digest of the last record with a digest, as the file states them."""
-    if version_of(connection) < CHAINED:
+    """Return number and digest of the last record with a digest, as the file states them.
+
+    0 and "" if no record has a digest.
+    """
+    if version_of(connection) < CHAINED_SINCE:
         return 0, ""
     return connection.execute("SELECT record, digest FROM chain_end").fetchone() or (0, "")
 
 
 def records_after(connection: sqlite3.Connection, number: int) -> Iterator[StoredRecord]:
-    """Read the records after that number, in their order."""
-    digest = "digest" if version_of(connection) >= CHAINED else "NULL"
+    """Read the records after a number, in their order."""
+    digest = "digest" if version_of(connection) >= CHAINED_SINCE else "NULL"
     query = (
         f"SELECT id, at_utc, kind, series, shot, attempt, body, {digest} FROM record"  # noqa: S608 - one of two words
         f" WHERE id > {number:d} ORDER BY id"

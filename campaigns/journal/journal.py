@@ -1,4 +1,23 @@
-"""Journal of a campaign: its records, series, accepted shots and digest."""
+"""Journal of a campaign: its records, series, accepted shots and digest.
+
+The journal is the only place where a campaign keeps what happened; results, reports and resuming
+are computed from it. Theory of operation:
+
+Opening reads and verifies every record (`verification.py`) and keeps all of them in memory. A
+reader that is asked later adds the records that other processes have written since.
+
+Writing is `Journal.append`, one commit a record, durable on return. The caller acts only
+afterwards: an intent is on the disk before the robot moves, an outcome before the next motion. A
+crash at any moment therefore loses at most the attempt that was going on, and the intent shows
+which one that was.
+
+SQLite goes on writing through its open file even if that file was deleted or replaced, and its
+records would vanish with it. So the files are compared before and after each record, the run ends
+with `prove`, which reads everything again through a new connection, and the records in memory are
+what a lost or damaged file is rescued from: into a copy beside the journal, never over it.
+
+After a failed write no further record is written: a journal with a gap would look complete.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -34,8 +53,8 @@ RecordT = TypeVar("RecordT", bound=kinds.Record)
 def read_journal(path: Path) -> "JournalReader":
     """Open the journal in that file for reading; needs no right to write the folder.
 
-    Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
-    was written.
+    Raise `JournalFailed` if the file is missing, not a journal, newer than this program, or
+    damaged.
     """
     return JournalReader(path, database.connect_to_read(path))
 
@@ -43,7 +62,7 @@ def read_journal(path: Path) -> "JournalReader":
 class JournalReader:
     """Reader of a journal's records, all verified when it is made. For one thread.
 
-    Everything raises `JournalFailed`.
+    All methods raise `JournalFailed` if the file cannot be read.
     """
 
     def __init__(self, path: Path, connection: Connection) -> None:
@@ -51,13 +70,16 @@ class JournalReader:
         self._open(connection)
 
     def _open(self, connection: Connection) -> None:
-        """Verify the file, and read all records; closes the connection if they do not verify."""
+        """Verify the file, and read all records; close the connection if they do not verify."""
         self._connection = connection
+        # The records twice: `_stored` as rows with their digests, from which a lost file is
+        # rescued, and `_entries` as values, made of the rows only when somebody asks for them.
         self._entries: list[Entry[kinds.Record]] = []
         try:
             verified = verify(connection, self._path)
             require_whole(self._path, verified.problems, verified.records)
         except BaseException:
+            # A plain close moves the log into the database: a damaged file has to stay as it is.
             close_untouched(connection, self._path)
             raise
         self._stored = verified.records
@@ -95,30 +117,39 @@ class JournalReader:
 
     def findings(self, kind: kinds.FindingKind) -> tuple[Entry[kinds.Finding], ...]:
         """Return the findings of one kind, in their order."""
-        return tuple(each for each in self.records_of(kinds.Finding) if each.record.kind == kind)
+        return tuple(
+            finding for finding in self.records_of(kinds.Finding) if finding.record.kind == kind
+        )
 
     def series(self, stage: kinds.Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
-        every = views.all_series(self.records())
-        return tuple(series for series in every if stage in (None, series.started.stage))
+        all_series = views.all_series(self.records())
+        return tuple(series for series in all_series if stage in (None, series.started.stage))
 
     def latest_series(self, stage: kinds.Stage) -> Series | None:
-        """Return the series of that stage that began last, if any did."""
+        """Return the series of a stage that began last; None if the stage was never begun."""
         return next(reversed(self.series(stage)), None)
 
     def shots(self, series: int) -> tuple[AcceptedShot, ...]:
-        """Return each shot's latest accepted outcome that was not voided since, by shot number."""
-        return next((each.shots for each in self.series() if each.number == series), ())
+        """Return the shots of a series that count, by shot number.
+
+        Of each shot that is its latest accepted outcome, unless a later record voids the outcome.
+        """
+        return next((row.shots for row in self.series() if row.number == series), ())
 
     def last_number(self) -> int:
-        """Return the place of the last record, others' later ones too; 0 in an empty journal."""
+        """Return the place of the last record; 0 in an empty journal.
+
+        Records that other processes have written since the opening count.
+        """
         self._read_further()
         return len(self._stored)
 
     def digest(self, *, through: int | None = None) -> str:
-        """Return the digest of the last record, or of that at place `through`; "" before the first.
+        """Return the digest of the last record, or of the record at place `through`.
 
-        It stands for all records up to this one. Raises `IndexError` beyond the last.
+        The digest stands for all records up to this one; it is "" before the first. Raise
+        `IndexError` if there are fewer than `through` records.
         """
         if through is None or through > len(self._stored):
             self._read_further()
@@ -126,11 +157,18 @@ class JournalReader:
         return last_digest(self._stored[last - 1 : last]) if last else ""
 
     def holds(self, number: int, digest: str) -> bool:
-        """Whether a record of this number and digest is in it: then all before that are, too."""
+        """Return whether the journal has a record of this number and digest.
+
+        The digest chains each record to the one before, so that all earlier records are in it, too.
+        """
         return number <= self.last_number() and self.digest(through=number) == digest
 
     def _read_further(self) -> None:
-        """Read the records that another process has written since."""
+        """Read the records that another process has written since.
+
+        They are taken as they are, not verified again: SQLite's triggers have refused any change of
+        the records before, and the next opening verifies the whole chain.
+        """
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
             self._stored += database.records_after(self._connection, len(self._stored))
 
@@ -140,9 +178,9 @@ def open_journal(
 ) -> "Journal":
     """Open the journal in that file, or make it; `now_utc` stamps the records.
 
-    The caller holds the campaign's lock. Raises `JournalFailed` when the file is not ours, newer
-    than this program, not what was written, or cannot be opened. Of a damaged one, the records that
-    verify are kept in a copy. Unless it `waits_for_disk`, a power cut may take the last records.
+    The caller holds the campaign's lock. Raise `JournalFailed` if the file is not a journal, newer
+    than this program, damaged, or cannot be opened. The records of a damaged journal that verify
+    are kept in a copy. With `waits_for_disk` false, a power cut may take the last records.
     """
     try:
         return Journal(path, now_utc, waits_for_disk=waits_for_disk)
@@ -160,12 +198,13 @@ def _keep_in_copy(path: Path, records: Sequence[StoredRecord]) -> str:
     try:
         database.create_journal(copy, records)
     except JournalFailed:
+        # Without a copy, then: this error must not hide the one that is about to be raised.
         return ""
     return f"its {len(records)} records are whole in {copy.name}: {take_rescued(copy.name)}"
 
 
 class Journal(JournalReader):
-    """A journal that grows. Once a record could not be written, no further one is."""
+    """Journal that grows. Once a record could not be written, no further one is."""
 
     def __init__(
         self, path: Path, now_utc: Callable[[], str], *, waits_for_disk: bool = True
@@ -176,6 +215,7 @@ class Journal(JournalReader):
         super().__init__(path, database.connect_to_write(path))
 
     def _open(self, connection: Connection) -> None:
+        # Verified first: preparing may upgrade the file, and a damaged one must not be touched.
         super()._open(connection)
         database.prepare_to_write(connection, self._path, waits_for_disk=self._waits_for_disk)
         self._files = file_states(self._path)
@@ -189,7 +229,7 @@ class Journal(JournalReader):
     def append(self, record: kinds.Record, *, series: int | None = None) -> int:
         """Write one record, durable on return, and return its place in the journal.
 
-        Only an `Event` or a `Finding` may do without a series. Raises `JournalFailed`.
+        Only an `Event` or a `Finding` may belong to no series. Raise `JournalFailed`.
         """
         if self._failed:
             raise JournalFailed(
@@ -200,9 +240,13 @@ class Journal(JournalReader):
             if self._in_commit:
                 self._insert(record, series)
             else:
+                # Before: a file that was deleted or replaced since the last record must not be
+                # given another one, and the caller must not move the robot on its strength.
                 self._require_same_files()
                 self._insert(record, series)
-                self._require_same_files()  # and note how long they are now
+                # After: the file may have gone while the record was written, and this notes how
+                # long the files are now, for the next comparison.
+                self._require_same_files()
         except JournalFailed:
             self._failed = True
             raise
@@ -212,7 +256,7 @@ class Journal(JournalReader):
     def in_one_commit(self) -> Iterator[None]:
         """Make what is appended inside durable at its end, all of it, or nothing on any error.
 
-        Raises `JournalFailed`.
+        For an import, whose records count only together. Raise `JournalFailed`.
         """
         self._require_same_files()
         before, self._in_commit = len(self._stored), True
@@ -221,6 +265,8 @@ class Journal(JournalReader):
             with explained, database.transaction(self._connection, "WRITE"):
                 yield
         except BaseException as error:
+            # The database has rolled back: so must the copy in memory, or the next record would be
+            # chained to one that the file does not have.
             del self._stored[before:], self._entries[before:]
             self._failed |= isinstance(error, JournalFailed)
             raise
@@ -229,16 +275,20 @@ class Journal(JournalReader):
         self._require_same_files()
 
     def prove(self) -> None:
-        """Close the file and open it again: all that was written has to be in it, and whole.
+        """Close the file, open it again, and verify that all written records are in it.
 
-        A second connection beside the first would not do: it reads by the same index in memory.
-        Raises `JournalFailed`.
+        Raise `JournalFailed`, with the records rescued into a copy, if they are not.
         """
+        # A second connection beside the first would prove nothing: as long as the first one is
+        # open, SQLite's index of the log in shared memory answers for a file that was exchanged or
+        # cut.
         self._require_same_files()
         written = self._stored
         self.close()
         try:
             self._open(database.connect_to_write(self._path))
+            # The chain verifies, so that an equal last digest means equal records from the first
+            # on.
             if last_digest(self._stored) != last_digest(written):
                 raise JournalDamaged(
                     f"{self._path}: ends with record {len(self._stored)}, and {len(written)} were "
@@ -250,18 +300,29 @@ class Journal(JournalReader):
             raise JournalFailed(failed.problem, remedy=kept or failed.remedy) from failed
 
     def _require_same_files(self) -> None:
-        """Stop if the journal's files are no longer those that were opened; keep the records."""
+        """Raise `JournalFailed` if the files are no longer those that were opened.
+
+        The records are rescued into a copy before.
+        """
         with database.sqlite_errors_explained(self._path, "the journal cannot be written"):
-            self._connection.cursor()  # which a closed one does not give
+            self._connection.cursor()  # fails on a connection that is closed
         try:
             before, self._files = self._files, file_states(self._path)
             last, digest = len(self._stored), last_digest(self._stored)
             require_same(before, self._files, lambda: is_whole(self._path, last, digest))
         except JournalFailed as changed:
+            # The log may be of another state than the database that lies there now: moving it in
+            # would mix the pages of both.
             close_untouched(self._connection, self._path)
             kept = _keep_in_copy(self._path, self._stored)
             raise JournalFailed(changed.problem, remedy=kept or changed.remedy) from changed
 
+    # 1. The record as text, read back at once: a file that only grows cannot be corrected later.
+    # 2. Its number and digest by the copy in memory, not by the file: if another program has added
+    #    a record, the number is taken there, and the triggers refuse ours.
+    # 3. The row: outside `in_one_commit` SQLite commits it, and where the journal waits for its
+    #    disk also syncs it, before `insert` returns.
+    # 4. The copy in memory last, so that it never holds a record that the file lacks.
     def _insert(self, record: kinds.Record, series: int | None) -> None:
         shot, attempt = (getattr(record, name, None) for name in ("shot", "attempt"))
         kind = kinds.KIND_OF_TYPE[type(record)]

@@ -1,4 +1,9 @@
-"""Files of a journal: guarded while they are written, and copied beside when they are lost."""
+"""Files of a journal: watched while they are written, and rescued into copies if they are lost.
+
+On Unix a file that is deleted or renamed over lives on for the process that has it open. SQLite
+would write an hour of shots into it without an error, and all of them would vanish when the process
+ends.
+"""
 
 import os
 import sqlite3
@@ -22,6 +27,9 @@ def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], boo
 
     Another program's checkpoint makes a file shorter, too: then `is_whole` reads it.
     """
+    # The order is from the harmless to the severe, for the remedies differ: a folder that was
+    # renamed has all records, a file that was deleted or replaced has to be brought back. Times and
+    # links are not compared: a `touch`, a viewer or a backup by hard links would stop a sound run.
     for path, earlier in before.items():
         later = now[path]
         if earlier is None:  # the log is made with the first record
@@ -33,6 +41,7 @@ def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], boo
             )
         if later is None:
             raise _changed(path, "was deleted or moved away")
+        # Device and inode are the file itself, whatever its name.
         if (later.st_dev, later.st_ino) != (earlier.st_dev, earlier.st_ino):
             raise _changed(path, "was replaced by another file")
         if later.st_size < earlier.st_size and not is_whole():
@@ -58,19 +67,23 @@ def log_of(path: Path) -> Path:
 
 
 def close_untouched(connection: sqlite3.Connection, path: Path) -> None:
-    """Close, and leave a log as it is: moved into a database that others changed it would mix both.
+    """Close a connection without moving the log into the database.
 
-    The last connection moves the log when it closes, but one that may only read cannot.
+    Moved into a database that another program has changed, it would mix the pages of both.
     """
+    # SQLite moves the log when its last connection closes. So a second one that may only read is
+    # opened first, and closed after it: then ours is not the last, and the other cannot write.
     log = _state(log_of(path))
     if log is not None and log.st_size:
         with suppress(OSError, sqlite3.Error):
             address = f"{path.resolve().as_uri()}?mode=ro"
             with closing(sqlite3.connect(address, uri=True)) as bystander:
+                # A connection takes part only once it has read; a damaged file may refuse even
+                # that.
                 with suppress(sqlite3.Error):
                     bystander.execute("SELECT count(*) FROM sqlite_master").fetchone()
                 connection.close()
-    connection.close()
+    connection.close()  # a second time does nothing; the first, where there was no log
 
 
 def next_rescued_copy(path: Path) -> Path:
@@ -88,7 +101,7 @@ def rescued_copies(path: Path) -> list[Path]:
 
 
 def take_rescued(name: str) -> str:
-    """Return the sentence that says how to go on with a rescued copy."""
+    """Return the remedy in words: how to go on with a rescued copy."""
     return (
         f"move campaign.db and campaign.db-wal away, rename {name} to campaign.db, and start "
         "again: it resumes"

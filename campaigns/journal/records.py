@@ -1,4 +1,19 @@
-"""Records of the journal: one frozen value per kind. Units: mm, mm², rad, s, °C."""
+"""Records of the journal: one frozen value per kind. Units: mm, mm², rad, s, °C.
+
+A campaign is a list of these records in the order of time. A series (one execution of a plan for a
+stage) begins with `SeriesStarted` and ends with `SeriesFinished`; between them stand the sessions
+of the processes that worked at it, each from `SessionStarted` to `SessionStopped`, unless it
+crashed.
+
+An attempt at a shot begins with an `Intent`, before anything moves, and ends with exactly one
+`Outcome` (the shot counts) or `Rejected` (it does not). An intent without an end is an attempt that
+a crash has cut off. A record is never changed: `PairVoided` takes back outcomes that turned out
+wrong, and the shot is measured again under the next number of attempt.
+
+Old journals must stay readable. New fields therefore have defaults that mean "not stated", and the
+keys in the file stay as they were written first, even where a name in the program has become better
+(`alias`).
+"""
 
 import json
 from collections.abc import Callable, Mapping
@@ -46,17 +61,17 @@ EventKind = Literal[
 FindingKind = Literal[
     "identification", "validation", "check", "export", "load begun", "load", "load failed"
 ]
-"""A load is begun, and then it took effect ("load") or did not; neither: the process died."""
+"""After "load begun" follows "load" if it took effect, or "load failed"; neither if it crashed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesStarted:
-    """Start of one execution of a plan for a stage. An import has neither device nor weather.
+    """Start of one execution of a plan for a stage. An import has neither devices nor weather.
 
-    `declared`: the file by which somebody says what the controller held while shots were measured
-    elsewhere for a validation; "" where it was read from the controller.
-    `model` is what the shots were planned to determine, by the word of `--model`; `lacks` what the
-    controller's kinematics has no parameters for. Empty and None in older files: no one said so.
+    `declared`: name of the file that states the controller's parameters while shots were measured
+    elsewhere for a validation; "" where they were read from the controller. `model`: parameters
+    that the shots were planned to determine, as the word of `--model`; "" in older files. `lacks`:
+    optional parameters that the controller's kinematics does not have; None in older files.
     """
 
     stage: Stage
@@ -79,7 +94,7 @@ class SeriesStarted:
 
 @dataclass(frozen=True, slots=True)
 class SeriesFinished:
-    """End of a series: every shot has an accepted outcome, or was left out as the goal was met."""
+    """End of a series: each shot has an accepted outcome, or is named as skipped or left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +112,7 @@ class BeamStart:
 class SessionStarted:
     """A process takes up a series, for the first time or after a stop or a crash.
 
-    `beam` is None where the tracker reported no direction or the robot moved, and in old files.
+    `beam` is None if the tracker reported no direction or the robot was moving, and in old files.
     """
 
     software_version: str
@@ -109,7 +124,7 @@ class SessionStarted:
 
 @dataclass(frozen=True, slots=True)
 class SessionStopped:
-    """A process leaves its series in order. Its absence is the mark of a crash."""
+    """A process leaves its series in order. A session without this record has crashed."""
 
     how: Ending
     reason: str
@@ -119,8 +134,9 @@ class SessionStopped:
 class Intent:
     """Intention of one attempt, written before anything moves. `purpose` is the shot's set.
 
-    `commanded` is the pose that the controller is sent where that is another than the target.
-    `nest` names the fixed place whose reflector is measured while the robot stands there.
+    `pair`: number of the pair that the shot is a half of; None for a shot that stands alone.
+    `commanded`: pose that the controller is sent; None if it is sent the target itself.
+    `nest`: fixed place whose reflector is measured while the robot stands; "" for the robot's.
     """
 
     shot: int
@@ -145,9 +161,9 @@ class Durations:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """An accepted shot: the joints as read, the point as measured, both raw answers beside them.
+    """Accepted shot: the joints as read, the point as measured, both raw answers beside them.
 
-    `came_from` is where the joints stood before the last leg of the way; None if unknown.
+    `came_from`: joints at the beginning of the last leg of the way; None if unknown.
     """
 
     shot: int
@@ -163,14 +179,17 @@ class Outcome:
     residual_mm: float | None = None
     came_from: Annotated[Joints | None, Field(alias="came_from_rad")] = None
     approach: tuple[int, ...] | None = None
-    """Sides from which joints came, +1, -1 or 0, where a file says so; else by `came_from`."""
+    """Sides from which the joints came, +1, -1 or 0, as an imported file states them.
+
+    None: they follow from `came_from`.
+    """
     part_temperature_degC: float | None = None
     """Temperature of the robot's parts; None: not measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """A shot that does not count, and what had been measured when it got that far."""
+    """Attempt that does not count; `measured` is its data, None if it ended without any."""
 
     shot: int
     attempt: int
@@ -186,9 +205,9 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class PairVoided:
-    """The outcomes that these shots have so far no longer count; the pair is measured again.
+    """Withdrawal of the outcomes that these shots have so far; the pair is measured again.
 
-    Without a pair, it is one shot that stands alone.
+    `pair`: None for one shot that stands alone.
     """
 
     pair: int | None
@@ -198,7 +217,7 @@ class PairVoided:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Event for the reader of the report. `shots` are those that it names, where that matters."""
+    """Event for the reader of the report. `shots`: those that the text names, else ()."""
 
     kind: EventKind
     text: str
@@ -242,18 +261,19 @@ BodyT = TypeVar("BodyT")
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
 
-_made: Callable[[type], TypeAdapter[Any]] = cache(TypeAdapter[Any])
+# Built once a class: building one takes as long as half a fit.
+_cached_adapter: Callable[[type], TypeAdapter[Any]] = cache(TypeAdapter[Any])
 
 
 def adapter_of(kind: type[BodyT]) -> TypeAdapter[BodyT]:
-    """Return reader and writer of a class's values, made once: that takes as long as half a fit."""
-    return _made(kind)
+    """Return the reader and writer of a class's values."""
+    return _cached_adapter(kind)  # a generic function of its own: `cache` loses the type variable
 
 
 def read_body(
     body: Mapping[str, JsonValue], kind: type[BodyT], name: FindingKind, remedy: str
 ) -> BodyT:
-    """Return what a finding's body holds; raises `FindingUnreadable` for a body in another form."""
+    """Return a finding's body as a value; raise `FindingUnreadable` for a body in another form."""
     try:
         return adapter_of(kind).validate_python(body)
     except ValidationError as error:
@@ -265,28 +285,31 @@ def read_body(
 
 
 def as_stored(record: Record) -> str:
-    """Return a record as JSON text, which can be read back.
+    """Return a record as JSON text that can be read back.
 
-    Raises `ValueError`, `TypeError` or `AttributeError` when a value is not finite, not plain data,
+    Raise `ValueError`, `TypeError` or `AttributeError` if a value is not finite, not plain data,
     not Unicode or of another type.
     """
+    # Python checks no types while the program runs, and the journal cannot be corrected later: a
+    # NaN, an array or a number as text has to be refused here. So the text is read back before it
+    # is written, strictly, as it will be read at the next opening.
     kind = KIND_OF_TYPE[type(record)]
-    if isinstance(record, Finding):  # plain data already, of which an adapter asks each value
+    if isinstance(record, Finding):  # plain data already: an adapter would walk through all of it
         values = {"kind": record.kind, "body": record.body}
     else:
-        # without its warnings: what does not fit is refused by name, in reading it back
-        values = _made(type(record)).dump_python(record, by_alias=True, warnings="none")
+        # Without its warnings: a value that does not fit is refused by name when it is read back.
+        values = _cached_adapter(type(record)).dump_python(record, by_alias=True, warnings="none")
     text = json.dumps(values, allow_nan=False, ensure_ascii=False)
     from_text(kind, text)
     return text
 
 
 def from_text(kind: str, text: str) -> Record:
-    """Return the record that was stored; raises `ValueError` for a text of another kind."""
+    """Return the record that was stored; raise `ValueError` for a text of another kind."""
     if kind not in TYPE_OF_KIND:
         raise ValueError(f"unknown kind of record {kind!r}")
     try:
-        record: Record = _made(TYPE_OF_KIND[kind]).validate_json(text, strict=True)
+        record: Record = _cached_adapter(TYPE_OF_KIND[kind]).validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "text"

@@ -1,8 +1,17 @@
 """Verification of a journal: SQLite's pages and indexes, and the chain of its records.
 
-The digest of a record is the SHA-256 of the record and of the digest before it, so that the last
-one stands for all records: a changed, renumbered or missing record shows. Version 1 stored no
-digests: the first digest that follows covers those records, too.
+Two checks, for two kinds of damage. SQLite's own integrity check finds pages and indexes that a bad
+disk or a cut file has broken, but takes any well-formed row. The chain finds rows that are well
+formed and not what was written: the digest of a record is the SHA-256 of the record and of the
+digest before it, so that the last digest stands for all records, and a changed, renumbered or
+missing record shows. Records that are missing at the end would leave a shorter chain that is sound
+in itself: therefore the file states number and digest of its last record in a table of its own.
+
+Version 1 stored no digests. Upgrading adds none to its records; they are computed here as if they
+had been stored, and the first stored digest that follows covers those records, too.
+
+The chain has no key. It shows accidents and edits, not a forger who computes all digests again; the
+digests that exported files and results name show those.
 """
 
 import hashlib
@@ -30,7 +39,7 @@ class Problem:
 
 
 class JournalDamaged(JournalFailed):
-    """A journal that is not what was written; `verified` are the records before the damage."""
+    """Error of a damaged journal; `verified` are the records before the damage."""
 
     def __init__(self, problem: str, verified: Sequence[StoredRecord] = ()) -> None:
         kept = f"`pkmcal run` keeps the {len(verified)} records that verify in a copy; or "
@@ -40,7 +49,7 @@ class JournalDamaged(JournalFailed):
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """Records that verify, from the first on, each with its digest; and what is damaged."""
+    """Records that verify, from the first on, each with its digest; and the damage."""
 
     records: list[StoredRecord]
     problems: tuple[Problem, ...] = ()
@@ -49,10 +58,13 @@ class Verification:
 
 
 def digest_after(before: str, record: StoredRecord) -> str:
-    """Return the SHA-256 (hex) of a record and of the digest of the one before it.
+    """Return the SHA-256 (hex) of a record and of the digest of the record before it.
 
-    Raises `TypeError` for what is neither text nor number, `ValueError` for what is not Unicode.
+    Raise `TypeError` for a value that is neither text nor number, `ValueError` for text that is not
+    Unicode.
     """
+    # As a JSON list, in which no value can run into the next one: two records have one text only if
+    # all their columns are equal. The last column is the digest itself.
     text = json.dumps([before, *record[:-1]], ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -60,16 +72,22 @@ def digest_after(before: str, record: StoredRecord) -> str:
 def verify_chain(
     stored: Iterable[StoredRecord], stated_number: int, stated_digest: str
 ) -> Verification:
-    """Verify records in their order.
+    """Verify the chain of stored records, which come in their order.
 
-    Number and digest of the last record that has one are those that the file states beside them;
-    0 and "" for a file without digests.
+    `stated_number` and `stated_digest` are those of the last record with a digest, as the file
+    states them beside the records; 0 and "" for a file without digests.
     """
+    # 1. Each record follows the one before by number and digest; the first that does not ends the
+    #    chain, for no digest after it can be trusted.
+    # 2. The chain ends where the file states its end. It ends earlier if records are missing, later
+    #    (or with another digest) if a program added or changed a record behind the triggers' back.
     records: list[StoredRecord] = []
     sealed = 0  # number of the last record with a digest: it covers all before it
     for record in stored:
         linked = _link(record, records, sealed)
         if isinstance(linked, Problem):
+            # Records of version 1 before a wrong digest are cut off, too: any of them may be
+            # changed.
             return Verification(records[: (linked.record or 1) - 1], (linked,))
         records.append(linked)
         sealed = record.number if record.digest is not None else sealed
@@ -86,7 +104,7 @@ def verify_chain(
 def _link(
     record: StoredRecord, before: Sequence[StoredRecord], sealed: int
 ) -> StoredRecord | Problem:
-    """Return the record with its digest, or what is wrong from which record on."""
+    """Return the record with its digest, or the problem and the first record that it concerns."""
     number, due = record.number, len(before) + 1
     if number != due:
         return Problem(f"record {due} is missing or was renumbered: {number} comes next", due)
@@ -99,6 +117,7 @@ def _link(
     if record.digest is None and sealed:
         return Problem(f"record {number} has no digest, though those before it have one", number)
     if record.digest not in (None, digest):
+        # The digest covers all records since the last stored one: which of them, it cannot say.
         first = sealed + 1
         which = f"record {number}" if first == number else f"one of the records {first} to {number}"
         return Problem(f"{which} was changed after it was written", first)
@@ -106,20 +125,23 @@ def _link(
 
 
 def last_digest(records: Sequence[StoredRecord]) -> str:
-    """Return the digest of the last of verified records, which stands for all; "" of none."""
+    """Return the digest of the last verified record, which stands for all; "" without records."""
     return (records[-1].digest or "") if records else ""
 
 
 def verify(connection: sqlite3.Connection, path: Path) -> Verification:
-    """Read and verify all records; raises `JournalFailed` for what SQLite cannot read at all.
+    """Read and verify all records; raise `JournalFailed` for a file that SQLite cannot read at all.
 
-    Behind a broken page nothing is read: what comes before may still verify.
+    Behind a broken page nothing is read; the records before may still verify.
     """
     stored, stated = list[StoredRecord](), (0, "")
     explained = database.sqlite_errors_explained(path, "the journal cannot be read")
+    # In one transaction: records and stated end have to be of one moment, or a run that writes
+    # meanwhile looks like damage.
     with explained, database.transaction(connection, "READ"):
         damage = {connection.execute("PRAGMA integrity_check(1)").fetchone()[0]} - {"ok"}
         try:
+            # `extend` keeps the rows that came before SQLite met a broken page.
             stored.extend(database.records_after(connection, 0))
             stated = database.stated_end(connection)
         except sqlite3.DatabaseError as error:
@@ -127,13 +149,14 @@ def verify(connection: sqlite3.Connection, path: Path) -> Verification:
                 raise
             damage.add(str(error))
     chain = verify_chain(stored, *stated)
+    # The chain's problems come first: they name a record, SQLite's only a page.
     broken = [Problem(f"the file is damaged: {' '.join(text.split())}") for text in sorted(damage)]
     chained = sum(record.digest is not None for record in stored)
     return Verification(chain.records, (*chain.problems, *broken), chained)
 
 
 def is_whole(path: Path, number: int, digest: str) -> bool:
-    """Whether a journal verifies, and ends with the record of that number and digest."""
+    """Return whether a journal verifies, and ends with the record of that number and digest."""
     try:
         with closing(database.connect_to_read(path)) as connection:
             verified = verify(connection, path)
@@ -154,7 +177,7 @@ def require_whole(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inspection:
-    """Contents of a journal up to the first damage, and everything that is damaged."""
+    """Contents of a journal up to the first damage, and all damage."""
 
     path: Path
     whole: bool
@@ -175,10 +198,10 @@ class Inspection:
 
 
 def inspect_journal(path: Path) -> Inspection:
-    """Verify the journal in a file, which is left as it is, and count what is in it.
+    """Verify the journal in a file, which is left as it is, and count its contents.
 
-    Raises `JournalFailed` for a file that is missing, not ours, newer than this program, or that
-    SQLite does not take for one of its own.
+    Raise `JournalFailed` for a file that is missing, not a journal, newer than this program, or not
+    a database of SQLite.
     """
     connection = database.connect_to_read(path)
     try:
@@ -192,7 +215,7 @@ def inspect_journal(path: Path) -> Inspection:
             entries.append(entry_of(record))
         except ValueError as error:
             problems.append(Problem(str(error), record.number))
-    every = all_series(entries)
+    series_in_order = all_series(entries)
     return Inspection(
         path=path,
         whole=not problems,
@@ -200,9 +223,9 @@ def inspect_journal(path: Path) -> Inspection:
         records=len(verified.records),
         chained=verified.chained,
         digest=last_digest(verified.records),
-        series=len(every),
-        sessions=sum(series.sessions for series in every),
-        crashed_sessions=sum(series.unstopped for series in every),
-        shots=sum(len(series.shots) for series in every),
+        series=len(series_in_order),
+        sessions=sum(series.sessions for series in series_in_order),
+        crashed_sessions=sum(series.unstopped for series in series_in_order),
+        shots=sum(len(series.shots) for series in series_in_order),
         problems=tuple(problems),
     )

@@ -1,4 +1,8 @@
-"""Series of a journal with their shots. Pure."""
+"""Series of a journal with their shots, computed from its records. Pure.
+
+Nothing of this is stored: what counts now follows from the records alone, so that it cannot
+contradict them.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,7 +12,7 @@ from campaigns.journal import records
 from campaigns.journal.database import StoredRecord
 
 FIXED = {"known-length", "nest"}
-"""Sets of shots without the robot: at calibrated lengths, at fixed places."""
+"""Purposes of shots that do not measure the robot: calibrated lengths, fixed places."""
 RecordT = TypeVar("RecordT", bound=records.Record, covariant=True)
 
 
@@ -23,7 +27,7 @@ class Entry(Generic[RecordT]):
 
 
 def entry_of(stored: StoredRecord) -> Entry[records.Record]:
-    """Return the record that is stored; raises `ValueError` if it cannot be read."""
+    """Return a stored row as a record; raise `ValueError` if it cannot be read."""
     try:
         record = records.from_text(stored.kind, stored.body)
     except ValueError as error:
@@ -33,16 +37,18 @@ def entry_of(stored: StoredRecord) -> Entry[records.Record]:
 
 @dataclass(frozen=True, slots=True)
 class AcceptedShot:
-    """Accepted shot: what was asked for and what came of it."""
+    """Accepted shot: the intent and its outcome."""
 
     intent: records.Intent
     outcome: records.Outcome
     measured_utc: str
     number: int = 0
-    """Place of the outcome in the journal, which is the order of time whatever the clock was set
-    to; 0 of one that is in none."""
+    """Place of the outcome in the journal; 0 for a shot outside a journal.
+
+    It is the order of time, which stamps are not: the clock may have been set back.
+    """
     session: int = 0
-    """Which session of its series it was measured in, from 1; 0 where none was begun."""
+    """Number, from 1, of the session of the series that measured the shot; 0 without sessions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +63,19 @@ class Series:
     """Each shot's latest accepted outcome that was not voided since, by shot number."""
     sessions: int = 0
     unstopped: int = 0
-    """Sessions without a stop before the next session or the journal's end."""
+    """Sessions that wrote no end: those that crashed, and one that is going on."""
 
     @property
     def of_known_lengths(self) -> bool:
-        """Whether nothing but known lengths and nests was measured."""
-        return bool(self.shots) and all(each.intent.purpose in FIXED for each in self.shots)
+        """Return whether nothing but known lengths and nests was measured."""
+        return bool(self.shots) and all(shot.intent.purpose in FIXED for shot in self.shots)
 
     @property
     def to_identify(self) -> bool:
-        """Whether a robot can be identified from it: of an import, if it did not break off."""
+        """Return whether a robot can be identified from the series.
+
+        A run may be unfinished; an import must not have broken off.
+        """
         imported = self.started.stage == "import" and self.finished
         of_run = imported or self.started.stage == "run"
         return of_run and bool(self.shots) and not self.of_known_lengths
@@ -83,6 +92,9 @@ def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
 
 def _series(number: int, entries: Sequence[Entry[records.Record]]) -> Series:
     """Put a series together from its records, of which the first is its start."""
+    # One pass in the order of time, so that a later record overrides an earlier one: an outcome
+    # replaces the shot's outcome before, a voiding removes it, and the outcome after that counts
+    # again.
     first = entries[0]
     assert isinstance(first.record, records.SeriesStarted), "the file takes no other first record"
     intents: dict[tuple[int, int], records.Intent] = {}
@@ -99,7 +111,7 @@ def _series(number: int, entries: Sequence[Entry[records.Record]]) -> Series:
             case records.Intent() as intent:
                 intents[intent.shot, intent.attempt] = intent
             case records.Outcome() as outcome:
-                intent = intents[outcome.shot, outcome.attempt]
+                intent = intents[outcome.shot, outcome.attempt]  # a trigger has demanded it
                 accepted[outcome.shot] = AcceptedShot(
                     intent, outcome, entry.at_utc, entry.number, sessions
                 )
