@@ -1,1 +1,1 @@
-"""Plans: poses to measure, their order and ways, and the uncertainty a plan will give."""
+"""Plans: poses to measure, their order, safe ways between them, and the uncertainty to expect."""

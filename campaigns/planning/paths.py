@@ -1,8 +1,18 @@
-"""Paths between poses: whether a joint move is safe, a detour where not, each leg of a plan.
+"""Paths between stops: judge whether a joint move is safe, and find a detour where it is not.
 
-In a restricted space a move is safe if the plate stays in it on the joints' coordinated way, and
-on the straight line to the pose as well, or on straight parts of the way: which of them a move to a
-pose takes is the controller's choice.
+A robot that is commanded to joints moves them in proportion (a coordinated move). Two poses that
+are both allowed may be joined by a way that is not, so each move is sampled:
+
+1. The mechanism, every 5° of the joint that turns furthest: it can be assembled, keeps its limits
+   of turn and swing, and stays clear of singularities. A pose that is only passed may go a little
+   further than a pose that is measured.
+2. In a restricted space, the plate: on the coordinated way, sampled so finely that it is nearly
+   straight between samples, and on straight lines between points of the way as well. A move that is
+   commanded by pose may become any of these: which one is the controller's choice.
+3. A move that is not safe is replaced by a detour: through one pose or several between its ends and
+   the workspace's centre, the shortest first. The first that is safe throughout is taken.
+
+What comes out is a list of joint targets, or the reason and place of the first fault.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,30 +30,34 @@ from campaigns.kinematics.mechanism import Kinematics
 
 Joints = tuple[float, ...]
 Stop = tuple[str, Array]
-"""What the operator calls a place on the way, and its joints (n,)."""
+"""Name of a place on the way for the operator, and its joints (n,)."""
 PathFault = tuple[str, float]
-"""Reason why a joint move is not safe, and the part of the way at which it shows."""
+"""Reason why a joint move is not safe, and the part of the way, 0 to 1, at which it occurs."""
 
 PATH_STEP_RAD = np.radians(5.0)
+"""Largest turn of a joint between samples at which the mechanism is judged."""
 SLACK_RAD = np.radians(3.0)
-"""A passing pose may exceed limits of turn and swing by this; one that is measured may not."""
+"""Excess of a passed pose over limits of turn and swing that is allowed; none where it measures."""
 PASSING_SINGULARITY_MARGIN = 0.1
+"""Singularity margin of a passed pose: half that of a measured one."""
 SPACE_STEP_RAD = np.radians(1.0)
+"""Largest turn of a joint between the first samples at which the plate is judged."""
 PARTS = (1, 2, 4, 8, 16)
-"""Straight parts of equal turn into which a controller may divide a way."""
+"""Numbers of straight parts of equal turn into which a controller may divide a way."""
 FLAT_MM = 0.005
 """Largest distance of the way from its chords: steps are halved until it is less."""
 HALVINGS = 6
+"""Largest number of step lengths that are tried; the last is taken however curved the way is."""
 CURVATURE_RESERVE = 2.0
-"""Curvature between samples, at most, over what the samples around show."""
+"""Largest curvature between samples, over the curvature that the samples around have."""
 TOLERANCE_MM = 0.01
 """Distance beyond a wall that is ignored: poses may lie on the wall itself."""
 STANDING_MM = 1.0
-"""Distance beyond a wall at which a robot may read itself and still leave; no way goes deeper."""
+"""Depth beyond a wall at which a robot may stand, by its own joints, and still leave."""
 MOVES_AT_ONCE = 500
-"""Joint moves judged together: bounds the memory that many take."""
+"""Number of joint moves that are judged together: it bounds the memory."""
 POINTS_AT_ONCE = 20_000
-"""Points on moves in a restricted space that are judged together."""
+"""Number of points on moves in a restricted space that are judged together."""
 
 UNASSEMBLED = "the mechanism cannot be assembled"
 REASONS = {
@@ -53,14 +67,16 @@ REASONS = {
     Violation.SINGULAR: "it passes near a singularity",
     Violation.ABOVE_ELBOWS: "the platform rises above its arms' ends",
 }
+"""Words for each violation of a passed pose, the one that is reported first at the top. Joint
+limits are not among them: between two values within an interval a joint stays within it."""
 PASSING_VIOLATIONS = sum(REASONS)
 STRAIGHT_PARTS = (4, 8, 16)
-"""Parts of the straight lines between two poses and the centre, the last ways that are tried."""
+"""Numbers of parts of the straight lines between two poses and the centre: tried last."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Robot against which ways are checked; joints are (n,)."""
+    """Robot and space that ways are checked against; joints are (n,)."""
 
     kinematics: Kinematics
     limits: Limits
@@ -74,6 +90,7 @@ class RobotModel:
 
     def faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
         """Return the first fault of each coordinated move (M, n), or None where it is safe."""
+        # The space is judged only on moves that the mechanism can make: it costs far more samples.
         faults: list[PathFault | None] = []
         for first in range(0, len(starts), MOVES_AT_ONCE):
             moves = slice(first, first + MOVES_AT_ONCE)
@@ -98,10 +115,9 @@ class RobotModel:
         solution = self.kinematics.forward(np.array([joints]))
         if not solution.is_solved[0]:
             return ""
-        clearance_mm = self.space.clearance_mm(solution.values[:, :3])
-        return (
-            self.space.fault(solution.values[0, :3]) if (clearance_mm < -STANDING_MM).any() else ""
-        )
+        point_mm = solution.values[:, :3]
+        is_deep = (self.space.clearance_mm(point_mm) < -STANDING_MM).any()
+        return self.space.fault(point_mm[0]) if is_deep else ""
 
     def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
         """Return joint targets of a safe way, `there` itself the last; None if none was found."""
@@ -119,10 +135,13 @@ class RobotModel:
         """Return joint targets of a safe way from each stop (K, n) to the next, as `safe_path`."""
         if len(stops) < 2:
             return []
+        # 1. Straight moves, which most are: all of them in one batch.
         safe = self.are_safe(np.stack([stops[:-1], stops[1:]]))
         paths = [[end] if is_safe else None for end, is_safe in zip(stops[1:], safe, strict=True)]
         if safe.all():
             return paths
+        # 2. Detours lead by poses, so both ends need one. Each kind of detour, the shortest first,
+        #    is tried in one batch for all moves that are still blocked.
         poses = self.kinematics.forward(stops)
         blocked = np.flatnonzero(~safe & poses.is_solved[:-1] & poses.is_solved[1:])
         for via in _detours(poses.values[:-1], poses.values[1:], self.centre):
@@ -136,6 +155,8 @@ class RobotModel:
 
     def _ways_by(self, starts: Array, via: Array, ends: Array) -> tuple[Array, Mask]:
         """Return the ways (K + 2, M, n) by poses (K, M, t), and which of them are safe."""
+        # Poses of a detour may be out of reach, or their joints beyond limits, which samples do not
+        # judge: only ways whose every pose can be taken are sampled.
         solution = self.kinematics.inverse(via.reshape(-1, via.shape[-1]))
         within = solution.is_solved & ~outside(solution.values, self.limits.joint).any(axis=1)
         safe: Mask = np.asarray(within.reshape(via.shape[:2]).all(axis=0))
@@ -148,28 +169,32 @@ class RobotModel:
         """Return the first fault of each move (M, n) by the mechanism and its limits."""
         task = zip(self.kinematics.mechanism.task, self.limits.task, strict=True)
         limited = ", ".join(axis.name for axis, limit in task if limit)
-        move, part, joints = self._samples(starts, ends)
+        # 1. Judge all samples of all moves together; those that cannot be assembled have no pose.
+        move, part = self._samples(starts, ends)
+        joints = starts[move] + part[:, None] * (ends - starts)[move]
         solution = self.kinematics.forward(joints)
         violations = np.zeros(len(joints), dtype=np.intp)
         violations[solution.is_solved] = self._passing_violations(
             joints[solution.is_solved], solution.values[solution.is_solved]
         )
         violations[~solution.is_solved] = Violation.OUT_OF_REACH
+        # 2. Of each faulty move take the gravest violation anywhere on it, where it begins.
         faults: list[PathFault | None] = [None] * len(starts)
-        for bad in np.unique(move[violations != 0]).tolist():
-            rows = np.flatnonzero(move == bad)
+        for faulty in np.unique(move[violations != 0]).tolist():
+            rows = np.flatnonzero(move == faulty)
             violation = next(reason for reason in REASONS if (violations[rows] & reason).any())
             first = rows[np.argmax((violations[rows] & violation) != 0)]
-            faults[bad] = REASONS[violation].format(limited=limited), float(part[first])
+            faults[faulty] = REASONS[violation].format(limited=limited), float(part[first])
         return faults
 
-    def _samples(self, starts: Array, ends: Array) -> tuple[Index, Array, Array]:
-        """Sample moves (M, n): return each sample's move, part of its way (S,), joints (S, n)."""
+    def _samples(self, starts: Array, ends: Array) -> tuple[Index, Array]:
+        """Sample moves (M, n): return each sample's move and its part of the way, (S,)."""
         turn = np.abs(self.kinematics.comparable(ends - starts)).max(axis=1)
-        steps = np.maximum(2, np.ceil(turn / PATH_STEP_RAD).astype(np.intp) + 1)
-        move = np.repeat(np.arange(len(steps)), steps)
-        part = np.concatenate([np.linspace(0.0, 1.0, count) for count in steps])
-        return move, part, starts[move] + part[:, None] * (ends - starts)[move]
+        # both ends are always samples, also of a move that goes nowhere
+        counts = np.maximum(2, np.ceil(turn / PATH_STEP_RAD).astype(np.intp) + 1)
+        move = np.repeat(np.arange(len(counts)), counts)
+        part = np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
+        return move, part
 
     def _passing_violations(self, joints: Array, poses: Array) -> Index:
         """Return the violations (N,) at poses (N, t) that are passed, not measured."""
@@ -181,26 +206,33 @@ class RobotModel:
 
     def _space_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
         """Return the zone entered on each move (M, n), or on straight lines it may become."""
+        # A move that `_fine_paths` does not yield cannot be assembled somewhere: its fault remains.
         faults: list[PathFault | None] = [(UNASSEMBLED, 0.0)] * len(starts)
         space = self.space
         for moves, points, bulge_mm in self._fine_paths(starts, ends):
+            # 1. Lines: the chords of the way itself, then its 1, 2, 4, 8 and 16 straight parts.
             steps = bulge_mm.shape[1]
-            corners = [points, *(points[:, :: steps // parts] for parts in PARTS)]
-            here = np.concatenate([line[:, :-1] for line in corners], axis=1)
-            there = np.concatenate([line[:, 1:] for line in corners], axis=1)
+            polylines = [points, *(points[:, :: steps // parts] for parts in PARTS)]
+            here = np.concatenate([line[:, :-1] for line in polylines], axis=1)
+            there = np.concatenate([line[:, 1:] for line in polylines], axis=1)
+            # 2. Clearance of each line from each zone, (G, L, Z). The way may bulge beyond its
+            #    chords, and has that much less; straight parts are exactly straight.
             clearance = space.line_clearance_mm(here.reshape(-1, 3), there.reshape(-1, 3))
             clearance = clearance.reshape(*here.shape[:2], -1)
             clearance[:, :steps] -= bulge_mm[:, :, None]
+            # 3. What is needed: no clearance at all, or, where an end itself is a little beyond a
+            #    wall, no deeper than that end. A robot that stands there must be able to leave.
             standing = space.clearance_mm(points[:, [0, -1]].reshape(-1, 3))
             standing = standing.reshape(len(moves), 2, -1).min(axis=1)
             least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
             entered = clearance < least[:, None]
             for place, move in enumerate(moves.tolist()):
-                faults[move] = self._entered(clearance[place], entered[place], steps)
+                faults[move] = self._first_zone(clearance[place], entered[place], steps)
         return faults
 
-    def _entered(self, clearance_mm: Array, entered: Mask, steps: int) -> PathFault | None:
+    def _first_zone(self, clearance_mm: Array, entered: Mask, steps: int) -> PathFault | None:
         """Return the first zone entered on lines (L, Z) of a move, its own steps first."""
+        # Only the move's own `steps` lines have a place on the way; of a straight part it is 0.
         if not entered.any():
             return None
         row = int(np.argmax(entered.any(axis=1)))
@@ -214,44 +246,54 @@ class RobotModel:
     def _fine_paths(self, starts: Array, ends: Array) -> Iterator[tuple[Index, Array, Array]]:
         """Yield points of coordinated moves (M, n), and how far these may be from their chords.
 
-        Moves of as many steps come together: their numbers (G,), points (G, K + 1, 3) and distances
-        (G, K). A distance is the sagitta by second differences; steps are halved until it is next
-        to nothing. Moves on which the mechanism cannot be assembled are left out.
+        Moves with equal numbers of steps come together: their places in (M,), points (G, K + 1, 3)
+        and distances (G, K). Moves on which the mechanism cannot be assembled are left out.
         """
+        # Steps are a multiple of 16, so that all of `PARTS` divide them.
         turn = np.abs(self.kinematics.comparable(ends - starts)).max(axis=1)
         steps = PARTS[-1] * np.maximum(1, np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])).astype(int)
-        open_moves, least = np.arange(len(steps)), steps.copy()
+        open_moves, first_steps = np.arange(len(steps)), steps.copy()
         while open_moves.size:
+            # 1. Take the moves with fewest steps, so that all have points of one shape.
             count = int(steps[open_moves].min())
-            alike = open_moves[steps[open_moves] == count]
-            alike = alike[: max(1, POINTS_AT_ONCE // (count + 1))]
+            group = open_moves[steps[open_moves] == count]
+            group = group[: max(1, POINTS_AT_ONCE // (count + 1))]
             part = np.linspace(0.0, 1.0, count + 1)[:, None]
-            joints = starts[alike, None] + part * (ends - starts)[alike, None]
+            joints = starts[group, None] + part * (ends - starts)[group, None]
             solution = self.kinematics.forward(joints.reshape(-1, joints.shape[-1]))
-            assembled = solution.is_solved.reshape(len(alike), -1).all(axis=1)
-            points = solution.values[:, :3].reshape(len(alike), -1, 3)
+            assembled = solution.is_solved.reshape(len(group), -1).all(axis=1)
+            points = solution.values[:, :3].reshape(len(group), -1, 3)
+            # 2. A curve with second derivative c is at most c h² / 8 away from a chord over a step
+            #    h, and c h² is the second difference of points. Each chord takes the larger one of
+            #    its two ends.
             second = np.linalg.norm(np.diff(points, 2, axis=1), axis=2)
             around = np.maximum(
                 np.concatenate([second[:, :1], second], axis=1),
                 np.concatenate([second, second[:, -1:]], axis=1),
             )
             bulge_mm = CURVATURE_RESERVE * around / 8.0
-            last = count >= least[alike] * 2 ** (HALVINGS - 1)
-            fine = assembled & (last | (bulge_mm.max(axis=1) <= FLAT_MM))
+            # 3. Yield what is flat enough, or halved often enough: its bulge counts all the same.
+            is_last = count >= first_steps[group] * 2 ** (HALVINGS - 1)
+            fine = assembled & (is_last | (bulge_mm.max(axis=1) <= FLAT_MM))
             if fine.any():
-                yield alike[fine], points[fine], bulge_mm[fine]
-            steps[alike[~fine]] *= 2
-            open_moves = np.setdiff1d(open_moves, alike[fine | ~assembled])
+                yield group[fine], points[fine], bulge_mm[fine]
+            # 4. Halve the steps of the others, and drop moves that cannot be assembled.
+            steps[group[~fine]] *= 2
+            open_moves = np.setdiff1d(open_moves, group[fine | ~assembled])
 
 
 def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
     """List poses (K, …, t) to pass by between poses (…, t), the shortest detour first."""
+    # 1. By one pose: the middle of both, drawn more and more towards the centre.
+    # 2. By both ends drawn towards the centre, without and with the centre itself between them.
+    # 3. By many poses on straight lines, to the other end or by the centre: in short legs the
+    #    coordinated move keeps near the straight line, which it may leave far behind otherwise.
     middle, centres = 0.5 * (starts + ends), np.broadcast_to(centre, starts.shape)
     detours = [(middle + pull * (centre - middle))[None] for pull in (0.0, 0.3, 0.6, 1.0)]
     for pull in (0.3, 0.6):
         first, last = (end + pull * (centre - end) for end in (starts, ends))
         detours += [np.stack([first, last]), np.stack([first, centres, last])]
-    for parts in STRAIGHT_PARTS:  # where a coordinated move leaves the straight line far behind
+    for parts in STRAIGHT_PARTS:
         detours.append(np.linspace(starts, ends, parts + 1)[1:-1])
         inwards = np.linspace(starts, centres, parts + 1)[1:]
         detours.append(np.concatenate([inwards, np.linspace(centres, ends, parts + 1)[1:-1]]))
@@ -265,13 +307,13 @@ class PathReport:
     detours: int
     """Number of ways that are not straight because that would not be safe."""
     travel_rad: float
-    """Travel of cranks, or what compares with it."""
+    """Sum over all legs of the largest joint's way, of cranks or what compares."""
     faults: tuple[str, ...]
-    """A line for each two stops without a safe way."""
+    """Line for each two consecutive stops without a safe way, with the straight move's fault."""
 
 
 def check_paths(stops: Sequence[Stop], robot: RobotModel) -> PathReport:
-    """Look for a safe way between each two stops that follow each other."""
+    """Find a safe way between each two stops that follow each other; report those without."""
     ways = robot.safe_paths(np.array([joints for _, joints in stops]))
     detours, travel = 0, 0.0
     faults: list[str] = []

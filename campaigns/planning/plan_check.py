@@ -1,4 +1,16 @@
-"""Check of a plan, made or edited, before anything moves."""
+"""Check of a plan, made or edited, before anything moves.
+
+A plan is a file that users may edit, and the robot file may have changed since it was made. So
+each run checks all of it again, by the nominal robot:
+
+1. Single shots: the pose is within all limits, its joints are those of the pose, the plate stays in
+   the space, the tracker sees the reflector.
+2. Sets: drift shots share one pose; nests and known lengths are those of campaign.yaml.
+3. Ways: between each two shots in order there is a safe joint move, straight or by a detour.
+
+Every fault of steps 1 and 2 is collected before any is reported, so that a user can correct them
+together. Step 3 comes last: it takes longest, and needs shots that are right in themselves.
+"""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,52 +31,56 @@ from campaigns.settings.sections import KnownLengthConfig, bar_of
 from campaigns.shots.shot_sets import ShotSet
 
 AGREEMENT_RAD = float(np.radians(0.01))
-"""Largest distance of a row's joints from its pose's: of cranks, or what compares."""
-TOLERANCE_RAD = 1e-9
+"""Largest difference between a row's joints and those of its pose: of cranks, or what compares."""
+LIMIT_TOLERANCE_RAD = 1e-9
+"""Rounding by which a pose may exceed a limit."""
 FAULTS_NAMED = 5
+"""Number of faults that an error lists."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Time that a shot takes besides the way."""
+    """Speed between shots, and the time that each shot takes besides."""
 
     joint_speed_rad_s: float
     settle_s: float
     measure_s: float
 
     def seconds(self, shots: int, travel_rad: float) -> float:
-        """Return the time of shots and the ways between them."""
+        """Return the time of shots and the ways between them; ramps are not counted."""
         return travel_rad / self.joint_speed_rad_s + shots * (self.settle_s + self.measure_s)
 
 
 @dataclass(frozen=True, slots=True)
 class PlanLimits:
-    """What a plan is checked by."""
+    """Robot, view, pace, nests and known lengths that a plan is checked against."""
 
     robot: RobotModel
     view: View
     pace: Pace
     nests: Collection[str] = ()
+    """Names of the nests in campaign.yaml."""
     known_lengths: Sequence[KnownLengthConfig] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedPlan:
-    """A plan that can be run, and how."""
+    """Plan that can be run, with its detours and duration."""
 
     shots: tuple[PlannedShot, ...]
     detours: int
     """Number of ways between shots that are not straight because that would not be safe."""
     seconds: float
+    """Duration of the whole plan, estimated."""
 
 
 def check_plan(
     shots: Sequence[PlannedShot], limits: PlanLimits, tell: Callable[[str], None] = lambda _: None
 ) -> CheckedPlan:
-    """Check reach, limits, swing, singularity, space, the tracker's view, every way between shots.
+    """Check shots, sets and ways of a plan, and return it with its duration.
 
-    Nests and known lengths are checked too; `tell` is given words on the progress. Raise
-    `PlanInvalid` naming the shots at fault with value and limit.
+    `tell` is called with words on the progress. Raise `PlanInvalid` that names the shots at fault
+    with value and limit.
     """
     robot = limits.robot
     refuse(
@@ -110,10 +126,13 @@ def _pose_faults(
     shots: Sequence[PlannedShot], kinematics: Kinematics, limits: Limits
 ) -> Iterator[str]:
     """Name poses that cannot be taken, and joints that are not those of their pose."""
-    # a pose exactly on a limit keeps it
+    # Limits are widened by rounding, because a pose exactly on a limit is allowed; what an error
+    # prints are the limits themselves.
     joint_scale = kinematics.mechanism.joints[0].scale
     tolerant = limits.narrowed_by(
-        joint=-TOLERANCE_RAD * joint_scale, task=-TOLERANCE_RAD, swing_rad=-TOLERANCE_RAD
+        joint=-LIMIT_TOLERANCE_RAD * joint_scale,
+        task=-LIMIT_TOLERANCE_RAD,
+        swing_rad=-LIMIT_TOLERANCE_RAD,
     )
     judged = kinematics.feasibility(tolerant, poses_of(shots))
     for row, shot in enumerate(shots):
@@ -124,12 +143,14 @@ def _pose_faults(
 
 
 def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[str]:
-    """Name the joint that is furthest from where the shot's pose wants it, if too far."""
+    """Name the joint of a shot that differs most from its pose's, if by more than the limit."""
+    # Joints are what is commanded, the pose is what all other checks judge. Where a user edited one
+    # of them alone, the robot would go where nothing was checked.
     away = np.abs(np.array(shot.joints) - judged.joints[row])
     joint = int(np.argmax(away))
     axis = judged.chain.joints[joint]
     limit = AGREEMENT_RAD * axis.scale
-    if not away[joint] <= limit:
+    if not away[joint] <= limit:  # "not <=", so that NaN is a fault as well
         yield (
             f"shot {shot.shot}: {axis.column} is {axis.to_file(shot.joints[joint]):.4f}, but its "
             f"pose takes {axis.to_file(judged.joints[row, joint]):.4f} "
@@ -138,6 +159,8 @@ def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[
 
 
 def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
+    """Name shots at which the robot's reflector looks too far away from the tracker."""
+    # nests have reflectors of their own, whose direction no file states
     for shot in shots:
         if not shot.nest and (fault := view_fault(pose_row(shot.pose)[:3], view)):
             yield f"shot {shot.shot}: {fault}"
@@ -154,7 +177,8 @@ def _nest_faults(
     shots: Sequence[PlannedShot], nests: Collection[str], lengths: Sequence[KnownLengthConfig]
 ) -> Iterator[str]:
     """Name shots of nests and lengths that campaign.yaml lacks, and nests without a shot."""
-    ends: dict[int, list[str]] = {}
+    # 1. Each shot by itself; the two nests of each pair are gathered for step 2.
+    nests_of_pair: dict[int, list[str]] = {}
     for shot in shots:
         if shot.purpose is ShotSet.KNOWN_LENGTH and not shot.nest:
             yield (
@@ -164,16 +188,19 @@ def _nest_faults(
         elif shot.nest and shot.nest not in nests:
             yield f"shot {shot.shot}: nest {shot.nest} is not among nests in campaign.yaml"
         elif shot.pair is not None and shot.nest:
-            ends.setdefault(shot.pair, []).append(shot.nest)
-    for pair, both in ends.items():
-        if len(set(both)) < len(both) or bar_of(lengths, pair, both) is None:
-            yield f"pair {pair}: no known length lies between nests {' and '.join(both)}"
+            nests_of_pair.setdefault(shot.pair, []).append(shot.nest)
+    # 2. A pair is two different nests, between which campaign.yaml states a length.
+    for pair, names in nests_of_pair.items():
+        if len(set(names)) < len(names) or bar_of(lengths, pair, names) is None:
+            yield f"pair {pair}: no known length lies between nests {' and '.join(names)}"
+    # 3. A nest that a user listed but forgot to plan would be missed only at the end of a run.
     for nest in sorted({*nests} - {shot.nest for shot in shots}):
         yield f"no shot measures nest {nest} of campaign.yaml"
 
 
 def _drift_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:
-    """Name drift shots at another pose than the first: drift shows only where poses are equal."""
+    """Name drift shots at another pose than the first one."""
+    # What changes with time can be separated from what depends on the pose only at equal poses.
     drifts = [shot for shot in shots if shot.purpose is ShotSet.DRIFT]
     for shot in drifts[1:]:
         if shot.pose != drifts[0].pose:

@@ -1,4 +1,13 @@
-"""Plans by the paper's recipe: poses near the boundary, in pairs and order; drift shots between."""
+"""Plans by the paper's recipe: poses near the boundary, in pairs and order; drift shots between.
+
+1. The region: the robot's limits, the tracker's view and `space` of campaign.yaml, each drawn in by
+   a reserve, because the real robot differs from the nominal one that plans are made with.
+2. Identification poses are drawn near the region's boundary, validation poses all over it, and
+   each kind is paired at random: the estimator by distances (Corbel 2006, eq. 19) needs pairs.
+3. All pairs are put into one tour with little travel, in which joints come evenly from both sides.
+4. Drift shots, all at the workspace's centre, stand at even intervals in the tour.
+5. Nests and known lengths, if campaign.yaml has any, are measured behind each drift shot.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -38,23 +47,25 @@ from campaigns.shots.shot_sets import ShotSet, pair_rows
 from drivers.values import Pose, Vector3
 
 JOINT_RESERVE_RAD = float(np.radians(0.5))
-"""Planned poses keep off the limits by this, so that the real robot's errors don't break them."""
+"""Distance of planned poses from joint limits: the real robot's errors must not exceed these."""
 POSE_RESERVE_RAD = float(np.radians(1.0))
+"""Distance of planned poses from limits of the platform's turn and of the forearms' swing."""
 SPACE_RESERVE_MM = 2.0
-"""Planned poses keep off the walls of zones by this: a robot that stands there may read itself a
-little beyond."""
+"""Distance of planned poses from the walls of zones: the position that a robot computes there from
+its joints may lie a little beyond."""
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
-"""Validation poses keep further off: with other parameters in the controller the same pose takes
-other encoder angles, and must still be possible to be compared."""
+"""Distance of validation poses from joint limits: after a load the controller computes other joints
+for a pose, which must still be within limits, or before and after cannot be compared."""
 
 FEWEST_DRIFT_SHOTS = 3
 PAIRS_BETWEEN = 10
-"""Pairs between two drift shots, unless their number is given."""
+"""Number of pairs between two drift shots, unless the number of drift shots is given."""
 
 TRACKER_CLEARANCE_MM = 100.0
-"""Distance of a tracker's place from the robot, below which it cannot stand there."""
+"""Distance from the robot below which a place of the tracker is refused."""
 FARTHEST_M = 80.0
-"""Largest distance of a tracker: numbers below it are metres where they cannot be millimetres."""
+"""Largest distance at which a tracker measures, m. Places in mm that are inside the robot and below
+this number were probably given in metres."""
 
 
 class Placement(StrEnum):
@@ -81,7 +92,7 @@ class PlanRequest:
     identification_shots: int
     validation_pairs: int
     drift_shots: int | None
-    """None: as many as show how the robot warms up."""
+    """Number of drift shots; None: one more for every ten pairs, at least three."""
     centre: Pose
     space: RestrictedSpace = UNRESTRICTED
 
@@ -90,6 +101,7 @@ def region_of(
     robot: RobotFile, view: View, centre: Pose, space: RestrictedSpace = UNRESTRICTED
 ) -> FeasibleRegion:
     """Return the region where poses may be planned: all limits of robot and space drawn in."""
+    # The joint reserve is an angle of a crank; rails of prismatic joints get what compares, in mm.
     limits = robot.limits.narrowed_by(
         joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
         task=POSE_RESERVE_RAD,
@@ -108,7 +120,10 @@ def region_of(
 
 
 def restricted_space(config: SpaceConfig, plate_radius_mm: float) -> RestrictedSpace:
-    """Return the space that `space` in campaign.yaml leaves; its plate radius goes before."""
+    """Return the space that `space` in campaign.yaml leaves to a plate of this radius.
+
+    A plate radius in `config` is used instead of the argument.
+    """
     radius_mm = plate_radius_mm if config.plate_radius_mm is None else config.plate_radius_mm
     zones = (
         *_limits(config),
@@ -119,6 +134,7 @@ def restricted_space(config: SpaceConfig, plate_radius_mm: float) -> RestrictedS
 
 
 def _limits(config: SpaceConfig) -> Iterator[Zone]:
+    """Yield the zones of `z_lowest_mm`, `z_highest_mm` and `radius_mm`, open on all other sides."""
     if config.z_lowest_mm is not None:
         name = f"space.z_lowest_mm {config.z_lowest_mm:g}"
         yield Zone(name, Rectangle(), (config.z_lowest_mm, math.inf), keeps_in=True)
@@ -131,15 +147,19 @@ def _limits(config: SpaceConfig) -> Iterator[Zone]:
 
 
 def _zones(zones: ZonesConfig, key: str, *, keeps_in: bool) -> Iterator[Zone]:
-    def name(place: str, given: str) -> str:
-        return f"{key}.{place} '{shown(given)}'" if given else f"{key}.{place}"
+    """Yield the zones of boxes and cylinders, named by key, place in the list and user's name."""
+
+    def full_name(place: str, user_name: str) -> str:
+        return f"{key}.{place} '{shown(user_name)}'" if user_name else f"{key}.{place}"
 
     for place, box in enumerate(zones.boxes):
         area = Rectangle(box.x_mm or ANYWHERE, box.y_mm or ANYWHERE)
-        yield Zone(name(f"boxes[{place}]", box.name), area, box.z_mm or ANYWHERE, keeps_in)
-    for place, round_zone in enumerate(zones.cylinders):
-        disc, z_mm = Disc(round_zone.centre_mm, round_zone.radius_mm), round_zone.z_mm or ANYWHERE
-        yield Zone(name(f"cylinders[{place}]", round_zone.name), disc, z_mm, keeps_in)
+        name = full_name(f"boxes[{place}]", box.name)
+        yield Zone(name, area, box.z_mm or ANYWHERE, keeps_in)
+    for place, cylinder in enumerate(zones.cylinders):
+        disc = Disc(cylinder.centre_mm, cylinder.radius_mm)
+        name = full_name(f"cylinders[{place}]", cylinder.name)
+        yield Zone(name, disc, cylinder.z_mm or ANYWHERE, keeps_in)
 
 
 def make_plan(
@@ -151,30 +171,34 @@ def make_plan(
     Raise `PlanInvalid` if the workspace holds too few poses that can be taken and seen.
     """
     region = region_of(robot, view, request.centre, request.space)
+    # Both checks come first: a wrong centre or tracker would show below as too small a workspace.
     _check_centre(region)
     _check_tracker(region)
-    # validation poses keep further off the joints' limits
-    further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
-    limits = region.limits.narrowed_by(joint=further * robot.mechanism.joints[0].scale)
+    further_rad = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD  # the region has its reserve already
+    limits = region.limits.narrowed_by(joint=further_rad * robot.mechanism.joints[0].scale)
+    inner = replace(region, limits=limits)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
-        unseen = interior_poses(replace(region, limits=limits), 2 * request.validation_pairs, rng)
+        unseen = interior_poses(inner, 2 * request.validation_pairs, rng)
     except WorkspaceTooSmall as error:
         raise too_small(error, region, "shots") from error
-    pairs = np.vstack([random_pairs(fitted, rng), random_pairs(unseen, rng) + len(fitted)])
-    return ordered_shots(
-        region, np.vstack([fitted, unseen]), pairs, len(fitted), request.drift_shots
-    )
+    poses = np.vstack([fitted, unseen])
+    pairs = np.vstack([random_pairs(fitted, rng), len(fitted) + random_pairs(unseen, rng)])
+    return ordered_shots(region, poses, pairs, len(fitted), request.drift_shots)
 
 
+# A centre may fail for three reasons, asked in the order in which a user can mend them: the robot
+# cannot take the pose, the tracker cannot see it (most often because the tracker's place is wrong,
+# which has an error of its own), or `space` forbids it.
 def _check_centre(region: FeasibleRegion) -> None:
-    """Raise `PlanInvalid` for a centre of the workspace that is no place for a shot."""
+    """Raise `PlanInvalid`, with the reason, if no shot can be taken at the workspace's centre."""
     centre = region.centre[None]
     if region.allows(centre)[0]:
         return
     at = f"the workspace's centre {_in_words(region.centre[:3])}"
-    if not region.kinematics.feasibility(region.limits, centre).feasible[0]:
-        reasons = region.kinematics.feasibility(region.limits, centre).describe(0)
+    judged = region.kinematics.feasibility(region.limits, centre)
+    if not judged.feasible[0]:
+        reasons = judged.describe(0)
         raise PlanInvalid(
             f"{at} cannot be taken: {'; '.join(reasons)}", remedy="correct validation.centre_mm"
         )
@@ -186,19 +210,23 @@ def _check_centre(region: FeasibleRegion) -> None:
             f"the tracker, limit {np.degrees(region.acceptance_rad):g}°",
             remedy="correct tracker.place_mm or tracker.reflector_facing, which may be left empty",
         )
-    why = region.space.fault(region.centre[:3]) or "no other pose can be come to from it"
+    why = region.space.fault(region.centre[:3]) or "no other pose can be reached from it"
     raise PlanInvalid(
         f"{at} is where the robot may not go: {why}",
         remedy="move validation.centre_mm, or correct `space` in campaign.yaml",
     )
 
 
+# The robot fills about the convex hull of its base and its workspace. Rows of SciPy's `equations`
+# are a facet's outward normal n and offset d: n·x + d is the signed distance of x from the facet's
+# plane. Outside of a convex body at least one is positive, and the largest is at most the distance
+# from the body: a tracker that passes is at least the clearance away.
 def _check_tracker(region: FeasibleRegion) -> None:
     """Raise `PlanInvalid` for a tracker in the robot, also where its place was given in metres."""
     place = region.view_from_mm
     sample = sample_workspace(region.kinematics, region.limits, region.centre)
     if sample is None:
-        return
+        return  # hardly any pose can be taken: the draw of poses says so
     robot_mm = np.vstack([sample[:, :3], base_mm(region.kinematics)])
     hull = scipy.spatial.ConvexHull(robot_mm).equations
     if (hull[:, :3] @ place + hull[:, -1]).max() > TRACKER_CLEARANCE_MM:
@@ -212,12 +240,16 @@ def _check_tracker(region: FeasibleRegion) -> None:
 
 
 def _in_words(place_mm: Array) -> str:
+    """Write a place (3,) for an error text."""
     x, y, z = (f"{value:g}" for value in place_mm)
     return f"({x}, {y}, {z}) mm"
 
 
 def too_small(error: WorkspaceTooSmall, region: FeasibleRegion, fewer: str) -> PlanInvalid:
-    """Make the operator's error where hardly any place is left for shots."""
+    """Return the error for the operator if `region` has too little room for shots.
+
+    `fewer` names what may be reduced: shots or candidates.
+    """
     remedy = f"check the robot's limits and the tracker's place, or ask for fewer {fewer}"
     if region.space.is_restricted:
         zones = ", ".join(zone.name for zone in region.space.zones)
@@ -231,27 +263,31 @@ def ordered_shots(
     """Put pairs (M, 2) of poses (N, t) into one tour, drift shots at even intervals in it.
 
     The first `fitted` poses are to identify from: their joints come evenly from both sides, which
-    determines backlash.
+    determines backlash. Without a number of drift shots there is one for every ten pairs.
     """
+    # 1. The tour, from the centre. Angles and lengths of joints are compared as turns of a crank.
     kinematics = region.kinematics
     joints = kinematics.inverse(poses).values_or_raise()
     centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
     turns, start = kinematics.comparable(joints), kinematics.comparable(centre_joints)
     tour = balance_approaches(turns, pairs, start, np.arange(len(poses)) < fitted)
+    # 2. Places of drift shots in the tour: one before its first pair, one behind its last.
     if drift_shots is None:
         drift_shots = max(FEWEST_DRIFT_SHOTS, 1 + len(tour) // PAIRS_BETWEEN)
     drift_before = np.round(np.linspace(0, len(tour), drift_shots)).astype(int).tolist()
-    drift = (ShotSet.DRIFT, None, region.centre, centre_joints)
-    rows: list[tuple[ShotSet, int | None, Array, Array]] = []
+    # 3. All shots in order; a pair's number is its place in the tour.
+    centre = pose_of(region.centre)
+    drift = PlannedShot(0, ShotSet.DRIFT, None, centre, tuple(centre_joints.tolist()))
+    shots: list[PlannedShot] = []
     for place, pair in enumerate(tour):
-        rows += [drift] * drift_before.count(place)
+        shots += [drift] * drift_before.count(place)
         purpose = ShotSet.IDENTIFICATION if pair[0] < fitted else ShotSet.VALIDATION
-        rows += [(purpose, place, poses[end], joints[end]) for end in pair]
-    rows += [drift] * drift_before.count(len(tour))
-    return tuple(
-        PlannedShot(number, purpose, pair, pose_of(pose), tuple(joint.tolist()))
-        for number, (purpose, pair, pose, joint) in enumerate(rows)
-    )
+        shots += [
+            PlannedShot(0, purpose, place, pose_of(poses[end]), tuple(joints[end].tolist()))
+            for end in pair
+        ]
+    shots += [drift] * drift_before.count(len(tour))
+    return tuple(replace(shot, shot=number) for number, shot in enumerate(shots))
 
 
 def with_nests(
@@ -259,22 +295,24 @@ def with_nests(
 ) -> tuple[PlannedShot, ...]:
     """Add shots of all nests behind each drift shot, the robot standing there, and renumber.
 
-    Nests at the ends of known lengths are measured as these, the others for themselves.
+    Nests at the ends of known lengths become pairs of known lengths, others shots of their own.
     """
+    # A drift shot is where the robot stands still anyway: fixed reflectors are measured from its
+    # pose without any motion, and show at the times of drift shots whether the tracker has moved.
     bars = [bar.nests for bar in lengths if bar.nests]
-    alone = [nest.name for nest in nests if not any(nest.name in bar for bar in bars)]
+    single_nests = [nest.name for nest in nests if not any(nest.name in bar for bar in bars)]
     pair = max((shot.pair for shot in shots if shot.pair is not None), default=-1)
-    with_all: list[PlannedShot] = []
+    all_shots: list[PlannedShot] = []
     for shot in shots:
-        with_all.append(shot)
+        all_shots.append(shot)
         if shot.purpose is not ShotSet.DRIFT:
             continue
         for bar in bars:
-            pair += 1
+            pair += 1  # each measurement of a bar is a pair of its own
             length = replace(shot, purpose=ShotSet.KNOWN_LENGTH, pair=pair)
-            with_all += [replace(length, nest=name) for name in bar]
-        with_all += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in alone]
-    return tuple(replace(shot, shot=number) for number, shot in enumerate(with_all))
+            all_shots += [replace(length, nest=name) for name in bar]
+        all_shots += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in single_nests]
+    return tuple(replace(shot, shot=number) for number, shot in enumerate(all_shots))
 
 
 def joints_of(shots: Sequence[PlannedShot]) -> Array:

@@ -1,4 +1,4 @@
-"""A plan as the engine takes it: steps in groups that count only together."""
+"""A plan as the measuring engine takes it: steps in groups that count only together."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,20 +10,18 @@ from drivers.values import Pose
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Shot to take, how it is commanded, and the joints to pass on the way to it.
-
-    `corrected` is the pose to command instead of the wanted one, to a controller that keeps its
-    nominal parameters.
-    """
+    """Shot to take, how it is commanded, and the joints to pass on the way to it."""
 
     planned: PlannedShot
     command: Command
     approach: tuple[tuple[float, ...], ...] = ()
+    """Joints to pass before the shot's own, in this order; () if the way to it is free."""
     corrected: Pose | None = None
+    """Pose to command to a controller that keeps its nominal parameters; None: the planned one."""
 
 
 Group = tuple[Step, ...]
-"""The two shots of a pair, or one shot that stands alone. It is measured whole, or again."""
+"""The two shots of a pair, or one shot that stands alone; repeated as a whole if one fails."""
 
 
 def joint_steps(shots: Iterable[PlannedShot]) -> tuple[Step, ...]:
@@ -33,10 +31,12 @@ def joint_steps(shots: Iterable[PlannedShot]) -> tuple[Step, ...]:
 
 def groups(steps: Iterable[Step]) -> tuple[Group, ...]:
     """Group steps in their order, the shots of a pair together where its first one stands."""
+    # A dict keeps the order in which keys came. The word keeps pair 3 and step 3 apart.
     by_pair: dict[tuple[str, int], list[Step]] = {}
     for place, step in enumerate(steps):
         pair = step.planned.pair
-        by_pair.setdefault(("alone", place) if pair is None else ("pair", pair), []).append(step)
+        key = ("alone", place) if pair is None else ("pair", pair)
+        by_pair.setdefault(key, []).append(step)
     return tuple(map(tuple, by_pair.values()))
 
 
