@@ -1,4 +1,13 @@
-"""Findings: what speaks against a result, each with its cause, size, uncertainty and remedy."""
+"""Findings: what contradicts a result, each with its cause, size, uncertainty and remedy.
+
+Every test of an identification ends here as a row: what it saw, in words and numbers, and the
+verdict that it allows at most. A finding with no such limit is only reported. The verdict follows
+from the rows alone, so a reader can check why a result did not pass.
+
+One rule covers all parameters: an unknown contradicts its tolerance if its value is beyond three
+tolerances even after two standard deviations are taken off. That asks for both a large value and a
+sure one: an unknown that the shots hardly determine stays near zero with a wide σ.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +31,7 @@ from campaigns.kinematics.parameters import SIGNS
 FAR_TOLERANCES = 3.0
 """Tolerances beyond which a value is far outside."""
 SURE_SIGMAS = 2.0
-"""Standard deviations by which it must be beyond them."""
+"""Standard deviations by which the value must exceed those tolerances."""
 MOST_BEYOND = 0.05
 """Share of the workspace that may be far from all shots."""
 HOLD_OUT_LEVEL = 1e-3
@@ -52,18 +61,18 @@ class Finding:
     name: str
     says: str
     decision: Decision | None = None
-    """Verdict that it allows at most; None: it is only reported."""
+    """Verdict that this finding allows at most; None: it is only reported."""
     numbers: dict[str, float | str] = field(default_factory=dict)
     accepted: bool = False
-    """Whether somebody took the result with it."""
+    """Whether somebody took the result in spite of this finding."""
 
     @property
     def affects_verdict(self) -> bool:
-        """Whether the verdict depends on it."""
+        """Whether the verdict depends on this finding."""
         return self.decision is not None and not self.accepted
 
     def accept(self, names: Sequence[str]) -> "Finding":
-        """Return this finding, accepted if it is among some names."""
+        """Return this finding, accepted if its name is among these."""
         return replace(self, accepted=True) if self.name in names else self
 
 
@@ -75,11 +84,11 @@ class HoldOut:
     chi2: float
     p: float
     ratio: float
-    """Rms of their errors over the rms that the posterior states."""
+    """Rms of the pairs' errors over the rms that the posterior states."""
 
     @property
     def believable(self) -> bool:
-        """Whether chance explains their errors."""
+        """Whether chance explains the pairs' errors."""
         return self.p >= HOLD_OUT_LEVEL
 
     @property
@@ -91,8 +100,10 @@ class HoldOut:
 def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[Finding]:
     """Yield a finding for each group with an unknown that is surely far outside its tolerance.
 
-    Along the directions `null` that no shot determines nothing is known, so nothing is far off.
+    Directions `null` that no shot determines are held at nominal, so nothing is far off there.
     """
+    # Unknowns and σ are in tolerances, so one limit holds for mm, rad and ratios. A group gives one
+    # finding, by its worst unknown, which counts the others.
     model = posterior.model
     x = null.transform(posterior.x)
     std = np.sqrt(np.maximum(np.diag(null.transform_covariance(posterior.model_covariance)), 0.0))
@@ -102,10 +113,13 @@ def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[F
         places = np.flatnonzero((groups == group) & (excess > 0.0))
         if len(places):
             worst = int(places[excess[places].argmax()])
-            yield _beyond(posterior, worst, x[worst], std[worst], len(places) - 1)
+            yield _beyond_tolerance(posterior, worst, x[worst], std[worst], len(places) - 1)
 
 
-def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int) -> Finding:
+def _beyond_tolerance(
+    posterior: Posterior, place: int, x: float, std: float, others: int
+) -> Finding:
+    """Name an unknown with its value and 1 σ in tolerances, and count the `others` of its group."""
     model = posterior.model
     name, source = model.names[place], SOURCES[model.groups[place]]
     is_of_tracker = name in TRACKER_SOURCES
@@ -124,6 +138,8 @@ def _beyond(posterior: Posterior, place: int, x: float, std: float, others: int)
 
 def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
     """Yield a finding where points or joints scatter beyond any robot that repeats."""
+    # The fit would explain any nonsense as scatter, for its size is estimated. No robot repeats so
+    # badly: joints and points do not belong together.
     (point, joint), axis = posterior.scatter, posterior.model.nominal.mechanism.joints[0]
     limit = scatter_tolerance_of_joints(revolute=axis.is_revolute)
     remedy = (
@@ -145,8 +161,10 @@ def change_findings(
 ) -> Iterator[Finding]:
     """Yield a finding for each change in time, and one for the shots that went wrong.
 
-    `numbers` are those of the fitted shots in the order of time.
+    `numbers` are the numbers of the fitted shots in the order of time.
     """
+    # Single wrong shots have no weight and only are reported. Above a share they fail the result:
+    # so many mistakes have a cause of their own.
     wrong = [change for change in changes if change.part == SHOT]
     if wrong:
         named = ", ".join(map(str, sorted(numbers[change.since] for change in wrong)[:6]))
@@ -160,23 +178,27 @@ def change_findings(
         yield Finding(WRONG_SHOTS, says, "fail" if is_many else None, {"count": float(len(wrong))})
     for change in changes:
         if change.part != SHOT:
-            yield _changed(change, numbers, revolute=revolute)
+            yield _change_finding(change, numbers, revolute=revolute)
 
 
-def _changed(change: Change, numbers: Sequence[int], *, revolute: bool) -> Finding:
+def _change_finding(change: Change, numbers: Sequence[int], *, revolute: bool) -> Finding:
+    """Say which parts changed between which shots, by how much, and what to do."""
+    # Rows of the fit become the operator's shot numbers. A change that ends before the last shot
+    # was taken back: the shots within it are measured again. One that stays divides the campaign:
+    # the robot of today is the one after it.
     before, first = numbers[change.since - 1], numbers[change.since]
     in_degrees = change.part.startswith("encoder") and revolute
     scale, unit = (float(np.degrees(1.0)), "°") if in_degrees else (1.0, " mm")
     size = f"{scale * change.size:+.3g} ± {COVERAGE * scale * change.std:.2g}{unit}"
     parts = " or ".join(_part_words(part) for part in change.parts)
-    ends = change.until < len(numbers)
+    was_taken_back = change.until < len(numbers)
     where = f"between shots {before} and {first}"
-    if ends:
+    if was_taken_back:
         where = f"from shot {first} to {numbers[change.until - 1]}"
     remedy = f"mend it, and identify from the shots after it alone, --only-shots {first}-"
     if change.part == FRAME:
         remedy = (
-            "measure these shots again" if ends else
+            "measure these shots again" if was_taken_back else
             f"if it was between two sessions, --sessions; else --only-shots {first}-"
         )  # fmt: skip
     says = f"{parts} changed {where}, by {size}: {remedy}"
@@ -184,7 +206,7 @@ def _changed(change: Change, numbers: Sequence[int], *, revolute: bool) -> Findi
         "part": change.part, "after_shot": float(before), "before_shot": float(first),
         "size": scale * change.size, "U": COVERAGE * scale * change.std,
     }  # fmt: skip
-    if ends:
+    if was_taken_back:
         numbers_of["last_shot"] = float(numbers[change.until - 1])
     return Finding(CHANGE, says, "fail", numbers_of)
 
@@ -198,6 +220,8 @@ def _part_words(part: str) -> str:
 
 def hold_out_findings(test: HoldOut, *, limits_met: bool) -> Iterator[Finding]:
     """Yield a finding where hold-out pairs are farther off than their σ allow."""
+    # σ of positions are multiplied by the ratio, so they are true again. What is left to decide is
+    # whether the robot is good enough: acceptance limits that are met answer that.
     if test.believable:
         return
     says = (

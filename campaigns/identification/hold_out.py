@@ -1,4 +1,10 @@
-"""Hold-out pairs: shots that were never fitted, whose distances test the whole result."""
+"""Hold-out pairs: shots that were never fitted, whose distances test the whole result.
+
+Residuals of fitted shots cannot show errors that the model took over into wrong parameters. The
+distance between two unseen points can: it needs no frame, and the posterior states how far it may
+be off. χ² of all pairs by that covariance tests the model; the ratio of real to stated errors
+widens σ of positions where the test fails.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -33,14 +39,16 @@ class UnseenPairs:
     @property
     def got_worse(self) -> bool:
         """Whether errors grew beyond chance, pair by pair (Student's t)."""
+        # A paired test: before and after are of the same points, so their common noise drops out.
+        # It does not use stated σ, which may be what is wrong. Two pairs have no useful scatter.
         if self.errors is None:
             return False
-        more = self.errors.after[:, 0] ** 2 - self.errors.before[:, 0] ** 2
-        count, mean = len(more), float(more.mean())
+        growth = self.errors.after[:, 0] ** 2 - self.errors.before[:, 0] ** 2
+        count, mean = len(growth), float(growth.mean())
         if count < 3:
             return mean > 0.0
         limit = float(scipy.special.stdtrit(count - 1, WORSE_LEVEL))
-        return bool(mean > limit * float(more.std(ddof=1)) / count**0.5)
+        return bool(mean > limit * float(growth.std(ddof=1)) / count**0.5)
 
 
 def unseen_pairs(
@@ -50,27 +58,29 @@ def unseen_pairs(
     identified: KinematicSolution,
     options: IdentificationOptions,
 ) -> UnseenPairs:
-    """Compare the distances of the validation pairs with the identified robot's.
+    """Compare the measured distances of the validation pairs with those of the identified robot.
 
     `at_nominal` and `identified` hold the poses of all shots by both robots. With a frame for each
     session, both shots of a pair must be of one session that was fitted.
     """
+    # Where the nominal robot already cannot be assembled, a pair is not counted. Where only the
+    # identified robot cannot, the pair contradicts the result and is reported as lost.
     pairs = shots.whole_pairs(ShotSet.VALIDATION).rows
     usable = at_nominal.is_solved[pairs].all(axis=1)
     if options.sessions:
         session = shots.session[pairs]
         sessions = shots.session[shots.rows_of(ShotSet.IDENTIFICATION)]
         usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], sessions)
-    taken = identified.is_solved[pairs].all(axis=1)
+    can_be_taken = identified.is_solved[pairs].all(axis=1)
     lost = tuple(
         Excluded("the identified robot cannot be assembled there", pair=shots.pairs[row])
-        for row in pairs[usable & ~taken][:, 0].tolist()
+        for row in pairs[usable & ~can_be_taken][:, 0].tolist()
     )
-    rows = pairs[usable & taken]
+    rows = pairs[usable & can_be_taken]
     if not len(rows):
         return UnseenPairs(rows, None, None, lost)
     table = distance_errors(shots, rows, at_nominal.values, identified.values)
-    test = _tested(posterior, shots, at_nominal.values, rows, options)
+    test = _test_distances(posterior, shots, at_nominal.values, rows, options)
     return UnseenPairs(rows, table, test, lost)
 
 
@@ -85,10 +95,18 @@ def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> R
     return ResidualTable.from_arrays("pairs", numbers, *errors)
 
 
-def _tested(
+def _test_distances(
     posterior: Posterior, shots: Shots, near: Array, rows: Index, options: IdentificationOptions
 ) -> HoldOut:
     """Test the distances of pairs (M, 2) by their covariance: of parameters, and of both points."""
+    # 1. Linearise the model at the identified unknowns for the shots of the pairs, each shot once:
+    #    pairs may share one.
+    # 2. A distance's error is the residual of its second point minus that of its first, along the
+    #    line between them: `by_points` (M, N, 3) is that projection for all pairs at once.
+    # 3. Propagate both sources through it. Unknowns: the posterior covariance, with the frames,
+    #    whose motion cancels in a distance. Points: the tracker's noise and the robot's scatter
+    #    with their estimated factors.
+    # 4. χ² by the full covariance, since all pairs have the parameters' errors in common.
     used, places = np.unique(rows, return_inverse=True)
     subset = shots.rows(used)
     observations = observations_of(subset, near[used], options)
@@ -107,7 +125,8 @@ def _tested(
     by_points[pair, first] -= along
     errors = (by_points * at.residual).sum(axis=(1, 2))
     by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
-    changes = range(len(model.names), len(posterior.at.x))  # they touch no pair
+    # Columns of changes in time have no counterpart in the unseen shots: drop their unknowns.
+    changes = range(len(model.names), len(posterior.at.x))
     unknowns = np.delete(np.delete(posterior.covariance, changes, axis=0), changes, axis=1)
     covariance = by_unknowns @ unknowns @ by_unknowns.T
     covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)

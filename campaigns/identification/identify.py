@@ -1,10 +1,20 @@
-"""Identify a robot: fit all sources of error, test what was not fitted, and decide.
+"""Identify a robot: fit all sources of error, test the result on unseen pairs, and decide.
 
-1. Check that the shots can be this robot's (`evaluation/plausibility.py`).
-2. Fit the identification shots, changes in time and wrong shots included (`campaigns/fit`).
-3. Predict the hold-out pairs, and compare (`hold_out.py`).
-4. State the uncertainty of parameters and positions, and its budget (`positions.py`).
+In come the nominal robot, the shots of a campaign (joint readings and measured points) and the
+options; out comes one `IdentificationResult`.
+
+1. Check that the shots can be this robot's (`evaluation/plausibility.py`): a least-squares fit
+   would follow points in the wrong unit or swapped joints without complaint.
+2. Fit the identification shots (`campaigns/fit`). Every source of error is an unknown whose prior
+   is its tolerance, so there is no model to select: what the shots do not show stays at nominal
+   and keeps its tolerance as uncertainty. Changes in time and wrong shots are searched for here.
+3. Predict the distances of the hold-out pairs, which were never fitted, and compare
+   (`hold_out.py`): they alone show errors for which the model has no column.
+4. State the uncertainty of parameters and of positions, with its budget (`positions.py`).
 5. Collect the findings (`findings.py`), and decide: pass, fail or not decided.
+
+`update` begins at step 3, with the posterior of a check instead of a fit from nominal. The paper's
+method, `--model paper`, branches off after step 1 (`paper.py`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +34,7 @@ from campaigns.fit.posterior import Posterior, Prior
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.fit.uncertainty import NullDirections, null_directions
 from campaigns.identification import findings
-from campaigns.identification.checking import MISFIT_LEVEL, fit_with_former, former_datum, goodness
+from campaigns.identification.checking import fit_with_former, former_datum, misfit_of
 from campaigns.identification.findings import NOTHING_UNSEEN, Finding
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
@@ -53,11 +63,13 @@ from campaigns.shots.shots import Shots
 def identify(
     nominal: Kinematics, shots: Shots, options: IdentificationOptions | None = None
 ) -> IdentificationResult:
-    """Identify a robot from its identification shots, judged by the validation pairs.
+    """Identify a robot from its identification shots, and judge it by the validation pairs.
 
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
     options = options or IdentificationOptions()
+    # Calibrated bars are measured by the tracker alone: their shots have no joints that could be
+    # fitted, so they are evaluated first and then taken out.
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     shots = shots.on_robot()
     at_nominal = nominal.forward(shots.joints, approach=shots.approach)
@@ -79,12 +91,13 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances; measure all over the workspace",
         ) from error
-    case = _Case(nominal, shots, at_nominal, fitted, options, posterior, changes)
-    return case.result(excluded, lengths)
+    campaign = _FittedCampaign(nominal, shots, at_nominal, fitted, options, posterior, changes)
+    return campaign.make_result(excluded, lengths)
 
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
     """Refuse shots that cannot be this robot's, each session by itself where each has a frame."""
+    # Points of two sessions do not lie in one frame, so together they would fit no robot.
     session = shots.session if sessions else np.zeros(len(shots))
     for number in np.unique(session).tolist():
         check_shots(nominal, shots.rows(np.flatnonzero(session == number)), "the shots")
@@ -97,29 +110,40 @@ def update(
     options: IdentificationOptions,
     changed: Sequence[str] = (),
 ) -> IdentificationResult:
-    """Update a former result by the shots of a check, after parts that it found `changed`.
+    """Update a former result by the shots of a check that found some parts `changed`.
 
-    It passes where the shots agree with it and the workspace is known.
+    The update passes if the shots agree with the former result and nothing else is against it.
     """
+    # 1. Fit the new shots with the former posterior as prior; changed parts may move freely.
+    # 2. Keep the former datum: a few shots determine less than a campaign, and directions that
+    #    they alone leave open were determined before.
+    # 3. Make a result as `identify` does. A check has no hold-out pairs by its nature, so their
+    #    absence is no obstacle here; χ² of the new shots takes their place.
     at_nominal = nominal.forward(shots.joints, approach=shots.approach)
     posterior = fit_with_former(nominal, shots, former, options, changed)
     datum = former_datum(former, posterior.model)
-    case = _Case(nominal, shots, at_nominal, shots, options, posterior, (), datum)
-    result = case.result((), None)
-    chi2, dof, p = goodness(posterior, former)
-    says = f"updated by {len(shots)} shots of a check (χ² {chi2:.1f} of {dof}, p = {p:.2g})"
-    against = [own for own in result.findings if own.affects_verdict and own.name != NOTHING_UNSEEN]
-    if p < MISFIT_LEVEL:
+    campaign = _FittedCampaign(nominal, shots, at_nominal, shots, options, posterior, (), datum)
+    result = campaign.make_result((), None)
+    misfit = misfit_of(posterior, former)
+    says = f"updated by {len(shots)} shots of a check {misfit.in_words()}"
+    if misfit.is_significant:
         says = f"{says}: the shots contradict it, measure a campaign again"
-    decision: Decision = "pass" if p >= MISFIT_LEVEL and not against else "fail"
-    reasons = (says, *(own.says for own in against))
-    obstacles = tuple(own.name for own in against)
-    return replace(result, verdict=decision, reasons=reasons, obstacles=obstacles)
+    against = [
+        finding
+        for finding in result.findings
+        if finding.affects_verdict and finding.name != NOTHING_UNSEEN
+    ]
+    return replace(
+        result,
+        verdict="fail" if misfit.is_significant or against else "pass",
+        reasons=(says, *(finding.says for finding in against)),
+        obstacles=tuple(finding.name for finding in against),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Case:
-    """Fit of a robot's shots, from which its result follows."""
+class _FittedCampaign:
+    """Shots of a robot with the posterior of their fit, from which the result is made."""
 
     nominal: Kinematics
     shots: Shots
@@ -131,13 +155,17 @@ class _Case:
     datum: NullDirections | None = None
     """Directions that stay at nominal; None: those that these shots do not determine."""
 
-    def result(
+    def make_result(
         self, excluded: tuple[Excluded, ...], lengths: KnownLengths | None
     ) -> IdentificationResult:
         """Return the result with its findings and verdict."""
         posterior, options = self.posterior, self.options
         identified = posterior.model.kinematics(posterior.x)
+        # The datum: no parameter is held to fix the base frame. Instead what no shot determines is
+        # put back to nominal, and left out of σ, in all parameters below.
         null = self.datum or null_directions(posterior)
+        # The identified robot is solved from the nominal poses. Where the nominal robot had none,
+        # any real pose does as a start: NaN would not come back to a solution.
         near = self.at_nominal.values.copy()
         near[~self.at_nominal.is_solved] = near[self.at_nominal.is_solved][0]
         solution = identified.forward(self.shots.joints, near, approach=self.shots.approach)
@@ -149,10 +177,13 @@ class _Case:
         region = None if positions is None else positions.region
         residuals = self._residuals()
         findings = (
-            *self._findings(null, unseen, region),
+            *self._collect_findings(null, unseen, region),
             *([] if lengths is None else lengths.findings),
         )
-        decision, reasons, obstacles = _verdict(findings, residuals, unseen.errors, region)
+        obstacles = _obstacles(findings)
+        reasons = tuple(finding.says for finding in obstacles)
+        if not obstacles:
+            reasons = tuple(_gains(residuals, unseen.errors, region))
         frames = tuple(map(Frame.of, posterior.at.frames))
         return IdentificationResult(
             model="full",
@@ -178,13 +209,15 @@ class _Case:
             frame=frames[0],
             sessions=self._sessions(frames) if options.sessions else (),
             reference_degC=options.reference_degC if posterior.model.with_growth else None,
-            posterior=self._stored(null),
-            verdict=decision,
+            posterior=self._posterior_to_store(null),
+            verdict=_decide(obstacles),
             reasons=reasons,
-            obstacles=obstacles,
+            obstacles=tuple(finding.name for finding in obstacles),
         )
 
     def _parameters(self, null: NullDirections) -> dict[str, IdentifiedParameter]:
+        # Unknowns are deviations from nominal in tolerances; file_tolerance makes them mm, deg or
+        # ppm. A variance of nothing but rounding is a parameter that is undetermined by itself.
         model, old = self.posterior.model, self.nominal.parameters
         variances = np.diag(null.transform_covariance(self.posterior.model_covariance)).tolist()
         deviations = (null.transform(self.posterior.x) * model.file_tolerance).tolist()
@@ -207,28 +240,32 @@ class _Case:
     def _tracker(self) -> dict[str, tuple[float, float]]:
         """Return value and 1 σ of each of the tracker's errors, in the unit it is shown in."""
         model, posterior = self.posterior.model, self.posterior
-        values, std = (model.file_tolerance * own for own in (posterior.x, posterior.std))
-        rows = zip(model.names, values.tolist(), std.tolist(), strict=True)
-        return {name: (value, s) for name, value, s in rows if name in TRACKER_SOURCES}
+        values = (model.file_tolerance * posterior.x).tolist()
+        std = (model.file_tolerance * posterior.std).tolist()
+        rows = zip(model.names, values, std, strict=True)
+        return {name: (value, sigma) for name, value, sigma in rows if name in TRACKER_SOURCES}
 
-    def _stored(self, null: NullDirections) -> StoredPosterior:
+    def _posterior_to_store(self, null: NullDirections) -> StoredPosterior:
+        # Not put into the datum: as a prior of new shots the whole posterior counts, and the
+        # directions are stored beside it so that an update can apply the same datum.
         posterior = self.posterior
         return StoredPosterior(
             posterior.model.names,
             tuple(posterior.model.tolerance.tolist()),
             tuple(posterior.x.tolist()),
             tuple(map(tuple, posterior.model_covariance.tolist())),
-            {group: float(own) for group, own in posterior.components.sizes.items()},
-            {part: float(own) for part, own in posterior.components.factors.items()},
+            {group: float(size) for group, size in posterior.components.sizes.items()},
+            {part: float(factor) for part, factor in posterior.components.factors.items()},
             tuple(map(tuple, null.vectors.T.tolist())),
         )
 
     def _scatter(self) -> Scatter:
+        # Factors multiply variances: their roots multiply σ of the data sheet.
         factors, axis = self.posterior.components.factors, self.nominal.mechanism.joints[0]
         point, joint = self.posterior.scatter
         joint = axis.to_file(joint)
         of_instrument: dict[str, float] = {
-            p: factors[p] ** 0.5 for p in ("along", "across") if p in factors
+            part: factors[part] ** 0.5 for part in ("along", "across") if part in factors
         }
         shown = f"{60.0 * joint:.2g}′" if axis.is_revolute else f"{joint:.2g} mm"
         says = (
@@ -244,38 +281,45 @@ class _Case:
 
     def _residuals(self) -> ResidualTable:
         """Return the errors of the fitted shots: nominal in its own best frames, and identified."""
+        # The frames were fitted with the identified robot. To be judged fairly the nominal robot
+        # gets its own best rigid fit, one for each frame.
         kept, posterior = self.posterior.kept, self.posterior
         positions = posterior.observations.near[kept, :3]
         points, frame = self.fitted.points_in_tracker_mm[kept], posterior.observations.frame[kept]
         before = np.empty_like(points)
         for number in np.unique(frame).tolist():
             rows = frame == number
-            fitted = fit_transform(positions[rows], points[rows])
-            before[rows] = fitted.apply(positions[rows]) - points[rows]
+            tracker_from_base = fit_transform(positions[rows], points[rows])
+            before[rows] = tracker_from_base.apply(positions[rows]) - points[rows]
         numbers = np.array(self.fitted.numbers)[kept].tolist()
         after = posterior.at.residual[kept]
         return ResidualTable.from_arrays("shots", numbers, before, after)
 
     def _modelled(self, solution: KinematicSolution, pairs: Index) -> ModelledTable:
+        # Rows of all shots are wanted, but `kept` counts rows of the fitted ones, which stand in
+        # the order of time: match the two by the shots' numbers.
         counted = np.array(self.fitted.numbers)[self.posterior.kept]
         fitted = self.shots.rows_of(ShotSet.IDENTIFICATION)
-        fitted = fitted[
-            np.isin(np.array(self.shots.numbers)[fitted], counted) & solution.is_solved[fitted]
-        ]
+        is_counted = np.isin(np.array(self.shots.numbers)[fitted], counted)
+        fitted = fitted[is_counted & solution.is_solved[fitted]]
         rows = np.union1d(fitted, pairs.ravel())
         before, after = self.at_nominal.values[rows], solution.values[rows]
         return ModelledTable.of(self.shots.rows(rows), before, after)
 
     def _wrong_shots(self) -> Iterator[Excluded]:
         """Yield the shots without weight: far off nominal, or contradicting all others."""
-        named = {change.since: change.size for change in self.changes if change.part == SHOT}
+        # Shots that were left out at the start, by the nominal robot, are no changes: their size
+        # is the residual by the final fit.
+        sizes = {change.since: change.size for change in self.changes if change.part == SHOT}
         for row in np.flatnonzero(~self.posterior.kept).tolist():
-            size = named.get(row, float(np.linalg.norm(self.posterior.at.residual[row])))
+            size = sizes.get(row, float(np.linalg.norm(self.posterior.at.residual[row])))
             number, pair = self.fitted.numbers[row], self.fitted.pairs[row]
             reason = f"{size:.3f} mm off where all others put it"
             yield Excluded(reason, shot=number, pair=pair, size_mm=size)
 
     def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
+        # Frames come in the order of the fitted sessions; a session of validation pairs alone has
+        # no frame.
         session_of, numbers = self.shots.session, np.array(self.shots.numbers)
         fitted = dict(zip(np.unique(self.fitted.session).tolist(), frames, strict=True))
         return tuple(
@@ -283,9 +327,11 @@ class _Case:
             for session in np.unique(session_of).tolist()
         )
 
-    def _findings(
+    def _collect_findings(
         self, null: NullDirections, unseen: UnseenPairs, region: Region | None
     ) -> Iterator[Finding]:
+        # In this order they are reported: whether there is a fit, the robot's parts, its scatter,
+        # changes in time, then the hold-out pairs, and last the workspace.
         posterior, options = self.posterior, self.options
         revolute = self.nominal.mechanism.joints[0].is_revolute
         if not posterior.has_converged:
@@ -316,22 +362,31 @@ class _Case:
             yield from findings.region_findings(region)
 
 
-def _verdict(
-    findings: tuple[Finding, ...],
-    residuals: ResidualTable,
-    unseen: ResidualTable | None,
-    region: Region | None,
-) -> tuple[Decision, tuple[str, ...], tuple[str, ...]]:
-    """Decide whether the result may be used; return reasons, and the findings against a pass."""
-    against = [own for own in findings if own.affects_verdict]
-    failed = [own for own in against if own.decision == "fail"]
-    if against or unseen is None:
-        shown = failed or against
-        decision: Decision = "fail" if failed else "not decided"
-        return decision, tuple(own.says for own in shown), tuple(own.name for own in shown)
-    errors, left = unseen.summary(), residuals.summary()
+def _obstacles(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return the findings against a pass: the failures alone where there are any."""
+    against = tuple(finding for finding in findings if finding.affects_verdict)
+    failures = tuple(finding for finding in against if finding.decision == "fail")
+    return failures or against
+
+
+def _decide(obstacles: Sequence[Finding]) -> Decision:
+    """Decide whether a result may be used: it passes if nothing is against it."""
+    if any(finding.decision == "fail" for finding in obstacles):
+        return "fail"
+    return "not decided" if obstacles else "pass"
+
+
+def _gains(
+    residuals: ResidualTable, unseen: ResidualTable | None, region: Region | None
+) -> Iterator[str]:
+    """Yield what a passed result gained, and where it is valid; without unseen pairs nothing."""
+    if unseen is None:
+        return
+    errors, fitted = unseen.summary(), residuals.summary()
     gain = f"hold-out pairs: {errors.says}"
     if errors.after.rms > errors.before.rms:
         gain += " (no change shown)"
-    fitted = f"fitted shots: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"
-    return "pass", (gain, fitted, *((region.says,) if region else ())), ()
+    yield gain
+    yield f"fitted shots: rms {fitted.before.rms:.3f} → {fitted.after.rms:.4f} mm"
+    if region is not None:
+        yield region.says

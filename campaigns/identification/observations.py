@@ -25,6 +25,8 @@ def error_model(
 
     Parts may have grown where shots have their temperatures; None for shots that are planned.
     """
+    # The instrument's common errors (scale, axes, reflector) come from its data sheet and stand
+    # last: they replace what robot.yaml may say of those groups.
     table = nominal.mechanism.parameters
     held = {name for pattern in options.fix for name in matching(pattern, table)}
     return ErrorModel(
@@ -37,23 +39,26 @@ def error_model(
 
 
 def observations_of(shots: Shots, near: Array, options: IdentificationOptions) -> Observations:
-    """Return the observations of shots, from poses (N, t) near theirs.
+    """Return the observations of shots, with poses (N, t) `near` the ones they had.
 
-    Where the tracker stated no covariance, the data sheet's noise along and across the beam stands,
+    Shots without a stated covariance get the noise of the data sheet along and across the beam,
     whose factors are estimated.
     """
+    # The noise of a file may be mixed: some shots with a covariance by the tracker, some without.
+    # Each part has its covariance where it holds and zero elsewhere, so their sum is each shot's.
     instrument, points = options.instrument, shots.points_in_tracker_mm
     is_stated = np.asarray(np.isfinite(shots.stated_covariance_mm2).all(axis=(1, 2)))
     along, across = covariance_by_direction_mm2(points, instrument)
-    unstated = ~is_stated[:, None, None]
+    is_unstated = ~is_stated[:, None, None]
     _require_covariances(shots, is_stated)
     noise: dict[str, Array] = {}
     if is_stated.any():
-        noise["stated"] = np.where(unstated, 0.0, shots.stated_covariance_mm2)
+        noise["stated"] = np.where(is_unstated, 0.0, shots.stated_covariance_mm2)
     if not is_stated.all():
-        noise["along"] = unstated * along
-        noise["across"] = unstated * across
+        noise["along"] = is_unstated * along
+        noise["across"] = is_unstated * across
     _, frame = np.unique(shots.session, return_inverse=True)
+    # A shot without temperatures counts as measured at the reference: its growth is zero.
     warmth = shots.part_temperature_degC - options.reference_degC
     return Observations(
         joints=shots.joints,
@@ -80,10 +85,11 @@ def _require_covariances(shots: Shots, is_stated: Mask) -> None:
 def rows_to_fit(
     shots: Shots, at_nominal: KinematicSolution, options: IdentificationOptions
 ) -> tuple[Index, tuple[Excluded, ...]]:
-    """Return the rows to fit in the order of time, and what cannot be fitted at all.
+    """Return the rows to fit in the order of time, and the shots that cannot be fitted at all.
 
     Raise `ShotsMissing` for a session with too few shots to place the tracker's frame.
     """
+    # In the order of time, not of numbers: changes are searched for as steps over the rows.
     order = shots.order_of_time()
     order = order[np.isin(order, shots.rows_of(ShotSet.IDENTIFICATION))]
     excluded = tuple(
@@ -105,6 +111,6 @@ def rows_to_fit(
 
 
 def asked_shots(shots: Shots, options: IdentificationOptions) -> Shots:
-    """Return the shots within the range asked for, some pairs of them held out."""
+    """Return the shots within the requested range, a requested share of their pairs held out."""
     rng = np.random.default_rng(HOLD_OUT_SEED)
     return held_out(between(shots, *options.shots), options.hold_out, rng)

@@ -1,4 +1,9 @@
-"""Options of an identification: which model, which shots, and what is held or known before."""
+"""Options of an identification: the model, its shots, held parameters, and prior tolerances.
+
+Fields with an `Option` are typed by users; the command line, the Python API and the recorded
+options of a result are all made from them. The other fields are facts of a campaign (instrument,
+tolerances, limits), which `campaigns/workflow` fills in from its files.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,7 +22,7 @@ from campaigns.settings.sections import KnownLengthConfig
 
 MOST_HELD_OUT = 0.5
 LEAST_STD = 1e-6
-"""1 σ of a prior, mm, deg or ppm: what is known better is held."""
+"""Smallest 1 σ of a prior, mm, deg or ppm: a parameter known better is held with --fix."""
 RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 ModelWord = Literal["full", "paper"]
 Model = Annotated[
@@ -129,6 +134,8 @@ class IdentificationOptions:
 
 def matching(pattern: str, table: ParameterTable) -> tuple[str, ...]:
     """Return the parameters that a name, pattern or group means; raise `OptionsInvalid`."""
+    # Names of the tracker's errors come first: `scale` is both a group and the one name in it, and
+    # a group is looked up among the robot's parameters only.
     names = (*table.select(), *TRACKER_SOURCES)
     if pattern in TRACKER_SOURCES:
         return (pattern,)
@@ -151,7 +158,7 @@ def named_priors(texts: Sequence[str], table: ParameterTable) -> dict[str, float
         try:
             std = float(number)
         except ValueError:
-            std = 0.0
+            std = 0.0  # refused below, with the same words as a σ that is too small
         if not (equals and LEAST_STD <= std < float("inf")):
             raise OptionsInvalid(
                 f"--prior {shown(text)}: σ must be a number from {LEAST_STD:g}",
@@ -160,5 +167,7 @@ def named_priors(texts: Sequence[str], table: ParameterTable) -> dict[str, float
             )
         for name in matching(pattern.strip(), table):
             unit = TRACKER_SOURCES[name] if name in TRACKER_SOURCES else table[name].unit
+            # Typed in mm, deg or ppm; inside in mm, rad or ratios. A later text wins over an
+            # earlier one, so a pattern may come first and its exceptions after it.
             priors[name] = std * INNER[unit]
     return priors

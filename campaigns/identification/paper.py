@@ -1,7 +1,15 @@
-"""Method of the paper: distances of pairs, equal weights, Levenberg-Marquardt, 22 parameters.
+"""The method of the paper: identify a robot by the distances of pairs alone (eq. 19).
 
-No frame and no noise model take part. σ follow from s² = Σr²/ν. It is there to repeat the paper and
-to compare; the full model states more and less wrongly.
+A distance between two points is the same in every frame, so neither the tracker's place nor its
+axes have to be known or fitted. The residual of a pair is the distance between the positions that
+the model has at the two joint readings, minus the measured distance. Levenberg-Marquardt minimises
+the sum of the squared residuals, all with equal weight, over 22 of a Par4's 29 parameters: the
+others would turn or shift the whole robot, which distances cannot show, or are held by the paper's
+hypotheses. σ follow from the residuals themselves, s² = Σr²/ν.
+
+The method is here to repeat the paper and to compare with it. It uses one number of the six that
+a pair gives, knows no noise, no transmission and no change in time, and its σ hold only if the
+geometry is all that is wrong.
 """
 
 import numpy as np
@@ -25,23 +33,30 @@ from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
-SMALL_STEP = 1e-12
+STEP_TOLERANCE = 1e-12
+"""Relative change of the parameters at which the solver stops: rounding, not a choice."""
 
 
 def free_names(nominal: Kinematics, options: IdentificationOptions) -> tuple[str, ...]:
     """Return the parameters that the paper's method fits, by the options."""
     mechanism = nominal.mechanism
     table = mechanism.parameters
-    freed = {name for own in options.free for name in matching(own, table)}
-    fixed = {name for own in options.fix for name in matching(own, table)}
-    wanted = {*mechanism.free_by_paper, *freed} - fixed
-    return tuple(name for name in table.of_robot if name in wanted)
+    freed = {name for pattern in options.free for name in matching(pattern, table)}
+    fixed = {name for pattern in options.fix for name in matching(pattern, table)}
+    free = {*mechanism.free_by_paper, *freed} - fixed
+    return tuple(name for name in table.of_robot if name in free)
 
 
 def identify_as_paper(
     nominal: Kinematics, shots: Shots, at_nominal: KinematicSolution, options: IdentificationOptions
 ) -> IdentificationResult:
     """Identify from the distances of the identification pairs; raise `ShotsMissing` for too few."""
+    # 1. Take the usable identification pairs: at least as many as parameters.
+    # 2. Minimise the errors of their distances from the nominal robot on. x_scale="jac" scales the
+    #    columns: mm and rad differ by orders of magnitude in their effect.
+    # 3. Covariance s² (J'J)⁺. The pseudo-inverse gives a finite answer also where --free asks for
+    #    parameters that distances do not distinguish.
+    # 4. Compare nominal and identified distances of fitted and of validation pairs.
     names = free_names(nominal, options)
     table = nominal.mechanism.parameters
     places = table.places(names)
@@ -55,10 +70,11 @@ def identify_as_paper(
     problem = _Distances(nominal, places, shots.rows(rows.ravel()), at_nominal.values[rows.ravel()])
     start = nominal.whole_p[places]
     solved = scipy.optimize.least_squares(
-        problem.residual, start, problem.jacobian, method="lm", x_scale="jac", xtol=SMALL_STEP
+        problem.residual, start, problem.jacobian, method="lm", x_scale="jac", xtol=STEP_TOLERANCE
     )
-    freedom = len(rows) - len(names)
-    variance = float((solved.fun**2).sum() / freedom) if freedom else np.nan
+    # With one pair for each parameter the fit is exact, and its residuals say nothing of σ.
+    dof = len(rows) - len(names)
+    variance = float((solved.fun**2).sum() / dof) if dof else np.nan
     jacobian = np.asarray(solved.jac, dtype=np.float64)
     covariance = variance * np.linalg.pinv(jacobian.T @ jacobian) / np.outer(units, units)
     identified = problem.robot(solved.x)
@@ -116,6 +132,7 @@ class _Distances:
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of the distances, (M, F)."""
         robot, shots = self.robot(x), self._shots
+        # A small motion of an end changes a distance by its component along the pair's line.
         poses = robot.forward(shots.joints, self._near, shots.approach).values_or_raise()
         by = robot.jacobian(shots.joints, poses, shots.approach)[:, :3, self._places]
         along = directions(poses[:, :3], self._first, self._second)
@@ -125,23 +142,26 @@ class _Distances:
 def _pairs(
     shots: Shots, at_nominal: KinematicSolution, purpose: ShotSet, options: IdentificationOptions
 ) -> tuple[Index, tuple[Excluded, ...]]:
-    """Return the rows (M, 2) of the usable pairs of a set, and the others with the reason."""
+    """Return the rows (M, 2) of the usable pairs of a set, and the other pairs with the reason."""
     rows = shots.whole_pairs(purpose).rows
     session = shots.session[rows]
-    of_one = session[:, 0] == session[:, 1] if options.sessions else np.ones(len(rows), dtype=bool)
+    in_one_frame = np.ones(len(rows), dtype=bool)
+    if options.sessions:  # the tracker moved between sessions: no distance between two of them
+        in_one_frame = session[:, 0] == session[:, 1]
     is_solved = at_nominal.is_solved[rows].all(axis=1)
     excluded = tuple(
         Excluded(reason, pair=shots.pairs[row])
-        for reason, wrong in (
-            ("its shots are of two sessions", ~of_one),
-            ("the nominal robot cannot be assembled at its joints", of_one & ~is_solved),
+        for reason, is_wrong in (
+            ("its shots are of two sessions", ~in_one_frame),
+            ("the nominal robot cannot be assembled at its joints", in_one_frame & ~is_solved),
         )
-        for row in rows[wrong, 0].tolist()
+        for row in rows[is_wrong, 0].tolist()
     )
-    return rows[of_one & is_solved], excluded
+    return rows[in_one_frame & is_solved], excluded
 
 
 def _verdict(unseen: ResidualTable | None, *, converged: bool) -> tuple[Decision, str]:
+    """Decide by the validation pairs alone whether the result may be used, and say why."""
     if not converged:
         return "fail", "the solver did not converge"
     if unseen is None:

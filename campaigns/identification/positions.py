@@ -1,4 +1,9 @@
-"""Uncertainty of positions over the workspace: its size, what makes it, and where it holds."""
+"""Uncertainty of positions over the workspace: its size, its budget, and where it holds.
+
+Parameters are a means: what a user gets is where the robot stands. σ of a position follows from
+the posterior covariance through the derivatives of that position by every unknown. Parameters with
+large correlated σ may give small σ of positions, so this is the figure to judge a result by.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -41,11 +46,17 @@ class Positions:
 def uncertainty_of_positions(
     posterior: Posterior, identified: Kinematics, workspace: Array, ratio: float
 ) -> Positions | None:
-    """Return the uncertainty of positions at poses (N, t), of the frame that fits all of them best.
+    """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
-    `ratio` multiplies it where hold-out pairs showed more than it states. Return None where the
-    identified robot can take too few of the poses.
+    `ratio` multiplies the uncertainty where hold-out pairs showed larger errors. Return None where
+    the identified robot can take too few of the poses.
     """
+    # 1. Derivatives of the positions by all unknowns, at the workspace's sample and at the shots
+    #    that counted, both "unmeasured": without a tracker, since only the robot is asked about.
+    # 2. Remove the part of the derivatives that is a motion of the whole frame: a robot that is
+    #    shifted as a whole is placed right by the fit of its base, so that is no error.
+    # 3. σ and budget over the sample alone. For the region of validity sample and shots share one
+    #    frame instead, or their σ could not be compared.
     at_sample, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
         return None
@@ -74,6 +85,8 @@ def std_of_positions(
 
     The frame is fitted to these and to the poses `about` (M, t), where the robot was measured.
     """
+    # As above, from the stored covariance of the robot's parameters (mm, deg, ppm) instead of a
+    # posterior. A frame fitted to a few poses alone would swallow most of their error.
     both = np.vstack([poses, about])
     joints = robot.inverse(both).values_or_raise()
     table = robot.mechanism.parameters
@@ -84,13 +97,15 @@ def std_of_positions(
 
 
 def _shares(squares: Mapping[str, float], ratio: float, rms: float) -> tuple[Share, ...]:
-    """Return the budget's rows; errors beyond σ that hold-out pairs showed have their own."""
+    """Return the budget's rows; errors beyond σ that hold-out pairs showed have a row of theirs."""
+    # Rows add up in squares to `rms`, which has the ratio in it already: with the stated rms / r,
+    # the model's row is what is missing to it, √(rms² − (rms / r)²).
     shares = []
     for source, square in squares.items():
         words = NOISE_WORDS.get(source) or SOURCES[source].words
         kind: Literal["A", "B"] = "A" if source in ESTIMATED else "B"
         shares.append(Share(source, words, kind, float(np.sqrt(max(square, 0.0)))))
     if ratio > 1.0:
-        beyond = rms * float(np.sqrt(1.0 - ratio**-2))
-        shares.append(Share("model", "model: errors that hold-out pairs show", "A", beyond))
+        missing = rms * float(np.sqrt(1.0 - ratio**-2))
+        shares.append(Share("model", "model: errors that hold-out pairs show", "A", missing))
     return tuple(shares)

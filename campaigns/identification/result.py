@@ -1,6 +1,7 @@
-"""Identification result: one type that is written to the journal, read back and shown.
+"""The result of an identification: one type that is written to the journal, read back and shown.
 
 Its fields are the keys of the document `pkmcal/identification/2`; parameters are in mm, deg, ppm.
+Renaming a field changes the document, and old journals could no longer be read.
 """
 
 import math
@@ -53,27 +54,27 @@ class IdentifiedParameter:
 
 @dataclass(frozen=True, slots=True)
 class Excluded:
-    """Shot or pair that was left out, and why; a size only where the others contradict it."""
+    """Shot or pair that was left out, and why; a size only where other shots contradict it."""
 
     reason: str
     shot: int | None = None
     pair: int | None = None
     size_mm: float | None = None
-    """Distance from where the others put it."""
+    """Distance from the place that the other shots predict."""
 
     @property
     def what(self) -> str:
-        """`shot 7`, `pair 3`, or `shot 7 of pair 3`."""
+        """Its name for people: `shot 7`, `pair 3`, or `shot 7 of pair 3`."""
         words = {"shot": self.shot, "of pair" if self.shot is not None else "pair": self.pair}
         return " ".join(f"{word} {number}" for word, number in words.items() if number is not None)
 
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Noise beside what the tracker stated: of the robot's point and of its joints, 1 σ.
+    """Noise beside the tracker's stated noise: of the robot's point and of its joints, 1 σ.
 
-    Where the tracker stated nothing, it holds what cannot be distinguished from the
-    instrument's own noise.
+    Where the tracker stated nothing, the scatter also contains noise of the instrument that cannot
+    be distinguished from the robot's.
     """
 
     point_mm: float
@@ -91,7 +92,7 @@ class Share:
     source: str
     words: str
     kind: Literal["A", "B"]
-    """A: estimated from the scatter of these shots. B: stated or known before."""
+    """A: estimated from the scatter of these shots. B: stated, or a tolerance (GUM's two types)."""
     mm: float
 
 
@@ -110,7 +111,7 @@ class PositionStd:
 class ParameterCovariance:
     """Covariance of the robot's parameters by name, in mm, deg and ppm.
 
-    It is of the datum in which what no shot determines is held at nominal.
+    Combinations that no shot determines are held at nominal: they have no part in it.
     """
 
     names: tuple[str, ...] = ()
@@ -128,17 +129,19 @@ class ParameterCovariance:
         return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
 
     def strongest(self, count: int, least: float = 0.0) -> list["Correlation"]:
-        """Return the largest correlations, of `least` or more."""
+        """Return the `count` largest correlations, none below `least`."""
+        # Held parameters have σ = 0 and no correlation: divide by 1 instead. Below the diagonal
+        # each pair of parameters stands once.
         std = np.sqrt(np.diag(self.array))
         scale = np.where(std > 0.0, std, 1.0)
         correlation = np.tril(self.array / np.outer(scale, scale), -1)
         order = np.argsort(-np.abs(correlation), axis=None)[:count]
         rows, columns = np.unravel_index(order, correlation.shape)
         pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-        found = (
+        largest = [
             Correlation(self.names[b], self.names[a], float(correlation[a, b])) for a, b in pairs
-        )
-        return [own for own in found if abs(own.value) >= least and own.value]
+        ]
+        return [pair for pair in largest if abs(pair.value) >= least and pair.value]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +189,7 @@ class Frame:
 
     @property
     def tracker_from_base(self) -> Transform:
-        """Transform that it describes."""
+        """The transform from base to tracker."""
         angles = np.radians([self.phi_deg, self.gamma_deg, self.psi_deg])
         return from_paper_angles(angles, np.array([self.x_mm, self.y_mm, self.z_mm]))
 
@@ -229,7 +232,7 @@ class ResidualTable:
         return np.array(self.after_mm)
 
     def summary(self) -> BeforeAfter:
-        """Return the sizes before and after."""
+        """Return the sizes of the errors before and after."""
         return BeforeAfter(spread(self.before), spread(self.after))
 
 
@@ -252,7 +255,7 @@ class ModelledTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationResult:
-    """Parameters with their uncertainty, what was found beside them, and the verdict.
+    """Parameters with their uncertainty, errors, budget and findings, and the verdict.
 
     Attributes:
         model: `full` or `paper`.
@@ -264,7 +267,7 @@ class IdentificationResult:
         residuals_mm, unseen_mm: sizes of the errors of fitted shots and of hold-out pairs.
         budget: shares of the sources in the uncertainty of positions; they add up in squares.
         region: part of the workspace that the result is valid for.
-        findings: everything found that speaks against the result, or is reported.
+        findings: everything that contradicts the result, or is only reported.
         verdict, reasons: whether the result may be used, and why.
     """
 
@@ -305,6 +308,7 @@ class IdentificationResult:
 
     def report(self) -> str:
         """Return parameters, budget and findings as text for a console."""
+        # The budget's rows add up in squares: the last line is their root.
         lines = [f"verdict: {self.verdict}", *(f"  {reason}" for reason in self.reasons), ""]
         lines.append(f"{'parameter':28}{'nominal':>12}{'identified':>12}{'± σ':>10}")
         for name in self.free:
@@ -326,12 +330,14 @@ class IdentificationResult:
 
         Any: pandas is not among our dependencies.
         """
-        rows = [{"parameter": name, **asdict(own)} for name, own in self.parameters.items()]
+        rows = [
+            {"parameter": name, **asdict(parameter)} for name, parameter in self.parameters.items()
+        ]
         return import_module("pandas").DataFrame(rows).set_index("parameter")
 
     def plot(self) -> "Figure":
-        """Return a figure of what the nominal and the identified robot leave of each shot."""
-        from matplotlib.figure import Figure  # which no command waits for but those that draw
+        """Return a figure of the errors of each shot by the nominal and the identified robot."""
+        from matplotlib.figure import Figure  # slow to import: only commands that draw wait for it
 
         figure = Figure(figsize=(8.0, 3.5), layout="constrained")
         axes = figure.add_subplot(yscale="log", ylabel="error, mm")
@@ -347,55 +353,59 @@ class IdentificationResult:
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that were fitted."""
-        return tuple(name for name, own in self.parameters.items() if own.free)
+        return tuple(name for name, parameter in self.parameters.items() if parameter.free)
 
     @property
     def accepted(self) -> tuple[str, ...]:
-        """Findings with which somebody took the result nevertheless, in words."""
+        """Findings in spite of which somebody took the result, in words."""
         return tuple(finding.says for finding in self.findings if finding.accepted)
 
     def nominal_flat(self) -> dict[str, float]:
         """Return the nominal parameters by name."""
-        return {name: own.nominal for name, own in self.parameters.items()}
+        return {name: parameter.nominal for name, parameter in self.parameters.items()}
 
     def flat(self) -> dict[str, float]:
         """Return the identified parameters by name."""
-        return {name: own.value for name, own in self.parameters.items()}
+        return {name: parameter.value for name, parameter in self.parameters.items()}
 
     def parameter_set(self, mechanism: ClosedChain) -> Parameters:
         """Return the identified set with the ripples' rate of the robot that was fitted.
 
-        Its digest says which set a file or a check is of.
+        Parameter files and checks name the set that they belong to by its digest.
         """
+        # The rate is no unknown, but a ripple's two amplitudes mean nothing without it.
         values = self.flat()
         if mechanism.rate:
             values[mechanism.parameters.rate.name] = mechanism.rate
         return Parameters.of(mechanism.parameters, values, self.std())
 
     def std(self) -> dict[str, float]:
-        """Return 1 σ by name, where it is known."""
-        return {name: own.std for name, own in self.parameters.items() if own.std is not None}
+        """Return 1 σ by name, of the parameters that have one."""
+        parameters = self.parameters.items()
+        return {name: parameter.std for name, parameter in parameters if parameter.std is not None}
 
     def document(self) -> dict[str, JsonValue]:
         """Return the document `pkmcal/identification/2`."""
-        # Any: what a dataclass holds, type by type, pydantic knows and mypy cannot
+        # Fields as they are, and for readers without this software what follows from them: the
+        # change of each parameter and the strongest correlations. Reading ignores these again.
+        # Any: pydantic determines the types from the dataclass at run time, which mypy cannot.
         values: dict[str, Any] = adapter_of(type(self)).dump_python(self, mode="json")
-        for name, own in self.parameters.items():
-            values["parameters"][name]["delta"] = own.delta
+        for name, parameter in self.parameters.items():
+            values["parameters"][name]["delta"] = parameter.delta
         values["excluded"] = [
-            {key: value for key, value in asdict(own).items() if value is not None}
-            for own in self.excluded
+            {key: value for key, value in asdict(excluded).items() if value is not None}
+            for excluded in self.excluded
         ]
         strong = self.covariance.strongest(20, STRONG) if self.covariance else []
-        return {"schema": SCHEMA, **values, "correlations": [asdict(own) for own in strong]}
+        return {"schema": SCHEMA, **values, "correlations": [asdict(pair) for pair in strong]}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pedigree:
-    """Pedigree of an updated set: the set it was made of, and the shots that changed it."""
+    """Pedigree of an updated set: the former set, and the shots that updated it."""
 
     updates: str
-    """Digest of the set that it was made of."""
+    """Digest of the former set."""
     series: tuple[int, ...]
     shots: int
     position_std_before_mm: float | None
@@ -403,12 +413,12 @@ class Pedigree:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedIdentification(IdentificationResult):
-    """Identification with what it rests on, as the journal holds it."""
+    """Identification with its series, options and files, as the journal holds it."""
 
     series: int
     shots: int = 0
     asked: tuple[str, ...] = ()
-    """Options that it was asked for with, as they are typed."""
+    """Options of its command, as they are typed."""
     robot_digest: str
     plan_digest: str
     journal_digest: str
@@ -422,24 +432,29 @@ class RecordedIdentification(IdentificationResult):
     @classmethod
     def of(cls, result: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
         """Add the provenance to a result."""
-        values = {own.name: getattr(result, own.name) for own in fields(IdentificationResult)}
-        return cls(**values | provenance)
+        names = [field_of_result.name for field_of_result in fields(IdentificationResult)]
+        return cls(**{name: getattr(result, name) for name in names} | provenance)
 
     def outdated_by(
         self, settings: Mapping[str, JsonValue], limits_mm: Mapping[str, float]
     ) -> tuple[str, ...]:
-        """Return the keys of settings by which it would be judged otherwise than it was."""
+        """Return the keys of today's settings that differ from those of the verdict."""
+        # Older software recorded no settings: with nothing to compare, nothing counts as changed.
         then = settings if self.settings is None else self.settings
         keys = sorted({*then, *settings})
         changed = [key for key in keys if then.get(key) != settings.get(key)]
-        by_limits = any(own.name == HOLD_OUT and own.decision is None for own in self.findings)
-        if by_limits and self.unseen_mm and not limits_met(self.unseen_mm.after, limits_mm):
+        # Limits count only where the verdict rests on them: a hold-out test that failed, and was
+        # let pass because the acceptance limits were met.
+        passed_by_limits = any(
+            finding.name == HOLD_OUT and finding.decision is None for finding in self.findings
+        )
+        if passed_by_limits and self.unseen_mm and not limits_met(self.unseen_mm.after, limits_mm):
             changed.append("acceptance")
         return tuple(changed)
 
 
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
-    """Read the identification of a journal's finding; raise `FindingUnreadable`."""
+    """Read an identification from a journal's finding; raise `FindingUnreadable`."""
     remedy = "run `pkmcal identify DIR` again: another version of the software wrote it"
     schema = body.get("schema", "without a schema")
     if schema != SCHEMA:
@@ -450,7 +465,9 @@ def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification
 def identified_parameters(
     nominal: Kinematics, fitted: Mapping[str, tuple[float, float | None]]
 ) -> dict[str, IdentifiedParameter]:
-    """Return all parameters of a robot, of those `fitted` with their values and 1 σ."""
+    """Return all parameters of a robot, the `fitted` ones with their values and 1 σ."""
+    # Error sources without a nominal value start from zero. One that has no nominal value and was
+    # not fitted either is no parameter of this robot, and left out.
     table, old = nominal.mechanism.parameters, nominal.parameters
     return {
         name: IdentifiedParameter(
