@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import cast
 
 from campaigns.campaign import Campaign
-from campaigns.controllers.active_kinematics import ActiveKinematics, HeldParameters
+from campaigns.controllers.active_kinematics import HeldParameters, joints_of_pose
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.work import Cell as Devices
@@ -380,7 +380,7 @@ def _hand_settings(campaign: Campaign) -> HandSettings | None:
         read=held.read,
         write=held.write,
         lacks=held.lacks,
-        joints_of=lambda held, pose: ActiveKinematics(mechanism, held).joints(pose),
+        joints_of=lambda held, pose: joints_of_pose(mechanism, held, pose),
     )
 
 

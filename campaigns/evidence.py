@@ -449,7 +449,7 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     except FindingUnreadable as error:
         unreadable.append(error.problem)
         return "a load was begun in a form that this version cannot read"
-    return unended.told(None) if unended else ""
+    return unended.describe(None) if unended else ""
 
 
 def _chosen(all_series: Iterable[Series], stages: frozenset[Stage]) -> tuple[Series, ...]:

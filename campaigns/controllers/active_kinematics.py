@@ -1,25 +1,33 @@
-"""What a controller worked by hand cannot do itself: convert poses, and state its parameters."""
+"""Kinematics and parameter file of a controller that a person works by hand."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+# Theory of operation
+#
+# A controller that speaks no protocol of ours is worked by hand: the program prints a target or a
+# table of parameters, a person types it into the controller, and types back what the display shows
+# (drivers/by_hand.py). Two things that a connected controller answers itself come from here:
+#
+# - Which parameters it holds. `HeldParameters` keeps them in a robot file in the campaign's folder.
+#   The file is replaced once the person has confirmed that all values are typed. Nothing reads
+#   the real controller, so a value that was typed wrongly is not noticed here.
+# - Which joints belong to a commanded pose. The controller moves to the pose by its own kinematics;
+#   `joints_of_pose` computes by the kept parameters where that must lead. The driver compares
+#   these joints with the display, and so notices parameters that were not typed as recorded.
+
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import replace_text
-from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.closed_chain import ClosedChain
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
-from campaigns.kinematics.transmission import STANDS
-from campaigns.robots.robot import RobotDocument, compensated, pose_of, pose_row, read_robot
+from campaigns.kinematics.mechanism import Kinematics
+from campaigns.robots.robot import RobotDocument, compensated, pose_row, read_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose
 
 FILE_NAME = "by-hand-active.yaml"
 FILE_BEFORE = "by-hand-active.hal"
-"""Name under which earlier versions kept them, for LinuxCNC."""
+"""Name of the file in which earlier versions kept the typed parameters, for LinuxCNC."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +38,14 @@ class HeldParameters:
     nominal: RobotDocument
 
     def read(self) -> Mapping[str, float]:
-        """Return parameters by name; nominal until others were written. Raise `ConfigInvalid`."""
+        """Return the parameters by name, mm and deg; the nominal ones until others are written.
+
+        Raise `ConfigInvalid` for a file that cannot be read, or one of an earlier version.
+        """
         path = self.folder / FILE_NAME
         if path.exists():
             return read_robot(path).robot.parameters
+        # the nominal set would be wrong here: other parameters were loaded once
         if (self.folder / FILE_BEFORE).exists():
             raise ConfigInvalid(
                 f"{self.folder / FILE_BEFORE}: an earlier version kept the typed parameters there",
@@ -42,55 +54,31 @@ class HeldParameters:
         return self.nominal.robot.parameters
 
     def write(self, geometry: Mapping[str, float]) -> None:
-        """Replace the file whole; raise `ConfigInvalid`, `WriteFailed`."""
-        held = compensated(self.nominal, "by-hand-active", geometry)
-        replace_text(self.folder / FILE_NAME, held.document.text)
+        """Replace the whole file by these parameters; raise `ConfigInvalid`, `WriteFailed`."""
+        document = compensated(self.nominal, "by-hand-active", geometry)
+        replace_text(self.folder / FILE_NAME, document.document.text)
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
-        """Return no name: poses are converted by all parameters."""
+        """Return no name: a pose is converted by all parameters."""
         return ()
 
 
-class ActiveKinematics:
-    """Parameter set at work: by name, mm and deg."""
+def joints_of_pose(
+    mechanism: ClosedChain, parameters: Mapping[str, float], pose: Pose
+) -> tuple[float, ...]:
+    """Return the joints of a pose as encoders read them, rad or mm.
 
-    def __init__(self, mechanism: ClosedChain, parameters: Mapping[str, float]) -> None:
-        self._mechanism = mechanism
-        self._kinematics = Kinematics.of(mechanism, parameters)
-
-    def joints(self, pose: Pose, here: Sequence[float] | None = None) -> tuple[float, ...]:
-        """Return the joints of a pose as encoders read them, from `here`; raise `LimitViolation`.
-
-        Of the readings of both sides it is the one beyond; between them the nearer one.
-        """
-        row = pose_row(pose)
-        name = f"pose {_listed(self._mechanism.task, row)}"
-        if here is None:
-            return tuple(_only(self._kinematics.inverse(row[None]), name).tolist())
-        falling, rising = (
-            _only(self._kinematics.inverse(row[None], np.full((1, len(here)), side)), name)
-            for side in (-1.0, 1.0)
-        )
-        now = np.array(here)
-        comes_up = now < falling - STANDS
-        stays_up = (now > 0.5 * (falling + rising)) & (now <= rising + STANDS)
-        return tuple(np.where(comes_up | stays_up, rising, falling).tolist())
-
-    def pose(self, joints: Sequence[float]) -> Pose:
-        """Return the pose of joints; raise `LimitViolation`."""
-        solution = self._kinematics.forward(np.array([joints], dtype=np.float64))
-        return pose_of(_only(solution, f"joints {_listed(self._mechanism.joints, joints)}"))
-
-
-def _listed(axes: Sequence[Axis], values: Iterable[float]) -> str:
-    texts = (axis.text(value, ".3f") for axis, value in zip(axes, values, strict=True))
-    return f"({', '.join(texts)})"
-
-
-def _only(solution: KinematicSolution, what: str) -> Array:
+    `parameters` are by name, in mm and deg. Raise `LimitViolation` if the mechanism cannot be
+    assembled at the pose.
+    """
+    row = pose_row(pose)
+    # without a direction of approach: no one types the way by which each joint arrives, so the
+    # reading is that of the middle of the backlash
+    solution = Kinematics.of(mechanism, parameters).inverse(row[None])
     if not solution.is_solved.all():
+        texts = (axis.text(value, ".3f") for axis, value in zip(mechanism.task, row, strict=True))
         raise LimitViolation(
-            f"{what}: the mechanism cannot be assembled there",
+            f"pose ({', '.join(texts)}): the mechanism cannot be assembled there",
             remedy="compare the plan's robot file with the parameters in use",
         )
-    return np.asarray(solution.values[0])
+    return tuple(solution.values[0].tolist())

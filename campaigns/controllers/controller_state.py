@@ -1,5 +1,12 @@
 """State of a controller: which parameter set it holds, by the sets in the journal."""
 
+# A controller returns numbers, not names. The journal has every set that may be in it: the nominal
+# one, all that were identified, and all that were exported or loaded. `KnownSets` finds the set
+# that the numbers belong to, by the tolerance of a read-back (load.py), and says by its digest
+# what it is: nominal, identified, a reduced form of an identified one, or none of these. Digests
+# are sha256 of exact values; a controller that keeps a length in other units returns it rounded.
+# Numbers are therefore first replaced by the matching set, and only then by its digest.
+
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,25 +27,25 @@ StateKind = Literal["nominal", "identified", "form", "other"]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """State of a controller by the digest of what it holds.
-
-    `origin`: digest of the identified set that it is, or is a form of; "" for any other.
-    """
+    """State of a controller: kind and origin of the parameter set that it holds."""
 
     kind: StateKind
     digest: str
+    """Digest of the held set."""
     origin: str = ""
+    """Digest of the identified set that is held, whole or in a form; "" if none is."""
     form: ReducedForm | None = None
+    """Form of the identified set that is held; None: another set, or the whole one."""
     targets: bool = False
-    """Whether targets were corrected with it for a controller that keeps the nominal set."""
+    """Whether targets were corrected with the set, while the controller keeps the nominal one."""
     superseded: bool = False
     """Whether the campaign was identified again since."""
     declared: str = ""
-    """File by which somebody says so; "": it was read from the controller."""
+    """File that an operator named as the held set; "": it was read from the controller."""
 
     @property
     def says(self) -> str:
-        """What the controller holds."""
+        """Description of what the controller holds, for reports and errors."""
         words = "targets corrected with " if self.targets else ""
         words += self.form.says if self.form else self._named
         words += ", before the latest identification" if self.superseded else ""
@@ -60,24 +67,27 @@ class KnownSets:
 
     nominal: Parameters
     identified: Mapping[str, RecordedIdentification]
-    """The campaign's identifications by the digests of what they found, latest last."""
+    """The campaign's identifications by the digests of their parameters, latest last."""
     forms: Mapping[str, ReducedForm]
-    """By the digests of sets that were exported or loaded."""
+    """Reduced forms by the digests of the exported or loaded sets."""
     sets: tuple[Parameters, ...]
-    """All of them, the nominal one first."""
+    """All parameter sets, the nominal one first."""
 
     @classmethod
     def of(cls, nominal: RobotFile, findings: Iterable[Finding]) -> "KnownSets":
-        """Return the sets in findings, but for findings of another form."""
+        """Collect the sets in findings; findings that cannot be read are passed over."""
         identified: dict[str, RecordedIdentification] = {}
         forms: dict[str, ReducedForm] = {}
         sets = {nominal.digest(): nominal.parameters}
         for finding in findings:
+            # One finding of an older version must not hide all others: the sets that can be read
+            # are enough to name what the controller holds.
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
                 if finding.kind == "identification":
                     identification = read_identification(finding.body)
                     parameters = identification.parameter_set(nominal.mechanism)
                     sets[parameters.digest()] = parameters
+                    # taken out first, so that a set that is found again becomes the latest one
                     identified.pop(parameters.digest(), None)
                     identified[parameters.digest()] = identification
                 elif finding.kind in {"load begun", "load", "export"}:
@@ -90,25 +100,32 @@ class KnownSets:
                         forms[digest] = form
         return cls(nominal.parameters, identified, forms, tuple(sets.values()))
 
-    def held(self, values: Mapping[str, float]) -> Parameters:
-        """Return the known set that a controller holds, perhaps in other units; else its own."""
+    def match(self, values: Mapping[str, float]) -> Parameters:
+        """Return the set that agrees with a controller's values but for rounding.
+
+        `values` are in mm and deg. Without a match they are returned as a set of their own.
+        """
         for candidate in self.sets:
             if not differing(values, candidate):
                 return candidate
         return Parameters.of(self.nominal.table, values)
 
     def are_one(self, digest: str, other: str) -> bool:
-        """Return whether two sets are the same to a controller, which may use other units."""
+        """Return whether the sets of two digests differ by no more than a controller's rounding.
+
+        Unequal digests of which one belongs to no known set count as different.
+        """
         by_digest = {each.digest(): each for each in self.sets}
         both = digest in by_digest and other in by_digest
         return digest == other or (both and not differing(by_digest[digest], by_digest[other]))
 
     def state_of(self, values: Mapping[str, float]) -> ControllerState:
         """Return the state of a controller that holds these values."""
-        return self.state(self.held(values).digest())
+        return self.state(self.match(values).digest())
 
     def state(self, digest: str) -> ControllerState:
         """Return the state of a controller that holds the set of this digest."""
+        # a set that was also identified as it stands counts as identified, not as a form
         form = self.forms.get(digest) if digest not in self.identified else None
         origin = form.of if form else digest
         if digest == self.nominal.digest():

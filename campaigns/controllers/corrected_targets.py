@@ -1,9 +1,20 @@
-"""Corrected targets: what to command a controller that keeps its nominal parameters.
+"""Corrected targets: poses to command to a controller that keeps its nominal parameters."""
 
-With the identified model K and the controller's own K0 a wanted pose x has the joints
-q = inverse(K, x); commanded x' = forward(K0, q) makes the controller set these very joints
-(model.md, family).
-"""
+# Theory of operation
+#
+# Many controllers take no parameters. Their own model K0 stays nominal, and it alone turns a
+# commanded pose into joints. To bring the real robot, identified as K, to a wanted pose x:
+#
+#     q  = inverse(K, x)     the joints at which the real robot stands at x
+#     x' = forward(K0, q)    the pose for which the controller computes those joints
+#
+# The program then commands x' instead of x. The correction is exact at the targets, whatever the
+# two models differ in, and it includes what no parameter of K0 can express: tilts, gear errors and
+# backlash. It holds at the targets only: between two of them the controller moves by K0, so the
+# path is no better than before. Limits are judged at q with the real robot's model, because x' may
+# lie outside a workspace in which q is still possible, or inside it while q is not.
+# Backlash depends on the direction from which each joint arrives. It is taken from the sequence of
+# targets: the joints are assumed to reverse at targets only.
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,26 +40,35 @@ class TargetCorrection:
     """Correction of targets from an identified model to the controller's."""
 
     identified: Kinematics
+    """Model of the real robot."""
     nominal: Kinematics
+    """Model that the controller computes with."""
     limits: Limits
+    """Limits of the real robot's joints and passive joints."""
     space: RestrictedSpace = UNRESTRICTED
     uncertainty: ParameterCovariance | None = None
-    """Of the identified parameters; None if unknown."""
+    """Covariance of the identified parameters; None if unknown."""
     measured: Array | None = None
-    """Poses (M, t) of the shots, whose best fit is the frame."""
+    """Poses (M, t) of the identification shots, which fix the frame of `std_mm`; None if unknown.
+    """
 
     def approach(self, wanted: Array) -> Array:
         """Return the sign of each joint's last motion at poses (N, t) reached one after another.
 
-        (N, n), 0 until a joint moves. Joints turn round at poses only.
+        The signs are (N, n), 0 until a joint moves. Joints are assumed to reverse at poses only.
         """
         return approach_along(self.identified.inverse(wanted).values)
 
     def commanded(self, wanted: Array, approach: Array | None = None) -> KinematicSolution:
-        """Return the poses (N, t) to command for wanted ones that joints reach by `approach`."""
+        """Return the poses (N, t) to command so that the robot stands at the wanted poses (N, t).
+
+        `approach` (N, n) is the sign of each joint's last motion; None: backlash is left out.
+        """
         joints = self.identified.inverse(wanted, approach)
         is_solved = joints.is_solved.copy()
         values = np.full_like(wanted, np.nan)
+        # the wanted pose is the starting point of the nominal robot's iteration: it is close, and
+        # so selects the assembly that the real robot has
         poses = self.nominal.forward(joints.values[is_solved], wanted[is_solved])
         values[is_solved] = poses.values
         is_solved[is_solved] = poses.is_solved
@@ -57,8 +77,10 @@ class TargetCorrection:
     def require_possible(self, wanted: Array, place: Callable[[int], str]) -> None:
         """Raise `TargetsInvalid` for the first of the poses (N, t) that the robot cannot take.
 
-        The real robot's limits count, at the joints that it will have. `place` names a row.
+        `place` returns the name of a row, for the message.
         """
+        # three conditions: the real robot's limits at its own joints, an assembly of the
+        # controller's model at these joints, and the space that the user restricted
         judged = self.identified.feasibility(self.limits, wanted)
         is_possible = judged.feasible & self.commanded(wanted).is_solved
         is_possible &= (self.space.clearance_mm(wanted[:, :3]) >= -ROUNDING_MM).all(axis=1)
@@ -83,17 +105,21 @@ class CorrectedFile:
 
     text: str
     targets: int
+    """Number of targets in the file."""
     correction_mm: tuple[float, float]
     """Mean and largest correction of a position."""
     std_mm: float | None
-    """Largest 1 σ of a position among them; None if unknown."""
+    """Largest 1 σ of a corrected position; None if unknown."""
 
 
+# 1. read the rows; 2. refuse the file at the first pose that the robot cannot take, before anything
+# is written; 3. take the direction of arrival from the order of the rows; 4. correct all poses at
+# once; 5. write wanted and commanded values side by side, so that the file shows its own effect.
 def correct_poses(text: str, name: str, correction: TargetCorrection) -> CorrectedFile:
-    """Read the wanted poses of a CSV file's text, and write what to command for each.
+    """Correct the wanted poses of a CSV file's text, and return the text of the corrected file.
 
-    Poses are reached one after another, and joints turn round at targets only. Raise
-    `TargetsInvalid` naming the first line that is wrong or cannot be taken.
+    Poses are reached in the order of the rows. Raise `TargetsInvalid` naming the first line that
+    is wrong, or whose pose the robot cannot take.
     """
     task = correction.identified.mechanism.task
     columns = axis_columns(task)
@@ -112,6 +138,7 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
     commanded = correction.commanded(wanted, correction.approach(wanted)).values_or_raise()
     sizes_mm = np.linalg.norm(commanded[:, :3] - wanted[:, :3], axis=1)
     std_mm = correction.std_mm(wanted)
+    # a robot that does not turn its plate has no column of rotations
     turns = [column for column, axis in enumerate(task) if axis.is_revolute]
     turns_deg = np.degrees(commanded - wanted)[:, turns]
     further = np.column_stack([sizes_mm, turns_deg, std_mm]).tolist()
@@ -143,4 +170,5 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
 
 
 def _rounded(value: float) -> str:
+    """Write a number with six decimals, and NaN as an empty cell."""
     return "" if np.isnan(value) else number_text(round(value, 6))

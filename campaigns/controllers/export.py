@@ -1,4 +1,12 @@
-"""Export: what was identified as a robot file, with its uncertainty and where it comes from."""
+"""Export: identified parameters as a robot file, with their 1 σ and their provenance."""
+
+# An exported file has to be trusted later, by `load` and by people, without the campaign at hand.
+# So it states where its parameters come from: campaign, nominal robot, plan and journal by their
+# digests, the residuals and the verdict. Only an identification that passed is exported, and only
+# for the nominal robot that it was made with: a change of the nominal file changes what the held
+# parameters are, and so the meaning of the identified ones.
+# The journal records what was written (`WrittenSet`). An import of shots that others measured names
+# the file that was in the controller, and sha256 recognises the file among the written ones.
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -20,9 +28,9 @@ from drivers.values import Identity
 FILE_NAME = "robot-compensated.yaml"
 PLAIN_FILE = "robot-plain.yaml"
 PLAIN = "plain"
-"""Form of a set without tilts, skews and gears, which every controller takes."""
+"""Name of the form without tilts, skews and gear errors, which every controller takes."""
 CalibrationRoute = Literal["parameters", "targets"]
-"""What calibrates the robot: parameters in its controller, or targets corrected for it."""
+"""Means of calibration: parameters in the controller, or targets corrected for the controller."""
 
 KEPT_AS_PROVENANCE = (
     "plan_digest",
@@ -38,33 +46,38 @@ KEPT_AS_PROVENANCE = (
 
 @dataclass(frozen=True, slots=True)
 class WrittenSet:
-    """Set that `export` or `correct` wrote a file with, as the journal has it; mm and deg.
-
-    `sha256` is that of the file's bytes; "" of corrected targets, of which there are many.
-    """
+    """Parameter set with which `export` or `correct` wrote a file, as the journal records it."""
 
     file: str
+    """Name of the written file."""
     digest: str
+    """Digest of the parameters."""
     wanted: dict[str, float]
+    """Parameters by name, mm and deg."""
     by: CalibrationRoute = "parameters"
     sha256: str = ""
+    """sha256 of the file's bytes; "" for corrected targets, of which there are many files."""
     projection: ReducedForm | None = None
+    """Form of an identified set that was written; None: the whole set."""
 
     @classmethod
-    def of(cls, file: str, parameters: Parameters, **more: Any) -> Self:
-        """Set of these parameters. Any: the fields beyond."""
-        return cls(file, parameters.digest(), dict(parameters), **more)
+    def of(cls, file: str, parameters: Parameters, **further_fields: Any) -> Self:
+        """Return the record of a file that was written with these parameters."""
+        return cls(file, parameters.digest(), dict(parameters), **further_fields)
 
 
 def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
-    """Return sets that were written, latest first, but for those of another form."""
+    """Yield the sets that were written, latest first; unreadable records are left out."""
     for entry in reversed(journal.findings("export")):
         with suppress(ValidationError):
             yield adapter_of(WrittenSet).validate_python(entry.record.body)
 
 
 def latest_identification(journal: JournalReader) -> RecordedIdentification:
-    """Return the last identification of a campaign; raise `ShotsMissing` when there is none."""
+    """Return the last identification of a campaign; raise `ShotsMissing` when there is none.
+
+    Raise `FindingUnreadable` for a last one that another version wrote in another form.
+    """
     entries = journal.findings("identification")
     if not entries:
         raise ShotsMissing(
@@ -81,13 +94,16 @@ def compensated_robot(
 ) -> RobotDocument:
     """Return the nominal robot with the identified parameters, their 1 σ and their provenance.
 
-    `controller` answered when the shots were taken; None if unknown, as of an import.
-    Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
+    `controller` is the one that answered when the shots were taken; None if unknown, as for an
+    import. Raise `VerdictBad` for a result that did not pass, or that rests on another nominal
+    robot.
     """
     require_usable(nominal, identification)
     robot, provenance = nominal.robot, _provenance(campaign, nominal, identification, controller)
     name = f"{robot.name}-compensated"
     parameters, values = identification.parameter_set(robot.mechanism), identification.flat()
+    # Lengths are those at the reference temperature. Expansions by warmth are no parameters of a
+    # controller: the file states them beside the set, and they are not part of its digest.
     growth = parameters.table.select(Role.GROWTH)
     expansions = {each: values[each] for each in growth if each in identification.free}
     reference = identification.reference_degC if expansions else None
@@ -95,7 +111,7 @@ def compensated_robot(
 
 
 def require_usable(nominal: RobotDocument, identification: RecordedIdentification) -> None:
-    """Raise `VerdictBad` for a result that did not pass, or that rests on another nominal robot."""
+    """Raise `VerdictBad` unless a result passed and rests on this very nominal robot."""
     if identification.verdict != "pass":
         reasons = "; ".join(identification.reasons)
         raise VerdictBad(

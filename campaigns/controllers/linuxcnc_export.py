@@ -1,10 +1,13 @@
 """LinuxCNC's HAL file of a robot: one `setp` a parameter, for our kinematics module pkmkins.
 
-Its pins are named after the parameters; the heading says whose they are. What is optional (axis
-tilts, skews, transmission) is in the file where it is not 0; the drawing of the plate, which tilts
-need, always is. Backlashes are LinuxCNC's own, and their pins do not exist yet when HAL files are
-read: they are comments, which the bridge sets when it starts.
+Pins are named after the parameters, and the heading names the robot. Optional parameters (axis
+tilts, skews, transmission) are in the file where they are not 0; the drawing of the plate, which
+tilts need, always is.
 """
+
+# LinuxCNC compensates backlash itself, by a pin of each joint (`ini.N.backlash`). These pins do
+# not exist yet when HAL files are read, so that a `setp` of them would fail. They are therefore
+# written as comments; the bridge, which runs later, reads and sets them when it starts.
 
 import json
 import math
@@ -21,7 +24,7 @@ FILE_NAME = "calib.hal"
 SCHEMA = "pkmcal/linuxcnc/1"
 MODULE = "pkmkins"
 LONGEST_NOTE = 160
-"""halcmd takes lines of some 250 characters."""
+"""Characters of a note after which it is cut: halcmd takes lines of some 250 characters."""
 
 
 def pin_of(name: str) -> str:
@@ -30,7 +33,8 @@ def pin_of(name: str) -> str:
 
 
 def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
-    """Return values of the plate's drawing by name, mm and deg."""
+    """Return the values of the plate's drawing by name, mm and deg: joints, bars, reflector."""
+    # of the point that the controller commands, wherever the reflector sits on the plate
     plate = mechanism.seen_from(None).plate
     assert plate is not None, "a robot file's mechanism has its plate"
     flat = {
@@ -45,7 +49,11 @@ def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
 
 
 def hal_text(robot: RobotFile, identity: str) -> str:
-    """Write a parameter set as a HAL file: full doubles, and where they come from."""
+    """Return a parameter set as the text of a HAL file.
+
+    Values are written so that they read back as the very same doubles. `identity` is the robot's
+    serial number or name, for the heading.
+    """
     heading = [
         f"{SCHEMA}: parameters of a {robot.mechanism.name}, written by pkmcal {VERSION}",
         f"robot: {identity}",
@@ -58,6 +66,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
     values = dict(robot.parameters) | drawing_flat(robot.mechanism)
+    # backlashes are comments of the heading (see above)
     for name in robot.mechanism.parameters.select(group="backlash"):
         values.pop(name, None)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
@@ -65,19 +74,19 @@ def hal_text(robot: RobotFile, identity: str) -> str:
 
 
 def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -> None:
-    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
+    """Write the HAL file; raise `OutputExists` unless `overwrite`, or `WriteFailed`."""
     write_text_unless_there(path, hal_text(robot, identity), overwrite=overwrite)
 
 
 def _notes(robot: RobotFile) -> Iterator[str]:
-    """Return notes on the set's origin, as far as they fit: the robot file has all of it."""
+    """Yield notes on the set's origin, cut to a length: the robot file has the whole text."""
     for key, value in (robot.provenance or {}).items():
         note = f"{key}: {json.dumps(value)}"
         yield note if len(note) <= LONGEST_NOTE else f"{note[:LONGEST_NOTE]}..."
 
 
 def _backlashes(robot: RobotFile) -> Iterator[str]:
-    """Return pins that exist only after HAL files were read, one a joint with backlash."""
+    """Yield a setting for each joint with backlash, to be made after HAL files are read."""
     space, values = robot.mechanism.parameters, robot.parameters
     for name in space.select(group="backlash"):
         if name in values:

@@ -1,4 +1,22 @@
-"""Loading of parameters into a controller: they are there, verified, or the old ones are back."""
+"""Loading of parameters into a controller: verified in the controller, or the old ones are back."""
+
+# Theory of operation
+#
+# A robot that moves by half-written parameters goes to wrong places. A load is therefore a
+# transaction. workflow/loading.py runs its steps, and writes beginning and end into the journal:
+#
+# 1. Read what the controller holds, and back it up as a robot file (`keep`). Only then is there
+#    something to return to if the program dies while it writes.
+# 2. Write the new set in one command. The controller takes all of it or none.
+# 3. Connect again and read back. A new connection is used because a controller may answer from
+#    the memory of the old one what it never stored. An error while writing decides nothing: the
+#    answer may be lost of a command that took effect. What is read back decides.
+# 4. If a value differs, write the old set back and verify it in the same way. The error says which
+#    set is in the controller, or that no one knows, and then what not to do: move the robot.
+# 5. Optionally measure pairs before and after; if they became worse, put the old set back.
+#
+# A refusal (`DeviceRefused`) is the one error that needs no read-back: the controller understood
+# the command and kept what it had.
 
 import math
 from collections.abc import Mapping
@@ -11,8 +29,9 @@ from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController
 
 TOLERANCE = 1e-9
-"""Tolerance, absolute or relative, of a value read back against the one written: a controller
-may keep it in other units."""
+"""Tolerance, absolute (mm, deg) or relative, of a value read back against the one written.
+
+A controller that keeps values in other units returns them rounded."""
 
 
 KEPT = "controller-before-{number}.yaml"
@@ -20,12 +39,13 @@ KEPT = "controller-before-{number}.yaml"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Parameter in the controller and in the file, mm or deg."""
+    """Value of a parameter in the controller and in the file, mm or deg."""
 
     name: str
     old: float
     new: float
     std: float | None
+    """1 σ of the new value; None if unknown."""
 
     @property
     def delta(self) -> float:
@@ -34,14 +54,15 @@ class Change:
 
     @property
     def in_sigmas(self) -> float | None:
-        """The change over its standard deviation; None where that is not known."""
+        """Change over its standard deviation; None where the standard deviation is unknown."""
         return self.delta / self.std if self.std else None
 
 
 def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
-    """Return changes that loading a robot file would make, parameter by parameter, all of them.
+    """Return the change of every parameter that loading a robot file would make, also of 0.
 
-    What is optional (tilts, skews, transmission) is among them where it is not 0 before or after.
+    `active` holds the controller's values by name. Optional parameters (tilts, skews,
+    transmission) are included where they are not 0 before or after.
     """
     new, std, space = robot.parameters, robot.parameters.std or {}, robot.mechanism.parameters
     beyond = (name for name in space.optional if name in active or name in new)
@@ -54,15 +75,15 @@ def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]
 def write_verified(
     robot: RobotController, wanted: Mapping[str, float], old: Mapping[str, float]
 ) -> None:
-    """Write a geometry and read it back; what does not verify is taken back.
+    """Write a geometry and read it back; put the old one back if the new one does not verify.
 
-    Raises `DeviceRefused` when the controller did not take it, and `LoadNotVerified` when something
-    else went wrong, saying what the controller holds then.
+    Raise `DeviceRefused` when the controller did not take it, and `LoadNotVerified` when something
+    else went wrong; the message says what the controller holds then.
     """
-    problem = _written(robot, wanted)
+    problem = _write_and_verify(robot, wanted)
     if not problem:
         return
-    still_wrong = _restored(robot, old)
+    still_wrong = _restore(robot, old)
     if still_wrong:
         raise LoadNotVerified(
             f"{problem}; the old parameters are not back either ({still_wrong})",
@@ -75,8 +96,8 @@ def write_verified(
 
 
 def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
-    """Write the old parameters again and read them back; raises `LoadNotVerified`."""
-    problem = _restored(robot, old)
+    """Write the old parameters again and read them back; raise `LoadNotVerified` if they differ."""
+    problem = _restore(robot, old)
     if problem:
         raise LoadNotVerified(
             f"the old parameters are not back ({problem})",
@@ -85,11 +106,13 @@ def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
 
 
 def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return the parameters that are not as wanted, with what is held instead.
+    """Return the parameters that differ from the wanted ones, each with its held value.
 
-    What is held but not named in what is wanted is to be 0: sets leave out extensions that are.
+    A held parameter that `wanted` does not name must be 0, as sets leave out extensions of 0. A
+    wanted parameter that is not held differs, with NaN.
     """
     names = (*wanted, *(name for name in held if name not in wanted))
+    # NaN is close to nothing: a parameter that is missing or no number counts as different
     return [
         (name, held.get(name, math.nan))
         for name in names
@@ -99,10 +122,10 @@ def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tu
     ]
 
 
-def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
-    """Write and read back; gives what is wrong then, nothing when it verified.
+def _write_and_verify(robot: RobotController, wanted: Mapping[str, float]) -> str:
+    """Write parameters and read them back; return what is wrong, "" if they verified.
 
-    The wire is opened again before: what this connection alone knows is not in the controller.
+    Raise `DeviceRefused`, and `LoadNotVerified` if the parameters cannot be read back.
     """
     interruption = ""
     try:
@@ -110,8 +133,9 @@ def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
     except DeviceRefused:
         raise
     except DriverError as error:
+        # not yet a failure: the set may be in place although the answer was lost
         interruption = f" ({error.problem})"
-    held = _read_anew(robot, interruption)
+    held = _reconnect_and_read(robot, interruption)
     wrong = differing(held, wanted)
     if not wrong:
         return ""
@@ -122,20 +146,21 @@ def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
     )
 
 
-def _restored(robot: RobotController, old: Mapping[str, float]) -> str:
-    """Write the old parameters back unless they are there; gives what is wrong then."""
+def _restore(robot: RobotController, old: Mapping[str, float]) -> str:
+    """Write the old parameters back unless they are held; return what is wrong, "" if they are."""
     try:
         held = robot.read_geometry()
     except DriverError as error:
-        held = _read_anew(robot, f" ({error.problem})")
+        held = _reconnect_and_read(robot, f" ({error.problem})")
     try:
-        return _written(robot, old) if differing(held, old) else ""
+        # a controller that already holds the old set is not written again: each write is a risk
+        return _write_and_verify(robot, old) if differing(held, old) else ""
     except DriverError as error:
         return error.problem
 
 
-def _read_anew(robot: RobotController, interruption: str) -> Mapping[str, float]:
-    """Connect again and read; raise `LoadNotVerified` if what is held cannot be read."""
+def _reconnect_and_read(robot: RobotController, interruption: str) -> Mapping[str, float]:
+    """Connect again and read; raise `LoadNotVerified` if the parameters cannot be read."""
     try:
         robot.reconnect()
         return robot.read_geometry()
@@ -149,7 +174,12 @@ def _read_anew(robot: RobotController, interruption: str) -> Mapping[str, float]
 
 
 def keep(folder: Path, nominal: RobotDocument, held: Mapping[str, float]) -> Path:
-    """Write what the controller holds as a robot file under the next free number; gives it."""
+    """Back up the controller's parameters as a robot file with the next free number.
+
+    Return its path. Raise `ConfigInvalid`, `WriteFailed`.
+    """
+    # one more than the largest number: backups are never overwritten, and a gap is not filled, so
+    # that numbers follow the order of the loads
     numbers = (path.stem.rpartition("-")[2] for path in folder.glob(KEPT.format(number="*")))
     number = 1 + max((int(each) for each in numbers if each.isdecimal()), default=0)
     path = folder / KEPT.format(number=number)

@@ -1,7 +1,11 @@
-"""Checks of a file that is to be loaded: whose it is, what was decided of it, and how far it goes.
+"""Checks of a robot file before it is loaded: its origin, its verdict and the size of its changes.
 
 Every objection can be overruled by `--force`, but not silently.
 """
+
+# Objections are collected, not raised one by one: an operator sees all of them in one line, and the
+# journal keeps those that were overruled. Two conditions are errors instead, because no force
+# makes them sensible: a set of another mechanism, and parameters that the controller lacks.
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,9 +19,9 @@ OWN_FILE = "take the file that `pkmcal export DIR` writes"
 
 
 def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[ConfigInvalid]:
-    """Return objections to a robot file for a campaign and its nominal robot.
+    """Yield objections to a robot file for a campaign and its nominal robot.
 
-    The nominal set itself may always be loaded.
+    The nominal set itself may always be loaded, whatever the file states.
     """
     if robot.digest() == nominal.digest():
         return
@@ -29,9 +33,9 @@ def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iter
 
 
 def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvalid]:
-    """Return the objection to a set found with another controller than the connected one.
+    """Yield the objection to a set that was identified with another controller than the connected.
 
-    Nothing is said where either has no serial number.
+    There is no objection where either has no serial number.
     """
     if expected and connected and expected != connected:
         yield ConfigInvalid(
@@ -41,7 +45,11 @@ def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvali
 
 
 def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[ConfigInvalid]:
-    """Return objections to a controller's own parameters, to be kept as the old ones."""
+    """Yield objections to the parameters in the controller, which the load would back up.
+
+    Values far from nominal may come from a wrong robot or a damaged memory, and a rollback would
+    restore them.
+    """
     old = nominal.parameters
     changes = {name: held[name] - old[name] for name in old if name in held}
     for text in beyond_tolerance(old.table, nominal.tolerance, changes):
@@ -74,7 +82,7 @@ def read_parameter_file(path: Path, folder: Path, nominal: RobotFile) -> RobotFi
 
 
 def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -> None:
-    """Raise `ConfigInvalid` for the set of another mechanism, of which no controller knows."""
+    """Raise `ConfigInvalid` for a robot of another mechanism: no controller could take its set."""
     if robot.mechanism.name != nominal.mechanism.name:
         raise ConfigInvalid(
             f"{source}: it is of a {robot.mechanism.name}, this campaign's robot is a "
@@ -86,6 +94,7 @@ def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -
 def _provenance_objections(
     robot: RobotFile, campaign: str, nominal: RobotFile
 ) -> Iterator[ConfigInvalid]:
+    """Yield objections to the origin that a robot file states."""
     stated = robot.provenance
     if not stated:
         yield ConfigInvalid("it does not say where its parameters come from", remedy=OWN_FILE)

@@ -1,5 +1,20 @@
 """Loads in the journal: begun, ended, taken back, and found again when the process died."""
 
+# Three kinds of findings, written in this order:
+#
+#   load begun    just before the controller is written: the wanted set, the held one, the backup
+#   load          the new set is in the controller, verified; `rolls_back` names the load undone
+#   load failed   the controller holds what it held before
+#
+# A `load begun` that neither of the others follows is a load without an end: the process died, or
+# the outcome was unknown. The next command that reads the controller compares its parameters with
+# the two recorded sets (`Load.holding`) and writes the missing end (`settle`). A mixture of both
+# stays without an end, until a load or a rollback replaces it.
+#
+# Effective loads form a stack: a rollback removes the load that it names and all later ones. The
+# stack begins again at a load that cannot be undone: an unreadable one, or one of a version that
+# wrote no beginning, because its backup is then unknown.
+
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
@@ -17,7 +32,7 @@ FOUND_AGAIN = "found when the controller was read again"
 
 
 class Holding(Enum):
-    """Holding of a controller after a load that did not end; the value says it."""
+    """Set that a controller holds after a load without an end; the value is its description."""
 
     NEW = "the new parameters"
     OLD = "the old parameters"
@@ -26,38 +41,45 @@ class Holding(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """Load of a robot file; parameters by name, mm and deg. `kept` is the file of the old ones."""
+    """Load of a robot file into a controller, as the journal records it."""
 
     source: str
+    """Name of the loaded robot file."""
     digest: str
+    """Digest of the loaded set."""
     kept: str
+    """Name of the robot file with the replaced parameters."""
     wanted: Mapping[str, float] = field(default_factory=dict)
-    """About to be written; the record of a load that ended does not repeat them."""
+    """Parameters to write, by name, mm and deg; empty in the record of a load that ended."""
     held: Mapping[str, float] = field(default_factory=dict)
-    """What they replace."""
+    """Parameters that are replaced, by name, mm and deg; empty as for `wanted`."""
     controller_serial: str | None = None
     rolls_back: int | None = None
-    """Record of the load that this one takes back."""
+    """Record number of the load that this load takes back; None: it takes back none."""
     verify: int = 0
-    """Verification pairs asked for."""
+    """Number of verification pairs that were requested."""
     forced: tuple[str, ...] = ()
     """Objections that were overruled."""
     projection: ReducedForm | None = None
-    """What the set is a form of; None: a whole set, and in old journals."""
+    """Form of an identified set that is loaded; None for a whole set, and in old journals."""
     begun: int | None = None
-    """Record of its beginning; None in journals that have none."""
+    """Record number of the load's beginning; None in journals that have none."""
     number: int = 0
-    """Record of its end, or of its beginning while it has none."""
+    """Record number of the load's end, or of its beginning while it has no end."""
     at_utc: str = ""
+    """Time of the record of that number."""
 
     def holding(self, held: Mapping[str, float]) -> Holding:
-        """Return what a controller that has these parameters holds of a load that was begun."""
+        """Return which of the load's two sets a controller with these parameters holds."""
         if not differing(held, self.wanted):
             return Holding.NEW
         return Holding.OTHER if differing(held, self.held) else Holding.OLD
 
-    def told(self, held: Mapping[str, float] | None) -> str:
-        """Describe a load without an end; None: no one has asked the controller."""
+    def describe(self, held: Mapping[str, float] | None) -> str:
+        """Describe a load without an end in a sentence.
+
+        `held` are the controller's parameters; None: the controller was not asked.
+        """
         begun = f"a load of {self.source} was begun at {self.at_utc} and not ended"
         if held is None:
             return f"{begun}; `pkmcal load DIR --dry` says what the controller holds now"
@@ -70,8 +92,8 @@ class Load:
         }
         return f"{begun}; the controller holds {holding.value} now{advice[holding]}"
 
-    def _ended(self) -> dict[str, JsonValue]:
-        """Return the body of the record that it took effect."""
+    def _ended_body(self) -> dict[str, JsonValue]:
+        """Return the body of the record that the load took effect."""
         return {
             "source": self.source,
             "digest": self.digest,
@@ -84,49 +106,57 @@ class Load:
         }
 
     def begin(self, journal: Journal) -> "Load":
-        """Write that it is about to be written, as it stands then."""
-        body = self._ended() | {"verify": self.verify}
+        """Write the beginning of the load into the journal; return the load with its number.
+
+        Both sets are in the record: it alone has to decide, after a crash, what a controller holds.
+        """
+        body = self._ended_body() | {"verify": self.verify}
         del body["begun"]
         sets: dict[str, JsonValue] = {"wanted": {**self.wanted}, "held": {**self.held}}
         begun = journal.append(Finding("load begun", body | sets))
         return replace(self, begun=begun, number=begun)
 
     def end(self, journal: Journal, verification: dict[str, JsonValue] | None) -> None:
-        """Write that it took effect, and what its verification pairs said."""
-        journal.append(Finding("load", self._ended() | {"verification": verification}))
+        """Write that the load took effect, and the result of its verification pairs."""
+        journal.append(Finding("load", self._ended_body() | {"verification": verification}))
 
     def fail(self, journal: Journal, reason: str) -> None:
-        """Write that it took no effect: the controller holds what it held before."""
+        """Write that the load took no effect: the controller holds what it held before."""
         body: dict[str, JsonValue] = {"source": self.source, "begun": self.begun, "reason": reason}
         journal.append(Finding("load failed", body))
 
     def settle(self, journal: Journal, held: Mapping[str, float], reason: str) -> None:
-        """Write the end that it lacks, by what the controller holds, if that decides it."""
+        """Write the missing end by what the controller holds; a mixture stays without an end."""
         holding = self.holding(held)
         if holding is Holding.NEW:
-            body = self._ended() | {"verification": None, "reason": reason}
+            body = self._ended_body() | {"verification": None, "reason": reason}
             journal.append(Finding("load", body))
         elif holding is Holding.OLD:
             self.fail(journal, reason)
 
 
 def standing_loads(journal: JournalReader, held: Mapping[str, float]) -> tuple[Load, ...]:
-    """Return the effective loads, with the unended one as the controller's parameters show it."""
+    """Return the effective loads; a load without an end counts as the controller shows it.
+
+    `held` are the controller's parameters by name, mm and deg.
+    """
     effective, unended = load_history(journal)
     if unended is None:
         return effective
     holding = unended.holding(held)
-    going_back = unended.rolls_back is not None
-    if holding is Holding.OLD or (holding is Holding.OTHER and going_back):
+    is_rollback = unended.rolls_back is not None
+    # A mixture that a load left is put right by undoing this load: it counts as effective. One
+    # that a rollback left is put right by repeating the rollback, so the stack stays as it was.
+    if holding is Holding.OLD or (holding is Holding.OTHER and is_rollback):
         return effective
     return _after(effective, unended)
 
 
 def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]:
-    """Return loads that took effect and were not taken back, and one without an end.
+    """Return the loads that took effect and were not taken back, and the load without an end.
 
-    Before one that cannot be read, or of a version that wrote no beginning, none can be put back.
-    Raises `FindingUnreadable` for a begun load in another form.
+    The second is None if the latest load has an end. Raise `FindingUnreadable` for a begun load in
+    another form.
     """
     effective: tuple[Load, ...] = ()
     unended: Load | None = None
@@ -134,7 +164,7 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
         kind, body, number = entry.record.kind, entry.record.body, entry.number
         if kind not in {"load begun", "load failed", "load"}:
             continue
-        unended = None
+        unended = None  # whatever follows a beginning, also another beginning, replaces it
         if kind == "load begun":
             begun = replace(read_load(body), begun=number)
             if not (begun.wanted and begun.held):
@@ -145,23 +175,23 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
                 ended = replace(read_load(body), number=number, at_utc=entry.at_utc)
                 effective = _after(effective, ended)
             except FindingUnreadable:
-                effective = ()
+                effective = ()  # nothing below an unreadable load can be restored safely
     return effective, unended
 
 
 def read_load(body: Mapping[str, JsonValue]) -> Load:
-    """Load as the journal has it; raises `FindingUnreadable`."""
+    """Return the load of a record's body; raise `FindingUnreadable` for another form."""
     return read_body(body, Load, "load", AGAIN)
 
 
 def already_back(journal: Journal, load: Load, digest: str) -> None:
-    """Write that what a load replaced is there again, by other means than ours."""
+    """Write that a load was undone by other means than ours; `digest` is of the restored set."""
     body: dict[str, JsonValue] = {"source": load.kept, "digest": digest, "kept": load.kept}
     journal.append(Finding("load", body | {"rolls_back": load.number}))
 
 
 def _after(effective: tuple[Load, ...], load: Load) -> tuple[Load, ...]:
-    """Return loads in effect after one more, which may have taken others back."""
+    """Return the loads in effect after one more load, which may have taken others back."""
     if load.rolls_back is not None:
         return tuple(each for each in effective if each.number < load.rolls_back)
     return () if load.begun is None else (*effective, load)

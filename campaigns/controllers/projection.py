@@ -1,9 +1,20 @@
-"""Projection: the parameters that a controller knows which come nearest to an identified robot.
+"""Projection: the plain parameters of a controller that come nearest to an identified robot."""
 
-At the joints that the identified model has all over the workspace the controller's model puts the
-plate somewhere else. Its parameters are those of the least mean square error of position, after the
-best fit of the controller's frame, which its user may place as he likes (model.md, family).
-"""
+# Theory of operation
+#
+# Every controller of a mechanism has its plain geometry: lengths, places and joint offsets. Few
+# have the tilts, skews and gear errors that an identification also finds. Leaving these out is not
+# the best that the plain parameters can do: they can take over a part of the effect.
+#
+# In: the identified model and poses all over the workspace. At the joints that the identified
+# model has at these poses, the plain model puts the plate somewhere else. The projection minimises
+# the mean square of these errors of position (Gauss-Newton, all poses with equal weight).
+# Out: the plain model, and by `position_errors` what it still loses, which export, load and report
+# state in the same words.
+#
+# The controller's base frame may be placed freely by its user. So each error is taken after the
+# best rigid fit of the two sets of points, and the derivatives have every motion of the frame
+# removed: otherwise parameters would be spent on imitating a shift of the frame.
 
 import numpy as np
 
@@ -14,18 +25,20 @@ from campaigns.fit.uncertainty import without_frame
 from campaigns.kinematics.mechanism import Kinematics
 
 LEAST_SHARE = 0.9
-"""Share of the workspace that the identified robot must be able to take."""
-ROUNDS = 20
+"""Share of the workspace's poses that the identified robot must be able to take."""
+MOST_ROUNDS = 20
 SETTLED_MM = 1e-10
 """Largest change of a position that ends the search."""
 
 
 def position_errors(controller: Kinematics, identified: Kinematics, poses: Array) -> Array:
-    """Return sizes (M,), mm, of what is left where a controller makes joints of poses (N, t).
+    """Return the sizes (M,), mm, of the position errors of a robot commanded to poses (N, t).
 
-    Joints come from all combinations of sides in turn; the frame is best fitted. Poses that the
-    controller's kinematics does not reach are passed over.
+    The controller computes joints by its own model, and the identified model says where the robot
+    then is; the frame is best fitted. Poses that either model cannot take are left out: M ≤ N.
     """
+    # The robot's backlash acts by the direction from which each joint arrives. Row i takes the
+    # bits of i as directions, so that all combinations occur equally often.
     from_above = np.arange(len(poses))[:, None] >> np.arange(len(identified.mechanism.joints)) & 1
     approach = np.where(from_above, 1.0, -1.0)
     joints = controller.inverse(poses, approach)
@@ -39,11 +52,11 @@ def position_errors(controller: Kinematics, identified: Kinematics, poses: Array
 
 
 def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
-    """Return the nearest parameters of those that every controller has; the others are 0.
+    """Return the model of plain parameters that is nearest to the identified one.
 
-    Parameters that only place the base frame, and the directions of arms and rails, stay as they
-    were identified: an upright rail that leans a little aside would be one of another azimuth, by
-    any angle. Raises `IdentificationRefused` when either robot cannot take the joints.
+    `poses` (N, t) are spread over the workspace. All optional parameters are 0. Raise
+    `IdentificationRefused` if the identified robot can take too few of the poses, or the plain
+    model cannot be assembled at its joints.
     """
     mechanism = identified.mechanism
     solution = identified.inverse(poses)
@@ -56,9 +69,13 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
     joints, poses = solution.values[solution.is_solved], poses[solution.is_solved]
     p = identified.p.copy()
     p[len(mechanism.parameters.names) :] = 0.0
+    # Held as identified: parameters that only place the base frame, and the directions of arms and
+    # rails. An upright rail that leans a little aside is also one of quite another azimuth that
+    # leans a little, so its azimuth would be fitted to any angle.
     free = mechanism.parameters.places(mechanism.free_by_paper)
-    # Gauss-Newton: the errors are small, so a few rounds end it.
-    for _ in range(ROUNDS):
+    # Gauss-Newton without a step control: errors are small against the lengths, so the linear
+    # model holds and a few rounds end the search.
+    for _ in range(MOST_ROUNDS):
         controller = Kinematics(mechanism, p)
         reached = controller.forward(joints, poses)
         if not reached.is_solved.all():
@@ -68,8 +85,9 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
             )
         frame = fit_transform(reached.values[:, :3], poses[:, :3])
         errors = frame.apply(reached.values[:, :3]) - poses[:, :3]
-        by_values = frame.rotation @ controller.jacobian(joints, reached.values)[:, :3, free]
-        rows = without_frame(by_values, poses[:, :3] + errors).reshape(errors.size, -1)
+        # d(position)/d(free parameter) at fixed joints, (M, 3, F), turned into the fitted frame
+        slopes = frame.rotation @ controller.jacobian(joints, reached.values)[:, :3, free]
+        rows = without_frame(slopes, poses[:, :3] + errors).reshape(errors.size, -1)
         step = np.linalg.lstsq(rows, -errors.ravel())[0]
         p = p.copy()
         p[free] += step

@@ -200,7 +200,7 @@ class _Loading:
         held = dict(self.controller.read_geometry())
         _, unended = load_history(self.journal)
         if unended is not None:
-            self.terms.tell(unended.told(held))
+            self.terms.tell(unended.describe(held))
             if not self.terms.dry:
                 unended.settle(self.journal, held, FOUND_AGAIN)
         return held

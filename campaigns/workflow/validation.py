@@ -308,8 +308,8 @@ def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[s
     if unended is None:
         return ""
     if unended.holding(held) is Holding.OTHER:
-        return unended.told(held)
-    tell(unended.told(held))
+        return unended.describe(held)
+    tell(unended.describe(held))
     with campaign.journal() as journal:
         unended.settle(journal, held, FOUND_AGAIN)
     return ""
@@ -327,7 +327,7 @@ def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
 
 
 def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
-    nominal, held = campaign.robot, known_sets(campaign).held(active)
+    nominal, held = campaign.robot, known_sets(campaign).match(active)
     return RobotFile.of(nominal.mechanism, held, name="active", limits=nominal.limits)
 
 

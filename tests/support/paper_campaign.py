@@ -155,7 +155,7 @@ class PaperCampaign:
             journal.append(records.Finding("load", body))
 
     def robot_digest(self) -> str:
-        held = known_sets(self.campaign).held(self.controller.parameters)
+        held = known_sets(self.campaign).match(self.controller.parameters)
         return with_values(NOMINAL.robot, held).digest()
 
     def outcome(self, number: int, attempt: int, joints: np.ndarray) -> records.Outcome:

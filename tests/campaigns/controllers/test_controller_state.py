@@ -111,12 +111,12 @@ def test_states_are_told_by_digests(identified: PaperCampaign, plain: Evaluation
     sets = gather(identified.campaign).sets
     path, whole = export(identified.campaign)
     path.unlink()
-    other = sets.held(whole.parameters | {"plate_mm": 90.0})
+    other = sets.match(whole.parameters | {"plate_mm": 90.0})
     assert sets.state(NOMINAL.robot.digest()).kind == "nominal"
     assert sets.state(whole.digest()).kind == "identified"
     assert sets.state(other.digest()).kind == "other"
     rounded = {name: value * (1.0 + 1e-13) for name, value in whole.parameters.items()}
-    assert sets.held(rounded).digest() == whole.digest(), "read back in other units"
+    assert sets.match(rounded).digest() == whole.digest(), "read back in other units"
 
 
 def test_a_stage_says_where_the_campaign_is_judged_otherwise(plain: Evaluation) -> None:
