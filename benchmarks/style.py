@@ -1,16 +1,19 @@
 """Find what our rules of style forbid in the product's code.
 
-python -m benchmarks.style [--lower]
+python -m benchmarks.style [--lower | --draw SEED]
 
 The rules stand in CONTRIBUTING.md, ceilings of their breaches in pyproject.toml; `--lower` brings
-each down to what there is. That docstrings begin with a verb is ruff's D401.
+each down to what there is. That docstrings begin with a verb is ruff's D401. `--draw` prints fifty
+functions for a reader to judge.
 """
 
 import ast
 import io
+import random
 import re
 import sys
 import tokenize
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,7 +87,7 @@ def stop_words(module: ast.Module, text: str) -> Iterator[tuple[str, int, str, s
 
 
 def banned_names(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
-    """Yield bindings of names that hold anything: assigned, looped over or taken as parameters."""
+    """Yield names that could hold anything, of variables, fields, parameters and functions."""
     short = {
         id(name)
         for node in ast.walk(module)
@@ -95,7 +98,9 @@ def banned_names(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
     for node in ast.walk(module):
         match node:
             case (
-                ast.Name(id=name, ctx=ast.Store(), lineno=line) | ast.arg(arg=name, lineno=line)
+                ast.Name(id=name, ctx=ast.Store(), lineno=line)
+                | ast.arg(arg=name, lineno=line)
+                | ast.FunctionDef(name=name, lineno=line)
             ) if name in BANNED and id(node) not in short:
                 yield "banned_names", line, f"the name {name}", "say what it holds"
 
@@ -127,9 +132,42 @@ def counts() -> dict[str, int]:
     return {rule: rules.count(rule) for rule in RULES}
 
 
+def comments_by_room() -> dict[str, float]:
+    """Count the comments per 1 000 lines of each folder, without marks for tools, and of all."""
+    comments, lines = Counter[str](), Counter[str]()
+    for file in files_of(*PRODUCT):
+        text = file.read_text(encoding="utf-8")
+        tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+        prose = [token for token in tokens if token.type == tokenize.COMMENT]
+        count = sum(not re.match(r"# (noqa|type:|fmt:|pragma)", token.string) for token in prose)
+        for room in (str(file.parent.relative_to(ROOT)), "all"):
+            comments[room] += count
+            lines[room] += len(text.splitlines())
+    return {room: 1000 * comments[room] / lines[room] for room in sorted(lines)}
+
+
+def draw_functions(seed: int, count: int = 50) -> Iterator[str]:
+    """Draw functions that have a docstring, each with its place and source."""
+    functions = []
+    for file in sorted(files_of(*PRODUCT)):
+        text = file.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
+                source = ast.get_source_segment(text, node)
+                functions.append(f"{file.relative_to(ROOT)}:{node.lineno}\n{source}\n")
+    yield from random.Random(seed).sample(functions, count)
+
+
 if __name__ == "__main__":
-    if sys.argv[1:] == ["--lower"]:
-        lower(counts(), "style")
+    match sys.argv[1:]:
+        case ["--lower"]:
+            lower(counts(), "style")
+        case ["--draw", seed]:
+            print(*draw_functions(int(seed)), sep="\n")
+            sys.exit()
     for breach in breaches():
         print(breach)
     print(counts())
+    print("comments per 1 000 lines:")
+    for room, rate in comments_by_room().items():
+        print(f"{room:30}{rate:6.1f}")
